@@ -41,7 +41,7 @@ fn checked_out() -> Option<String> {
     git(&["HEAD"])
 }
 
-/// What `git rev-parse` says.
+/// Returns the output of `git rev-parse`.
 fn git(what: &[&str]) -> Option<String> {
     let ran = Command::new("git").arg("rev-parse").args(what).output().ok()?;
     let said = String::from_utf8(ran.stdout).ok()?;

@@ -4,7 +4,7 @@ import { language } from "./language.js";
 
 /**
  * @param {import("./types.d.ts").AlarmRecord} alarm
- * @returns {{text: string, remedy: string | null, detail: string | null}} `detail`: the original text, if another one
+ * @returns {{text: string, remedy: string | null, detail: string | null}} `detail`: the original text, if it differs
  * is shown
  */
 export function alarmWords({ text, remedy, languages }) {

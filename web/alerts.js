@@ -6,7 +6,7 @@ import { t } from "./language.js";
 /** @typedef {"sound" | "notification"} Way */
 
 const KEYS = { sound: "tandem-sound", notification: "tandem-notifications" };
-/** Tones of each kind, Hz, and how long each is, s. */
+/** Tones of each kind, Hz, and the duration of each, s. */
 const TONES = { question: [660, 880], alarm: [880, 587, 880, 587, 880, 587] };
 const TONE_S = 0.16;
 const VOLUME = 0.25;
@@ -31,7 +31,7 @@ export class Alerts {
   /** @param {import("./main.js").App} app */
   constructor(app) {
     this.#app = app;
-    // browsers let a page sound only once it was touched
+    // browsers allow sound only after the user has touched the page
     for (const touched of /** @type {const} */ (["pointerdown", "keydown"])) document.addEventListener(touched, () => this.isOn("sound") && this.#wake(), { capture: true });
   }
 
@@ -44,7 +44,7 @@ export class Alerts {
     }
   }
 
-  /** Why a way cannot be had; null: it can. @param {Way} way @returns {string | null} */
+  /** Returns the reason why this kind of alert is not available; null if it is. @param {Way} way @returns {string | null} */
   whyNot(way) {
     if (way === "sound") return null;
     if (!isSecureContext) return t("alerts.browsers_allow_notifications_only_over");
@@ -92,12 +92,12 @@ export class Alerts {
         if (cs !== null) this.#app.select(cs);
       };
     } catch {
-      // on phones only the service worker may
+      // on phones only the service worker may show notifications
       await navigator.serviceWorker?.getRegistration().then((worker) => worker?.showNotification(head, options)).catch(() => {});
     }
   }
 
-  /** The audio of this page, which a touch lets sound. */
+  /** The audio of this page, which a touch enables. */
   #wake() {
     this.#audio ??= new AudioContext();
     if (this.#audio.state === "suspended") void this.#audio.resume().catch(() => {});

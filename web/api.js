@@ -8,11 +8,11 @@ import { randomName } from "./tandem/requests.js";
 
 export { Refusal };
 
-/** A long program takes longer to be sent and checked, at least this many bytes a millisecond. */
+/** Lowest rate at which a long program is sent and checked, bytes per millisecond. */
 const STORED_BYTES_PER_MS = 100;
-/** Time limit of a long program that is read while it comes, ms. */
+/** Time limit for reading a long program as a stream, ms. */
 const READ_MS = 120_000;
-/** Time limit of a refresh of a jog: the machine has stopped long before. */
+/** Time limit of a refresh of a jog, ms; the machine stops the axis after a shorter time. */
 const JOG_TIMEOUT_MS = 1000;
 
 /** Name of this holder of a control lease, shown at other screens. */
@@ -42,7 +42,7 @@ function variablesOf(cs, kind) {
 }
 
 /**
- * A line that a run begins at.
+ * A line at which a run begins.
  * @typedef {{from_line: number, program?: number, occurrence?: number, approach?: "plane_first" | "infeed_first" | "direct"}} LineStart
  */
 
@@ -72,7 +72,7 @@ export const api = {
   },
 
   /**
-   * Returns the effect that a line would have.
+   * Returns the effect of a line of NC text, without running it.
    * @param {number} cs @param {string} text @returns {Promise<import("./types.d.ts").Rehearsal>}
    */
   async manualRehearsal(cs, text) {
@@ -104,7 +104,7 @@ export const api = {
     await machine.request("POST", `/cs/${cs}/jog`, asked).catch(() => {});
   },
 
-  /** Takes the control lease, or renews the own one. @param {number} cs */
+  /** Takes the control lease, or renews the lease of this screen. @param {number} cs */
   async takeLease(cs) {
     const fence = ownFence(cs);
     const response = await request("POST", `/cs/${cs}/lease`, { holder: HOLDER, ...(fence !== undefined && { fence }) });
@@ -118,7 +118,7 @@ export const api = {
     await request("DELETE", `/cs/${cs}/lease`, undefined, headers);
   },
 
-  /** Ends the lease of whoever holds it. @param {number} cs */
+  /** Ends the lease of any holder. @param {number} cs */
   async breakLease(cs) {
     await request("POST", `/cs/${cs}/lease/break`, {});
   },
@@ -151,7 +151,7 @@ export const api = {
   },
 
   /**
-   * Resets an output by hand, whoever owns it.
+   * Resets an output by hand, also if a handler owns it.
    * @param {number} cs @param {string} boot_id @param {number} seq
    */
   async resetOutput(cs, boot_id, seq) {
@@ -174,7 +174,7 @@ export const api = {
     await request("POST", `/alarms/${id}/acknowledge`, {});
   },
 
-  /** Who this screen is logged in as. @returns {Promise<import("./types.d.ts").CurrentUser>} */
+  /** Returns the user of this screen. @returns {Promise<import("./types.d.ts").CurrentUser>} */
   async user() {
     return (await request("GET", "/login")).json();
   },
@@ -184,7 +184,7 @@ export const api = {
   },
 
   /**
-   * Returns the result of a command, if it is still known.
+   * Returns the result of a command, if the machine still remembers it.
    * @param {string} id @returns {Promise<import("./types.d.ts").CommandReply>}
    */
   async reply(id) {
@@ -237,8 +237,8 @@ export const api = {
   },
 
   /**
-   * Lines of the journal in the order of time: the newest but for `from` of them.
-   * @param {number} from @param {number} count @param {Record<string, string>} wanted what the machine filters by; empty: anything
+   * Returns lines of the journal in the order of time: the newest lines, without the last `from`.
+   * @param {number} from @param {number} count @param {Record<string, string>} wanted filter of the machine; empty: all lines
    * @returns {Promise<import("./history/journal.js").Line[]>}
    */
   async journal(from, count, wanted) {
@@ -268,7 +268,7 @@ export const api = {
     return { text: await response.text(), hash: (response.headers.get("ETag") ?? "").replaceAll('"', "") };
   },
 
-  /** The bytes of a program, as they come. @param {number} number @returns {Promise<ReadableStream<Uint8Array>>} */
+  /** Returns the bytes of a program as a stream. @param {number} number @returns {Promise<ReadableStream<Uint8Array>>} */
   async programBytes(number) {
     const { body } = await request("GET", `/programs/${number}`, undefined, {}, READ_MS);
     return body ?? new Blob().stream();
@@ -281,7 +281,7 @@ export const api = {
     return (await answer.json()).diagnostics;
   },
 
-  /** Puts a program into a folder; empty: into none. @param {number} number @param {string} folder */
+  /** Moves a program to a folder; empty: to no folder. @param {number} number @param {string} folder */
   async putInFolder(number, folder) {
     await request("PUT", `/programs/${number}/folder`, { folder });
   },
@@ -290,7 +290,7 @@ export const api = {
    * Stores a program, also one with errors.
    * @param {number} number
    * @param {Blob} text
-   * @param {string | null} hash of the program that may be replaced; empty: any; null: none
+   * @param {string | null} hash of the program that may be replaced; empty: any program; null: no program
    * @param {string} dialect of the text; empty: that of the lowest coordinate system
    * @returns {Promise<import("./types.d.ts").ProgramCheck>}
    */

@@ -11,7 +11,7 @@ async function load(path) {
 }
 
 /**
- * A schema with the parts that it names written out; one within itself stays a name.
+ * Returns a schema with its references resolved; a recursive reference stays a name.
  * @param {any} document
  * @param {any} schema
  * @param {string[]} within
@@ -32,7 +32,7 @@ function form(title, document, schema) {
   return h("div", {}, h("h4", {}, title), h("pre", {}, JSON.stringify(written(document, schema), null, 2)));
 }
 
-/** The schema of a body or answer of any media type. @param {any} part */
+/** Returns the schema of a body or answer, for any media type. @param {any} part */
 function schemaOf(part) {
   /** @type {any[]} */
   const media = Object.values(part?.content ?? {});

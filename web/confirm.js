@@ -1,4 +1,4 @@
-// Asks before something that cannot be undone. The safe answer has the focus; Escape selects it.
+// Asks before an action that cannot be undone. The safe answer has the focus; Escape selects it.
 
 import { openDialog } from "./dialog.js";
 import { button, h } from "./dom.js";

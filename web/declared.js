@@ -11,7 +11,7 @@ export function declared(birth, cs, m) {
 }
 
 /**
- * Parameters in the words in which they are declared: `force 5 kN`; others as the program writes them.
+ * Parameters with their declared names and units, `force 5 kN`; undeclared ones as in the program.
  * @param {import("./types.d.ts").Params} given @param {NonNullable<import("./types.d.ts").MCodeDeclaration["params"]>} [said]
  * @returns {string[]}
  */

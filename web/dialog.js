@@ -7,7 +7,7 @@ import { h } from "./dom.js";
  * @param {string} name class, and beginning of the title's id
  * @param {string} title
  * @param {import("./dom.js").Child[]} children
- * @param {(answer: string) => void} [closed] given what `dialog.close` was called with; Escape gives nothing
+ * @param {(answer: string) => void} [closed] receives the argument of `dialog.close`; nothing after Escape
  * @returns {HTMLDialogElement}
  */
 export function openDialog(name, title, children, closed = () => {}) {
@@ -29,7 +29,7 @@ export function openDialog(name, title, children, closed = () => {}) {
   });
   document.body.append(dialog);
   dialog.show();
-  // the focused element may be at the end of a long dialog, which is read from its top
+  // the focused element may be at the end of a long dialog; the dialog is shown from its top
   dialog.scrollTop = 0;
   return dialog;
 }

@@ -75,7 +75,7 @@ function remove(work) {
   }
 }
 
-/** True while elements are removed: a field that the browser says has changed was then not left by a person. */
+/** True while elements are removed: a change event of a field is then not caused by a person. */
 export function isRemoved() {
   return isRemoving;
 }
@@ -92,7 +92,7 @@ export function arrange(element, ...children) {
 }
 
 /**
- * Sets a text that has changed, so that screen readers and selections are not disturbed otherwise.
+ * Sets a text only if it differs, so that screen readers and selections are not disturbed.
  * @param {Element} element
  * @param {string} text
  */

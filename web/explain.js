@@ -5,21 +5,21 @@ import { openDialog } from "./dialog.js";
 import { button, fill, h } from "./dom.js";
 import { t } from "./language.js";
 
-/** Shows what a name means, or why that is not known. @param {string} what */
+/** Shows the meaning of a name, or the reason why it is unknown. @param {string} what */
 export async function explain(what) {
   const { title, parts } = await meaning(what);
   const close = button({ autofocus: true, onclick: () => dialog.close() }, t("common.close"));
   const dialog = openDialog("explanation", title, [h("div", { class: "scroll", tabindex: 0 }, ...parts), h("div", { class: "row end" }, close)]);
 }
 
-/** A button that shows what a name means. @param {string} what */
+/** Returns a button that shows the meaning of a name. @param {string} what */
 export function explained(what) {
   const [, number = what] = /^alarm (.*)$/.exec(what) ?? [];
   const name = number === what ? what : t("alerts.alarm", { number });
   return button({ class: "chip-button", "aria-label": t("explain.explain", { what: name }), onclick: () => void explain(what) }, h("span", { class: "chip" }, number));
 }
 
-/** A button that unfolds it in a place, and folds it again. @param {string} what @param {Element} place */
+/** Returns a button that shows and hides the meaning in a place. @param {string} what @param {Element} place */
 export function unfolding(what, place) {
   const unfold = async () => {
     const open = one.getAttribute("aria-expanded") === "true";
@@ -31,7 +31,7 @@ export function unfolding(what, place) {
   return one;
 }
 
-/** Returns a title with its explanation, or the reason why there is none. @param {string} what */
+/** Returns a title with its explanation, or the reason why no explanation exists. @param {string} what */
 export async function meaning(what) {
   try {
     const { text, picture } = await api.explain(what);
@@ -43,7 +43,7 @@ export async function meaning(what) {
   }
 }
 
-/** A paragraph; lines that are indented or a list stand as they are. @param {string} text */
+/** Returns a paragraph; indented lines and lists keep their lines. @param {string} text */
 function part(text) {
   return /^( {4}|- )/.test(text) ? h("pre", {}, text.replace(/^ {4}/gm, "")) : h("p", {}, text);
 }

@@ -4,9 +4,9 @@ import { api } from "./api.js";
 import { h, setAttr } from "./dom.js";
 import { meaning } from "./explain.js";
 
-/** How long the pointer rests before the meaning is shown, ms. */
+/** Rest time of the pointer before the meaning is shown, ms. */
 const REST_MS = 400;
-/** Words of which the meaning is kept. */
+/** Number of cached meanings. */
 const KEPT_MAX = 200;
 /** Room below a tip, px. */
 const ROOM_PX = 260;
@@ -14,7 +14,7 @@ const ROOM_PX = 260;
 /** @type {Map<string, Promise<boolean>>} whether words have a meaning */
 const known = new Map();
 
-/** Whether a word has a meaning. @param {string} word */
+/** Returns whether a word has a meaning. @param {string} word */
 function hasMeaning(word) {
   const asked = known.get(word) ?? api.explain(word).then(() => true, () => false);
   if (known.size >= KEPT_MAX) known.clear();

@@ -4,7 +4,7 @@
 /** By coordinate system. @type {Map<number, number>} */
 const fences = new Map();
 
-/** The fence of this screen's own lease; undefined: it holds none. @param {number} cs */
+/** Returns the fence of this screen's own lease; undefined if it holds no lease. @param {number} cs */
 export function ownFence(cs) {
   return fences.get(cs);
 }

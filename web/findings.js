@@ -7,7 +7,7 @@ import { programName } from "./format.js";
 import { icon } from "./icons.js";
 import { listed, t } from "./language.js";
 
-/** Findings shown; a text that is no program has thousands. */
+/** Most findings shown; a text that is not a program has thousands. */
 const SHOWN_MAX = 200;
 
 /**
@@ -24,7 +24,7 @@ export function showFindings(program, diagnostics) {
   ]);
 }
 
-/** Their numbers, such as `1 error, 2 warnings`. @param {import("./types.d.ts").ProgramDiagnostic[]} diagnostics */
+/** Returns the numbers of errors and warnings, such as `1 error, 2 warnings`. @param {import("./types.d.ts").ProgramDiagnostic[]} diagnostics */
 export function summary(diagnostics) {
   const errors = diagnostics.filter((one) => one.severity === "error").length;
   return counts(errors, diagnostics.length - errors);
@@ -35,7 +35,7 @@ export function counts(errors, warnings) {
   return listed([errors > 0 && t("findings.errors", { count: errors }), warnings > 0 && t("findings.warnings", { count: warnings })]);
 }
 
-/** One of them, as an entry of a list. @param {import("./types.d.ts").ProgramDiagnostic} one */
+/** Returns a finding as an entry of a list. @param {import("./types.d.ts").ProgramDiagnostic} one */
 export function finding({ severity, code, line, column, message, help }) {
   const more = h("div", { class: "explanation" });
   return h(

@@ -15,7 +15,7 @@ const DRAGGED = "application/x-tandem-program";
 /** Folders that are closed. @type {Set<string>} */
 const closed = new Set();
 
-/** Programs by folder, by the names of the folders; those in none last. @param {ProgramInfo[]} programs @returns {[string, ProgramInfo[]][]} */
+/** Returns programs by folder, in the order of the names; programs without a folder are last. @param {ProgramInfo[]} programs @returns {[string, ProgramInfo[]][]} */
 function grouped(programs) {
   /** @type {Map<string, ProgramInfo[]>} */
   const groups = new Map();
@@ -24,7 +24,7 @@ function grouped(programs) {
 }
 
 /**
- * Entries of programs, below the heads of their folders; without folders, nothing but the entries.
+ * Returns entries of programs, below the heads of their folders; without folders, the entries only.
  * @param {import("./main.js").App} app @param {ProgramInfo[]} programs @param {(program: ProgramInfo) => HTMLElement} entry @param {boolean} all closed folders are open, too
  */
 export function inFolders(app, programs, entry, all) {

@@ -7,7 +7,7 @@ import { ioOf, nameOf, pointsOf, valueText } from "./plant.js";
 
 /** @typedef {import("./plant.js").Point} Point */
 
-/** Asks which value is put in the place of the written one. @param {import("./main.js").App} app @param {Point} point */
+/** Asks for the value that replaces the written one. @param {import("./main.js").App} app @param {Point} point */
 export function askToForce(app, point) {
   const force = (/** @type {boolean | number} */ value) => {
     dialog.close();
@@ -38,7 +38,7 @@ function number(app, point, force) {
   return [h("label", { class: "row" }, field, declared.unit ?? ""), button({ class: "button danger", onclick }, t("plant.force"))];
 }
 
-/** Asks whether the written value shall count again. @param {import("./main.js").App} app @param {Point} point */
+/** Asks whether the written value takes effect again. @param {import("./main.js").App} app @param {Point} point */
 export async function askToRelease(app, point) {
   const written = ioOf(app.model, point)?.written;
   const name = nameOf(point);

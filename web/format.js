@@ -1,26 +1,26 @@
-// Numbers and times as the screen shows them: by the browser's locale, and those of NC text with a point.
+// Numbers and times on the screen: in the browser's locale; numbers of NC text with a decimal point.
 
 import { decimal, locale, t } from "./language.js";
 
-/** Millimetres or degrees, as they come from the machine. */
+/** Millimetres or degrees, the units of the machine. */
 const PLAIN_SCALE = { size: 1, decimals: 3 };
 
 /**
- * A position; a dash where there is none.
+ * Formats a position; a dash if it is unknown.
  * @param {number | null | undefined} value mm or degrees
- * @param {{size: number, decimals: number}} [scale] its unit, mm or degrees in one of it
+ * @param {{size: number, decimals: number}} [scale] the unit, and its size in mm or degrees
  */
 export function position(value, { size, decimals } = PLAIN_SCALE) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   return fixed(value / size, decimals);
 }
 
-/** A number with so many decimals. @param {number} value @param {number} decimals */
+/** Formats a number with a fixed number of decimals. @param {number} value @param {number} decimals */
 export function fixed(value, decimals) {
   return decimal(value, decimals, decimals);
 }
 
-/** A time in seconds with so many decimals. @param {number} value @param {number} decimals */
+/** Formats a time in seconds with a fixed number of decimals. @param {number} value @param {number} decimals */
 export function seconds(value, decimals) {
   return t("time.seconds", { s: fixed(value, decimals) });
 }
@@ -35,7 +35,7 @@ export function readNumber(text) {
 }
 
 /**
- * A whole number with thin spaces between thousands.
+ * Formats a whole number with thin spaces between thousands.
  * @param {number | null | undefined} value
  */
 export function whole(value) {
@@ -44,20 +44,20 @@ export function whole(value) {
 }
 
 /**
- * A number without needless zeros.
+ * Formats a number without trailing zeros.
  * @param {number} value
  */
 export function plain(value) {
   return decimal(value, 0, 6);
 }
 
-/** Formats it as a program writes it. @param {number} value */
+/** Formats a number as NC text. @param {number} value */
 function written(value) {
   return String(Math.round(value * 1e6) / 1e6);
 }
 
 /**
- * A text in which numbers have three decimals at most.
+ * Returns a text in which numbers have at most three decimals.
  * @param {string} text
  */
 export function rounded(text) {
@@ -65,7 +65,7 @@ export function rounded(text) {
 }
 
 /**
- * How long something has lasted: `0.4 s` never, `7 s`, `3 min 07 s`, `2 h 05 min`.
+ * Formats a duration in whole seconds: `7 s`, `3 min 07 s`, `2 h 05 min`.
  * @param {number} ms
  */
 export function duration(ms) {
@@ -77,7 +77,7 @@ export function duration(ms) {
 }
 
 /**
- * Parameters of an output, as the program writes them: `VA=5 VB=0.25`.
+ * Formats parameters of an output as NC text: `VA=5 VB=0.25`.
  * @param {import("./types.d.ts").Params} params
  */
 export function params(params) {
@@ -93,14 +93,14 @@ export function programName(number) {
 }
 
 /**
- * The beginning of a program's hash, by which a person tells two programs apart.
+ * Returns the beginning of a program's hash, which distinguishes programs for a person.
  * @param {string | null | undefined} hash
  */
 export function shortHash(hash) {
   return (hash ?? "").slice(0, 8);
 }
 
-/** Times of day, with so many decimals of a second. Controls count 24 hours everywhere. @type {Intl.DateTimeFormat[]} */
+/** Formats of times of day, by their decimals of a second; always 24 hours, as at controls. @type {Intl.DateTimeFormat[]} */
 const CLOCKS = [0, 1, 2, 3].map((decimals) => {
   const digits = decimals === 0 ? {} : { fractionalSecondDigits: /** @type {1 | 2 | 3} */ (decimals) };
   return new Intl.DateTimeFormat(locale, { hour: "2-digit", minute: "2-digit", second: "2-digit", hourCycle: "h23", numberingSystem: "latn", ...digits });

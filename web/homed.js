@@ -1,16 +1,16 @@
-// Whether an axis is homed: its position counts from the machine's zero. One that is not does not move, and its position means nothing.
+// Whether an axis is homed: its position counts from the machine's zero. An axis that is not homed does not move, and its position is invalid.
 
 import { h, setAttr } from "./dom.js";
 import { icon, setIcon } from "./icons.js";
 import { listed, t } from "./language.js";
 import { axesOf } from "./model.js";
 
-/** null: the machine does not tell. @param {import("./model.js").CoordinateSystem | null} system @param {string} axis */
+/** Returns whether an axis is homed; null if unknown. @param {import("./model.js").CoordinateSystem | null} system @param {string} axis */
 function isHomed(system, axis) {
   return system?.position?.homed?.[axis] ?? null;
 }
 
-/** The sign of an axis, in words for screen readers. @param {string} axis */
+/** Returns the sign of an axis, with a text for screen readers. @param {string} axis */
 export function homedSign(axis) {
   const sign = icon("home");
   const element = h("span", { class: "homed-sign", role: "img" }, sign);

@@ -53,7 +53,7 @@ export function icon(name) {
 }
 
 /**
- * Changes what an icon shows.
+ * Changes the picture of an icon.
  * @param {SVGSVGElement} svg
  * @param {string} name
  */

@@ -3,7 +3,7 @@
 import { language } from "./language.js";
 import { writeTexts } from "./offline.js";
 
-/** Where the service worker finds what it shows: as in sw.js. */
+/** Names of the cache of the service worker: as in sw.js. */
 const OFFLINE = "offline-2";
 const PAGE = "/offline.html";
 
@@ -13,14 +13,14 @@ function nameApp() {
   if (manifest && language !== "en") manifest.setAttribute("href", `manifest.${language}.webmanifest`);
 }
 
-/** Registers the service worker, which shows a page of its own while the machine does not answer, and serves nothing else. */
+/** Registers the service worker, which serves only the page for a machine that does not answer. */
 export function startWorker() {
   nameApp();
   if (!isSecureContext) return;
   void navigator.serviceWorker?.register("/sw.js").then(keepOfflinePage).catch(() => {});
 }
 
-/** Gives the worker its page in the language of this screen: without the machine no script can write it. */
+/** Stores the page of the worker in the language of this screen, because no script runs without the machine. */
 async function keepOfflinePage() {
   const page = new DOMParser().parseFromString(await (await fetch(PAGE)).text(), "text/html");
   writeTexts(page);

@@ -12,9 +12,9 @@ import { disableFor, whyNot } from "./why_not.js";
 const REFRESH_MS = 80;
 /** A step that was clicked while another one ran begins within this time, ms, or not at all: nothing moves late. */
 const CLICK_MS = 1000;
-/** How often the reply to a step that has ended is asked for again. */
+/** Number of further requests for the reply to a step that has ended. */
 const REPLY_TRIES = 5;
-/** The longest step without refresh, mm or degrees, until the machine has said it. */
+/** The longest step without refresh, mm or degrees, until the machine publishes its limit. */
 const STEP_MAX = 10;
 /** Why a step was short, by the code of its reply; other codes have the machine's text. @type {Record<string, string>} */
 const WHY = {
@@ -25,7 +25,7 @@ const WHY = {
 /**
  * @typedef {object} JogChoice
  * @property {number} velocity mm/min or deg/min
- * @property {number} distance mm or degrees; 0: as long as it is held
+ * @property {number} distance mm or degrees; 0: until the button is released
  * @property {number} shown the same in the unit of the choice
  * @property {string} unit of the choice
  * @property {string} says the distance in this unit
@@ -48,7 +48,7 @@ export class Jogger {
   /** Steps that were clicked while another one runs. @type {{axis: string, direction: 1 | -1, choice: JogChoice, at: number}[]} */
   #clicks = [];
   #timer = 0;
-  /** Steps that were not made since the last one that began while no other waited. */
+  /** Steps that were not made since the last step that began without a queue. */
   #notMade = 0;
   /** Until the machine has said it, the default: a step that is too long is reported. */
   #stepMax = STEP_MAX;
@@ -84,7 +84,7 @@ export class Jogger {
     void this.#refresh(run, true);
   }
 
-  /** The button, key or stick is released: a held jog ends, a step goes on to its end. */
+  /** The button, key or stick is released: a held jog ends, a step continues to its end. */
   release() {
     if (this.running && !this.running.isStep) this.cancel();
   }
@@ -128,7 +128,7 @@ export class Jogger {
     } else this.#takeClicks();
   }
 
-  /** The last reply to a command; it may come shortly after the state. @param {string} id */
+  /** Returns the last reply to a command; it may arrive shortly after the state. @param {string} id */
   async #replyTo(id) {
     for (let tries = 0; ; tries += 1) {
       const reply = await this.app.api.reply(id).catch(() => null);
@@ -144,7 +144,7 @@ export class Jogger {
     this.app.toast(t("jog.short", { way, covered, distance: plain(choice.shown), unit: choice.unit, why: WHY[code] ?? text }), "error");
   }
 
-  /** Begins the next step that was clicked, and reports those whose time is over. */
+  /** Begins the next clicked step, and reports steps whose time limit has passed. */
   #takeClicks() {
     const now = performance.now();
     const late = this.#clicks.filter(({ at }) => now - at > CLICK_MS);
@@ -182,7 +182,7 @@ export class Jogger {
     } catch (error) {
       if (!(error instanceof Refusal)) throw error;
       if (this.running !== run) return;
-      // a refresh is refused when the jog has ended: how a step ended is asked for
+      // a refresh is refused when the jog has ended: the end of a step is requested
       if (!first) return void this.#end(run);
       this.#forget();
       this.#rejectClicks(this.#clicks.splice(0));
@@ -199,7 +199,7 @@ export class Jogger {
  * @param {import("./main.js").App} app
  * @param {string} axis
  * @param {1 | -1} direction
- * @param {(axis: string) => JogChoice} chosen the setting for an axis
+ * @param {(axis: string) => JogChoice} chosen returns the setting for an axis
  */
 export function jogButton(app, axis, direction, chosen) {
   const { jogger } = app;
@@ -212,7 +212,7 @@ export function jogButton(app, axis, direction, chosen) {
     element.setPointerCapture(event.pointerId);
     begin();
   });
-  // follows a release and everything else that takes the pointer away
+  // occurs after a release and after any other loss of the pointer
   element.addEventListener("lostpointercapture", release);
   element.addEventListener("contextmenu", (event) => event.preventDefault());
   element.addEventListener("keydown", (event) => {
@@ -222,7 +222,7 @@ export function jogButton(app, axis, direction, chosen) {
   });
   element.addEventListener("keyup", release);
   element.addEventListener("blur", release);
-  // a press without a pointer or key, as assistive technology makes it, can ask for a step only
+  // a press of assistive technology has no pointer or key, and can request a step only
   element.addEventListener("click", (event) => {
     if (event.detail === 0 && chosen(axis).distance > 0) begin();
   });

@@ -1,5 +1,5 @@
-// Velocities and steps of motion by hand. The chosen ones are kept in mm or degrees: if the unit changes, the same velocity and step are
-// shown in the new unit, so that no number gets another meaning.
+// Velocities and steps of motion by hand. The choice is kept in mm or degrees: if the unit changes, the same velocity and step are
+// shown in the new unit, so that no number changes its meaning.
 
 import { button, fill, h, setAttr, setText } from "./dom.js";
 import { plain, readNumber } from "./format.js";
@@ -10,7 +10,7 @@ import { degrees, lengthScale } from "./units.js";
 /** @typedef {import("./units.js").Unit | "degrees"} JogUnit */
 
 /**
- * Presets of each unit, per minute and for one step; 0: as long as the button is held. The longest steps are below the
+ * Presets of each unit, per minute and for one step; 0: until the button is released. The longest steps are below the
  * default of `jog_step_max`, so that they need no refresh.
  * @type {Record<JogUnit, {velocities: number[], steps: number[]}>}
  */
@@ -19,16 +19,16 @@ const PRESETS = {
   inch: { velocities: [4, 20, 80, 240], steps: [0, 0.001, 0.01, 0.1, 0.25] },
   degrees: { velocities: [100, 500, 2000, 6000], steps: [0, 0.01, 0.1, 1, 10] },
 };
-/** The presets that are chosen at first: 500 mm/min or the like, and continuous. */
+/** Initial presets: 500 mm/min or the nearest value, and continuous. */
 const FIRST_VELOCITY = 1;
 const FIRST_STEP = 0;
 /** Typed values that are larger are rejected, mm/min or deg/min, and mm or degrees. */
 const VELOCITY_MAX = 1_000_000;
 const STEP_MAX = 10_000;
-/** Relative difference below which a value is a preset. */
+/** Relative difference below which a value equals a preset. */
 const EQUAL = 1e-9;
 
-/** Velocity and step of the axes that have one kind of unit: lengths, or degrees. */
+/** Velocity and step of all axes with one kind of unit: lengths, or degrees. */
 export class JogChoices {
   #velocity;
   #step;
@@ -61,7 +61,7 @@ export class JogChoices {
   }
 }
 
-/** A few values, one of which is chosen, or one's own. */
+/** A choice between presets and a typed value. */
 class Choice {
   /** The choice in mm or degrees (per minute); null: the first preset of each unit. @type {number | null} */
   #chosen = null;
@@ -79,8 +79,8 @@ class Choice {
   element = h("div", { class: "choice", role: "radiogroup" }, this.#name, this.#picks, this.#own);
 
   /**
-   * @param {string} label @param {string} ownLabel of a value of one's own
-   * @param {number} first the preset that is chosen at first
+   * @param {string} label @param {string} ownLabel of the typed value
+   * @param {number} first the initial preset
    * @param {number} max mm or degrees (per minute)
    * @param {(value: number) => string} text of a preset
    */
@@ -121,7 +121,7 @@ class Choice {
     setAttr(this.#own, "aria-label", `${this.#ownLabel}, ${unit}`);
     const pick = (/** @type {number} */ value) => button({ class: "button pick", role: "radio", onclick: () => this.#choose(value * scale.size) }, this.#text(value));
     fill(this.#picks, ...presets.map(pick));
-    // text that was typed but not accepted was in the previous unit
+    // typed text that was not accepted was in the previous unit
     this.#own.value = this.#preset() === undefined ? plain(this.shown) : "";
     setAttr(this.#own, "aria-invalid", false);
     this.#mark();
@@ -133,7 +133,7 @@ class Choice {
     this.#mark();
   }
 
-  /** The preset that is chosen; undefined: a value of one's own is. */
+  /** Returns the chosen preset; undefined if a typed value is chosen. */
   #preset() {
     return this.#presets.find((preset) => Math.abs(preset * this.#scale.size - this.value) <= EQUAL * this.value);
   }

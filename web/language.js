@@ -1,4 +1,4 @@
-// The words of the screen: one table for each language, and numbers, dates and lists as the browser's locale writes them.
+// The texts of the screen: one table for each language. Numbers, dates and lists have the format of the browser's locale.
 
 import de from "./language/de.js";
 import en from "./language/en.js";
@@ -9,11 +9,11 @@ import ja from "./language/ja.js";
 
 /** @type {Record<string, Table>} */
 const TABLES = { en, de, ja };
-/** Languages by their code, each in its own words. */
+/** Languages by their code, each with its own name. */
 export const LANGUAGES = { en: "English", de: "Deutsch", ja: "日本語" };
 const KEY = "tandem-language";
 
-/** How the browser writes numbers and dates. */
+/** Locale for numbers and dates. */
 export const locale = globalThis.navigator?.language || "en";
 /** The code of the language of this page. */
 export const language = known(chosenLanguage()) ?? known(globalThis.document?.documentElement.dataset.language) ?? preferred();
@@ -37,17 +37,17 @@ export function t(key, values = {}) {
   });
 }
 
-/** Several things in a row. @param {(string | number | false | null | undefined)[]} parts those that are nothing are left out */
+/** Returns several parts as a list. @param {(string | number | false | null | undefined)[]} parts those that are nothing are left out */
 export function listed(parts) {
   return parts.filter(Boolean).join(t("language.comma"));
 }
 
-/** Sentences after each other. @param {...(string | false | null | undefined)} parts those that are nothing are left out */
+/** Returns several sentences as one text. @param {...(string | false | null | undefined)} parts those that are nothing are left out */
 export function sentences(...parts) {
   return parts.filter(Boolean).join(t("language.between_sentences"));
 }
 
-/** A number with the decimal sign of the locale, never with signs between thousands. @param {number} value @param {number} least decimals @param {number} most decimals */
+/** Formats a number with the decimal sign of the locale, without separators between thousands. @param {number} value @param {number} least decimals @param {number} most decimals */
 export function decimal(value, least, most) {
   const key = least * 100 + most;
   let format = formats.get(key);
@@ -67,7 +67,7 @@ export function chosenLanguage() {
   }
 }
 
-/** Keeps a choice, and reads the page again in that language; false: this browser keeps nothing. @param {string} code empty: what the browser prefers */
+/** Stores a choice, and loads the page again in that language; false if this browser stores nothing. @param {string} code empty: the browser's preference */
 export function chooseLanguage(code) {
   try {
     if (code === "") localStorage.removeItem(KEY);
@@ -84,13 +84,13 @@ function known(code) {
   return code && code in TABLES ? code : null;
 }
 
-/** The first language of the browser that there is a table for. */
+/** Returns the first language of the browser that has a table. */
 function preferred() {
   const wanted = globalThis.navigator?.languages ?? [];
   return wanted.map((one) => known(one.split("-")[0]?.toLowerCase())).find((one) => one !== null) ?? "en";
 }
 
-/** The words of the text field of the editor. @returns {Record<string, string>} */
+/** Texts of the text field of the editor. @returns {Record<string, string>} */
 export function phrases() {
   return {
     Find: t("find.find"), Replace: t("find.replace_by"), next: t("find.next"), previous: t("find.previous"), all: t("find.all"), "match case": t("find.match_case"), regexp: t("find.regexp"), "by word": t("find.by_word"),

@@ -14,7 +14,7 @@ const LOCKS = {
   start_lock: { says: t("locks.start_lock"), held: t("locks.start_lock_held"), about: (cs) => t("locks.start_lock_about", { cs }), field: "startLock" },
 };
 
-/** The source that a set without a name means. */
+/** The source of a write without a name. */
 const DEFAULT = "default";
 
 /**
@@ -26,7 +26,7 @@ function sourcesOf(app, cs, input) {
 }
 
 /**
- * Switches a lock: sets it, or clears every source that anybody clears; where others remain, the operator is asked.
+ * Switches a lock: sets it, or clears every source without an owner. If other sources remain, asks the operator.
  * @param {import("./main.js").App} app @param {number} cs @param {Input} input @param {boolean} on
  */
 export async function switchLock(app, cs, input, on) {
@@ -37,7 +37,7 @@ export async function switchLock(app, cs, input, on) {
     try {
       await app.api.setLock(cs, input, { value: false, text: "", source });
     } catch (error) {
-      // another client has taken it over in the meantime
+      // another client has become the owner in the meantime
       if (!(error instanceof Refusal) || error.problem.status !== 409) throw error;
       return askToForce(app, cs, input);
     }
@@ -45,7 +45,7 @@ export async function switchLock(app, cs, input, on) {
   if (free.length < set.length) askToForce(app, cs, input);
 }
 
-/** Shows who holds a lock, with a button that clears each source by force. @param {import("./main.js").App} app @param {number} cs @param {Input} input */
+/** Shows the sources that hold a lock, with a button that clears each by force. @param {import("./main.js").App} app @param {number} cs @param {Input} input */
 function askToForce(app, cs, input) {
   const { held: title, about } = LOCKS[input];
   const list = h("ul", { class: "list", tabindex: 0, "aria-label": t("locks.sources") });

@@ -1,4 +1,4 @@
-// The machine of this screen, for all of its modules.
+// The machine of this screen, for all modules of the screen.
 
 import { Tandem } from "./tandem.js";
 

@@ -56,7 +56,7 @@ function showTold() {
   list.append(...[...toldTiles.values()].map(({ element }) => element));
 }
 
-/** A machine that is known by its address and at the broker has one tile: that by its address while it can be read there. */
+/** Merges the tiles of a machine that is known by its address and at the broker: the one by its address while that can be read. */
 function showOnce() {
   const read = new Set(tiles.filter(({ machine }) => machine.link === "online").flatMap(({ machine }) => [machine.address, machine.name]));
   const heard = new Set();
@@ -87,7 +87,7 @@ function keep() {
   keepOthers(tiles.filter(({ isTyped }) => isTyped).map(({ machine }) => machine.address));
 }
 
-/** Why an address cannot be added; null: it can. @param {string | null} address */
+/** Returns the reason why an address cannot be added; null if it can. @param {string | null} address */
 function whyNot(address) {
   if (address === null) return t("machines.not_an_address");
   if (isHere(address)) return t("machines.is_here", { address });

@@ -25,8 +25,8 @@ import { tellWhyNot } from "./why_not.js";
  * @property {Model} model
  * @property {typeof api} api
  * @property {typeof confirm} confirm
- * @property {(text: string, tone?: "info" | "error", kind?: string) => void} toast takes the place of a notice of the same kind
- * @property {(work: () => Promise<unknown>) => Promise<boolean>} attempt does it; a refusal is shown, and returns false
+ * @property {(text: string, tone?: "info" | "error", kind?: string) => void} toast replaces a notice of the same kind
+ * @property {(work: () => Promise<unknown>) => Promise<boolean>} attempt runs the work; shows a refusal, and then returns false
  * @property {(command: (onAccepted: () => void) => Promise<unknown>) => Promise<void>} accepted attempts a command, and waits until it is accepted or refused
  * @property {(verb: import("./types.d.ts").Verb, args?: object) => Promise<void>} command commands the selected coordinate system, until it is accepted or refused
  * @property {(verb: import("./types.d.ts").Verb, args: object, onAccepted: () => void) => Promise<void>} commandAsSeen commands the selected coordinate system only if its state is the one on the screen
@@ -43,11 +43,11 @@ import { tellWhyNot } from "./why_not.js";
  */
 
 /**
- * A view: one file, its import and its place in views/index.js.
+ * A view: one file, with its import and its entry in views/index.js.
  * @typedef {object} View
  * @property {"header" | "banner" | "now" | "left" | "middle" | "right" | "footer" | "far"} place
  * @property {{name: string, title: string}} [panel] of a view at the right
- * @property {(app: App) => {element: HTMLElement, render: () => void, isThere?: () => boolean}} create without `isThere` its panel always is
+ * @property {(app: App) => {element: HTMLElement, render: () => void, isThere?: () => boolean}} create without `isThere` the panel is always shown
  */
 
 /** Interval at which running times are shown, ms. */
@@ -120,7 +120,7 @@ const app = {
   },
   retry: () => machine.retryNow(),
   invalidate,
-  // these need the rest
+  // these need the other members
   jogger: /** @type {any} */ (null),
   alerts: /** @type {any} */ (null),
 };

@@ -11,13 +11,13 @@ import { disableFor } from "./why_not.js";
 
 /** Lines of the history. */
 const HISTORY_MAX = 50;
-/** The code of each unit, and a text that has one of them. */
+/** The code of each unit, and a pattern for both. */
 const UNIT_CODES = { mm: "G21", inch: "G20" };
 const HAS_UNIT = /G0*2[01](?![\d.])/i;
 
 /** NC text and the unit in which its numbers were written; null: not known. @typedef {{text: string, unit: import("./units.js").Unit | null}} Line */
 
-/** A line that is typed, with the lines that were run before. Each keeps the unit in which it was written. */
+/** The line that is typed, with the lines that were run before. Each keeps the unit in which it was written. */
 class LineField {
   input = h("input", {
     type: "text", class: "mdi-input", "aria-label": t("mdi.nc_text_to_run_at"), placeholder: "G54 G00 X0 Y0",
@@ -25,7 +25,7 @@ class LineField {
   });
   /** The unit in which the next line begins. @type {Line["unit"]} */
   unit = null;
-  /** The text was sent, and is run now. */
+  /** True after the text was sent, while it runs. */
   isSent = false;
   /** The unit in which the text was written. @type {Line["unit"]} */
   #written = null;
@@ -57,7 +57,7 @@ class LineField {
     return { text: this.input.value.trim(), unit: this.#written };
   }
 
-  /** If the text was written in another unit than the next line begins in, it gets the code of its own. */
+  /** Adds the code of its unit to a text that was written in another unit than that of the next line. */
   keepUnit() {
     if (this.isSent) return;
     const { input, unit } = this;
@@ -72,7 +72,7 @@ class LineField {
     } else this.#written ??= unit;
   }
 
-  /** The line was run: it is the last one of the history, and the field is empty. @param {Line} line */
+  /** Appends a line that was run to the history, and empties the field. @param {Line} line */
   done(line) {
     if (this.#history.at(-1)?.text !== line.text) this.#history.push(line);
     if (this.#history.length > HISTORY_MAX) this.#history.shift();
@@ -126,7 +126,7 @@ export function mdiLine(app) {
   const render = (whyNot) => {
     disableFor(run, whyNot);
     const { current } = app.model;
-    // while something runs it is not known in which unit the next line begins
+    // during a run the unit of the next line is unknown
     if (current?.state?.run_kind === null && current.state.transition === null) field.unit = manualUnitOf(current);
     setText(name, field.unit === null ? t("mdi.unit_unknown") : t("mdi.mdi", { unit: lengthScale(field.unit).unit }));
     field.keepUnit();

@@ -38,7 +38,7 @@ const CS_TOPICS = /** @type {const} */ ({
  * @property {import("./types.d.ts").OptionalSkipMessage | null} optionalSkip
  * @property {import("./types.d.ts").RunStateMessage | null} runState
  * @property {Pick<import("./types.d.ts").TimeLeftMessage, "run_id" | "left_s" | "progress"> | null} timeLeft
- * @property {Pick<import("./types.d.ts").StartConditionsMessage, "obstacles"> | null} startConditions what prevents a start
+ * @property {Pick<import("./types.d.ts").StartConditionsMessage, "obstacles"> | null} startConditions obstacles to a start
  * @property {import("./types.d.ts").SwitchMessage | null} optionalStop
  * @property {import("./types.d.ts").SwitchMessage | null} singleBlock
  * @property {import("./types.d.ts").LockMessage | null} interlock
@@ -48,7 +48,7 @@ const CS_TOPICS = /** @type {const} */ ({
  * @property {import("./types.d.ts").LeaseStateMessage | null} lease
  * @property {import("./types.d.ts").PublishedVariablesMessage | null} variables Q variables that the machine publishes
  * @property {import("./types.d.ts").WorkOffsetValuesMessage | null} workOffsets
- * @property {{hash: string | null, text: string} | null} note what the last load was accepted with
+ * @property {{hash: string | null, text: string} | null} note note with which the last load was accepted
  * @property {Trail} trail
  */
 
@@ -58,9 +58,9 @@ export const STALE_MS = 700;
 
 export class Model {
   online = false;
-  /** When the last heartbeat came, on the clock of `performance`; null: none has. @type {number | null} */
+  /** Time of the last heartbeat, on the clock of `performance`; null before the first. @type {number | null} */
   #beatAt = null;
-  /** @type {number | null} when the next try to connect is, ms of the local clock */
+  /** @type {number | null} time of the next try to connect, ms of the local clock */
   retryAt = null;
   /** @type {string | null} */
   bootId = null;
@@ -90,7 +90,7 @@ export class Model {
   programs = null;
   /** @type {import("./types.d.ts").CurrentUser | null} the logged-in user */
   user = null;
-  /** View mode: this screen only looks. */
+  /** View mode: this screen sends no commands except hold, stop and abort. */
   viewing = false;
   /** The panel at the right. */
   panel = "programs";
@@ -135,14 +135,14 @@ export class Model {
     return ageMs > STALE_MS ? ageMs : 0;
   }
 
-  /** Forgets the comparison of clocks: after a pause of the computer they may differ by another amount. */
+  /** Discards the measured difference of the clocks, which may change in a pause of the computer. */
   disconnected() {
     this.#beatAt = null;
     this.#clockAheadMs = Number.POSITIVE_INFINITY;
   }
 
   /**
-   * How long ago a time of the machine is. The clocks of machine and screen may differ: the smallest difference
+   * Returns the age of a time of the machine. The clocks of machine and screen may differ: the smallest difference
    * between a message's time and its arrival is taken as the difference of the clocks.
    * @param {string} timestamp
    */
@@ -174,7 +174,7 @@ export class Model {
 
   /** @param {import("./types.d.ts").BirthMessage} birth */
   #takeBirth(birth) {
-    // the name of an M code outlives the handler that declared it: it is needed most when that handler is lost
+    // the name of an M code stays after the loss of the handler that declared it, because operators then need it most
     const serves = birth.serves ?? [];
     const before = (this.birth?.boot_id === birth.boot_id && this.birth.serves) || [];
     this.birth = { ...birth, serves: [...serves, ...before.filter((old) => !serves.some((now) => now.m === old.m && now.cs.join() === old.cs.join()))] };
@@ -214,7 +214,7 @@ function empty(info) {
 /** Axis letters in the usual order. */
 const ORDER = "XYZABCUVW";
 
-/** Letters of its axes in the usual order. @param {CoordinateSystem} system */
+/** Returns the letters of the axes in the usual order. @param {CoordinateSystem} system */
 export function axesOf(system) {
   return Object.keys(system.info.axes).sort((a, b) => ORDER.indexOf(a) - ORDER.indexOf(b));
 }

@@ -2,7 +2,7 @@
 
 /** @typedef {{kind: "comment" | "g" | "m" | "n" | "axis" | "", text: string}} Part */
 
-/** Comments of each dialect within a line, and whether there are some that go over several lines. @type {Record<string, {inLine: string, overLines: boolean}>} */
+/** Comments of each dialect within a line, and whether the dialect has comments over several lines. @type {Record<string, {inLine: string, overLines: boolean}>} */
 const COMMENTS = {
   nj: { inLine: String.raw`\/\*.*?(?:\*\/|$)|\/\/.*`, overLines: true },
   dgshape: { inLine: String.raw`\([^)]*\)?`, overLines: false },
@@ -10,17 +10,17 @@ const COMMENTS = {
 const [NEWLINE, SLASH, STAR] = [10, 47, 42];
 /** Bytes are kept in pieces of this size. */
 const PIECE_BYTES = 2 ** 20;
-/** Line starts that there is room for at first; the room is doubled. */
+/** Initial capacity for line starts; it is doubled when full. */
 const STARTS_FIRST = 1024;
-/** Longest time without a pause while a text comes, ms. */
+/** Longest time without a pause while a text arrives, ms. */
 const PAUSE_AFTER_MS = 8;
 
 /** `/n` and `N`, `G`, `M` and its parameters, axis words. */
 const WORDS = String.raw`(?<n>N\d+|^\s*\/\d*)|(?<g>G\d+(?:\.\d+)?)|(?<m>M\d+|(?<![A-Z])V[A-H](?=\s*[-+.\d=\[(]))|(?<axis>(?<![A-Z])[XYZABCUVWIJK](?=\s*[-+.\d=\[(]))`;
-/** A longer line is not highlighted. */
+/** Longest line that is highlighted, characters. */
 const COLOURED_MAX = 400;
 
-/** A text as bytes, which comes in parts; a line is made a string when it is looked at. */
+/** A text as bytes, which arrives in parts; a line becomes a string when it is requested. */
 export class NcText {
   #words;
   #overLines;
@@ -35,7 +35,7 @@ export class NcText {
   /** Context of the previous byte. @type {"code" | "line" | "block"} */
   #within = "code";
   #before = 0;
-  /** Where the comment that is open begins, and its line. */
+  /** Start of the open comment, and its line. */
   #block = { at: 0, line: 0 };
 
   /** @param {string} dialect */
@@ -45,7 +45,7 @@ export class NcText {
     this.#words = new RegExp(`(?<comment>${comments.inLine})|${WORDS}`, "gi");
   }
 
-  /** The whole text of an answer; the page does not stand still meanwhile. @param {ReadableStream<Uint8Array>} stream @param {string} dialect */
+  /** Reads the whole text of an answer, without blocking the page. @param {ReadableStream<Uint8Array>} stream @param {string} dialect */
   static async read(stream, dialect) {
     const text = new NcText(dialect);
     const reader = stream.getReader();
@@ -61,7 +61,7 @@ export class NcText {
     return text;
   }
 
-  /** Bytes that follow. @param {Uint8Array} bytes */
+  /** Appends bytes. @param {Uint8Array} bytes */
   add(bytes) {
     for (let at = 0; at < bytes.length; ) {
       const used = this.#length % PIECE_BYTES;
@@ -83,7 +83,7 @@ export class NcText {
         this.#startAt(offset + i + 1);
       }
       const isSign = this.#overLines && (byte === SLASH || byte === STAR) && this.#comment(byte, offset + i);
-      // a byte is a part of one sign only
+      // a byte belongs to one comment sign only
       this.#before = isSign ? 0 : byte;
     }
   }
@@ -136,7 +136,7 @@ export class NcText {
     return text + decoder.decode();
   }
 
-  /** The same line, split for highlighting. @param {number} number @returns {Part[]} */
+  /** Returns a line, split for highlighting. @param {number} number @returns {Part[]} */
   parts(number) {
     const line = this.line(number);
     const within = this.#commentFromBefore(number, line.length);

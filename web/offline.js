@@ -4,7 +4,7 @@ import { language, t } from "./language.js";
 
 /** @typedef {import("./language.js").Key} Key */
 
-/** Writes the texts of a page where it says `data-text`. @param {Document} page */
+/** Writes the texts of a page into the elements with `data-text`. @param {Document} page */
 export function writeTexts(page) {
   page.documentElement.lang = language;
   for (const element of page.querySelectorAll("[data-text]")) element.textContent = t(/** @type {Key} */ (element.getAttribute("data-text")));

@@ -1,4 +1,4 @@
-// A run of several parts is ordered: each after the first begins when the one before is completed.
+// Orders a run of several parts: each further part begins when the part before is completed.
 
 import { openDialog } from "./dialog.js";
 import { button, h } from "./dom.js";
@@ -34,7 +34,7 @@ export function orderParts(app, { number, title }) {
   const dialog = openDialog("order", t("order.run", { program: name }), [form]);
 }
 
-/** How far a run of several parts is; empty for any other. @param {import("./types.d.ts").Run | null | undefined} run */
+/** Returns the progress of a run of several parts; empty for any other run. @param {import("./types.d.ts").Run | null | undefined} run */
 export function partsSaid(run) {
   if (!run || run.end !== null || run.parts < 2) return "";
   const next = Math.min(run.parts_done + 1, run.parts);

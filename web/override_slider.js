@@ -1,15 +1,15 @@
-// A slider that no accident moves: only a drag of its thumb or a key sets it, and one action ends at 100 percent. A tap on its
+// A slider that does not move by accident: only a drag of its thumb or a key sets it, and one action ends at 100 percent. A tap on its
 // track does nothing, and a vertical swipe that begins on it scrolls the page.
 
 import { h } from "./dom.js";
 
-/** One action sets at most this, percent; the next may go above. */
+/** Limit of one action, percent; the next action may exceed it. */
 const ONE_ACTION_MAX = 100;
 /** Steps of the slider, percent. */
 const STEP = 5;
 
 /**
- * The value that one action, which began at `from`, may set.
+ * Returns the value that an action that began at `from` may set.
  * @param {number} percent @param {number} from @param {number} max
  */
 export function limited(percent, from, max) {
@@ -19,10 +19,10 @@ export function limited(percent, from, max) {
 export class OverrideSlider {
   /** Value at which the present action began. */
   #from = 0;
-  /** @type {{pointerId: number, clientX: number} | null} the drag, and where it began */
+  /** @type {{pointerId: number, clientX: number} | null} the drag, and its start */
   #drag = null;
   #isKeyDown = false;
-  /** Value that `show` was given last. */
+  /** Last value of `show`. */
   #shown = 0;
 
   /** @param {string} label @param {number} max percent @param {(percent: number) => void} set called with each value that the operator sets */

@@ -1,10 +1,10 @@
 // Jogging by keyboard and gamepad, while the operator has switched it on: arrows and Page Up and Down, or the left stick and
 // the shoulder buttons. It switches itself off when the window loses the focus.
 
-/** Deflection of a stick from which it counts. */
+/** Deflection above which a stick jogs. */
 const DEFLECTED = 0.6;
 
-/** @type {Record<string, [number, 1 | -1]>} which axis of the cross, and its direction */
+/** @type {Record<string, [number, 1 | -1]>} axis of the cross, and its direction */
 const KEYS = {
   ArrowRight: [0, 1], ArrowLeft: [0, -1], ArrowUp: [1, 1], ArrowDown: [1, -1], PageUp: [2, 1], PageDown: [2, -1],
 };
@@ -76,7 +76,7 @@ function pads() {
   return (navigator.getGamepads?.() ?? []).filter((pad) => pad !== null);
 }
 
-/** The axis of the cross to which a gamepad points. @param {Gamepad} pad @returns {[number, 1 | -1] | null} */
+/** Returns the axis of the cross to which a gamepad points. @param {Gamepad} pad @returns {[number, 1 | -1] | null} */
 function deflection(pad) {
   for (const [at, axis, direction] of BUTTONS) if (pad.buttons[at]?.pressed) return [axis, direction];
   const [x = 0, y = 0] = pad.axes;

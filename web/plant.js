@@ -1,10 +1,10 @@
-// Inputs and outputs of the plant, as the machine declares and tells them.
+// Inputs and outputs of the plant, as the machine declares and publishes them.
 
 import { plain } from "./format.js";
 import { t } from "./language.js";
 
 /**
- * One of them.
+ * An input or output.
  * @typedef {object} Point
  * @property {"in" | "out"} side
  * @property {string} name
@@ -12,7 +12,7 @@ import { t } from "./language.js";
  * @property {import("./types.d.ts").IoDeclaration} declared
  */
 
-/** All of them: inputs, then outputs, by name. @param {import("./model.js").Model} model @returns {Point[]} */
+/** Returns all inputs, then all outputs, by name. @param {import("./model.js").Model} model @returns {Point[]} */
 export function pointsOf({ birth }) {
   /** @type {("in" | "out")[]} */
   const sides = ["in", "out"];
@@ -24,12 +24,12 @@ export function ioOf(model, point) {
   return model.io.get(point.topic) ?? null;
 }
 
-/** Those that are forced. @param {import("./model.js").Model} model */
+/** Returns the forced inputs and outputs. @param {import("./model.js").Model} model */
 export function forcedOf(model) {
   return pointsOf(model).filter((point) => ioOf(model, point)?.forced);
 }
 
-/** Returns its name for people. @param {Point} point */
+/** Returns the name of an input or output for people. @param {Point} point */
 export function nameOf({ name, declared }) {
   return declared.text || name;
 }

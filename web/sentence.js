@@ -7,8 +7,8 @@ import { listed, sentences, t } from "./language.js";
 import { obstacleWords, startObstacles } from "./start_conditions.js";
 
 /**
- * How a state is shown.
- * `ready` nothing to worry about; `active` moves; `wait` the machine works on something; `attention` the operator's
+ * Appearance of a state.
+ * `ready` no action needed; `active` motion; `wait` the machine works; `attention` the operator's
  * turn; `alarm`; `done`; `ended` before its end.
  * @typedef {"ready" | "active" | "wait" | "attention" | "alarm" | "done" | "ended"} Tone
  */
@@ -53,10 +53,10 @@ export function asked(state) {
   return question?.answer === undefined ? question : undefined;
 }
 
-/** Characters of a text in the sentence; the card of the alarm or M code shows all of it. */
+/** Most characters of a text in the sentence; the card of the alarm or M code shows the whole text. */
 const BRIEF_CHARS = 140;
 
-/** The beginning of a text, up to the end of a word. @param {string} text */
+/** Returns the beginning of a text, up to the end of a word. @param {string} text */
 export function brief(text, chars = BRIEF_CHARS) {
   if (text.length <= chars) return text;
   const end = text.lastIndexOf(" ", chars);
@@ -79,13 +79,13 @@ const REASONS = {
   NO_PROGRAM: "reason.NO_PROGRAM", RESTARTED: "reason.RESTARTED",
 };
 
-/** A state, such as `FEED_HOLD`, as it is shown. @param {string} execution */
+/** Returns the text of a state, such as `FEED_HOLD`. @param {string} execution */
 export function stateWord(execution) {
   const key = STATES[execution];
   return key ? t(key) : execution.replaceAll("_", " ");
 }
 
-/** A reason, such as `SINGLE_BLOCK`, in words. @param {unknown} reason */
+/** Returns the text of a reason, such as `SINGLE_BLOCK`. @param {unknown} reason */
 export function reasonWord(reason) {
   const key = REASONS[String(reason)];
   return key ? t(key) : String(reason).toLowerCase().replaceAll("_", " ");
@@ -105,7 +105,7 @@ const TRANSITIONS = {
  * @param {import("./model.js").CoordinateSystem} system
  * @param {import("./types.d.ts").AlarmRecord[]} alarms active ones of the machine
  * @param {((timestamp: string) => number) | null} ageMs converts a timestamp to its age; null: no times are shown
- * @param {import("./types.d.ts").BirthMessage | null} [birth] which declares what parameters of M codes mean
+ * @param {import("./types.d.ts").BirthMessage | null} [birth] which declares the parameters of M codes
  * @returns {string}
  */
 export function sentence(system, alarms, ageMs, birth = null) {
@@ -152,7 +152,7 @@ export function sentence(system, alarms, ageMs, birth = null) {
 
 /**
  * Returns the obstacle to remove before a start; null if there is none.
- * @param {import("./model.js").CoordinateSystem} system @param {string} where what the program is like
+ * @param {import("./model.js").CoordinateSystem} system @param {string} where the name of the program
  */
 function prevented(system, where) {
   const [first] = startObstacles(system);
@@ -176,7 +176,7 @@ function interlocked(interlock) {
   return interlock?.text ? t("sentence.interlocked_why", { text: brief(interlock.text) }) : t("sentence.interlocked");
 }
 
-/** How the run before this start ended. @param {import("./types.d.ts").LastRun | null} run */
+/** Returns the end of the run before this start. @param {import("./types.d.ts").LastRun | null} run */
 function cutShort(run) {
   if (!run || ["READY", "STOPPED", "PROGRAM_COMPLETED"].includes(run.execution)) return "";
   const codes = listed(run.outputs.map((output) => `M${output.m}`));
@@ -237,7 +237,7 @@ function stopped({ state, info, lastRun }, alarms) {
 }
 
 /**
- * The text for a screen reader: it changes with the state and with what the machine waits for, but not every second.
+ * Returns the text for a screen reader: it changes with the state and the awaited M code, but not every second.
  * @param {import("./model.js").CoordinateSystem} system
  * @param {import("./types.d.ts").AlarmRecord[]} alarms
  * @param {import("./types.d.ts").BirthMessage | null} birth

@@ -1,4 +1,4 @@
-// Shortcuts: one key each, and never while something is typed. None of them starts motion.
+// Shortcuts: one key each, without effect during typing. No shortcut starts motion.
 
 import { openDialog } from "./dialog.js";
 import { button, h } from "./dom.js";

@@ -16,7 +16,7 @@ export function startObstacles(system) {
   return all.filter(({ kind }) => kind !== "lease" || ownFence(system?.info.number ?? 0) === undefined);
 }
 
-/** An obstacle in the operator's words. @param {StartObstacle} obstacle @param {CoordinateSystem | null} system */
+/** Returns the text of an obstacle for the operator. @param {StartObstacle} obstacle @param {CoordinateSystem | null} system */
 export function obstacleWords({ kind, detail = "", text, m_codes: codes = [], at }, system) {
   switch (kind) {
     case "interlock":
@@ -44,7 +44,7 @@ export function obstacleWords({ kind, detail = "", text, m_codes: codes = [], at
   }
 }
 
-/** Why Start would be refused; null: it would not. @param {CoordinateSystem | null} system */
+/** Returns the reason why Start would be refused; null if it would not. @param {CoordinateSystem | null} system */
 export function whyNoStart(system) {
   const refusing = startObstacles(system).find(({ refuses }) => refuses);
   return refusing ? obstacleWords(refusing, system) : null;

@@ -15,7 +15,7 @@ import { disableFor, whyNot } from "./why_not.js";
 const APPROACHES = { plane_first: t("start_line.in_the_plane_first_then"), infeed_first: t("start_line.the_infeed_axis_first"), direct: t("start_line.all_axes_at_once") };
 
 /**
- * The block in which the last run of the loaded program was cut short; null: it was completed, or there was none.
+ * The block in which the last run of the loaded program was cut short; null if the run was completed, or if there was no run.
  * @param {import("./model.js").CoordinateSystem | null} system @returns {{program: number, line: number} | null}
  */
 export function cutShortAt(system) {
@@ -27,7 +27,7 @@ export function cutShortAt(system) {
 let approach = "plane_first";
 
 /**
- * Shows what a start from a line does, and starts when it is confirmed.
+ * Shows the effects of a start from a line, and starts after the confirmation.
  * @param {import("./main.js").App} app
  * @param {{line: number, program: number}} place
  */

@@ -1,4 +1,4 @@
-// The service worker. It never serves a screen that it has kept: pages come from the machine, or say that it does not answer.
+// The service worker. It never serves a screen that it has kept: pages come from the machine, or report that it does not answer.
 
 // The screen keeps the first in its language (install.js), the others are kept here.
 const OFFLINE = "offline-2";
@@ -21,7 +21,7 @@ worker.addEventListener("fetch", (/** @type {any} */ event) => {
   const { mode, url } = event.request;
   const { origin, pathname } = new URL(url);
   const kept = mode === "navigate" ? KEPT[0] : KEPT.find((path) => origin === worker.location.origin && path === pathname);
-  // everything else is the browser's own business
+  // the browser handles all other requests
   if (!kept) return;
   event.respondWith(fetch(event.request).catch(async () => (await caches.match(kept)) ?? Response.error()));
 });

@@ -1,4 +1,4 @@
-// A machine, for pages of one's own and for the HMI itself: states as they change, commands with their answers. The page "Use the
+// A machine, for third-party pages and for the HMI itself: states as they change, commands with their answers. The page "Use the
 // HMI, or write one" of the book describes it. No other module is needed; `tandem/elements.js` has elements that show a machine.
 
 import { latenessMs } from "./tandem/lateness.js";
@@ -29,15 +29,15 @@ const TOKEN_KEY = "tandem-token";
  * @typedef {object} Options
  * @property {string} [url] of the machine, such as `http://mill-1:8080`; without it, the server of this page
  * @property {() => string | null} [token] the user's token; without it, that of the HMI in this window
- * @property {string} [name] what ids of commands begin with
+ * @property {string} [name] beginning of the ids of commands
  */
 
 /**
  * @typedef {object} CommandOptions
- * @property {Expected} [expect] what must be so still
+ * @property {Expected} [expect] state that the command requires
  * @property {number} [fence] number of the control lease under which it is sent
- * @property {string} [id] of the command: one that the machine has seen is answered as then; without it, a new one
- * @property {import("./tandem/requests.js").NotAfter | null} [notAfter] its age limit; without it, 1 s from now; null: none
+ * @property {string} [id] of the command: the machine answers a known id with the stored reply; without it, a new id
+ * @property {import("./tandem/requests.js").NotAfter | null} [notAfter] the age limit of the command; without it, 1 s from now; null: no limit
  * @property {() => void} [onAccepted] called when the machine has accepted it
  */
 
@@ -53,7 +53,7 @@ const TOKEN_KEY = "tandem-token";
 export class Tandem {
   /** True while the machine is connected. */
   online = false;
-  /** When the next try to connect is, ms of the local clock; null: there is none. @type {number | null} */
+  /** Time of the next try to connect, ms of the local clock; null: no try is planned. @type {number | null} */
   retryAt = null;
   #url;
   #token;
@@ -67,7 +67,7 @@ export class Tandem {
   #onRefused = new Set();
   /** The newest heartbeats of the machine, and when they arrived. @type {{boot_id: string, cycle: number, at: number}[]} */
   #heartbeats = [];
-  /** A connection was asked for. */
+  /** True after `connect`. */
   #isWanted = false;
 
   /** @param {Options} [options] */
@@ -104,8 +104,8 @@ export class Tandem {
   }
 
   /**
-   * Subscribes to a topic, such as `cs/1/state` or, with wildcards, `cs/+/state`: a state comes at once and whenever it changes,
-   * again after each new connection. The answer ends it.
+   * Subscribes to a topic, such as `cs/1/state` or, with wildcards, `cs/+/state`: a state arrives at once and whenever it changes,
+   * and again after each new connection. The returned function ends the subscription.
    * @template {string} Topic
    * @param {Topic} topic @param {Listener<Topic>} listener
    * @returns {() => void}
@@ -121,21 +121,21 @@ export class Tandem {
     };
   }
 
-  /** Tells when `online` or `retryAt` change; the answer ends it. @param {(tandem: Tandem) => void} listener */
+  /** Calls the listener when `online` or `retryAt` change; the returned function ends this. @param {(tandem: Tandem) => void} listener */
   onLink(listener) {
     this.#onLink.add(listener);
     return () => this.#onLink.delete(listener);
   }
 
-  /** Tells why the machine has refused a subscription; the answer ends it. @param {(text: string) => void} listener */
+  /** Calls the listener with the reason of a refused subscription; the returned function ends this. @param {(text: string) => void} listener */
   onRefused(listener) {
     this.#onRefused.add(listener);
     return () => this.#onRefused.delete(listener);
   }
 
   /**
-   * The age limit of what a person requests now, or requested by a press that the page handles late; null while no heartbeat of the machine is known, so that nothing may be sent. A
-   * sequence of requests that one press began carries the limit of that press.
+   * Returns the age limit of a request that a person makes now, or has made by a press that the page handles late. Null while no
+   * heartbeat of the machine is known: then nothing may be sent. All requests of one press carry the limit of that press.
    * @param {number} [withinMs] at most 60,000
    * @returns {import("./tandem/requests.js").NotAfter | null}
    */
@@ -146,8 +146,8 @@ export class Tandem {
   }
 
   /**
-   * Asks the machine: the answer of success, or a `Refusal` is thrown. A request after which something can move carries an age limit
-   * of 1 s, or the one that is given: an older one is rejected. `notAfter: null` sends it without.
+   * Sends a request, and returns the answer, or throws a `Refusal`. A request after which something can move carries an age limit
+   * of 1 s, or the given limit: an older request is rejected. `notAfter: null` sends it without a limit.
    * @param {string} method @param {string} path below `/api/v1`, such as `/tools` @param {AskedWithAge} [asked]
    */
   async request(method, path, { notAfter, ...asked } = {}) {
@@ -163,7 +163,7 @@ export class Tandem {
     });
   }
 
-  /** The given age limit, else one that begins now; null: none. @param {import("./tandem/requests.js").NotAfter | null | undefined} given */
+  /** Returns the given age limit, else one that begins now; null: no limit. @param {import("./tandem/requests.js").NotAfter | null | undefined} given */
   #limit(given) {
     // a page without a connection receives no heartbeat
     if (given !== undefined || !this.#isWanted) return given ?? null;
@@ -183,7 +183,7 @@ export class Tandem {
   }
 
   /**
-   * Commands a coordinate system, and waits until it is done. Its id prevents a second execution.
+   * Commands a coordinate system, and waits until the command is done. The id prevents a second execution.
    * @param {number} cs @param {import("./types.d.ts").Verb} verb @param {object} [args] @param {CommandOptions} [options]
    * @returns {Promise<Partial<import("./types.d.ts").CommandReply>>}
    */
@@ -197,7 +197,7 @@ export class Tandem {
       await this.#untilAccepted(path, asked, id);
       onAccepted();
     }
-    // the same again: the machine answers when it is done
+    // the same request again: the machine answers when the command is done
     const response = await this.request("POST", `${path}?wait=1`, { ...asked, timeoutMs: TIMEOUT_MS, unanswered: t("requests.the_machine_did_not_answer") });
     const reply = await response.json().catch(() => ({}));
     if (reply.status === "rejected" || reply.status === "failed") throw new Refusal(asSentence(reply.text || `${verb} failed`), reply);
@@ -245,18 +245,18 @@ function notReached(verb) {
   return t("requests.did_not_reach", { verb: VERBS[verb] ?? t("requests.verb.request") });
 }
 
-/** The token that the HMI has in this window. */
+/** Returns the token of the HMI in this window. */
 export function storedToken() {
   return globalThis.sessionStorage?.getItem(TOKEN_KEY) ?? null;
 }
 
-/** Keeps a token for the pages of this window; null: none. @param {string | null} token */
+/** Stores a token for the pages of this window; null: no token. @param {string | null} token */
 export function storeToken(token) {
   if (token === null) sessionStorage.removeItem(TOKEN_KEY);
   else sessionStorage.setItem(TOKEN_KEY, token);
 }
 
-/** The sub-protocols of a WebSocket, which cannot have a header. @param {string | null} token @returns {string[]} */
+/** Returns the sub-protocols of a WebSocket, which cannot have a header. @param {string | null} token @returns {string[]} */
 function protocols(token) {
   return token === null ? [] : ["tandem.v1", `bearer.${token}`];
 }
@@ -267,7 +267,7 @@ function expected({ boot_id, state_rev }) {
   return tags.length > 0 ? { "If-Match": tags.join(", ") } : {};
 }
 
-/** Whether a pattern names a topic: `+` stands for one level, a last `#` for all below. @param {string} pattern @param {string} topic */
+/** Returns whether a pattern matches a topic: `+` matches one level, a last `#` all levels below. @param {string} pattern @param {string} topic */
 function matches(pattern, topic) {
   if (pattern === topic) return true;
   const levels = topic.split("/");

@@ -1,4 +1,4 @@
-// Light or dark: the system's choice, unless the operator makes another one, which this browser remembers.
+// Light or dark: the system's choice, unless the operator makes another choice, which this browser remembers.
 
 const KEY = "tandem-theme";
 const dark = matchMedia("(prefers-color-scheme: dark)");
@@ -27,7 +27,7 @@ export function startTheme(changed) {
   put();
 }
 
-/** Switches to the other one. */
+/** Switches to the other scheme. */
 export function toggleTheme() {
   chosen = theme() === "dark" ? "light" : "dark";
   try {

@@ -12,7 +12,7 @@ export class Toasts {
   element = h("div", { class: "toasts", role: "log", "aria-live": "assertive", "aria-label": t("toasts.notices") });
 
   /**
-   * Shows a notice, in the place of one with the same text or of the same kind.
+   * Shows a notice. It replaces a notice with the same text or of the same kind.
    * @param {string} text @param {"info" | "error"} [tone] @param {string} [kind]
    */
   show(text, tone = "info", kind = text) {

@@ -25,10 +25,10 @@ async function isRefused() {
   }
 }
 
-/** Coordinate systems that a machine may have. */
+/** Highest number of coordinate systems of a machine. */
 const SYSTEMS = [1, 2, 3, 4, 5, 6, 7, 8];
 
-/** True where the machine takes hold, stop and abort without a login. */
+/** True if the machine accepts hold, stop and abort without a login. */
 async function stopsWithoutLogin() {
   try {
     return (await machine.get("/health")).stop_without_login === true;
@@ -37,7 +37,7 @@ async function stopsWithoutLogin() {
   }
 }
 
-/** Hold, stop and abort of all coordinate systems. @param {HTMLElement} problem */
+/** Returns the buttons for hold, stop and abort of all coordinate systems. @param {HTMLElement} problem */
 function stops(problem) {
   /** @param {string} verb */
   const send = async (verb) => {
@@ -50,7 +50,7 @@ function stops(problem) {
   return h("div", { class: "row" }, one("hold", t("token.hold_all")), one("stop", t("token.stop_all")), one("abort", t("token.abort_all")));
 }
 
-/** True for the answer that there is no such coordinate system. @param {unknown} error */
+/** Returns true for the answer that the coordinate system does not exist. @param {unknown} error */
 function isMissing(error) {
   return error instanceof Refusal && error.problem.code === "not_found";
 }

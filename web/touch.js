@@ -6,7 +6,7 @@ const coarse = matchMedia("(pointer: coarse)");
 /** @type {string | null} the operator's choice */
 let chosen = stored();
 
-/** Whether it is large. */
+/** Whether targets are large. */
 export function isLarge() {
   return chosen === null ? coarse.matches : chosen === "large";
 }

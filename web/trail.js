@@ -10,20 +10,20 @@ const NEAR_MM = 0.005;
 export class Trail {
   /** @type {Point[]} oldest first */
   points = [];
-  /** Grows with each change, so that a drawing knows whether it is up to date. */
+  /** Increases with each change, so that a drawing can check whether it is current. */
   revision = 0;
   /** @type {string | null} */
   #runId = null;
   #wasRapid = false;
 
-  /** Starts afresh with a new run. @param {string | null} runId */
+  /** Clears the trail at a new run. @param {string | null} runId */
   run(runId) {
     if (runId === this.#runId) return;
     this.#runId = runId;
     if (runId !== null) this.clear();
   }
 
-  /** Starts afresh at the position of the tool. */
+  /** Clears the trail; it begins again at the position of the tool. */
   clear() {
     this.points = this.points.slice(-1);
     this.revision += 1;
@@ -40,7 +40,7 @@ export class Trail {
     const last = this.points.at(-1);
     if (last && Object.keys(at).every((axis) => Math.abs((at[axis] ?? 0) - (last.at[axis] ?? 0)) < NEAR_MM)) return;
     this.points.push({ at, rapid });
-    // a quarter at once, so that not every point shifts the array
+    // removes a quarter at once, so that not every point shifts the array
     if (this.points.length > POINTS_MAX) this.points.splice(0, POINTS_MAX / 4);
     this.revision += 1;
   }

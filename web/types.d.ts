@@ -1,5 +1,5 @@
-// Shapes of the interface, version 1: what the runtime says over WebSocket and REST. Written from the types;
-// TANDEM_UPDATE=1 cargo test -p tandem-gateway contract writes them anew.
+// Shapes of the interface, version 1: messages of the runtime over WebSocket and REST. Generated from the types;
+// TANDEM_UPDATE=1 cargo test -p tandem-gateway contract generates them again.
 
 /** Payload of `alarm/active`. */
 export interface ActiveAlarmsMessage { alarms: AlarmRecord[]; boot_id: BootId; rev?: number; ts: string; v: 1; }
@@ -23,8 +23,8 @@ export interface AlarmRecordMessage {
 /** Severity of an alarm. */
 export type AlarmSeverity = "warning" | "alarm";
 
-/** Texts of an alarm of a sequence program. A raised alarm shows the remedy, and panels show the text in their
- * language. */
+/** Texts of an alarm of a sequence program. A raised alarm shows the remedy, and panels show the text in
+ * their language. */
 export interface AlarmText { code: number; languages?: Record<string, AlarmWords>; remedy?: string; text: string; }
 
 /** Text and remedy of an alarm in one language. */
@@ -80,7 +80,7 @@ export interface CommandReplyMessage {
 /** Status of a command. */
 export type CommandStatus = "accepted" | "rejected" | "done" | "failed";
 
-/** What follows a fault in a task or a thread. */
+/** Consequence of a fault in a task or a thread. */
 export type Consequence = "contained" | "restarted" | "stops_coordinate_system" | "coordinate_system_needs_restart" | "stops_all" | "exits";
 
 /** One coordinate system. */
@@ -126,8 +126,8 @@ export interface HandlerPresence {
   take_over?: boolean; validates: boolean;
 }
 
-/** Payload of `handler/{id}/result`: the answer to an `online` presence, a request to confirm that the instance is
- * still online, or the notice that another instance has replaced it. */
+/** Payload of `handler/{id}/result`: the answer to an `online` presence, a request to confirm that the
+ * instance is still online, or the notice that another instance has replaced it. */
 export interface HandlerResultMessage {
   boot_id: BootId; code?: RefusalCode; instance: string | null; of: HandlerAct; rev?: number; status: HandlerStatus;
   text?: string; ts: string; v: 1;
@@ -159,27 +159,29 @@ export interface Health {
 /** The status of a server that answers. */
 export type HealthStatus = "ok" | "degraded" | "failed";
 
-/** Payload of `heartbeat`, published 10 times a second while the servo is alive, and not while it stands still. */
+/** Payload of `heartbeat`, published 10 times a second while the servo runs; not published while the servo is
+ * stopped. */
 export interface HeartbeatMessage { boot_id: BootId; cycle: number; rev?: number; ts: string; v: 1; }
 
 /** Additions of a machine builder to the HMI, and the limits of its jog buttons. */
 export interface Hmi { buttons: HmiButton[]; cards: HmiCard[]; jog_step_max: number; }
 
-/** A button of the panel Machine: it runs an M code or a line of NC text, sets a variable, or switches an input. */
+/** A button of the panel Machine: it runs an M code or a line of NC text, sets a variable, or switches an
+ * input. */
 export interface HmiButton {
   confirm?: string; cs?: number; icon?: string; input?: string; m_code?: number; mdi?: string; states?: Execution[];
   text: string; value?: number; variable?: string;
 }
 
-/** A card of the panel Machine: it shows an M code while it is open, a variable, an input, or the drawing of a module
- * of the folder `dir`. */
+/** A card of the panel Machine: it shows an M code while it is open, a variable, an input, or the drawing of
+ * a module of the folder `dir`. */
 export interface HmiCard {
   cs?: number; icon?: string; input?: string; m_code?: number; module?: string; text: string; unit?: string;
   variable?: string;
 }
 
-/** Data of a machine's nameplate: the table `[identification]` of its configuration. Entries that are not configured
- * are absent. */
+/** Data of a machine's nameplate: the table `[identification]` of its configuration. Entries that are not
+ * configured are absent. */
 export interface Identification {
   location?: string; manufacturer?: string; model?: string; product_instance_uri?: string; serial_number?: string;
   year_of_construction?: number;
@@ -198,7 +200,7 @@ export interface IoDeclaration {
 /** All inputs and outputs of a plant, as the configuration declares them. */
 export interface IoDeclarations { in: Record<string, IoDeclaration>; out: Record<string, IoDeclaration>; }
 
-/** A forced value that replaces the written one. */
+/** A forced value that replaces the written value. */
 export interface IoForced { by: string; value: IoValue; }
 
 /** Kind of a value. */
@@ -226,8 +228,8 @@ export interface JournalAnswer {
 /** The word `keep`. */
 export type KeepWord = "keep";
 
-/** State of the last run of a coordinate system when an earlier start of the runtime ended, recorded at most 100 ms
- * before that: of `GET /cs/{n}/last_run`. */
+/** State of the last run of a coordinate system at the end of an earlier boot of the runtime, recorded at
+ * most 100 ms before this end: of `GET /cs/{n}/last_run`. */
 export interface LastRun {
   at: Timestamp; boot_id: BootId; execution: Execution; line: number; outputs: PendingOutput[]; program: number | null;
   run_id: string; running: number | null;
@@ -267,7 +269,7 @@ export interface LockSource {
   forced_by?: string; handler_id: string | null; lost: boolean; source: string; text: string; value: boolean;
 }
 
-/** A token that is valid for some hours. */
+/** A token of a login, with limited validity. */
 export interface Login { expires_s: number; role: string; token: string; user: string; }
 
 /** Declaration of an M code by the handler that serves it: its name, and the meaning of its parameters. */
@@ -341,8 +343,8 @@ export interface ParamDeclaration {
   max?: number; min?: number; name?: string; optional?: boolean; unit?: string; whole?: boolean;
 }
 
-/** VA to VH of an output, in JSON `A` to `H`: numbers as the program gives them, without a unit (G20 and G21 do not
- * change them); `None` if not programmed. */
+/** VA to VH of an output, in JSON `A` to `H`: numbers as the program gives them, without a unit (G20 and G21
+ * do not change them); `None` if not programmed. */
 export interface Params {
   A?: number; B?: number; C?: number; D?: number; E?: number; F?: number; G?: number; H?: number;
 }
@@ -417,14 +419,14 @@ export interface ProgramPlaceMessage {
 /** Progress of a handler, shown while the program waits. */
 export interface Progress { percent?: number; text: string; }
 
-/** The variables listed in `[[variables.published]]` of the configuration, all at the same moment: of the topics
- * `variables` and `cs/{cs}/variables`. */
+/** The variables listed in `[[variables.published]]` of the configuration, all at the same moment: of the
+ * topics `variables` and `cs/{cs}/variables`. */
 export interface PublishedVariablesMessage {
   boot_id: BootId; rev?: number; ts: string; v: 1; variables: VariableValues[];
 }
 
-/** A question that a handler asks the operator. It is shown with its output in `m_code/pending`, and in `state` while
- * the program waits for that output and the question has no answer. */
+/** A question that a handler asks the operator. `m_code/pending` shows the question with its output. `state`
+ * shows the question while the program waits for that output and the question has no answer. */
 export interface Question { answer?: string; choices: string[]; id: string; since: Timestamp; text: string; }
 
 /** Reason of a state. */
@@ -436,8 +438,8 @@ export type Redelivery = "redo" | "verify" | "ask";
 /** Machine-readable reason of a refusal. */
 export type RefusalCode = "not_found" | "not_allowed" | "program_runs" | "start_locked" | "forbidden" | "busy" | "lease_lost" | "handler_taken" | "no_answer" | "command_id_reused" | "precondition_failed" | "program_has_errors" | "wrong_dialect" | "not_signed" | "line_refused" | "invalid" | "too_large" | "not_supported" | "retained" | "expired" | "unavailable";
 
-/** Predicted run of a program: planned with the conditions at the start of the run in progress, otherwise with the
- * current ones. Times are those at 100 percent overrides. */
+/** Predicted run of a program: planned with the conditions at the start of the run in progress, otherwise
+ * with the current ones. Times are those at 100 percent overrides. */
 export interface Rehearsal {
   at: PlannedPlace | null; axes: Record<string, RehearsedAxis>; cs: number; cycle_time_s: number;
   depends: RunTimeDependence | null; feed_s: number; fixed_s: number; hash: string; lines: RehearsedLine[];
@@ -554,10 +556,10 @@ export interface StateMessage {
   waiting_on: WaitingOn | null;
 }
 
-/** How a part of the stored data does not fit the others. */
+/** Kind of inconsistency of a part of the stored data. */
 export type StoredDataFault = "older" | "other_machine" | "not_verified";
 
-/** A part of the stored data that does not fit the others. */
+/** A part of the stored data that is inconsistent with the other parts. */
 export interface StoredDataFinding { fault: StoredDataFault; part: StoredDataPart; text: string; }
 
 /** Payload of `stored_data`. */
@@ -568,8 +570,8 @@ export interface StoredDataMessage {
 /** A part of the stored data. */
 export type StoredDataPart = "store" | "programs" | "folders" | "journal";
 
-/** Stored files that do not fit together. Until a person accepts or refuses them, their content is not used, and no program
- * starts. */
+/** Stored files that are inconsistent. Until a person accepts or refuses them, their content is not used, and
+ * no program starts. */
 export interface StoredDataQuestion {
   findings: StoredDataFinding[]; newest_journal_entry: Timestamp | null; since: Timestamp;
 }
@@ -589,7 +591,7 @@ export interface TimeLeftMessage {
 /** A time as RFC 3339 in UTC, such as `2026-01-31T12:00:00.250000Z`. */
 export type Timestamp = string;
 
-/** When an output is made (D30). */
+/** Time at which an output is issued (D30). */
 export type Timing = "after_motion" | "with_motion";
 
 /** A tool of the table: values used by G41 to G44 (D17). */
@@ -618,8 +620,8 @@ export interface TraceAxis {
 /** Transition to another state. */
 export type Transition = "STARTING" | "HOLDING" | "STOPPING" | "RESUMING" | "RESETTING";
 
-/** Payload of `m_code/{m}/validate`: asks, when a program is loaded, whether this M code may be issued with these
- * parameters. */
+/** Payload of `m_code/{m}/validate`: asks, when a program is loaded, whether this M code may be issued with
+ * these parameters. */
 export interface ValidateMessage {
   boot_id: BootId; line: number; params: Params; program: number; request_id: string; rev?: number; ts: string; v: 1;
 }
@@ -627,13 +629,14 @@ export interface ValidateMessage {
 /** Letter of the variables that are kept after the end of a program (manual 4-3). */
 export type VariableKind = "P" | "Q";
 
-/** Values of consecutive variables, all at the same moment: in the reply to `variable/get`, and of `GET /variables/p`. */
+/** Values of consecutive variables, all at the same moment: in the reply to `variable/get`, and of `GET
+ * /variables/p`. */
 export interface VariableValues { from: number; kind: VariableKind; values: Number[]; }
 
 /** A verb, for lists of allowed commands. */
 export type Verb = "load" | "start" | "run" | "hold" | "resume" | "back_trace" | "stop" | "abort" | "reset" | "alarm_acknowledge" | "mdi" | "jog" | "home";
 
-/** The output that a program waits for. */
+/** The output for which a program waits. */
 export interface WaitingOn { m: number; progress?: Progress; question?: Question; seq: number; since: Timestamp; }
 
 /** An error frame. */
@@ -644,8 +647,9 @@ export interface WebSocketMessage {
   boot_id: BootId; rev?: number; topic: string; ts: string; v: 1; [name: string]: unknown;
 }
 
-/** Work offsets of a coordinate system, mm or degrees: of `GET /cs/{n}/work_offsets`. As the body of `PUT` there it is
- * a change: offsets and axes that it does not name do not change, and it is applied completely or not at all. */
+/** Work offsets of a coordinate system, mm or degrees: of `GET /cs/{n}/work_offsets`. As the body of `PUT` on
+ * this route it is a change: offsets and axes that it does not name do not change, and the change is applied
+ * completely or not at all. */
 export interface WorkOffsetTable { work_offsets: Record<string, Record<string, number>>; }
 
 /** Work offsets of a coordinate system, mm or degrees: of the topic `cs/{cs}/work_offsets`. */
@@ -653,7 +657,7 @@ export interface WorkOffsetValuesMessage {
   boot_id: BootId; rev?: number; ts: string; v: 1; work_offsets: Record<string, Record<string, number>>;
 }
 
-/** The message of a topic, such as `cs/1/state`; where it is not known before, any. */
+/** The message of a topic, such as `cs/1/state`; for an unknown topic, any message. */
 export type MessageOf<Topic extends string> =
   Topic extends `presence` ? PresenceMessage :
   Topic extends `birth` ? BirthMessage :

@@ -10,7 +10,7 @@ const CHOICES = /** @type {const} */ (["auto", "mm", "inch"]);
 /** @typedef {"mm" | "inch"} Unit */
 
 /**
- * A unit of numbers: its name, mm or degrees in one of it, and decimals.
+ * A unit of numbers: its name, its size in mm or degrees, and its decimals.
  * @typedef {{unit: string, size: number, decimals: number}} Scale
  */
 
@@ -53,14 +53,14 @@ export function manualUnitOf(system) {
   return system.info.units === "inch" ? "inch" : "mm";
 }
 
-/** Whether an axis turns. @param {import("./model.js").Model} model @param {string} axis */
+/** Returns whether an axis rotates. @param {import("./model.js").Model} model @param {string} axis */
 export function isRotary(model, axis) {
   const motor = model.birth?.motors.find((one) => one.number === model.current?.info.axes[axis]);
   return motor?.kind === "rotary";
 }
 
 /**
- * How lengths of an axis are shown and read: its unit, mm or degrees in one of it, and decimals.
+ * Returns the scale of an axis, for showing and reading its lengths.
  * @param {import("./model.js").Model} model @param {string} axis @returns {Scale}
  */
 export function scaleOf(model, axis) {

@@ -17,7 +17,7 @@ function reportActivity(app) {
   const report = () => {
     if (!app.model.user?.is_login || performance.now() - reported < ACTIVITY_INTERVAL_MS) return;
     reported = performance.now();
-    // a login that has ended is noticed by the next request
+    // the next request detects a login that has ended
     app.api.user().catch(() => {});
   };
   for (const kind of ["pointerdown", "keydown"]) document.addEventListener(kind, report, { capture: true });
@@ -85,7 +85,7 @@ function settings(app) {
   ];
 }
 
-/** The language of this screen: a choice, or what the browser prefers. @param {import("./main.js").App} app */
+/** The language of this screen: a choice, or the browser's preference. @param {import("./main.js").App} app */
 function languagePicker(app) {
   const chosen = chosenLanguage() ?? "";
   const choices = [["", t("user.language_of_browser")], ...Object.entries(LANGUAGES)];

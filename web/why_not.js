@@ -1,4 +1,4 @@
-// Why something cannot be done now, in the operator's words: buttons are disabled for these reasons and say them.
+// Reasons why an action is not possible now: buttons are disabled for these reasons, and show them.
 
 import { ownFence } from "./fences.js";
 import { programName } from "./format.js";
@@ -36,7 +36,7 @@ const FORBIDDEN = {
 };
 
 /**
- * Why this user may not; null: may.
+ * Returns the reason why this user has no right to a command; null if the user has it.
  * @param {Pick<import("./model.js").Model, "user" | "viewing">} model
  * @param {"operate" | "set" | "reset" | "administrate"} [right]
  * @returns {string | null}
@@ -50,7 +50,7 @@ export function whyNotUser({ user, viewing }, right = "operate") {
 }
 
 /**
- * Why nothing can be sent; null: it can.
+ * Returns the reason why nothing can be sent; null if it can.
  * @param {import("./model.js").Model} model
  * @param {"operate" | "set" | "reset" | "administrate"} [right]
  */
@@ -60,7 +60,7 @@ export function whyNotNow(model, right = "operate") {
 }
 
 /**
- * Why a command would be refused; null: it would not.
+ * Returns the reason why a command would be refused; null if it would not.
  * @param {import("./model.js").Model} model
  * @param {Verb} verb
  * @returns {string | null}
@@ -117,10 +117,10 @@ export function startVerb(model) {
 }
 
 /**
- * Disables a button for a reason, which it says.
+ * Disables a button for a reason, which the button shows.
  * @param {HTMLButtonElement | HTMLInputElement | HTMLSelectElement} element
  * @param {string | null} reason
- * @param {string} [title] what it says when it is enabled
+ * @param {string} [title] title of the enabled button
  */
 export function disableFor(element, reason, title = "") {
   element.disabled = reason !== null;
@@ -130,7 +130,7 @@ export function disableFor(element, reason, title = "") {
   else if (element.getAttribute("aria-description") !== reason) element.setAttribute("aria-description", reason);
 }
 
-/** A press on something disabled tells why. @param {(text: string) => void} tell */
+/** Shows the reason when a disabled button is pressed. @param {(text: string) => void} tell */
 export function tellWhyNot(tell) {
   document.addEventListener("pointerdown", ({ clientX, clientY, target }) => {
     const at = target instanceof Element ? target : document.body;

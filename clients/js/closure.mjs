@@ -6,7 +6,7 @@ import { fileURLToPath } from "node:url";
 
 export const WEB = fileURLToPath(new URL("../../web", import.meta.url));
 
-/** Matches the imports of a module, and the modules that it starts as workers. */
+/** Pattern of the imports of a module, and of the modules that it starts as workers. */
 const NEEDED = /^(?:import|export) .*from "(\..*)";$|new URL\("(\..*?)", import\.meta\.url\)/gm;
 
 /** Returns these modules and all modules that they need, below WEB. @param {string[]} entries */

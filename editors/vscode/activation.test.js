@@ -1,5 +1,5 @@
-// The extension as an editor starts it: a stand-in for the module `vscode`, the real client of the package, and the
-// real `tandem lsp` of TANDEM_BIN.
+// Tests the extension as an editor starts it: with a substitute for the module `vscode`, the real client of the
+// package, and the real `tandem lsp` of TANDEM_BIN.
 "use strict";
 
 const assert = require("node:assert");
@@ -128,7 +128,7 @@ test("an open program is checked by the command of the settings, in their dialec
   await extension.activate(context);
   assert.deepEqual(told, []);
   assert.deepEqual(await first, [{ code: "E0101", line: 1 }]);
-  // dialect dgshape asks for its mark, too
+  // dialect dgshape also requires its mark
   settings.dialect = "dgshape";
   const second = findings();
   workspace.onDidChangeConfiguration.fire({ affectsConfiguration: (name) => name === "tandem" });
@@ -142,6 +142,6 @@ test("an open program is checked by the command of the settings, in their dialec
 test("a command that is not there is told with what to do", async () => {
   settings.command = "/no/such/tandem";
   await commands.get("tandem.restart")();
-  // the client has said something of its own before
+  // the client has shown a message of its own before
   assert.match(told.at(-1), /^\/no\/such\/tandem lsp does not start: .*Install tandem, or set tandem\.command to its path\.$/);
 });

@@ -1,4 +1,5 @@
-// The extension starts the language server `tandem lsp`, which says everything else.
+// The extension starts the language server `tandem lsp`, which provides all other
+// functions.
 "use strict";
 
 const vscode = require("vscode");
@@ -36,7 +37,7 @@ async function stop() {
   try {
     if (running?.isRunning()) await running.stop();
   } catch (error) {
-    // it has already ended; the next one starts anyway
+    // the server has already ended; the next one starts anyway
     console.error(`tandem lsp did not end in order: ${error}`);
   }
 }

@@ -1,7 +1,7 @@
-//! The handshake ledger: how many operations a second. `cargo bench -p plc-api`
+//! Operations per second of the handshake ledger. `cargo bench -p plc-api`
 //!
-//! An operation is one call: an output is queued, put out, claimed, reset. The coordinator also takes the effects after
-//! each call, so the bench does.
+//! An operation is one call: an output is queued, issued, claimed or reset. Like the coordinator, the
+//! benchmark takes the effects after each call.
 
 use std::time::SystemTime;
 
@@ -34,8 +34,8 @@ fn spec() -> OutputSpec {
     }
 }
 
-/// One output through its life: four operations, with `open` others open beside it.
-// many in a sample: a life takes as long as 20 steps of the clock
+/// One output from its creation to its reset: four operations, while `open` other outputs are open.
+// many outputs in a sample, because one takes only as long as 20 steps of the clock
 #[divan::bench(args = [0, 8, 63], sample_size = 100)]
 fn life_of_an_output(bencher: Bencher<'_, '_>, open: usize) {
     let boot_id = BootId("boot".to_owned());
@@ -79,7 +79,7 @@ fn life_of_an_output(bencher: Bencher<'_, '_>, open: usize) {
     divan::black_box(effects);
 }
 
-/// A claim that comes too late, as after a reconnect.
+/// A claim that arrives too late, as after a reconnection.
 #[divan::bench]
 fn stale_claim(bencher: Bencher<'_, '_>) {
     let mut ledger = Ledger::new(BootId("boot".to_owned()), 1, 64);

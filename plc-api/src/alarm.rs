@@ -5,31 +5,32 @@ use crate::types::alarm_text::{AlarmText, AlarmWords, LANGUAGES_MAX};
 use crate::types::machine::AlarmRaise;
 use crate::types::refusal::{Refusal, RefusalCode};
 
-/// First alarm number of handlers (H6): a number is this plus the handler's code.
+/// First alarm number of handlers (H6): the number of an alarm is this base plus the code of the handler.
 pub const USER_ALARM_BASE: u16 = 10_000;
 
-/// An alarm that stops the NC program: number and text.
+/// An alarm that stops the NC program, with number and text.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("alarm {number}: {text}")]
 pub struct Alarm {
-    /// 1 to 9999: an alarm of the runtime; 10000 + code: one of a handler.
+    /// 1 to 9999 for an alarm of the runtime; 10000 + code for an alarm of a handler.
     pub number: u16,
-    /// What happened, in the machine builder's words.
+    /// Description of the fault by the machine builder.
     pub text: String,
 }
 
 impl Alarm {
-    /// Code of an alarm that `?` in a handler makes of an [`Error`](crate::Error) or a refusal.
+    /// Code of the alarm that the operator `?` in a handler creates from an [`Error`](crate::Error) or a
+    /// refusal.
     pub const CODE_OF_ERROR: u16 = 9_999;
-    /// Code of the alarm of a handler that panicked.
+    /// Code of the alarm that a panic in a handler causes.
     pub const CODE_OF_PANIC: u16 = 9_998;
 
-    /// Code of the alarm of an M code whose parameters are not as its handler has declared them.
+    /// Code of the alarm for an M code with parameters that do not match the declaration of its handler.
     pub const CODE_OF_PARAMS: u16 = 9_997;
 
-    /// A handler's alarm. It appears with number 10000 + `code` and this text, unchanged.
+    /// Creates an alarm of a handler. Its number is 10000 + `code`; the machine shows `text` unchanged.
     ///
-    /// `code` is 0 to 9999; a larger one becomes 9999. The text is cut after [`ALARM_TEXT_MAX`] characters.
+    /// `code` is 0 to 9999; a larger code becomes 9999. The text is cut after [`ALARM_TEXT_MAX`] characters.
     pub fn user(code: u16, text: impl Into<String>) -> Self {
         let mut text = text.into();
         crate::text::cut(&mut text, ALARM_TEXT_MAX);
@@ -39,13 +40,14 @@ impl Alarm {
         }
     }
 
-    /// The code of a handler's alarm; `None` for one of the runtime.
+    /// Returns the code of an alarm of a handler; `None` for an alarm of the runtime.
     pub fn user_code(&self) -> Option<u16> {
         self.number.checked_sub(USER_ALARM_BASE)
     }
 }
 
-/// An alarm of a sequence program with all that is said of it, for a constant: text, remedy, up to 8 other languages.
+/// An alarm of a sequence program as a constant, with its text, its remedy, and translations into up to 8
+/// other languages.
 ///
 /// ```
 /// use plc_api::{Alarm, AuxOutput, SequenceProgram, UserAlarm};
@@ -58,7 +60,7 @@ impl Alarm {
 ///     # fn pressure_bar() -> f64 { 2.1 }
 ///     let bar = pressure_bar();
 ///     if bar < 4.0 {
-///         return Err(NO_AIR.with(format!("{bar} bar"))); // or NO_AIR.into()
+///         return Err(NO_AIR.with(format!("{bar} bar"))); // without a detail: NO_AIR.into()
 ///     }
 ///     Ok(())
 /// }
@@ -76,7 +78,7 @@ pub struct UserAlarm {
 }
 
 impl UserAlarm {
-    /// An alarm by its code, 0 to 9999, and what happened.
+    /// Creates an alarm from its code, 0 to 9999, and a text that describes the fault.
     pub const fn new(code: u16, text: &'static str) -> Self {
         Self {
             code,
@@ -86,17 +88,18 @@ impl UserAlarm {
         }
     }
 
-    /// What to do.
+    /// Sets the remedy: the instruction for the operator.
     #[must_use]
     pub const fn remedy(mut self, remedy: &'static str) -> Self {
         self.remedy = Some(remedy);
         self
     }
 
-    /// Text and remedy in another language, by its tag, such as `de`; an empty remedy is none.
+    /// Adds text and remedy in another language, given by its tag, such as `de`. An empty `remedy` means that
+    /// this language has no remedy.
     ///
     /// # Panics
-    /// At the ninth language; for a constant it is an error of the compiler.
+    /// Panics at the ninth language; in a constant the panic is a compile error.
     #[must_use]
     pub const fn in_language(
         mut self,
@@ -113,7 +116,7 @@ impl UserAlarm {
         self
     }
 
-    /// The alarm, with more of what happened behind its text.
+    /// Creates the alarm with `detail` appended to its text.
     pub fn with(self, detail: impl std::fmt::Display) -> Alarm {
         Alarm::user(self.code, format!("{}: {detail}", self.text))
     }
@@ -148,10 +151,10 @@ impl From<Refusal> for Alarm {
 }
 
 impl AlarmRaise {
-    /// The alarm that it raises.
+    /// Returns the alarm that this request raises.
     ///
     /// # Errors
-    /// Code or text is out of range.
+    /// Fails if code or text is out of range.
     pub fn alarm(&self) -> Result<Alarm, Refusal> {
         let is_text = (1..=ALARM_TEXT_MAX).contains(&self.text.chars().count());
         if self.code > USER_CODE_MAX || !is_text {

@@ -1,31 +1,31 @@
 //! An alarm that follows a level. Pure; for scans and for sequence programs.
 //!
-//! It is raised when the level turns on, and raised again if somebody clears it while the level is still on: no reset silences an
-//! alarm whose cause persists.
+//! The alarm is raised when the level turns on. If a reset clears the alarm while the level is still on, the
+//! alarm is raised again, because its cause persists.
 
 use std::time::Duration;
 
 use crate::types::CoordinateSystemNumber;
 use crate::types::machine::{AlarmRecord, AlarmSeverity};
 
-/// Time in which an alarm that was raised shows among those that are active, else it is raised again: it may have been cleared
-/// before it was seen.
+/// Time within which a raised alarm must appear among the active alarms. Otherwise the alarm is raised again,
+/// because a reset may have cleared it before this program received it.
 pub(crate) const SHOWN_WITHIN: Duration = Duration::from_secs(1);
 
-/// What has become of the alarm of a level.
+/// State of the alarm of a level.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) enum AlarmLevel {
-    /// It has not been raised since the level came on.
+    /// The level is off, or the alarm has not been raised since the level turned on.
     #[default]
     Off,
-    /// It was raised then, and has not been seen.
+    /// The alarm was raised at `at_s`, and has not appeared among the active alarms yet.
     Raised { at_s: f64 },
-    /// It was seen.
+    /// The alarm has appeared among the active alarms.
     Seen,
 }
 
 impl AlarmLevel {
-    /// True when the alarm must be raised now; then [`AlarmLevel::raised`].
+    /// Returns true if the alarm must be raised now; call [`AlarmLevel::raised`] after that.
     pub(crate) fn must_raise(&mut self, level: bool, is_active: bool, now_s: f64) -> bool {
         *self = match *self {
             _ if !level => Self::Off,
@@ -36,13 +36,13 @@ impl AlarmLevel {
         false
     }
 
-    /// The machine has accepted it, or may have.
+    /// Records that the machine has accepted the alarm, or may have accepted it.
     pub(crate) fn raised(&mut self, now_s: f64) {
         *self = Self::Raised { at_s: now_s };
     }
 }
 
-/// True if an alarm is among those that are active.
+/// Returns true if an alarm is among the active alarms.
 pub(crate) fn is_active(alarms: &[AlarmRecord], cs: Option<CoordinateSystemNumber>, number: u16) -> bool {
     let mut alarms = alarms.iter();
     alarms.any(|alarm| alarm.severity == AlarmSeverity::Alarm && alarm.number == number && alarm.cs == cs)
@@ -58,9 +58,9 @@ mod tests {
         assert!(!alarm.must_raise(false, false, 0.0));
         assert!(alarm.must_raise(true, false, 0.1));
         alarm.raised(0.1);
-        assert!(!alarm.must_raise(true, false, 0.2), "it is not seen yet");
+        assert!(!alarm.must_raise(true, false, 0.2), "the alarm is not active yet");
         assert!(!alarm.must_raise(true, true, 0.3));
-        assert!(!alarm.must_raise(false, true, 0.4), "it stays until a reset");
+        assert!(!alarm.must_raise(false, true, 0.4), "active until a reset");
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! Questions to the operator: a handler asks, panels show the question with its output, and any operator answers.
+//! Questions to the operator: a handler asks, panels show the question with its output, and any operator
+//! answers.
 
 use std::sync::Arc;
 
@@ -19,8 +20,8 @@ use crate::types::request::typed::{self, AnswerQuestion};
 use crate::types::topic::{CsTopic, Topic};
 
 impl AuxOutput {
-    /// Asks the operator, and waits for one of the choices. The question is shown with the output and ends with it.
-    /// Several questions are asked one after the other. Dropping the future withdraws the question.
+    /// Asks the operator, and waits for one of the choices. The question is shown with the output and ends
+    /// with it. Several questions are asked one after the other. Dropping the future withdraws the question.
     ///
     /// `text` has 1 to 200 characters; there are 1 to 8 different choices of 1 to 40 characters.
     ///
@@ -48,7 +49,7 @@ impl AuxOutput {
     /// ```
     ///
     /// # Errors
-    /// Text or choices are out of range, or the output is no longer the handler's.
+    /// Fails if text or choices are out of range, or the handler no longer owns the output.
     pub async fn ask<C: Into<String>>(
         &self,
         text: impl Into<String>,
@@ -77,7 +78,8 @@ impl Plc {
     /// Asks about the output of the calling handler: [`AuxOutput::ask`].
     ///
     /// # Errors
-    /// As [`AuxOutput::ask`]; the caller is not a handler, but a task that a handler has spawned, or other code.
+    /// Fails as [`AuxOutput::ask`], and if the caller is not a handler but a task that a handler has spawned,
+    /// or other code.
     #[deprecated(
         since = "0.2.0",
         note = "a question belongs to an output: call `ask` of the `AuxOutput` that the handler was given"
@@ -112,7 +114,8 @@ impl PendingQuestion<'_> {
             if !seen {
                 match plc.request(self.request(self.ask.clone())).await {
                     Ok(answer) => match accepted(self.output.m(), self.output.seq(), answer) {
-                        // the claim was lost with the connection: `pending` shows what follows
+                        // the claim was lost with the connection: the next `pending` message shows the new
+                        // state
                         Ok(())
                         | Err(Error::Handshake {
                             status: HandshakeStatus::NotOwner,
@@ -143,7 +146,8 @@ impl PendingQuestion<'_> {
         }
     }
 
-    /// The error of an output that is no longer the handler's, after its cancellation has a reason.
+    /// Waits for the reason of the cancellation, and returns the error for an output that the handler no
+    /// longer owns.
     async fn ended(&self) -> Error {
         self.output.cancellation().ended().await;
         Error::Handshake {
@@ -157,7 +161,8 @@ impl PendingQuestion<'_> {
         typed::Ask(self.output.coordinate_system(), Some(self.output.m()), ask)
     }
 
-    /// The output in `pending`; `None` if it is no longer open, or another handler's.
+    /// Returns the output in a `pending` message; `None` if the output is no longer open, or another handler
+    /// owns it.
     fn shown_in<'m>(&self, message: &'m Message) -> Option<&'m PendingOutput> {
         let mut outputs = shown(message).iter();
         let open = outputs.find(|output| output.output.seq == self.output.seq());
@@ -179,14 +184,14 @@ impl Drop for PendingQuestion<'_> {
         };
         self.output
             .plc()
-            .send_without_waiting(self.request(back), "a question was not taken back");
+            .send_without_waiting(self.request(back), "a question was not withdrawn");
     }
 }
 
 /// A pending question with its output.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OpenQuestion {
-    /// Boot that put the output out.
+    /// Boot that issued the output.
     pub boot_id: BootId,
     /// M number.
     pub m: u16,
@@ -197,19 +202,19 @@ pub struct OpenQuestion {
 }
 
 impl CoordinateSystem {
-    /// Pending questions, in the order of their outputs.
+    /// Returns the pending questions, in the order of their outputs.
     ///
     /// # Errors
-    /// There is no such coordinate system.
+    /// Fails if the coordinate system does not exist.
     pub async fn questions(&self) -> Result<Vec<OpenQuestion>> {
         let boot_id = self.plc().port().boot_id();
         Ok(open_questions(&boot_id, &self.pending().await?.outputs))
     }
 
-    /// Waits until there is a pending question, and returns the first.
+    /// Waits until a question is pending, and returns the first pending question.
     ///
     /// # Errors
-    /// The machine has ended the connection.
+    /// Fails if the machine has ended the connection.
     pub async fn question(&self) -> Result<OpenQuestion> {
         let topic = Topic::cs(self.number(), CsTopic::Pending);
         let mut pending = self.plc().port().subscribe(Filter::Topics(vec![topic]));
@@ -225,8 +230,8 @@ impl CoordinateSystem {
     /// Answers a question with one of its choices.
     ///
     /// # Errors
-    /// The choice is none of them, or the question has been answered or withdrawn. Over MQTT only the first is
-    /// reported.
+    /// Fails if `choice` is not a choice of the question, or if the question has been answered or withdrawn.
+    /// Over MQTT only an invalid choice is reported.
     pub async fn answer(&self, asked: &OpenQuestion, choice: impl Into<String>) -> Result<()> {
         let choice = choice.into();
         if !asked.question.choices.contains(&choice) {

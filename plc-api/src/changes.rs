@@ -13,10 +13,11 @@ use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::topic::{CsTopic, Topic};
 use crate::variables::Variables;
 
-/// The value that a message carries, if it does.
+/// A function that returns the value in a message, or `None` if the message has no such value.
 type Read<T> = Box<dyn Fn(&Payload) -> Option<T> + Send + Sync>;
 
-/// Values of a thing of the machine: the one that it has now, and then each other one, such as of [`Variables::changes`].
+/// The current value of machine data, and then each changed value. Returned, for example, by
+/// [`Variables::changes`].
 pub struct Changes<T> {
     messages: Subscription,
     read: Read<T>,
@@ -45,8 +46,8 @@ impl<T: Clone> Changes<T> {
         }
     }
 
-    /// The next value; `None` when the machine has ended the connection. Of values that follow each other faster than they are
-    /// read, the latest. Cancellation safe.
+    /// Waits for the next value and returns it; returns `None` if the machine has ended the connection. If
+    /// the values change faster than the program reads, only the latest value is returned. Cancellation safe.
     pub async fn next(&mut self) -> Option<T> {
         loop {
             let message = self.messages.next().await?;
@@ -66,11 +67,12 @@ impl<T: Clone> Changes<T> {
 }
 
 impl Variables {
-    /// Values of `count` variables from `from` on, 1 to 1024 of them: those of now, and again each time that one of them has changed,
-    /// whoever wrote it. A machine publishes the variables that its configuration names in `[[variables.published]]`, at most 10 times a
-    /// second; of values that follow each other faster, the latest.
+    /// Returns the values of `count` variables (1 to 1024) from number `from` on: the current values, and all
+    /// values again each time that one of them has changed, by any writer. A machine publishes the variables
+    /// that its configuration names in `[[variables.published]]`, at most 10 times a second. If the values
+    /// change faster, only the latest values are published.
     ///
-    /// A program writes a variable when its block is interpreted, ahead of the motion (D16).
+    /// An NC program writes a variable when the block is interpreted, ahead of the motion (D16).
     ///
     /// ```
     /// # use plc_api::types::data::VariableArea;
@@ -86,7 +88,7 @@ impl Variables {
     /// ```
     ///
     /// # Errors
-    /// The machine does not publish all these variables.
+    /// Fails if the machine does not publish all these variables.
     pub async fn changes(&self, from: u32, count: u32) -> Result<Changes<Vec<f64>>> {
         let topic = self.topic();
         let said = self.plc().port().read(&topic).await;
@@ -104,11 +106,11 @@ impl Variables {
         Ok(Changes::new(self.plc(), topic, read, is_same))
     }
 
-    /// Waits until a variable that the machine publishes has a value for which `is_it` is true, and returns it. One that has it now
-    /// is not waited for. To wait no longer than a time: [`Plc::timeout`].
+    /// Waits until `is_it` returns true for the value of a published variable, and returns that value.
+    /// Returns at once if `is_it` is true for the current value. For a time limit see [`Plc::timeout`].
     ///
     /// # Errors
-    /// As [`changes`](Self::changes), or the machine has ended the connection.
+    /// Fails as [`changes`](Self::changes), and if the machine has ended the connection.
     pub async fn wait_until(&self, number: u32, is_it: impl Fn(f64) -> bool) -> Result<f64> {
         let mut changes = self.changes(number, 1).await?;
         while let Some(values) = changes.next().await {
@@ -146,7 +148,7 @@ impl Variables {
 }
 
 impl Plc {
-    /// The tool table, ascending by number: that of now, and then each time that it has changed.
+    /// Returns the tool table, ascending by number: the current table, and then each changed table.
     pub fn tool_changes(&self) -> Changes<Vec<ToolData>> {
         let read = |payload: &Payload| match payload {
             Payload::Tools(table) => Some(table.tools.clone()),
@@ -157,8 +159,8 @@ impl Plc {
 }
 
 impl CoordinateSystem {
-    /// Work offsets `G54` to `G59`, each with its value by axis letter, mm or degrees: those of now, and then each time that one has
-    /// changed.
+    /// Returns the work offsets `G54` to `G59`, each with its value by axis letter, mm or degrees: the
+    /// current offsets, and then all offsets again each time that one of them has changed.
     pub fn work_offset_changes(&self) -> Changes<BTreeMap<String, BTreeMap<String, f64>>> {
         let read = |payload: &Payload| match payload {
             Payload::WorkOffsets(offsets) => Some(offsets.work_offsets.clone()),

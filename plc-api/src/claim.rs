@@ -23,7 +23,7 @@ pub(crate) struct OutputId {
 }
 
 impl OutputId {
-    /// An output in a `pending` message of a coordinate system.
+    /// Returns the identifier of an output in a `pending` message of a coordinate system.
     pub(crate) fn of(message: &Message, cs: CoordinateSystemNumber, output: &PendingOutput) -> Self {
         Self {
             boot_id: message.boot_id.clone(),
@@ -49,7 +49,7 @@ impl OutputId {
     }
 }
 
-/// The reset that reports how a handler has ended.
+/// Creates the reset that reports the result of a handler.
 pub(crate) fn reset_of(boot_id: &BootId, seq: u64, handler_id: &str, alarm: Option<Alarm>) -> Reset {
     let (result, code, text) = match alarm {
         None => (ResetResult::Ok, None, None),
@@ -71,7 +71,8 @@ pub(crate) fn reset_of(boot_id: &BootId, seq: u64, handler_id: &str, alarm: Opti
     }
 }
 
-/// Checks the answer to a claim or reset; `None`, no answer, passes.
+/// Checks the answer to a claim or reset. `None` means that the transport returns no answer, which is not an
+/// error.
 pub(crate) fn accepted(m: u16, seq: u64, answer: Option<HandshakeResult>) -> Result<()> {
     match answer.map(|result| result.status) {
         None | Some(HandshakeStatus::Accepted) => Ok(()),
@@ -83,9 +84,9 @@ pub(crate) fn accepted(m: u16, seq: u64, answer: Option<HandshakeResult>) -> Res
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Asked {
     Answered(HandshakeStatus),
-    /// The machine refuses it for good.
+    /// The machine refuses the claim or reset for good.
     Refused,
-    /// No answer. [`RETRY`] has passed since: it may be repeated.
+    /// No answer. [`RETRY`] has passed since the attempt: the claim or reset may be repeated.
     NotYet,
 }
 
@@ -105,7 +106,7 @@ pub(crate) async fn ask_once(plc: &Plc, request: impl TypedRequest<Answer = Hand
     }
 }
 
-/// Repeats a claim or reset until it is answered; `None` if the machine refuses it for good.
+/// Repeats a claim or reset until the machine answers; returns `None` if the machine refuses it for good.
 pub(crate) async fn until_answered(
     plc: &Plc,
     request: impl TypedRequest<Answer = HandshakeResult> + Clone,
@@ -119,8 +120,8 @@ pub(crate) async fn until_answered(
     }
 }
 
-/// Whether the handler starts on an output, and then whether it must check the machine first; `None` leaves it to an
-/// operator. The machine decides the same at the claim.
+/// Returns whether the handler that starts on an output must check the machine first. Returns `None` if an
+/// operator must decide before a handler starts. At the claim the machine makes the same decision.
 pub(crate) fn taken_up(output: &PendingOutput, on_redelivery: Option<Redelivery>) -> Option<bool> {
     let how = match (output.lost, output.how) {
         (false, _) => return Some(false),

@@ -22,12 +22,13 @@ use crate::types::state::{
 };
 use crate::types::topic::{CsTopic, Topic};
 
-/// One CNC coordinate system of a machine. Each command returns when it has had its effect.
+/// One CNC coordinate system of a machine. Each method that sends a command returns when the command has had
+/// its effect.
 #[derive(Debug, Clone)]
 pub struct CoordinateSystem {
     plc: Plc,
     number: CoordinateSystemNumber,
-    /// Fence of the control lease under which it commands.
+    /// Fence of the control lease under which commands are sent.
     fence: Option<u64>,
 }
 
@@ -38,7 +39,8 @@ macro_rules! readings {
                 $(#[$doc])*
                 ///
                 /// # Errors
-                /// There is no such coordinate system, or it has not published this yet.
+                /// Fails if the coordinate system does not exist, or the machine has not published this value
+                /// yet.
                 pub async fn $name(&self) -> Result<$type> {
                     let topic = Topic::cs(self.number, CsTopic::$topic);
                     match self.plc.port().read(&topic).await.as_deref().map(|message| &message.payload) {
@@ -52,35 +54,36 @@ macro_rules! readings {
 }
 
 readings! {
-    /// State word, reason, and the output that the program waits for.
+    /// Returns the state word, the reason, and the output for which the program waits.
     state: State as State -> State;
-    /// Running program, call stack and line.
+    /// Returns the running program, the call stack and the line.
     program: Program as Program -> ProgramPlace;
-    /// Positions of the last servo cycle, over MQTT at most 0.1 s old; mm or degrees, feedrate mm/min.
+    /// Returns the positions of the last servo cycle, over MQTT at most 0.1 s old; mm or degrees, feedrate
+    /// mm/min.
     position: Position as Position -> Position;
-    /// Modal G codes by group, F in mm/min, S in r/min, ta, td and ts in ms.
+    /// Returns the modal G codes by group, F in mm/min, S in r/min, ta, td and ts in ms.
     modal: Modal as Modal -> Modal;
-    /// Positions latched by the last G31.
+    /// Returns the positions that the last G31 latched.
     captured: Captured as Captured -> Captured;
-    /// Spindle, commanded and actual, r/min.
+    /// Returns the commanded and the actual spindle speed, r/min.
     spindle: Spindle as Spindle -> Spindle;
-    /// Tool in the spindle.
+    /// Returns the tool in the spindle.
     tool: Tool as Tool -> Tool;
-    /// Holder of the control lease, if there is one.
+    /// Returns the holder of the control lease, if a client holds it.
     lease: Lease as Lease -> LeaseState;
-    /// Overrides, percent.
+    /// Returns the overrides, percent.
     overrides: Override as Override -> Overrides;
-    /// Optional block skip inputs, and those that the interpreter uses now.
+    /// Returns the optional block skip inputs, and those that the interpreter uses now.
     optional_skip: OptionalSkip as OptionalSkip -> OptionalSkip;
-    /// The interlock input and why it is on.
+    /// Returns the interlock input, and the reasons why it is on.
     interlock: Interlock as Lock -> Lock;
-    /// The start lock input and why it is on.
+    /// Returns the start lock input, and the reasons why it is on.
     start_lock: StartLock as Lock -> Lock;
-    /// Open auxiliary function outputs.
+    /// Returns the open auxiliary function outputs.
     pending: Pending as Pending -> Pending;
 }
 
-/// Commands and inputs: name and arguments, what is sent, and errors beyond those of all.
+/// Commands and inputs: name, arguments, the request that is sent, and errors in addition to the common ones.
 macro_rules! calls {
     ($(
         $(#[$doc:meta])*
@@ -91,7 +94,7 @@ macro_rules! calls {
                 $(#[$doc])*
                 ///
                 /// # Errors
-                #[doc = concat!($($errors, " ",)? "No such coordinate system, or the machine cannot be reached.")]
+                #[doc = concat!($($errors, " ",)? "Fails if the coordinate system does not exist or the machine cannot be reached.")]
                 pub async fn $name(&self, $($argument: $type),*) -> Result<()> {
                     self.$call($value).await
                 }
@@ -101,29 +104,32 @@ macro_rules! calls {
 }
 
 calls! {
-    /// Loads a program of the store by its number, 1 to 9999: READY. Allowed in READY, `PROGRAM_COMPLETED` and STOPPED
-    /// without an alarm.
+    /// Loads a program of the store by its number, 1 to 9999. The state word is READY after that. Allowed in
+    /// READY, `PROGRAM_COMPLETED` and STOPPED without an alarm.
     load(program: u16) => command(Command::Load { program }),
-        "Not allowed now, no such program, or the program has errors.";
+        "Fails if the command is not allowed now, the program does not exist, or the program has errors.";
 
-    /// Starts the loaded program from its beginning: ACTIVE.
-    start() => command(Command::Start), "Not allowed now, or a start lock is on.";
+    /// Starts the loaded program from its beginning; the state word is ACTIVE after that.
+    start() => command(Command::Start), "Fails if the command is not allowed now, or a start lock is on.";
 
-    /// Starts the loaded program from a line, with the state in force there: M codes to be restored are issued, the
-    /// axes approach the start position, then ACTIVE. [`line_state`](Self::line_state) returns all of this in advance.
+    /// Starts the loaded program from a line, with the state in force at that line: the M codes that must be
+    /// restored are issued, the axes approach the start position, then the state word is ACTIVE.
+    /// [`line_state`](Self::line_state) returns this state and these actions in advance.
     start_from(from: LineStart) => command(Command::StartFrom(from)),
-        "Not allowed now, a start lock is on, or the state at the line cannot be known.";
+        "Fails if the command is not allowed now, a start lock is on, or the state at the line is unknown.";
 
-    /// Feed hold: `FEED_HOLD` once the axes are at rest. No effect if the program is paused or nothing runs.
+    /// Requests a feed hold: the state word is `FEED_HOLD` as soon as the axes are at rest. No effect if the
+    /// program is paused or no program runs.
     hold() => command(Command::Hold);
 
-    /// Continues after a pause.
-    resume() => command(Command::Resume), "Nothing is paused.";
+    /// Continues the program after a pause.
+    resume() => command(Command::Resume), "Fails if no program is paused.";
 
-    /// In a feed hold with G500: moves back along the path (`true`) as far as it is known, or forward again (`false`)
-    /// as [`resume`](Self::resume) does. Outputs and dwells are not repeated.
+    /// Moves back along the path (`on` is `true`) during a feed hold with G500, as far as the path is known.
+    /// If `on` is `false`, moves forward again as [`resume`](Self::resume) does. Outputs and dwells are not
+    /// repeated.
     back_trace(on: bool) => command(Command::BackTrace { on }),
-        "Not held, or no path to move back on; `false`: back trace is not on.";
+        "Fails if the program is not held, no path to move back is known, or `on` is `false` and back trace is not active.";
 
     /// Decelerates on the path and ends the run; open outputs are cancelled.
     stop() => command(Command::Stop);
@@ -131,77 +137,91 @@ calls! {
     /// Brakes each motor at its highest deceleration and ends the run; open outputs are cancelled.
     abort() => command(Command::Abort);
 
-    /// Ends the run, cancels open outputs, and clears alarms of this coordinate system and of the whole machine.
-    reset() => command(Command::Reset), "The program is ACTIVE.";
+    /// Ends the run, cancels open outputs, and clears alarms of this coordinate system and of the whole
+    /// machine.
+    reset() => command(Command::Reset), "Fails if the program is ACTIVE.";
 
-    /// Manual data input: runs lines of NC text to their end, then READY. The next input continues with their modal
-    /// state, until a program, homing, a stop, an alarm or a reset.
+    /// Executes manual data input: runs lines of NC text to their end, then the state word is READY. The next
+    /// input continues with the modal state of these lines, until a program, homing, a stop, an alarm or a
+    /// reset.
     mdi(text: impl Into<String>) => command(Command::Mdi { text: text.into(), is_macro: false }),
-        "Not allowed now, the text has errors, it was ended early, or a G31 of it ended without a touch.";
+        "Fails if the command is not allowed now, the text has errors, the run ended early, or a G31 ended without a touch.";
 
-    /// Runs a text as a macro, for text that a program generates. Its numbers are in the configured unit and are
-    /// positions. At its end, however it ends, the machine restores the modal state, the feedrate and the selected
-    /// offsets that were in force before.
+    /// Runs a text as a macro, for NC text that a program generates. The text starts with the configured unit
+    /// and absolute positions (G90) in force. At the end of the macro, also after an error or a stop, the
+    /// machine restores the modal state, the feedrate and the selected offsets that were in force before the
+    /// macro.
     mdi_macro(text: impl Into<String>) => command(Command::Mdi { text: text.into(), is_macro: true }),
-        "As [`mdi`](Self::mdi).";
+        "Fails as [`mdi`](Self::mdi).";
 
-    /// Moves axes to their first reference points, then READY; an empty list means all axes.
+    /// Moves axes to their first reference points; the state word is READY after that. An empty list means
+    /// all axes.
     home(axes: &[char]) => command(Command::Home { axes: axes.to_vec() }),
-        "Not allowed now, there is no such axis, or it was ended early.";
+        "Fails if the command is not allowed now, an axis does not exist, or the motion ended early.";
 
-    /// Jogs one axis as long as it is called again with the same `refresh_id` at least every 200 ms. The first call
-    /// returns when the jog has ended, the others at once. The sign of `velocity`, mm/min or deg/min, is the direction.
-    /// `distance`, mm or degrees, ends the motion; up to `jog_step_max` of `[hmi]` (10 by default) no further call is needed.
+    /// Jogs one axis as long as this method is called again with the same `refresh_id` at least every 200 ms.
+    /// The first call returns when the jog has ended, the further calls return at once. The sign of
+    /// `velocity`, mm/min or deg/min, is the direction. The motion ends after `distance`, mm or degrees. If
+    /// `distance` is at most `jog_step_max` of `[hmi]` (10 by default), no further call is needed.
     jog(axis: char, velocity: f64, distance: Option<f64>, refresh_id: impl Into<String>) =>
         command(Command::Jog { axis, velocity, distance, refresh_id: refresh_id.into() }),
-        "Not allowed now, no such axis, a value out of range, the axis is at its soft limit, or the jog has ended.
-         [`Error::CommandFailed`] names the distance covered and the reason if the motion ended before `distance`.";
+        "Fails if the command is not allowed now, the axis does not exist, a value is out of range, the axis is at its
+         soft limit, or the jog has ended. [`Error::CommandFailed`] names the distance covered and the reason if the
+         motion ended before `distance`.";
 
-    /// Ends the jog of this `refresh_id` at once, and returns when the axis rests: READY. If no such jog runs nothing
-    /// changes, and one that comes later is refused.
+    /// Ends the jog with this `refresh_id` at once, and returns when the axis is at rest; the state word is
+    /// READY after that. If no such jog runs, nothing changes, and a jog with this `refresh_id` that arrives
+    /// later is refused.
     jog_end(refresh_id: impl Into<String>) => command(Command::JogEnd { refresh_id: refresh_id.into() }),
-        "The jog was ended otherwise while it braked.";
+        "Fails if another event ended the jog while the axis decelerated.";
 
-    /// Records that an alarm of [`Plc::alarms`] has been seen, and by whom; it stays active until a reset.
-    acknowledge_alarm(id: u64) => command(Command::AlarmAcknowledge { id }), "No active alarm has this id.";
+    /// Records that an operator has seen an alarm of [`Plc::alarms`], with the name of the operator. The
+    /// alarm stays active until a reset.
+    acknowledge_alarm(id: u64) => command(Command::AlarmAcknowledge { id }), "Fails if no active alarm has this id.";
 
     /// Sets one optional block skip input, 1 to 31.
     set_optional_skip(number: u8, value: bool) => set(Input::OptionalSkip(BTreeMap::from([(number, value)]))),
-        "A number out of this range.";
+        "Fails if `number` is out of range.";
 
     /// Sets the optional stop input (M01).
     set_optional_stop(value: bool) => set(Input::OptionalStop(value));
 
     /// Sets single block: after each block the axes stop, INTERRUPTED, until a resume.
-    set_single_block(value: bool) => set(Input::SingleBlock(value)), "Within cutter compensation or a tapping cycle.";
+    set_single_block(value: bool) => set(Input::SingleBlock(value)), "Fails within cutter compensation or a tapping cycle.";
 
-    /// Sets dry run: blocks interpreted from now on move at the dry run feedrate instead of F, except threads.
+    /// Sets dry run: blocks interpreted from now on move at the dry run feedrate instead of F, except
+    /// threads.
     set_dry_run(value: bool) => set(Input::DryRun(value));
 
-    /// Sets source `default` of the interlock: while any source is on, motion is held and none starts; `text` is the
-    /// reason. While a [`SequenceProgram`](crate::SequenceProgram) serves this machine, the source belongs to that
-    /// program: it is written again on every connection and at every boot, no other sender clears it, and the call
-    /// waits for a machine that cannot be reached.
+    /// Sets the source `default` of the interlock. While any source is on, motion is held and no motion
+    /// starts; `text` is the reason. If a [`SequenceProgram`](crate::SequenceProgram) runs on the same
+    /// [`Plc`], the source belongs to that program: the program writes the source again on every connection
+    /// and at every boot, no other sender can clear the source, and the call waits while the machine cannot
+    /// be reached.
     set_interlock(value: bool, text: impl Into<String>) => set_lock((LockKind::Interlock, LockSet::new(value, text)));
 
-    /// Sets a source of the interlock by its name, such as one of `[input.interlock.source.NAME]`.
+    /// Sets a source of the interlock by its name, such as a source that `[input.interlock.source.NAME]`
+    /// declares. Ownership is as for [`set_interlock`](Self::set_interlock).
     set_interlock_source(source: &str, value: bool, text: impl Into<String>) =>
         set_lock((LockKind::Interlock, LockSet::new(value, text).of_source(source))), "The source is another handler's.";
 
-    /// Sets source `default` of the start lock: while any source is on, no program starts; `text` is the reason. It is
-    /// owned as [`set_interlock`](Self::set_interlock) says.
+    /// Sets the source `default` of the start lock. While any source is on, no program starts; `text` is the
+    /// reason. Ownership is as for [`set_interlock`](Self::set_interlock).
     set_start_lock(value: bool, text: impl Into<String>) => set_lock((LockKind::StartLock, LockSet::new(value, text)));
 
-    /// Sets a source of the start lock by its name, such as one of `[input.start_lock.source.NAME]`.
+    /// Sets a source of the start lock by its name, such as a source that `[input.start_lock.source.NAME]`
+    /// declares. Ownership is as for [`set_interlock`](Self::set_interlock).
     set_start_lock_source(source: &str, value: bool, text: impl Into<String>) =>
         set_lock((LockKind::StartLock, LockSet::new(value, text).of_source(source))), "The source is another handler's.";
 
-    /// Sets overrides, percent: feed and spindle 0 to 200, rapid 0 to 100; `None` leaves one unchanged.
-    set_overrides(change: OverrideChange) => set(Input::Override(change)), "A value out of range.";
+    /// Sets overrides, percent: feed and spindle 0 to 200, rapid 0 to 100; `None` leaves an override
+    /// unchanged.
+    set_overrides(change: OverrideChange) => set(Input::Override(change)), "Fails if a value is out of range.";
 }
 
 impl Plc {
-    /// A CNC coordinate system by its number, from 1. If there is none, each call on it is an error.
+    /// Returns a handle to a CNC coordinate system by its number, from 1. If the coordinate system does not
+    /// exist, each request of the handle fails.
     pub fn coordinate_system(&self, number: CoordinateSystemNumber) -> CoordinateSystem {
         CoordinateSystem {
             plc: self.clone(),
@@ -212,7 +232,7 @@ impl Plc {
 }
 
 impl CoordinateSystem {
-    /// The same coordinate system, commanded under a control lease.
+    /// Returns a handle to the same coordinate system that sends commands under a control lease.
     pub(crate) fn under_lease(&self, fence: u64) -> Self {
         Self {
             fence: Some(fence),
@@ -224,16 +244,16 @@ impl CoordinateSystem {
         &self.plc
     }
 
-    /// Its number, from 1.
+    /// Returns the number of the coordinate system, from 1.
     pub fn number(&self) -> CoordinateSystemNumber {
         self.number
     }
 
     /// Raises an alarm that stops this coordinate system and cancels its open outputs, until a reset.
-    /// [`Plc::raise_alarm`] stops all of them.
+    /// [`Plc::raise_alarm`] stops all coordinate systems.
     ///
     /// # Errors
-    /// No such coordinate system, or as [`Plc::raise_alarm`].
+    /// Fails as [`Plc::raise_alarm`], and if the coordinate system does not exist.
     pub async fn raise_alarm(&self, alarm: Alarm) -> Result<()> {
         self.plc.raise(Some(self.number), alarm).await
     }
@@ -241,15 +261,18 @@ impl CoordinateSystem {
     /// Executes a command, and returns when its effect has been reached.
     ///
     /// # Errors
-    /// [`Error::Refused`] if nothing has changed, [`Error::CommandFailed`] if something prevented its effect,
-    /// [`Error::NoAnswer`] if it is not known whether it had its effect: [`CoordinateSystem::command_as`] finds out.
+    /// - [`Error::Refused`] if the machine refused the command; nothing has changed.
+    /// - [`Error::CommandFailed`] if the machine accepted the command, but its effect was prevented.
+    /// - [`Error::NoAnswer`] if it is unknown whether the command had its effect. Send the command again with
+    ///   the same id ([`CoordinateSystem::command_as`]) to find out.
     pub async fn command(&self, command: Command) -> Result<()> {
         let id = self.plc.command_meta().command_id;
         self.command_as(command, id).await
     }
 
-    /// The same under an id of your own, 1 to 128 characters. Sent again with the same id within 10 minutes, such as that of an
-    /// [`Error::NoAnswer`], it is never done twice: the answer is how it ended.
+    /// Executes a command as [`command`](Self::command) does, under an id that the caller chooses, 1 to 128
+    /// characters. If the same id is sent again within 10 minutes, such as the id of an [`Error::NoAnswer`],
+    /// the machine does not execute the command a second time: it returns the result of the first execution.
     ///
     /// ```
     /// use plc_api::types::command::Command;
@@ -269,12 +292,12 @@ impl CoordinateSystem {
     /// ```
     ///
     /// # Errors
-    /// As [`CoordinateSystem::command`].
+    /// Fails as [`CoordinateSystem::command`].
     pub async fn command_as(&self, command: Command, command_id: impl Into<String>) -> Result<()> {
         self.reply_to(command, command_id.into()).await.map(drop)
     }
 
-    /// The reply to a command that is done.
+    /// Sends a command, and returns its reply after the effect.
     pub(crate) async fn reply_to(&self, command: Command, command_id: String) -> Result<CommandReply> {
         let verb = command.verb();
         let request = typed::Command {
@@ -309,16 +332,17 @@ impl CoordinateSystem {
     /// Waits until the state word is `execution`, and returns that state.
     ///
     /// # Errors
-    /// The machine has ended the connection.
+    /// Fails if the machine has ended the connection.
     pub async fn wait_until(&self, execution: Execution) -> Result<State> {
         self.wait_for(|state| state.execution == execution).await
     }
 
-    /// Waits for a state for which `is_it` is true, and returns it. States are examined in order; if they change faster
-    /// than they are read, only the latest is.
+    /// Waits until `is_it` returns true for a state, and returns that state. `is_it` is called with each
+    /// state in order; if the state changes faster than the program reads, `is_it` is called only with the
+    /// latest state.
     ///
     /// # Errors
-    /// The machine has ended the connection.
+    /// Fails if the machine has ended the connection.
     pub async fn wait_for(&self, is_it: impl Fn(&State) -> bool) -> Result<State> {
         let topic = Topic::cs(self.number, CsTopic::State);
         let mut states = self.plc.port().subscribe(Filter::Topics(vec![topic]));
@@ -332,20 +356,22 @@ impl CoordinateSystem {
         Err(Error::Closed)
     }
 
-    /// Reports the tool in the spindle, by its number in the [tool table](Plc::tools); 0: none. G41 to G44 interpreted
-    /// from now on use its dimensions (D17). The number need not be in the table.
+    /// Reports the tool in the spindle to the machine, by its number in the [tool table](Plc::tools); 0 means
+    /// that the spindle is empty. G41 to G44 that are interpreted from now on use the dimensions of this tool
+    /// (D17). The number need not be in the table.
     ///
     /// # Errors
-    /// No such coordinate system, or the machine cannot be reached.
+    /// Fails if the coordinate system does not exist, or the machine cannot be reached.
     pub async fn select_tool(&self, id: u16) -> Result<()> {
         self.plc.request(typed::Tool(self.number, id)).await
     }
 
-    /// Returns the state in force at a line of the loaded program, and the actions of [`start_from`](Self::start_from);
-    /// nothing changes.
+    /// Returns the state in force at a line of the loaded program, and the actions that
+    /// [`start_from`](Self::start_from) would take. Nothing changes.
     ///
     /// # Errors
-    /// No program is loaded, it does not come to the line, or the state there cannot be known; the text says why.
+    /// Fails if no program is loaded, the program does not reach the line, or the state at the line is
+    /// unknown; the text names the reason.
     pub async fn line_state(&self, from: LineStart) -> Result<LineState> {
         self.plc.request(typed::LineState(self.number, from)).await
     }
@@ -353,7 +379,7 @@ impl CoordinateSystem {
     /// Commands the spindle; `rpm` is used by `Cw` and `Ccw`.
     ///
     /// # Errors
-    /// There is no spindle, or the speed is out of its range.
+    /// Fails if the coordinate system has no spindle, or the speed is out of range.
     pub async fn set_spindle(&self, direction: SpindleDirection, rpm: f64) -> Result<()> {
         let command = SpindleCommand { direction, rpm };
         self.plc.request(typed::Spindle(self.number, command)).await
@@ -369,7 +395,7 @@ impl CoordinateSystem {
 
     fn no_value(&self, what: &str) -> Error {
         let text = format!(
-            "coordinate system {} does not exist, or has no {what} yet",
+            "coordinate system {} does not exist, or has not published its {what} yet",
             self.number
         );
         Refusal::new(RefusalCode::NotFound, text).into()

@@ -7,22 +7,22 @@ use crate::types::request::{Refusal, RefusalCode};
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// The address is not one of a machine.
+    /// The address is not a valid address of a machine.
     #[error("{address} is not an address of a machine: {reason}")]
     Address {
-        /// As given, without a password.
+        /// The given address, without a password.
         address: String,
-        /// What is wrong with it, and what to write.
+        /// The mistake in the address, and the correct form.
         reason: String,
     },
-    /// The address is of a transport that this build of plc-api leaves out.
+    /// The address needs a transport that this build of plc-api does not contain.
     #[error(
         "this build of plc-api has no {feature}, which {address} needs: add the feature {feature} to plc-api in Cargo.toml"
     )]
     Feature {
-        /// As given, without a password.
+        /// The given address, without a password.
         address: String,
-        /// The feature that is missing.
+        /// The missing feature.
         feature: &'static str,
     },
     /// The machine cannot be reached.
@@ -30,36 +30,39 @@ pub enum Error {
     Connect {
         /// The address, without a password.
         address: String,
-        /// What happened.
+        /// Cause of the failure.
         reason: String,
     },
     /// The machine refused a request; nothing has changed.
     #[error(transparent)]
     Refused(Refusal),
-    /// No answer came in time: whether the request had its effect is not known. Look at the state, or send it again: a
-    /// command with the same id ([`CoordinateSystem::command_as`](crate::CoordinateSystem::command_as)) is never done twice.
+    /// No answer arrived within the time limit: it is unknown whether the request had its effect. Check the
+    /// state, or send the request again: a command with the same id
+    /// ([`CoordinateSystem::command_as`](crate::CoordinateSystem::command_as)) is never executed twice.
     #[error("{text}")]
     NoAnswer {
-        /// The command, if it was one.
+        /// Id of the command, if the request was a command.
         command_id: Option<String>,
-        /// Who did not answer, and within which time.
+        /// Names the side that did not answer, and the time limit.
         text: String,
     },
-    /// Work was not finished within a time on the machine's clock: [`Plc::timeout`](crate::Plc::timeout).
-    #[error("it was not done within {limit:?}")]
+    /// Work was not finished within the time limit of [`Plc::timeout`](crate::Plc::timeout), on the machine's
+    /// clock.
+    #[error("the work was not finished within {limit:?}")]
     TimedOut {
-        /// The time.
+        /// The time limit.
         limit: std::time::Duration,
     },
-    /// Another instance of the sequence program has taken over its `handler_id`. Its handlers have been dropped.
+    /// Another instance of the sequence program has taken over the `handler_id` of this program. The handlers
+    /// of this program have been dropped.
     #[error("{text}")]
     TakenOver {
         /// The name of the sequence program.
         handler_id: String,
-        /// Which instance, and since when.
+        /// Names the other instance.
         text: String,
     },
-    /// A command was accepted, but something prevented its effect.
+    /// The machine accepted a command, but its effect was prevented.
     #[error("{verb} in coordinate system {cs} failed: {text}")]
     CommandFailed {
         /// The command.
@@ -68,7 +71,7 @@ pub enum Error {
         cs: u8,
         /// Machine-readable reason.
         code: String,
-        /// What prevented it.
+        /// Cause that prevented the effect.
         text: String,
     },
     /// A sequence program has a mistake, such as two handlers for one M code.
@@ -77,14 +80,14 @@ pub enum Error {
     /// The machine has ended the connection for good.
     #[error("the machine has ended the connection")]
     Closed,
-    /// A claim or reset was not accepted.
+    /// The machine did not accept a claim or reset.
     #[error("M{m} (output {seq}) is {status:?} for this handler")]
     Handshake {
         /// M number.
         m: u16,
-        /// Sequence number.
+        /// Sequence number of the output.
         seq: u64,
-        /// The answer.
+        /// Answer of the machine.
         status: crate::types::output::HandshakeStatus,
     },
 }
@@ -92,7 +95,7 @@ pub enum Error {
 #[cfg(not(all(feature = "mqtt", feature = "rest")))]
 impl Error {
     pub(crate) fn without_feature(address: &str, feature: &'static str) -> Self {
-        // what stands before @ may hold a password
+        // the text before @ may contain a password
         let (scheme, rest) = address.split_once("://").unwrap_or_default();
         let host = rest.rsplit_once('@').map_or(rest, |(_, host)| host);
         Error::Feature {
@@ -103,7 +106,7 @@ impl Error {
 }
 
 impl Error {
-    /// True for an error of the connection, which may pass.
+    /// Returns true for a temporary error of the connection.
     pub(crate) fn may_pass(&self) -> bool {
         match self {
             Error::Refused(refusal) => refusal.code.may_pass(),
@@ -113,7 +116,7 @@ impl Error {
     }
 }
 
-/// Result of the crate.
+/// Result type of the crate.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 impl From<Refusal> for Error {

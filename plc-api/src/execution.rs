@@ -1,11 +1,11 @@
-//! The command table: which command is allowed in which state, for the runtime and for
-//! [`FakePort`](crate::fake::FakePort).
+//! The command table: the commands that are allowed in each state. The runtime and
+//! [`FakePort`](crate::fake::FakePort) share the table.
 
 use crate::types::command::Verb;
 use crate::types::request::{Refusal, RefusalCode};
 use crate::types::state::Execution;
 
-/// The state on which it depends whether a command is allowed.
+/// The state of a coordinate system that determines which commands are allowed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Situation {
     /// The state word of the coordinate system.
@@ -33,7 +33,7 @@ const VERBS: [Verb; 13] = [
 ];
 
 impl Situation {
-    /// True if the command is allowed.
+    /// Returns true if the command is allowed.
     pub fn allows(self, verb: Verb) -> bool {
         use Execution::{
             Active, FeedHold, Interrupted, OptionalStop, ProgramCompleted, ProgramStopped, Ready, Stopped,
@@ -56,7 +56,7 @@ impl Situation {
         }
     }
 
-    /// The allowed commands.
+    /// Returns the allowed commands.
     pub fn allowed(self) -> Vec<Verb> {
         VERBS.into_iter().filter(|verb| self.allows(*verb)).collect()
     }
@@ -64,7 +64,7 @@ impl Situation {
     /// Refuses a command that is not allowed.
     ///
     /// # Errors
-    /// `not_allowed`, with the state and the commands allowed in it.
+    /// Fails with `not_allowed`, with the state and the commands that are allowed in this state.
     pub fn judge(self, verb: Verb) -> Result<(), Refusal> {
         if self.allows(verb) {
             return Ok(());
@@ -78,7 +78,7 @@ impl Situation {
             (Verb::Start, Execution::Stopped) if self.program_loaded => "reset first",
             (Verb::Start, Execution::Stopped | Execution::Ready) => "load a program first",
             (Verb::Start, Execution::FeedHold | Execution::ProgramStopped | Execution::OptionalStop) => {
-                "resume, or reset to begin at the head"
+                "resume, or reset to start from the beginning"
             }
             (Verb::BackTrace, _) => "hold first",
             (Verb::Resume, _) => "there is nothing to resume",
@@ -93,7 +93,7 @@ impl Situation {
     }
 }
 
-/// What messages write for a value without fields, such as `FEED_HOLD`; empty for any other value.
+/// Returns the word for a value without fields in messages, such as `FEED_HOLD`; empty for any other value.
 pub fn wire_name(value: &impl serde::Serialize) -> String {
     match serde_json::to_value(value) {
         Ok(serde_json::Value::String(name)) => name,
@@ -101,8 +101,8 @@ pub fn wire_name(value: &impl serde::Serialize) -> String {
     }
 }
 
-/// As [`wire_name`].
-#[deprecated(since = "0.2.0", note = "it is called `wire_name`")]
+/// Returns the result of [`wire_name`], which replaces this function.
+#[deprecated(since = "0.2.0", note = "renamed to `wire_name`")]
 pub fn word(value: &impl serde::Serialize) -> String {
     wire_name(value)
 }

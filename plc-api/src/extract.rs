@@ -1,8 +1,8 @@
-//! Extractors: what a handler of an M code with a name has as its arguments.
+//! Extractors: the arguments of a handler of an M code with a name.
 //!
-//! Each argument takes its part from the output. What an argument declares counts everywhere: the handler is not begun with
-//! other parameters, a program with other parameters is not loaded, and `birth`, panels and `tandem check` know the
-//! parameters with their units.
+//! Each argument takes its value from the output. The declaration of an argument applies everywhere: the
+//! handler is not started with other parameters, an NC program with other parameters is not loaded, and
+//! `birth`, panels and `tandem check` show the parameters with their units.
 //!
 //! ```
 //! use std::sync::{Arc, Mutex};
@@ -14,7 +14,7 @@
 //! const CLAMP: MCode = MCode::new(12, "clamp");
 //! const CHANGE_TOOL: MCode = MCode::new(100, "change tool");
 //!
-//! /// Closes with VA, 1 to 20 kN.
+//! /// Closes the clamp with the force VA, 1 to 20 kN.
 //! async fn clamp(Va(force): Va<KiloNewton<1, 20>>, output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
 //!     output.progress(format!("the clamp closes with {force}"), None).await?;
 //!     plc.sleep(Duration::from_millis(400)).await;
@@ -46,13 +46,13 @@
 //! assert_eq!(program.check(), Ok(()));
 //! ```
 //!
-//! | argument | what it is |
+//! | argument | value |
 //! | --- | --- |
 //! | [`Va<T>`](Va) to [`Vh<T>`](Vh) | one parameter: a [unit](crate::units) with bounds, `f64`, `u16`, `bool`; `Va<Option<T>>` may be left out |
 //! | a struct with [`#[derive(Params)]`](derive@crate::Params) | several parameters by name |
-//! | [`State<T>`](State) | a clone of what [`SequenceProgram::state`](crate::SequenceProgram::state) got |
+//! | [`State<T>`](State) | a clone of the state that [`SequenceProgram::state`](crate::SequenceProgram::state) added |
 //! | [`AuxOutput`], [`Plc`], [`CoordinateSystem`] | the output, the machine, the coordinate system of the output |
-//! | your own | implement [`FromOutput`] |
+//! | a type of your own | the value that its implementation of [`FromOutput`] returns |
 
 mod state;
 mod takes;
@@ -61,13 +61,12 @@ mod tests;
 mod value;
 
 pub use state::State;
-pub(crate) use state::States;
 pub use takes::Takes;
 pub use value::{ParamValue, Va, Vb, Vc, Vd, Ve, Vf, Vg, Vh, param};
 
 use crate::alarm::Alarm;
+use crate::aux_output::AuxOutput;
 use crate::coordinate_system::CoordinateSystem;
-use crate::handlers::AuxOutput;
 use crate::plc::Plc;
 
 /// An argument of a handler.
@@ -77,15 +76,15 @@ use crate::plc::Plc;
     note = "a handler of an M code with a name takes `Va<T>` to `Vh<T>`, structs with `#[derive(Params)]`, `State<T>`, `AuxOutput`, `Plc` and `CoordinateSystem`"
 )]
 pub trait FromOutput: Sized + Send + 'static {
-    /// Notes what it takes: parameters, state. It is asked once, when the handler is added.
+    /// Records the parameters and states that this argument takes. Called once, when the handler is added.
     fn takes(takes: &mut Takes) {
         let _ = takes;
     }
 
-    /// Takes its part of an output. The parameters are as they were declared.
+    /// Returns the argument for an output. The parameters of the output match their declarations.
     ///
     /// # Errors
-    /// The alarm that stops the program in place of the handler.
+    /// Returns the alarm that stops the NC program if the handler cannot start.
     fn from_output(output: &AuxOutput, plc: &Plc) -> Result<Self, Alarm>;
 }
 

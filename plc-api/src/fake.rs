@@ -1,13 +1,14 @@
 //! A scripted machine for unit tests of handlers: a [`Port`] with the real handshake and its own clock.
 //!
-//! The test issues outputs ([`FakePort::put_out`]), and reads how each ended ([`FakePort::closed`]) and which other
-//! requests were made ([`FakePort::requests`]). Time stops until [`FakePort::advance`]. In a current-thread tokio
-//! runtime, the default of `#[tokio::test]`, each run is identical.
+//! The test issues outputs ([`FakePort::put_out`]), and reads how each output ended ([`FakePort::closed`])
+//! and which other requests were made ([`FakePort::requests`]). The time of this machine advances only by
+//! [`FakePort::advance`]. In a current-thread tokio runtime, the default of `#[tokio::test]`, all runs of a
+//! test are identical.
 //!
-//! The state follows: READY with program 1 at first, WAIT while an output is open, ACTIVE after its reset, STOPPED with
-//! an alarm if it fails, `PROGRAM_COMPLETED` after [`FakePort::put_end`]. Commands are allowed by the same
-//! [table](crate::execution) as on a machine, and have their effect at once. Inputs, tool and spindle read back as they
-//! were set.
+//! The state word changes as on a machine: READY with program 1 at first, WAIT while an output is open,
+//! ACTIVE after its reset, STOPPED with an alarm if the output fails, `PROGRAM_COMPLETED` after
+//! [`FakePort::put_end`]. The same [table](crate::execution) as on a machine decides which commands are
+//! allowed; a command has its effect at once. Inputs, tool and spindle keep the values that were set.
 //!
 //! ```
 //! # use plc_api::{Execution, Params, fake::FakePort, types::request::Refusal};
@@ -19,19 +20,20 @@
 //! assert_eq!(mill.state().await?.execution, Execution::Wait);
 //! mill.hold().await?;
 //! assert_eq!(mill.state().await?.execution, Execution::FeedHold);
-//! assert!(mill.start().await.is_err(), "it has been started");
+//! assert!(mill.start().await.is_err(), "the program has been started");
 //! mill.stop().await?;
 //! assert_eq!(mill.state().await?.execution, Execution::Stopped);
 //! # Ok(()) }
 //! ```
 //!
-//! It has no motion and reads no NC program: positions, captured positions, modal codes, and what depends on them (M00,
-//! M01, single block, `with_motion` outputs) exist only if a test publishes them by [`FakePort::say`]. To test with
-//! them use `tandem_runtime::test`.
+//! The scripted machine has no motion and reads no NC program. Positions, captured positions, modal codes,
+//! and everything that depends on them (M00, M01, single block, `with_motion` outputs) exist only if a test
+//! publishes them by [`FakePort::say`]. For tests with NC programs and motion use `tandem_runtime::test`.
 
 mod alarms;
 mod data;
 mod io;
+mod publish;
 mod requests;
 mod system;
 #[cfg(test)]
@@ -55,7 +57,7 @@ use crate::types::data::VariableArea;
 use crate::types::handler::Departure;
 use crate::types::heartbeat::Heartbeat;
 use crate::types::io::{IoDeclaration, IoDeclarations, IoPoint};
-use crate::types::machine::{AlarmRecord, Birth, CoordinateSystemInfo, Presence};
+use crate::types::machine::AlarmRecord;
 use crate::types::message::{Message, Payload};
 use crate::types::not_after::NotAfter;
 use crate::types::output::{
@@ -63,17 +65,16 @@ use crate::types::output::{
 };
 use crate::types::question::{Validate, ValidateResult};
 use crate::types::request::{Answer, Refusal, Request};
-use crate::types::state::{Spindle, Tool};
 use crate::types::topic::{CsTopic, Topic};
-use crate::types::{BootId, CoordinateSystemNumber, Timestamp};
+use crate::types::{BootId, CoordinateSystemNumber};
 
 use system::System;
 
-/// Open outputs of one coordinate system.
+/// Largest number of open outputs of one coordinate system.
 const OPEN_OUTPUTS_MAX: usize = 64;
 
-/// Turns that [`FakePort::settle`] yields to other tasks. Reason: more than the wake-ups between an output and its
-/// reset.
+/// Number of times that [`FakePort::settle`] yields to other tasks. Reason: more than the wake-ups between an
+/// output and its reset.
 const SETTLE_TURNS: usize = 128;
 
 /// A scripted machine. Clones are handles to the same machine.
@@ -101,7 +102,7 @@ struct Inner {
 }
 
 impl FakePort {
-    /// A machine with these coordinate systems, online.
+    /// Creates a machine with these coordinate systems, which is online.
     pub fn new(coordinate_systems: impl IntoIterator<Item = CoordinateSystemNumber>) -> Self {
         let systems = coordinate_systems.into_iter().map(|cs| (cs, System::new(1, cs)));
         let inner = Inner {
@@ -117,16 +118,16 @@ impl FakePort {
         fake
     }
 
-    /// The machine for a sequence program.
+    /// Returns a handle to this machine for a sequence program.
     pub fn plc(&self) -> Plc {
         Plc::in_process(Arc::new(self.clone()))
     }
 
-    /// Issues an output without a time limit, for which the program waits, and returns its `seq`. Starts a run if there
-    /// is none; in a hold the output is issued at the resume.
+    /// Issues an output without a time limit, for which the program waits, and returns its `seq`. Starts a
+    /// run if no run is active. During a hold, the output is issued at the resume.
     ///
     /// # Panics
-    /// There is no such coordinate system, or 64 outputs are open in it: mistakes of the test.
+    /// Panics if the coordinate system does not exist, or 64 of its outputs are open: mistakes of the test.
     pub fn put_out(&self, cs: CoordinateSystemNumber, m: u16, params: Params) -> u64 {
         self.put_out_within(cs, m, params, None)
     }
@@ -134,7 +135,7 @@ impl FakePort {
     /// Issues an output with a time limit, and returns its `seq`.
     ///
     /// # Panics
-    /// As [`FakePort::put_out`].
+    /// Panics as [`FakePort::put_out`].
     #[expect(clippy::expect_used, reason = "mistakes of the test, documented")]
     pub fn put_out_within(
         &self,
@@ -167,7 +168,8 @@ impl FakePort {
         .expect("no such coordinate system")
     }
 
-    /// Ends the program (M30): `PROGRAM_COMPLETED` once no output is open and nothing holds it.
+    /// Ends the program (M30): the state word is `PROGRAM_COMPLETED` as soon as no output is open and the
+    /// program is not held.
     pub fn put_end(&self, cs: CoordinateSystemNumber) {
         let mut inner = lock(&self.inner);
         if let Some(system) = inner.systems.get_mut(&cs) {
@@ -176,12 +178,12 @@ impl FakePort {
         self.publish_system(&mut inner, cs);
     }
 
-    /// How an output ended; `None` while it is open.
+    /// Returns how an output ended, or `None` while the output is open.
     pub fn closed(&self, cs: CoordinateSystemNumber, seq: u64) -> Option<Closed> {
         lock(&self.inner).systems.get(&cs)?.closed.get(&seq).cloned()
     }
 
-    /// Open outputs of a coordinate system, ascending.
+    /// Returns the open outputs of a coordinate system, ascending by `seq`.
     pub fn pending(&self, cs: CoordinateSystemNumber) -> Vec<PendingOutput> {
         let inner = lock(&self.inner);
         let system = inner.systems.get(&cs);
@@ -190,21 +192,22 @@ impl FakePort {
             .unwrap_or_default()
     }
 
-    /// All requests so far other than those of the handshake, such as claims, resets and presence of handlers.
+    /// Returns all requests so far, without those of the handshake, such as claims, resets and presence of
+    /// handlers.
     pub fn requests(&self) -> Vec<Request> {
         lock(&self.inner).requests.clone()
     }
 
-    /// Handlers that have announced themselves, by id.
+    /// Returns the handlers that have announced themselves, by id.
     pub fn handlers(&self) -> BTreeMap<String, HandlerPresence> {
         self.hub.handlers()
     }
 
-    /// Has the handlers of an M code check parameters, as a program load does. `Err` is the text of the handler that
-    /// refuses; handlers without a check accept everything.
+    /// Makes the handlers of an M code check parameters, as a program load does. `Err` is the text of the
+    /// handler that refuses the parameters; handlers without a check accept all parameters.
     ///
     /// # Errors
-    /// A handler refuses.
+    /// Fails if a handler refuses the parameters.
     pub async fn validate(&self, cs: CoordinateSystemNumber, m: u16, params: Params) -> Result<(), String> {
         let request_id = {
             let mut inner = lock(&self.inner);
@@ -234,26 +237,28 @@ impl FakePort {
         }
     }
 
-    /// Cancels all open outputs and ends the run, as a stop, a reset or an alarm does; with [`CancelReason::Operator`]
-    /// the run continues.
+    /// Cancels all open outputs and ends the run, as a stop, a reset or an alarm does. With
+    /// [`CancelReason::Operator`] the run continues.
     pub fn cancel(&self, cs: CoordinateSystemNumber, reason: CancelReason) {
         let mut inner = lock(&self.inner);
         self.end_run(&mut inner, cs, reason);
         self.publish_system(&mut inner, cs);
     }
 
-    /// Raises an alarm of a coordinate system: STOPPED, and all open outputs are cancelled.
+    /// Raises an alarm of a coordinate system: its state word is STOPPED, and all its open outputs are
+    /// cancelled.
     pub fn raise(&self, cs: CoordinateSystemNumber, alarm: Alarm) {
         self.raise_alarm(&mut lock(&self.inner), Some(cs), alarm);
     }
 
-    /// Breaks the connection of a handler: its claims are released. This machine has no grace time.
+    /// Breaks the connection of a handler: its claims are released at once, because this machine has no grace
+    /// time.
     pub fn lose_handler(&self, handler_id: &str) {
         let until_s = self.now_s();
         self.part_from_handler(handler_id, Departure::Unannounced { until_s });
     }
 
-    /// A handler has left.
+    /// Handles the departure of a handler.
     fn part_from_handler(&self, handler_id: &str, departure: Departure) {
         self.use_all_ledgers(|_, ledger, now| ledger.handler_lost(now, handler_id, None));
         let mut inner = lock(&self.inner);
@@ -267,7 +272,7 @@ impl FakePort {
         self.leave_io(&mut inner, handler_id, departure);
     }
 
-    /// A handler is online.
+    /// Handles the arrival of a handler.
     fn welcome_handler(&self, handler_id: &str) {
         let mut inner = lock(&self.inner);
         inner.io.come(handler_id);
@@ -276,7 +281,7 @@ impl FakePort {
         }
     }
 
-    /// Outputs and levels of handlers that did not come back follow their `on_loss`.
+    /// Sets outputs and levels of handlers that did not return in time to their `on_loss`.
     fn expire_absences(&self) {
         let mut inner = lock(&self.inner);
         let now_s = inner.now_s;
@@ -293,7 +298,7 @@ impl FakePort {
         self.expire_io(&mut inner);
     }
 
-    /// Declares an input or output of the plant, with its safe value as what it is now.
+    /// Declares an input or output of the plant; its current value is its safe value.
     ///
     /// ```
     /// use plc_api::fake::FakePort;
@@ -313,21 +318,22 @@ impl FakePort {
         self.publish_birth(&mut inner);
     }
 
-    /// Publishes variables whenever they change, as a configuration asks for by `[[variables.published]]`.
+    /// Publishes variables from now on whenever they change, as `[[variables.published]]` of a configuration
+    /// does.
     pub fn publish_variables(&self, area: VariableArea, from: u32, count: u32) {
         let mut inner = lock(&self.inner);
         inner.data.publish(area, from, count);
         self.publish_data(&mut inner);
     }
 
-    /// Decides as the operator about an output whose handler was lost.
+    /// Decides as the operator about an output that has lost its handler.
     pub fn redeliver(&self, cs: CoordinateSystemNumber, seq: u64, how: Redelivery) {
         let boot_id = self.boot_id();
         let redeliver = Redeliver { boot_id, seq, how };
         let _status = self.with(cs, |ledger, now| ledger.redeliver(now, None, &redeliver));
     }
 
-    /// Restarts the runtime: a new boot without open outputs.
+    /// Restarts the runtime of this machine: a new boot without open outputs.
     pub fn restart(&self) {
         let mut inner = lock(&self.inner);
         inner.boot += 1;
@@ -341,9 +347,9 @@ impl FakePort {
         self.publish_birth(&mut inner);
     }
 
-    /// Publishes a message of a coordinate system, such as its state or captured positions. The payload must be of the
-    /// topic's type. A state also becomes the state of this machine: commands are allowed by it, and it changes with
-    /// them and with outputs.
+    /// Publishes a message of a coordinate system, such as its state or captured positions. The payload must
+    /// be of the type of the topic. A published state also becomes the current state of this machine: it
+    /// decides which commands are allowed, and changes with commands and outputs.
     ///
     /// ```
     /// use plc_api::types::message::Payload;
@@ -370,14 +376,14 @@ impl FakePort {
         self.publish(&mut inner, Topic::cs(cs, topic), payload);
     }
 
-    /// Lets all tasks run as far as they can without the time advancing.
+    /// Runs all tasks as far as possible without an advance of the time.
     pub async fn settle(&self) {
         for _ in 0..SETTLE_TURNS {
             tokio::task::yield_now().await;
         }
     }
 
-    /// Advances the time: sleepers wake in order, outputs time out, and all tasks run.
+    /// Advances the time: sleeping tasks wake in order, outputs time out, and all tasks run.
     pub async fn advance(&self, by: Duration) {
         self.settle().await;
         let end_s = self.now_s() + by.as_secs_f64();
@@ -386,7 +392,8 @@ impl FakePort {
         }
     }
 
-    /// Advances to the next event up to `end_s`; false if there is none, then at `end_s`.
+    /// Advances the time to the next event up to `end_s`. If no event remains, advances to `end_s` and
+    /// returns false.
     fn step(&self, end_s: f64) -> bool {
         let mut inner = lock(&self.inner);
         let sleepers = inner.sleepers.iter().map(|(until_s, _)| *until_s);
@@ -425,7 +432,7 @@ impl FakePort {
         }
     }
 
-    /// Uses a ledger and carries out its effects.
+    /// Uses a ledger and applies its effects.
     fn use_ledger<T>(
         &self,
         inner: &mut Inner,
@@ -450,7 +457,7 @@ impl FakePort {
         Some(result)
     }
 
-    /// Cancels open outputs; ends the run if the reason does.
+    /// Cancels open outputs, and ends the run if the reason ends a run.
     fn end_run(&self, inner: &mut Inner, cs: CoordinateSystemNumber, reason: CancelReason) {
         if let (Some(word), Some(system)) = (system::word_of(reason), inner.systems.get_mut(&cs)) {
             system.end(word);
@@ -474,81 +481,6 @@ impl FakePort {
         };
         self.publish(inner, Topic::cs(cs, topic), payload);
     }
-
-    fn publish_birth(&self, inner: &mut Inner) {
-        let presence = Presence {
-            online: true,
-            started_at: Timestamp::from_system_time(inner.now().time),
-            version: env!("CARGO_PKG_VERSION").to_owned(),
-            broker: None,
-            expires_ms: None,
-            url: None,
-        };
-        let systems = inner.systems.keys().map(|&number| CoordinateSystemInfo {
-            number,
-            ..CoordinateSystemInfo::default()
-        });
-        let birth = Birth {
-            machine: "fake".to_owned(),
-            coordinate_systems: systems.collect(),
-            io: inner.declared_io.clone(),
-            ..Birth::default()
-        };
-        self.publish(inner, Topic::Presence, Payload::Presence(presence));
-        self.publish(inner, Topic::Birth, Payload::Birth(birth));
-        self.publish_alarms(inner);
-        self.publish_all_io(inner);
-        self.publish_data(inner);
-        for cs in inner.numbers() {
-            self.carry_out(inner, cs, Effect::PendingChanged);
-            self.publish(
-                inner,
-                Topic::cs(cs, CsTopic::Tool),
-                Payload::Tool(Tool::default()),
-            );
-            let spindle = Payload::Spindle(Spindle::default());
-            self.publish(inner, Topic::cs(cs, CsTopic::Spindle), spindle);
-            self.publish_system(inner, cs);
-        }
-    }
-
-    /// Publishes variables, tools and work offsets where they have changed.
-    fn publish_data(&self, inner: &mut Inner) {
-        let systems = inner.numbers();
-        for (topic, payload) in inner.data.messages(&systems) {
-            self.publish_new(inner, topic, payload);
-        }
-    }
-
-    /// Publishes state and inputs where they have changed.
-    fn publish_system(&self, inner: &mut Inner, cs: CoordinateSystemNumber) {
-        let alarm_count = inner.alarm_count(cs);
-        let Some(system) = inner.systems.get_mut(&cs) else {
-            return;
-        };
-        for (topic, payload) in system.follow(alarm_count) {
-            self.publish_new(inner, Topic::cs(cs, topic), payload);
-        }
-    }
-
-    /// Publishes a value that is not the last of its topic, or the first of this start.
-    fn publish_new(&self, inner: &mut Inner, topic: Topic, payload: Payload) {
-        let last = self.hub.read(&topic);
-        if last.is_none_or(|last| last.payload != payload || last.boot_id != boot_id(inner.boot)) {
-            self.publish(inner, topic, payload);
-        }
-    }
-
-    fn publish(&self, inner: &mut Inner, topic: Topic, payload: Payload) {
-        inner.rev += 1;
-        self.hub.publish(Message {
-            rev: topic.is_state().then_some(inner.rev),
-            topic,
-            boot_id: boot_id(inner.boot),
-            ts: Timestamp::from_system_time(inner.now().time),
-            payload,
-        });
-    }
 }
 
 impl Inner {
@@ -556,7 +488,7 @@ impl Inner {
         self.systems.keys().copied().collect()
     }
 
-    /// Active alarms that count for a coordinate system.
+    /// Returns the number of active alarms of a coordinate system, including those of the whole machine.
     fn alarm_count(&self, cs: CoordinateSystemNumber) -> u32 {
         let active = self.alarms.iter().filter(|alarm| alarm.cleared_at.is_none());
         let count = active.filter(|alarm| alarm.cs.is_none_or(|of| of == cs)).count();

@@ -7,9 +7,10 @@
 //! | `TON`, `TOF`, `TP` | [`OnDelay`], [`OffDelay`], [`Pulse`] | timers |
 //! | `CTU`, `CTD`, `CTUD` | [`UpCounter`], [`DownCounter`], [`UpDownCounter`] | counters |
 //!
-//! A block is a value that a program keeps from scan to scan. It is called once in each scan, by `update`, with its inputs, and
-//! gives its output, which stays readable until the next call. Timers are given the time of the scan, [`Image::now`], so they
-//! run in simulated time in a simulation, and all timers of a scan see the same time.
+//! A function block is a value that a program keeps from scan to scan. The program calls `update` once in
+//! each scan with the inputs of the block. `update` returns the output, which stays readable until the next
+//! call. Timers receive the time of the scan, [`Image::now`]. Thus they run in simulated time in a
+//! simulation, and all timers of a scan use the same time.
 //!
 //! ```
 //! use std::time::Duration;

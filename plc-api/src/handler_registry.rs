@@ -1,9 +1,11 @@
-//! The handlers that are present, and the instance of each. Pure; the runtime and the scripted machine share it.
+//! Registry of the handlers that are or were online, with the instance of each. Pure; the runtime and the
+//! scripted machine share it.
 //!
-//! Only one instance of a `handler_id` can be present. A second one is refused unless it takes over, or unless the
-//! present one fails to confirm within [`CONFIRM_MAX_S`] that it is alive: its last will may never arrive. The loss of
-//! an instance does not affect a later one, because its last will may arrive late. A handler that leaves keeps its M
-//! codes, outputs and levels for the time that it announced, otherwise for the grace time.
+//! Only one instance of a `handler_id` can be online. A second instance is refused, unless it takes over, or
+//! unless the online instance does not confirm within [`CONFIRM_MAX_S`] that it is alive, because its last
+//! will may never arrive. The loss of an instance does not affect a later instance, because a last will may
+//! arrive late. A handler that leaves keeps its M codes, outputs and levels for the time that it announced,
+//! otherwise for the grace time.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;
@@ -16,48 +18,51 @@ use crate::types::ids::check_client_id;
 use crate::types::output::{HandledCode, HandlerPresence};
 use crate::types::refusal::{Refusal, RefusalCode};
 
-/// Largest number of handlers that are or were online. A further one is refused.
+/// Largest number of handlers in the registry, online or offline. If all are online, a further handler is
+/// refused.
 pub const HANDLERS_MAX: usize = 256;
 
-/// Time within which an online instance confirms its presence when another one arrives, s.
+/// Time within which the online instance must confirm its presence after another instance has announced
+/// itself, s.
 pub const CONFIRM_MAX_S: f64 = 2.0;
 
-/// Largest number of M codes of one handler: all of them in every coordinate system.
+/// Largest number of M codes of one handler: all M codes in each of 8 coordinate systems.
 const HANDLED_CODES_MAX: usize = 8 * 192;
 
 /// An instance that was replaced by another.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Displaced {
-    /// Its presence.
+    /// Presence of this instance.
     pub presence: HandlerPresence,
-    /// Text of its notification.
+    /// Text of the notification to this instance.
     pub text: String,
-    /// Taken over if the other instance requested it, unannounced if this one did not confirm that it is alive.
+    /// `TakenOver` if the other instance requested the take-over, `Unannounced` if this instance did not
+    /// confirm that it is alive.
     pub departure: Departure,
 }
 
-/// Effect of a presence.
+/// Effect of a presence message.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Registered {
     /// The handler is online.
     Online {
-        /// The instance that it replaced.
+        /// The instance that this one replaced.
         took_over: Option<Box<Displaced>>,
-        /// An offline handler that was removed to make room for it.
+        /// An offline handler that was removed to make room for this one.
         forgotten: Option<String>,
-        /// The same instance was offline before: it is asked to announce itself once more, so that it writes its levels
-        /// again even if it has not noticed the loss.
+        /// True if the same instance was offline before. The machine then requests another announcement of
+        /// it, so that it writes its levels again even if it has not noticed the loss.
         has_returned: bool,
     },
-    /// It was already online, and renewed its presence before it expired.
+    /// The handler was already online, and renewed its presence before the presence expired.
     Refreshed,
-    /// It went offline; if it was offline already, the original departure.
+    /// The handler went offline. If it was offline already, this is the original departure.
     Offline(Departure),
     /// No effect: the presence concerns an instance that is no longer online.
     Nothing,
 }
 
-/// Handlers by their ids.
+/// Registry of handlers by their ids.
 #[derive(Debug, Default)]
 pub struct HandlerRegistry {
     handlers: BTreeMap<String, Entry>,
@@ -69,35 +74,36 @@ pub struct HandlerRegistry {
 #[derive(Debug)]
 struct Entry {
     presence: HandlerPresence,
-    /// Time when it came online.
+    /// Time at which the handler came online.
     since: SystemTime,
-    /// Time when it was asked to confirm its presence and has not yet done so, seconds since the start.
+    /// Time of the pending request to confirm the presence, seconds since the start; `None` if no request is
+    /// pending.
     asked_s: Option<f64>,
-    /// How it left.
+    /// Absence of the handler; `None` while it is online.
     absence: Option<Absence>,
     reach: Reach,
 }
 
-/// How a handler receives the request to confirm its presence.
+/// Transport by which a handler receives the request to confirm its presence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reach {
-    /// It subscribes to `handler/{id}/result`.
+    /// The handler subscribes to `handler/{id}/result`.
     Subscribed,
-    /// It registered by an HTTP request: only the age of its presence shows whether it is online.
+    /// The handler registered by an HTTP request: only the age of its presence shows whether it is online.
     Polling,
 }
 
-/// A handler that has left.
+/// Absence of a handler that has left.
 #[derive(Debug, Clone)]
 struct Absence {
-    /// M codes that it serves when it returns.
+    /// M codes that the handler serves when it returns.
     handles: Vec<HandledCode>,
     departure: Departure,
 }
 
 impl HandlerRegistry {
-    /// Creates an empty registry. `grace_s` is the time within which a handler that left without an announcement may
-    /// return; 0 without a registry of its own.
+    /// Creates an empty registry. `grace_s` is the time within which a handler that left without an
+    /// announcement may return. `HandlerRegistry::default()` has no grace time.
     pub fn with_grace(grace_s: f64) -> Self {
         Self {
             grace_s,
@@ -105,7 +111,7 @@ impl HandlerRegistry {
         }
     }
 
-    /// Records a presence of a handler that subscribes to its results.
+    /// Records a presence message of a handler that subscribes to its results.
     ///
     /// # Errors
     /// Fails like [`set_over`](Self::set_over).
@@ -119,12 +125,13 @@ impl HandlerRegistry {
         self.set_over(Reach::Subscribed, id, presence, (now, now_s))
     }
 
-    /// Records a presence. The time is the time of day, and seconds since the start.
+    /// Records a presence message. The last argument is the current time: time of day, and seconds since the
+    /// start.
     ///
     /// # Errors
-    /// Fails if the id or the instance is not valid, it serves too many M codes, another instance is online
-    /// (`handler_taken`; [`asked`](Self::asked) returns that instance if it is to confirm its presence), or there are
-    /// too many handlers.
+    /// Fails if the id or the instance is not valid, the handler serves too many M codes, another instance is
+    /// online (`handler_taken`; [`asked`](Self::asked) returns that instance if it must confirm its
+    /// presence), or [`HANDLERS_MAX`] handlers are online.
     pub fn set_over(
         &mut self,
         reach: Reach,
@@ -190,10 +197,11 @@ impl HandlerRegistry {
         })
     }
 
-    /// Removes a handler that is offline if there is no room for a new one. Returns its id.
+    /// Removes an offline handler if the registry has no room for a new handler. Returns the id of the
+    /// removed handler.
     ///
     /// # Errors
-    /// Fails if all are online.
+    /// Fails if all handlers are online.
     fn make_room(&mut self, id: &str) -> Result<Option<String>, Refusal> {
         if self.handlers.len() < HANDLERS_MAX || self.handlers.contains_key(id) {
             return Ok(None);
@@ -215,7 +223,8 @@ impl HandlerRegistry {
             && before.is_some_and(|before| !before.online && before.instance == presence.instance)
     }
 
-    /// Returns the instance of a handler that is asked to confirm its presence.
+    /// Returns the instance of a handler that must confirm its presence, or `None` if no confirmation is
+    /// pending.
     pub fn asked(&self, id: &str) -> Option<&str> {
         let entry = self.handlers.get(id).filter(|entry| entry.asked_s.is_some())?;
         entry.presence.instance.as_deref()
@@ -228,7 +237,7 @@ impl HandlerRegistry {
             .collect()
     }
 
-    /// Returns the text of an online handler for an alarm.
+    /// Returns the text that an online handler has declared for an alarm.
     pub fn alarm_text(&self, code: u16) -> Option<AlarmText> {
         let there = self.handlers.values().map(|entry| &entry.presence);
         let mut said = there
@@ -245,8 +254,8 @@ impl HandlerRegistry {
     /// Validates that the writer of a level or an output is the online instance of the handler.
     ///
     /// # Errors
-    /// `unavailable` if the handler is offline; `not_allowed` if another instance of it is online, or the write does
-    /// not name its instance although the presence does.
+    /// `unavailable` if the handler is offline; `not_allowed` if another instance of the handler is online,
+    /// or the write does not name an instance although the presence does.
     pub fn judge_writer(&self, id: &str, instance: Option<&String>) -> Result<(), Refusal> {
         let Some(entry) = self.handlers.get(id).filter(|entry| entry.presence.online) else {
             let text = format!("handler {id} is not online: announce its presence before it writes");
@@ -265,8 +274,8 @@ impl HandlerRegistry {
         }
     }
 
-    /// Returns the absence of a handler after this presence, or `None` if it is online. A last will that follows an
-    /// announcement changes nothing.
+    /// Returns the absence of a handler after this presence message, or `None` if the handler is online. A
+    /// last will that follows an announced departure changes nothing.
     fn absence_after(&self, id: &str, presence: &HandlerPresence, now_s: f64) -> Option<Absence> {
         if presence.online {
             return None;
@@ -290,7 +299,8 @@ impl HandlerRegistry {
         })
     }
 
-    /// Returns the latest time at which an absent handler of this M code returns, seconds since the start.
+    /// Returns the latest time until which an absent handler of this M code may return, seconds since the
+    /// start.
     pub fn back_s(&self, cs: CoordinateSystemNumber, m: u16, now_s: f64) -> Option<f64> {
         let absent = self.handlers.values().filter_map(|entry| entry.absence.as_ref());
         let serve = absent.filter(|absence| absence.handles.contains(&HandledCode { cs, m }));
@@ -312,15 +322,15 @@ impl Entry {
         let by = other.instance.as_deref().unwrap_or("that names none");
         if other.take_over {
             return Ok(format!(
-                "instance {by} has taken over handler_id {id}: this program is at its end"
+                "instance {by} has taken over handler_id {id}: this program must end"
             ));
         }
-        // a server end detects the end of the connection of an instance that it has named itself
+        // if the server named the instance, the server itself detects the end of its connection
         let may_be_asked = self.reach == Reach::Subscribed && there.is_some_and(is_own_instance);
         let asked_s = may_be_asked.then(|| *self.asked_s.get_or_insert(now_s));
         if asked_s.is_some_and(|asked_s| now_s - asked_s >= CONFIRM_MAX_S) {
             return Ok(format!(
-                "instance {by} has the place of handler_id {id}: this one did not confirm within {CONFIRM_MAX_S} s that it is there"
+                "instance {by} has replaced this program as handler_id {id}, because this program did not confirm its presence within {CONFIRM_MAX_S} s"
             ));
         }
         let text = taken_text(id, there, other.instance.as_ref(), &self.since);
@@ -367,7 +377,7 @@ mod tests {
         let lost = Registered::Offline(Departure::Unannounced { until_s: 7.0 });
         for now_s in [5.0, 6.0] {
             let will = HandlerPresence::gone(Some("a".to_owned()));
-            assert_eq!(at(now_s, will), Ok(lost.clone()), "a second one prolongs nothing");
+            assert_eq!(at(now_s, will), Ok(lost.clone()), "a second will changes nothing");
         }
         assert_eq!(handlers.back_s(1, 100, 6.9), Some(7.0));
         assert_eq!(handlers.back_s(1, 100, 7.0), None);
@@ -389,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn the_codes_of_one_that_comes_back_are_awaited_until_it_is_there_or_its_time_is_over() {
+    fn codes_of_a_returning_handler_are_awaited_until_return_or_deadline() {
         let mut handlers = HandlerRegistry::default();
         let mut at = |now_s, said: HandlerPresence| handlers.set("cell", &said, UNIX_EPOCH, now_s);
         let leaves = |ms| HandlerPresence {
@@ -411,15 +421,15 @@ mod tests {
         let announced = Registered::Offline(Departure::Announced { until_s: 6.0 });
         assert_eq!(at(1.0, leaves(5000)), Ok(announced.clone()));
         let will = HandlerPresence::gone(Some("a".to_owned()));
-        assert_eq!(at(2.0, will), Ok(announced), "its last will takes nothing away");
+        assert_eq!(at(2.0, will), Ok(announced), "a last will changes nothing");
         assert!(!handlers.serve(1, 100));
         assert_eq!(handlers.back_s(1, 100, 2.0), Some(6.0));
         assert_eq!(handlers.back_s(1, 101, 2.0), None);
-        assert_eq!(handlers.back_s(1, 100, 6.0), None, "its time is over");
+        assert_eq!(handlers.back_s(1, 100, 6.0), None, "its time has passed");
         handlers
             .set("cell", &presence(true, Some("b")), UNIX_EPOCH, 3.0)
             .unwrap();
-        assert_eq!(handlers.back_s(1, 100, 3.0), None, "it is back");
+        assert_eq!(handlers.back_s(1, 100, 3.0), None, "the handler has returned");
         assert!(handlers.serve(1, 100));
     }
 
@@ -453,22 +463,22 @@ mod tests {
     }
 
     #[test]
-    fn an_instance_that_does_not_confirm_that_it_is_there_gives_its_place_to_the_next() {
+    fn instance_that_does_not_confirm_its_presence_is_replaced_by_the_next() {
         let mut handlers = HandlerRegistry::default();
         let mut at =
             |now_s: f64, instance| handlers.set("cell", &presence(true, Some(instance)), UNIX_EPOCH, now_s);
         at(0.0, "a").unwrap();
         assert!(at(10.0, "b").is_err(), "a is asked");
-        assert!(at(11.9, "b").is_err(), "it still has time");
+        assert!(at(11.9, "b").is_err(), "instance a still has time to confirm");
         at(11.95, "a").unwrap();
-        assert!(at(12.0, "b").is_err(), "a has confirmed it, and is asked anew");
+        assert!(at(12.0, "b").is_err(), "a has confirmed; asked again");
         assert!(at(13.0, "c").is_err());
         let Ok(Registered::Online {
             took_over: Some(displaced),
             ..
         }) = at(14.0, "b")
         else {
-            panic!("a has not confirmed it");
+            panic!("instance a has not confirmed");
         };
         let Displaced {
             presence,
@@ -482,7 +492,7 @@ mod tests {
     }
 
     #[test]
-    fn a_presence_with_an_age_that_is_said_again_changes_nothing_and_confirms_that_the_instance_is_there() {
+    fn repeated_presence_with_expiry_refreshes_and_confirms_the_instance() {
         let mut handlers = HandlerRegistry::default();
         let aging = |instance, expires_ms| HandlerPresence {
             expires_ms,
@@ -493,10 +503,10 @@ mod tests {
         assert_eq!(at(0.3, aging("a", Some(900))), Ok(Registered::Refreshed));
         assert!(at(0.4, aging("b", None)).is_err());
         assert_eq!(at(2.3, aging("a", Some(900))), Ok(Registered::Refreshed));
-        assert!(at(2.5, aging("b", None)).is_err(), "it has confirmed it");
+        assert!(at(2.5, aging("b", None)).is_err(), "instance a has confirmed");
         assert_eq!(at(2.6, aging("a", Some(600))), ONLINE, "another presence");
         assert_eq!(at(2.7, aging("a", None)), ONLINE);
-        assert_eq!(at(2.8, aging("a", None)), ONLINE, "without an age as ever");
+        assert_eq!(at(2.8, aging("a", None)), ONLINE, "a presence without an age");
         for wrong in [0, 299, 3_600_001] {
             let refusal = at(3.0, aging("a", Some(wrong))).unwrap_err();
             assert_eq!(refusal.code, RefusalCode::Invalid);
@@ -550,7 +560,7 @@ mod tests {
             ..
         }) = set(&mut handlers, "cell", &new)
         else {
-            panic!("it has not taken over");
+            panic!("the other instance has not taken over");
         };
         let (old, text) = (displaced.presence, displaced.text);
         assert_eq!(displaced.departure, Departure::TakenOver);
@@ -561,7 +571,7 @@ mod tests {
     }
 
     #[test]
-    fn of_too_many_handlers_one_that_has_gone_is_forgotten_and_one_that_is_there_never() {
+    fn full_registry_evicts_an_offline_handler_and_never_an_online_one() {
         let mut handlers = HandlerRegistry::default();
         for n in 0..HANDLERS_MAX {
             set(&mut handlers, &n.to_string(), &presence(n != 7, None)).unwrap();

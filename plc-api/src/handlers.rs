@@ -1,22 +1,22 @@
 //! Sequence programs made of handlers: one async function for each M code.
 //!
-//! A handler receives the output and the machine, does its work, and returns: `Ok` resets the output, `Err` raises an
-//! alarm with its text. Handlers of several open outputs run concurrently, all within [`SequenceProgram::run`].
+//! A handler receives the output and a handle to the machine, does its work, and returns: `Ok` resets the
+//! output, `Err` raises an alarm with the text of the `Err`. Handlers of several open outputs run
+//! concurrently, all within [`SequenceProgram::run`].
 
 mod background;
 mod device;
 mod followed;
 mod nest;
-mod output;
 mod run;
 mod table;
 #[cfg(test)]
 mod tests;
 
 pub use device::{Device, DeviceHandler};
-pub use output::{AuxOutput, Cancellation};
 pub use table::{Handler, with};
 
+pub use crate::aux_output::{AuxOutput, Cancellation};
 pub use crate::m_codes::{ByName, ByNumber, M_CODE_MAX, MCodes, RUNTIME_M_CODES};
 
 use std::marker::PhantomData;
@@ -54,7 +54,7 @@ pub struct OneCoordinateSystem;
 /// Handlers of one coordinate system, within [`SequenceProgram::in_coordinate_system`].
 pub type InCoordinateSystem = SequenceProgram<OneCoordinateSystem>;
 
-/// A task that runs as long as the handlers do.
+/// A task that runs together with the handlers.
 type Companion = Arc<dyn Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync>;
 
 /// A sequence program: handlers by M code.
@@ -88,7 +88,7 @@ pub struct SequenceProgram<Scope = Everywhere> {
     companions: Vec<Companion>,
     how: How,
     handler_id: Option<String>,
-    // the coordinate system of the handlers added next; none means all
+    // coordinate system for which the next handlers are added; `None` means all coordinate systems
     cs: Option<CoordinateSystemNumber>,
     scope: PhantomData<Scope>,
 }
@@ -113,11 +113,12 @@ impl Default for SequenceProgram {
 impl<Scope> SequenceProgram<Scope> {
     /// Adds a handler for one or several M codes. For state shared with other handlers see [`with`].
     ///
-    /// The handler of an M code with a name ([`MCode`](crate::MCode)) takes [extractors](crate::extract): what they declare of
-    /// its parameters is checked when a program is loaded, and before the handler is begun.
+    /// The handler of an M code with a name ([`MCode`](crate::MCode)) takes [extractors](crate::extract): the
+    /// parameters are checked against the declarations of the extractors when an NC program is loaded, and
+    /// before the handler starts.
     ///
-    /// [`SequenceProgram::run`] refuses a second handler for a code, a code above 191, and those that the runtime
-    /// handles itself: M00, M01, M02, M30, M98, M99.
+    /// [`SequenceProgram::run`] refuses a second handler for a code, a code above 191, and the codes that the
+    /// runtime handles itself: M00, M01, M02, M30, M98, M99.
     #[must_use]
     pub fn on<A, By>(mut self, codes: impl MCodes<By>, handler: impl Handler<A, By>) -> Self {
         self.add(codes, handler);
@@ -133,9 +134,9 @@ impl<Scope> SequenceProgram<Scope> {
         self.table.add(self.cs, (codes, &[]), handler);
     }
 
-    /// Checks the parameters of an M code when a program is loaded, before anything moves: a program with wrong
-    /// parameters is not loaded, and the refusal names their lines. Parameters that come from variables are known only
-    /// when the block runs, so the handler calls the same function again.
+    /// Adds a check of the parameters of an M code at program load, before any motion: an NC program with
+    /// invalid parameters is not loaded, and the refusal names the lines. Parameters that come from variables
+    /// are known only when the block runs. Therefore the handler calls the same function again.
     ///
     /// ```
     /// # use plc_api::{Alarm, AuxOutput, Params, SequenceProgram};
@@ -157,8 +158,9 @@ impl<Scope> SequenceProgram<Scope> {
     /// # assert_eq!(program.check(), Ok(()));
     /// ```
     ///
-    /// The check must not block: if the answer takes more than two seconds, the program is loaded with a warning.
-    /// [`SequenceProgram::run`] refuses two checks of one code, and a check of a code without a handler.
+    /// The check must not block: if the answer takes more than two seconds, the program is loaded with a
+    /// warning. [`SequenceProgram::run`] refuses two checks of one code, and a check of a code without a
+    /// handler.
     #[must_use]
     pub fn validate<T, By>(
         mut self,
@@ -170,10 +172,11 @@ impl<Scope> SequenceProgram<Scope> {
         self
     }
 
-    /// Sets the treatment of an output of these M codes after the loss of its handler; overrides
-    /// [`on_redelivery`](SequenceProgram::on_redelivery), which covers all M codes. Work that is counted by
-    /// [`AuxOutput::id`] can be repeated; if a part is marked, the handler must check first; if something moves, an
-    /// operator should decide.
+    /// Sets the treatment of outputs of these M codes after the loss of their handler; overrides
+    /// [`on_redelivery`](SequenceProgram::on_redelivery), which covers all M codes. Choose
+    /// [`Redelivery::Redo`] if the work is recorded under [`AuxOutput::id`] and can therefore be repeated,
+    /// [`Redelivery::Verify`] if the handler can check whether the work is done, such as the marking of a
+    /// part, and [`Redelivery::Ask`] if the work moves an actuator.
     ///
     /// ```
     /// # use plc_api::{Alarm, AuxOutput, Redelivery, SequenceProgram};
@@ -189,27 +192,29 @@ impl<Scope> SequenceProgram<Scope> {
     /// # assert_eq!(program.check(), Ok(()));
     /// ```
     ///
-    /// The stricter of this and the configuration of the M code applies. [`SequenceProgram::run`] refuses two of one code, and one
-    /// of a code without a handler.
+    /// The stricter of this setting and the configuration of the M code applies. [`SequenceProgram::run`]
+    /// refuses two settings for one code, and a setting for a code without a handler.
     #[must_use]
     pub fn redelivery<By>(mut self, codes: impl MCodes<By>, redelivery: Redelivery) -> Self {
         self.table.add_redelivery(self.cs, &codes.m_codes(), redelivery);
         self
     }
 
-    /// State that handlers take as [`State<T>`](crate::State): each call receives a clone, such as of an `Arc`. One of each type.
+    /// Adds a state that handlers take as an argument [`State<T>`](crate::State): each call of a handler
+    /// receives a clone, for example of an `Arc`. A program has at most one state of each type.
     ///
-    /// [`SequenceProgram::run`] refuses a second one of a type, and a handler that takes one that is not there.
+    /// [`SequenceProgram::run`] refuses a second state of the same type, and a handler that takes a state
+    /// that was not added.
     #[must_use]
     pub fn state<T: Clone + Send + Sync + 'static>(mut self, state: T) -> Self {
         if !self.table.states.add(state) {
             let name = std::any::type_name::<T>();
-            self.mistake(format!("state() got two of type {name}"));
+            self.mistake(format!("state() got two states of type {name}"));
         }
         self
     }
 
-    /// Adds a task that runs with the handlers; when it ends, they end.
+    /// Adds a task that runs together with the handlers. If the task ends, the handlers end.
     pub(crate) fn beside(
         mut self,
         companion: impl Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync + 'static,
@@ -218,7 +223,7 @@ impl<Scope> SequenceProgram<Scope> {
         self
     }
 
-    /// Records what [`SequenceProgram::run`] will refuse.
+    /// Records a mistake for which [`SequenceProgram::run`] will refuse the program.
     pub(crate) fn mistake(&mut self, mistake: String) {
         self.table.mistakes.push(mistake);
     }
@@ -236,7 +241,7 @@ impl<Scope> SequenceProgram<Scope> {
 }
 
 impl SequenceProgram {
-    /// A sequence program without handlers.
+    /// Creates a sequence program without handlers.
     pub fn new() -> Self {
         Self {
             table: Table::default(),
@@ -248,7 +253,8 @@ impl SequenceProgram {
         }
     }
 
-    /// Adds handlers for one coordinate system only. There they take precedence over those for all.
+    /// Adds handlers for one coordinate system only. In that coordinate system they take precedence over the
+    /// handlers for all coordinate systems.
     #[must_use]
     pub fn in_coordinate_system(
         self,
@@ -258,10 +264,14 @@ impl SequenceProgram {
         build(self.within(Some(number))).within(None)
     }
 
-    /// Holds a coordinate system while a level is true, by a source of its interlock: motion is held on its path and
-    /// none starts, with `text` as the reason. The level belongs to this program, which writes it again on every
-    /// connection and at every boot of the machine; no other sender can clear it. When the program or the sender of the
-    /// level is lost, the source takes the value of `on_loss` in `[input.interlock]`, by default on.
+    /// Holds a coordinate system while a level is true, by a source of its interlock: motion is held on its
+    /// path and no motion starts; `text` is the reason. The source belongs to this program: the program
+    /// writes the source again on every connection and at every boot of the machine, and no other sender can
+    /// clear it.
+    ///
+    /// If the sender of `level` is dropped, the source is set on. If the program is lost, the source takes
+    /// its `on_loss` value: for a source that `[input.interlock]` declares the configured one, by default on;
+    /// for any other source that of `[input.interlock]`, by default the last value.
     ///
     /// ```
     /// # use plc_api::{SequenceProgram, fake::FakePort};
@@ -290,8 +300,8 @@ impl SequenceProgram {
         self.follow(LockKind::Interlock, (cs, source.into()), level, text.into())
     }
 
-    /// Refuses starts in a coordinate system while a level is true, by a source of its start lock; otherwise as
-    /// [`SequenceProgram::interlock`].
+    /// Refuses program starts in a coordinate system while a level is true, by a source of its start lock.
+    /// Ownership and loss of the source are as for [`SequenceProgram::interlock`].
     #[must_use]
     pub fn start_lock(
         self,
@@ -320,19 +330,20 @@ impl SequenceProgram {
         self.beside(move |plc| Box::pin(followed.clone().run(plc)))
     }
 
-    /// Sets the treatment of an output after its handler failed or lost its connection before the reset. The
-    /// configuration of the M code may have a `redelivery` as well; the stricter of the two applies
-    /// ([`Redelivery::Ask`], then [`Redelivery::Verify`], then [`Redelivery::Redo`]). Without either, nothing happens
-    /// until an operator decides.
+    /// Sets the treatment of an output whose handler is lost before the reset: its process ended, or its
+    /// connection broke. The configuration of the M code may also have a `redelivery`; the stricter of the
+    /// two applies ([`Redelivery::Ask`], then [`Redelivery::Verify`], then [`Redelivery::Redo`]). If neither
+    /// is set, the output waits until an operator decides.
     #[must_use]
     pub fn on_redelivery(mut self, on_redelivery: Redelivery) -> Self {
         self.how.on_redelivery = Some(on_redelivery);
         self
     }
 
-    /// Takes over from a running program of the same name, such as the version before an update. The old program is notified,
-    /// drops its handlers, and ends with [`Error::TakenOver`]; its open outputs are treated according to
-    /// [`SequenceProgram::on_redelivery`]. Without this call the machine refuses a second program of a name.
+    /// Takes over from a running program of the same name, such as the version before an update. The earlier
+    /// program is notified, drops its handlers, and ends with [`Error::TakenOver`]; its open outputs are
+    /// treated according to [`SequenceProgram::on_redelivery`]. Without this call the machine refuses a
+    /// second program of the same name.
     ///
     /// ```
     /// use plc_api::{Error, SequenceProgram, fake::FakePort};
@@ -355,8 +366,9 @@ impl SequenceProgram {
         self
     }
 
-    /// Remedies and translations of alarms, which the machine shows when one of them is raised. `[alarm.N]` of its configuration takes
-    /// precedence. For an example see [`UserAlarm`].
+    /// Adds remedies and translations of alarms; the machine shows them when such an alarm is raised. The
+    /// table `[alarm.N]` in the configuration of the machine takes precedence. For an example see
+    /// [`UserAlarm`].
     #[must_use]
     pub fn alarms(mut self, alarms: impl IntoIterator<Item = UserAlarm>) -> Self {
         self.table.add_alarms(alarms.into_iter().map(AlarmText::from));
@@ -364,34 +376,38 @@ impl SequenceProgram {
     }
 
     /// Sets the time for which the machine waits for this program to return after
-    /// [`run_until`](SequenceProgram::run_until) has stopped it, such as for an update: 1 ms to 1 h, by default one
-    /// minute. Until then its M codes are treated as served, and NC programs wait for them. Zero means that it does not
-    /// return.
+    /// [`run_until`](SequenceProgram::run_until) has stopped it, such as for an update: 1 ms to 1 h, by
+    /// default one minute. Until then its M codes are treated as served, and NC programs wait for them. Zero
+    /// means that it does not return.
     #[must_use]
     pub fn returns_within(mut self, time: Duration) -> Self {
         self.how.returns_within = time;
         self
     }
 
-    /// How long handlers may continue after [`run_until`](SequenceProgram::run_until) was asked to stop. Handlers still at work then are
-    /// dropped where they wait, and their outputs are lost, see [`redelivery`](SequenceProgram::redelivery). By default there is no
-    /// limit.
+    /// Limits the time for which handlers may continue after the stop of
+    /// [`run_until`](SequenceProgram::run_until). Handlers that are still at work at this limit are dropped
+    /// at their current await points, and their outputs are treated as lost, see
+    /// [`redelivery`](SequenceProgram::redelivery). By default there is no limit.
     #[must_use]
     pub fn ends_within(mut self, time: Duration) -> Self {
         self.how.ends_within = Some(time);
         self
     }
 
-    /// Name of this sequence program on the machine: 1 to 64 characters without `/ + #`, used by one program at a time: the
-    /// machine refuses a second one, unless it is to [`take_over`](SequenceProgram::take_over). Default: the user name of the connection, else a random name.
+    /// Sets the name of this sequence program on the machine: 1 to 64 characters without `/ + #`. One program
+    /// may use a name at a time: the machine refuses a second program of the same name, unless that program
+    /// is to [`take_over`](SequenceProgram::take_over). Default: the user name of the connection, otherwise a
+    /// random name.
     #[must_use]
     pub fn handler_id(mut self, handler_id: impl Into<String>) -> Self {
         self.handler_id = Some(handler_id.into());
         self
     }
 
-    /// A description of the M codes that it serves, for the file named by `[machine] served` of a configuration: `tandem check`,
-    /// `tandem explain` and editors then know them while the program does not run.
+    /// Returns a description of the M codes that this program serves, for the file that `[machine] served` of
+    /// a configuration names. With this file, `tandem check`, `tandem explain` and editors know the M codes
+    /// while the program does not run.
     ///
     /// ```no_run
     /// # use plc_api::SequenceProgram;
@@ -418,10 +434,10 @@ impl SequenceProgram {
         Served { serves }
     }
 
-    /// Checks what [`SequenceProgram::run`] would refuse.
+    /// Checks this program for mistakes, as [`SequenceProgram::run`] does before it starts.
     ///
     /// # Errors
-    /// [`Error::SequenceProgram`] names every mistake.
+    /// Fails with [`Error::SequenceProgram`], which names every mistake.
     pub fn check(&self) -> Result<()> {
         let mut mistakes = self.table.all_mistakes();
         mistakes.extend(self.handler_id.as_deref().and_then(mistake_in_id));
@@ -431,23 +447,29 @@ impl SequenceProgram {
         Err(Error::SequenceProgram(mistakes.join("; ")))
     }
 
-    /// Serves the machine: announces the handled M codes, claims outputs, runs their handlers and resets them. It
-    /// continues after every loss of the connection, and ends when the machine's side ends.
+    /// Serves the machine: announces the handled M codes, claims outputs, runs their handlers and resets
+    /// them. It continues after every loss of the connection, and ends when the machine has ended the
+    /// connection for good.
     ///
-    /// When this future is dropped, handlers are dropped where they wait, and the machine is notified that they are offline.
+    /// If this future is dropped, handlers are dropped at their current await points, and the machine is
+    /// notified that they are offline.
     ///
     /// # Errors
-    /// What [`SequenceProgram::check`] finds; a scan program panics, or a [`task`](SequenceProgram::task) fails; the machine refuses the name, such as
-    /// `handler_taken` while another program has it; [`Error::TakenOver`]; over MQTT, the connection serves another sequence program: use one connection for each.
+    /// - [`Error::SequenceProgram`] if [`SequenceProgram::check`] finds a mistake, a scan program panics, or
+    ///   a [`task`](SequenceProgram::task) fails.
+    /// - [`Error::Refused`] if the machine refuses the presence of this program, such as with `handler_taken`
+    ///   while another program uses its name. Over MQTT also if the connection already serves another
+    ///   sequence program: use one connection for each.
+    /// - [`Error::TakenOver`] if another program of the same name takes over.
     pub async fn run(self, plc: &Plc) -> Result<()> {
         self.run_until(plc, std::future::pending::<()>()).await
     }
 
     /// Serves the machine as [`SequenceProgram::run`] does, until `stop` completes, such as
-    /// [`stop_signal`](crate::stop_signal). Then it accepts no further output, and
-    /// ends when the handlers at work have finished, so that no work is lost; [`ends_within`](SequenceProgram::ends_within) limits their
-    /// time. Tasks and alarms continue until then. The machine learns that the program returns within
-    /// [`returns_within`](SequenceProgram::returns_within).
+    /// [`stop_signal`](crate::stop_signal). Then the program accepts no further output, and ends when the
+    /// handlers at work have finished, so that no work is lost; [`ends_within`](SequenceProgram::ends_within)
+    /// limits their time. Tasks and alarms continue until that end. The program announces to the machine that
+    /// it returns within [`returns_within`](SequenceProgram::returns_within).
     ///
     /// ```no_run
     /// # use plc_api::{Plc, SequenceProgram};
@@ -457,7 +479,7 @@ impl SequenceProgram {
     /// ```
     ///
     /// # Errors
-    /// As [`SequenceProgram::run`].
+    /// Fails as [`SequenceProgram::run`].
     pub async fn run_until<T>(self, plc: &Plc, stop: impl Future<Output = T>) -> Result<()> {
         self.check()?;
         let handler_id = self.handler_id.unwrap_or_else(|| plc.default_handler_id());
@@ -465,10 +487,10 @@ impl SequenceProgram {
         let serving = run::run(self.table, self.how, plc, handler_id.into(), stop);
         let companions: FuturesUnordered<_> = self.companions.iter().map(|run| run(plc.clone())).collect();
         tokio::select! {
-            // the handler first: what its companions set is its own
+            // the handlers first: levels that companions set belong to the handler
             biased;
             ended = Box::pin(serving) => ended,
-            // without companions there is nothing that could end
+            // without companions this branch never completes
             Some(ended) = companions.into_future().map(|(ended, _)| ended) => ended,
         }
     }

@@ -1,7 +1,7 @@
 //! The ledger: a state machine for the outputs of one coordinate system and their resets.
 //!
-//! It has no I/O, no clock and no task: the runtime calls it with the time as a parameter, and carries out the
-//! [`Effect`]s. All transports use it, so its [`rules`] hold for all:
+//! The ledger has no I/O, no clock and no task: the runtime calls it with the time as a parameter, and
+//! executes the [`Effect`]s. All transports use the ledger, so its [`rules`] apply to all transports:
 //!
 //! ```text
 //! QUEUED -> OUTPUT -> CLAIMED -> reset
@@ -9,7 +9,8 @@
 //!    '--------+-------------'----> cancelled | failed | timed out
 //! ```
 //!
-//! It does about ten million operations a second on one core, however many outputs are open (`cargo bench -p plc-api`).
+//! The ledger executes about ten million operations per second on one core, independent of the number of open
+//! outputs (`cargo bench -p plc-api`).
 
 mod closed;
 mod effect;
@@ -41,7 +42,8 @@ use result::{check_code, fault_alarm, result_of, status_of};
 pub struct Ledger {
     boot_id: BootId,
     cs: CoordinateSystemNumber,
-    /// `boot_id.cs.`: together with `seq` it identifies an output permanently, because boot ids are never reused.
+    /// `boot_id.cs.`: this prefix and `seq` identify an output permanently, because boot ids are never
+    /// reused.
     id_prefix: String,
     open_outputs_max: usize,
     next_seq: u64,
@@ -71,7 +73,8 @@ impl Ledger {
     /// Adds an output as QUEUED, and returns its `seq`, which is greater than all before.
     ///
     /// # Errors
-    /// Returns [`Full`] if `open_outputs_max` outputs are open: the caller waits and tries again; nothing is dropped.
+    /// Returns [`Full`] if `open_outputs_max` outputs are open: the caller waits and tries again; nothing is
+    /// dropped.
     pub fn enqueue(&mut self, now: Now, spec: OutputSpec) -> Result<u64, Full> {
         if self.open.len() >= self.open_outputs_max {
             return Err(Full);
@@ -109,8 +112,8 @@ impl Ledger {
         Ok(seq)
     }
 
-    /// Changes QUEUED to OUTPUT, or to CLAIMED if one exclusive handler serves it (H20): publishes it, and starts its
-    /// time limit. Has no effect in any other state.
+    /// Changes QUEUED to OUTPUT, or to CLAIMED if one exclusive handler serves it (H20): publishes it, and
+    /// starts its time limit. Has no effect in any other state.
     pub fn put_out(&mut self, now: Now, seq: u64) {
         let Some(place) = self.place(seq) else { return };
         let output = &mut self.open[place];
@@ -183,9 +186,10 @@ impl Ledger {
         Ok(result)
     }
 
-    /// A handler claims an output (H4).
+    /// Executes the claim of a handler (H4).
     ///
-    /// `m` is the M number of the request, if it has one; if it is not the output's, the answer is `unknown` (H3).
+    /// `m` is the M number of the request, if the request has one. If this number differs from the M number
+    /// of the output, the answer is `unknown` (H3).
     pub fn claim(&mut self, now: Now, m: Option<u16>, claim: &Claim) -> HandshakeResult {
         let who = (claim.seq, &*claim.handler_id, &claim.instance);
         let taken = self.take(now, m, claim);
@@ -224,7 +228,7 @@ impl Ledger {
         Ok(how)
     }
 
-    /// A handler or an operator resets an output (H5, H6).
+    /// Executes the reset of a handler or an operator (H5, H6).
     pub fn reset(&mut self, _now: Now, m: Option<u16>, reset: &Reset) -> HandshakeResult {
         let who = (reset.seq, &*reset.handler_id, &reset.instance);
         let (place, foreign) = match self.judge_reset(m, reset) {
@@ -271,8 +275,8 @@ impl Ledger {
         }
     }
 
-    /// Applies an operator's decision about an output without an owner: the output is published again with `how`; `ask`
-    /// withdraws an earlier decision. `not_owner` while a handler owns it.
+    /// Applies an operator's decision about an output without an owner: the output is published again with
+    /// `how`; `ask` withdraws an earlier decision. `not_owner` while a handler owns it.
     pub fn redeliver(&mut self, _now: Now, m: Option<u16>, redeliver: &Redeliver) -> HandshakeStatus {
         status_of(&self.decide(m, redeliver))
     }
@@ -292,7 +296,8 @@ impl Ledger {
         Ok(())
     }
 
-    /// Registers the online instance of a handler, and publishes again the unclaimed outputs that it may claim (H12).
+    /// Registers the online instance of a handler, and publishes again the unclaimed outputs that it may
+    /// claim (H12).
     pub fn handler_online(&mut self, now: Now, handler_id: &str, presence: &HandlerPresence) {
         let cs = self.cs;
         self.handlers.come(cs, handler_id, presence, now.time);
@@ -305,8 +310,8 @@ impl Ledger {
         });
     }
 
-    /// Handles the loss of a handler: each output that it owns is OUTPUT again, `redelivered` and `lost` (H11). With
-    /// `instance` only the outputs of that instance; with `None` those of any.
+    /// Handles the loss of a handler: each output that it owns is OUTPUT again, `redelivered` and `lost`
+    /// (H11). With `instance` only the outputs of that instance; with `None` the outputs of any instance.
     pub fn handler_lost(&mut self, now: Now, handler_id: &str, instance: Option<&str>) {
         let is_its = |output: &&mut OpenOutput| output.is_owned_by(handler_id, instance);
         let mut any = false;
@@ -329,15 +334,16 @@ impl Ledger {
         }
     }
 
-    /// Publishes again, after a new connection to the broker, the unclaimed outputs whose M number is in `handles`, as
-    /// `redelivered` with `attempt` one higher, except those that are withheld.
+    /// Publishes unclaimed outputs again after a new connection to the broker, if `handles` is true for their
+    /// M number and they are not withheld. They are `redelivered`, with `attempt` one higher.
     pub fn republish(&mut self, _now: Now, handles: impl Fn(u16) -> bool) {
         self.publish_again(|handlers, output| {
             handles(output.notice.m) && handlers.take_up(output, "", None).is_ok()
         });
     }
 
-    /// The runtime fails an output, such as one without a handler; an owner is notified.
+    /// Ends an output as failed, such as an output without a handler. If the output has an owner, the owner
+    /// is notified.
     pub fn fail(&mut self, _now: Now, seq: u64, alarm: Alarm) {
         if let Some(place) = self.place(seq) {
             let cancel = self.made(place).then_some(CancelReason::Alarm);
@@ -374,7 +380,7 @@ impl Ledger {
         }
     }
 
-    /// The next time limit for [`Ledger::expire`], seconds on the monotonic clock.
+    /// Returns the next time limit for [`Ledger::expire`], seconds on the monotonic clock.
     pub fn next_deadline_s(&self) -> Option<f64> {
         self.open
             .iter()
@@ -389,7 +395,7 @@ impl Ledger {
         }
     }
 
-    /// An open output.
+    /// Returns an open output.
     pub fn get(&self, seq: u64) -> Option<&OpenOutput> {
         self.place(seq).map(|place| &self.open[place])
     }
@@ -399,22 +405,23 @@ impl Ledger {
         &self.open
     }
 
-    /// True while an output of this M number is open, queued ones included (D32).
+    /// Returns true while an output with this M number is open, including a queued output (D32).
     pub fn is_open(&self, m: u16) -> bool {
         self.open.iter().any(|output| output.notice.m == m)
     }
 
-    /// True when no output is open.
+    /// Returns true if no output is open.
     pub fn is_empty(&self) -> bool {
         self.open.is_empty()
     }
 
-    /// True while the output waits because its owner was lost (`HANDLER_LOST`).
+    /// Returns true while the output waits because its owner was lost (`HANDLER_LOST`).
     pub fn is_lost(&self, seq: u64) -> bool {
         self.get(seq).is_some_and(|output| output.lost)
     }
 
-    /// The effects since the last call, in order. Take them after each call that changes something.
+    /// Returns the effects since the last call, in order. Call this method after each call that changes the
+    /// ledger.
     pub fn take_effects(&mut self) -> impl Iterator<Item = Effect> {
         self.effects.drain(..)
     }
@@ -427,12 +434,12 @@ impl Ledger {
             .ok()
     }
 
-    /// True if the output has been published to handlers.
+    /// Returns true if the output has been published to handlers.
     fn made(&self, place: usize) -> bool {
         self.open[place].state != OutputState::Queued
     }
 
-    /// The place of an open output, or why there is none.
+    /// Returns the index of an open output, or the reason why no open output matches.
     fn find(&self, boot_id: &BootId, seq: u64, m: Option<u16>) -> Result<usize, Denied> {
         if *boot_id != self.boot_id {
             return Err((HandshakeStatus::Stale, None));
@@ -505,7 +512,7 @@ impl Ledger {
         self.effects.push(Effect::Closed { seq, m, how });
     }
 
-    /// Publishes a result under the M number of the request, else of the output.
+    /// Publishes a result under the M number of the request, otherwise under that of the output.
     fn tell(&mut self, m: Option<u16>, result: &HandshakeResult) {
         let open = || self.get(result.seq).map(|output| output.notice.m);
         let known = || open().or_else(|| self.closed.m(result.seq));

@@ -1,4 +1,4 @@
-//! Heartbeats: a program that the machine watches, and one that watches the machine.
+//! Heartbeats: the machine watches a program, or a program watches the machine.
 
 use std::time::Duration;
 
@@ -13,22 +13,23 @@ use crate::types::message::Payload;
 use crate::types::request::typed;
 use crate::types::topic::Topic;
 
-/// Heartbeats within the time of one, so that two may be lost.
+/// Heartbeats within one `ttl`, so that two may be lost.
 const BEATS: u32 = 3;
 
-/// How often the machine's heartbeat is looked at within the time that it may stand still.
+/// Number of checks of the machine's heartbeat within the time limit for a missing heartbeat.
 const LOOKS: u32 = 4;
 
-/// The machine watches this program: while this is held, heartbeats are sent in the background. When they fail to come, such
-/// as when the program has died, hangs, or is cut off, every run is held: `FEED_HOLD`, reason `CLIENT_LOST`. Dropping it counts
-/// as that; [`Heartbeat::end`] says that the program goes as it should.
+/// A guard that sends heartbeats to the machine in the background. If the heartbeats stop, because the
+/// program has ended, hangs, or lost its connection, the machine holds every run: `FEED_HOLD`, reason
+/// `CLIENT_LOST`. Dropping the guard has the same effect. [`Heartbeat::end`] reports a regular end of the
+/// program, without a hold.
 ///
 /// ```
 /// # use std::time::Duration;
 /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
 /// # let plc = plc_api::fake::FakePort::new([1]).plc();
 /// let heartbeat = plc.heartbeat(Duration::from_millis(500)).await?;
-/// // ... what the machine must not go on without ...
+/// // ... work without which the machine must not continue ...
 /// heartbeat.end().await
 /// # }
 /// ```
@@ -41,10 +42,12 @@ pub struct Heartbeat {
 }
 
 impl Plc {
-    /// Asks the machine to watch this program: it holds every run when it does not hear of it for `ttl`, 100 ms to 60 s.
+    /// Requests that the machine watches this program: if the machine receives no heartbeat for `ttl`, 100 ms
+    /// to 60 s, it holds every run.
     ///
     /// # Errors
-    /// `ttl` is out of its range; the machine watches too many, or cannot be reached.
+    /// Fails if `ttl` is out of its range, the machine watches too many programs, or the machine cannot be
+    /// reached.
     pub async fn heartbeat(&self, ttl: Duration) -> Result<Heartbeat> {
         self.be_watched(None, ttl).await
     }
@@ -59,7 +62,7 @@ impl Plc {
             loop {
                 plc.sleep(ttl / BEATS).await;
                 if let Err(error) = plc.request(beat.clone()).await {
-                    tracing::warn!(%error, "the machine was not told that this program is alive");
+                    tracing::warn!(%error, "a heartbeat of this program did not reach the machine");
                 }
             }
         });
@@ -71,8 +74,9 @@ impl Plc {
         })
     }
 
-    /// Returns when the machine's heartbeat has stood still for `limit`, 400 ms or more: its servo gets no processor time, the
-    /// runtime has ended, or the connection is lost. A handler that moves something by itself stops it then.
+    /// Waits until the heartbeat of the machine has not changed for `limit`, which is 400 ms or more: the
+    /// servo gets no processor time, the runtime has ended, or the connection is lost. A handler that moves
+    /// an actuator itself must then stop the actuator.
     ///
     /// ```no_run
     /// # use std::time::Duration;
@@ -102,20 +106,21 @@ impl Plc {
 }
 
 impl CoordinateSystem {
-    /// As [`Plc::heartbeat`], for this coordinate system alone.
+    /// Requests that the machine watches this program as for [`Plc::heartbeat`], but the machine holds only
+    /// the runs of this coordinate system.
     ///
     /// # Errors
-    /// As [`Plc::heartbeat`]; there is no such coordinate system.
+    /// Fails as [`Plc::heartbeat`], and if the coordinate system does not exist.
     pub async fn heartbeat(&self, ttl: Duration) -> Result<Heartbeat> {
         self.plc().be_watched(Some(self.number()), ttl).await
     }
 }
 
 impl Heartbeat {
-    /// The machine watches this program no more, and holds nothing.
+    /// Ends the watch: the machine no longer watches this program, and does not hold a run.
     ///
     /// # Errors
-    /// The machine cannot be reached: it will hold.
+    /// Fails if the machine cannot be reached; it will then hold the runs.
     pub async fn end(self) -> Result<()> {
         self.beats.abort();
         let (id, cs) = (self.id.clone(), self.cs);

@@ -1,9 +1,9 @@
 //! The hub: the latest value of each state topic, and bounded subscriptions to all topics.
 //!
-//! Publishing never waits for a subscriber. A slow subscriber receives the latest value of each state topic, and all
-//! events up to a limit; beyond it the oldest are dropped and counted by [`Subscription::lost`] (see
-//! [`queue`](crate::queue)). What must not be lost is therefore also a state: open outputs in `m_code/pending`, alarms
-//! in `alarm/active`.
+//! Publishing never waits for a subscriber. A slow subscriber receives the latest value of each state topic,
+//! and all events up to a limit; beyond it the oldest are dropped and counted by [`Subscription::lost`] (see
+//! [`queue`](crate::queue)). Data that must not be lost is therefore also published as a state: open outputs
+//! in `m_code/pending`, alarms in `alarm/active`.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, Weak};
@@ -24,8 +24,8 @@ pub enum Filter {
     All,
     /// These topics.
     Topics(Vec<Topic>),
-    /// Topics for a handler: presence, birth, presence of handlers and its results, and pending, output, result, cancel and validate of
-    /// every coordinate system.
+    /// Topics for a handler: presence, birth, presence of handlers, handler results, and pending, output,
+    /// result, cancel and validate of every coordinate system.
     Handshake,
     /// Replies to commands.
     Replies,
@@ -86,7 +86,7 @@ struct Waiting {
 }
 
 impl Hub {
-    /// An empty hub.
+    /// Creates an empty hub.
     pub fn new() -> Self {
         Self::default()
     }
@@ -96,10 +96,10 @@ impl Hub {
         lock(&self.inner).publish(&Arc::new(message));
     }
 
-    /// Publishes a state unless it is as it was. `message` makes the message from topic, next revision and payload; while it does,
-    /// nothing else is published.
+    /// Publishes a state if its payload has changed. `message` creates the message from the topic, the next
+    /// revision and the payload; no other message is published meanwhile.
     ///
-    /// Returns the last message of the topic then, and whether it is this one.
+    /// Returns the last message of the topic, and true if this call has published it.
     pub fn publish_change(
         &self,
         topic: Topic,
@@ -117,17 +117,17 @@ impl Hub {
         (message, true)
     }
 
-    /// The last value of a state topic.
+    /// Returns the last value of a state topic.
     pub fn read(&self, topic: &Topic) -> Option<Arc<Message>> {
         lock(&self.inner).states.get(topic).cloned()
     }
 
-    /// The last value of every state topic.
+    /// Returns the last value of every state topic.
     pub fn states(&self) -> Vec<Arc<Message>> {
         lock(&self.inner).states.values().cloned().collect()
     }
 
-    /// Handlers that have announced themselves, by id.
+    /// Returns the handlers that have announced themselves, by id.
     pub(crate) fn handlers(&self) -> BTreeMap<String, HandlerPresence> {
         let states = self.states();
         let presence = |message: &Arc<Message>| match (&message.topic, &message.payload) {
@@ -139,12 +139,12 @@ impl Hub {
         states.iter().filter_map(presence).collect()
     }
 
-    /// Forgets the value of a state topic.
+    /// Removes the value of a state topic.
     pub fn forget(&self, topic: &Topic) {
         lock(&self.inner).states.remove(topic);
     }
 
-    /// A subscription; it starts with the current values.
+    /// Creates a subscription, which starts with the current values.
     pub fn subscribe(&self, filter: Filter) -> Subscription {
         let mut inner = lock(&self.inner);
         let mut waiting = Waiting::default();
@@ -213,7 +213,7 @@ pub struct Subscription {
 }
 
 impl Subscription {
-    /// The next message; `None` when the hub is closed. Cancellation safe.
+    /// Waits for the next message and returns it; returns `None` if the hub is closed. Cancellation safe.
     pub async fn next(&mut self) -> Option<Arc<Message>> {
         loop {
             if let Some(message) = self.try_next() {
@@ -226,12 +226,12 @@ impl Subscription {
         }
     }
 
-    /// The next message, if there is one.
+    /// Returns the next message, or `None` if no message is unread.
     pub fn try_next(&mut self) -> Option<Arc<Message>> {
         lock(&self.subscriber.waiting).queue.take()
     }
 
-    /// Events dropped so far because they were not read in time.
+    /// Returns the number of events that were dropped so far because they were not read in time.
     pub fn lost(&self) -> u64 {
         lock(&self.subscriber.waiting).queue.lost()
     }
@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn a_state_that_is_as_it_was_is_not_published_again_and_a_new_one_has_the_next_revision() {
+    fn unchanged_state_is_not_republished_and_a_change_gets_the_next_revision() {
         let hub = Hub::new();
         let publish = |value| {
             let Message { topic, payload, .. } = switch(value);

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::names::unique_name;
 
-/// A handler and one of its instances: who claims and resets outputs, and writes levels.
+/// A handler and one of its instances, as the sender of claims, resets and writes of levels.
 #[derive(Debug, Clone)]
 pub(crate) struct Identity {
     pub(crate) handler_id: Arc<str>,
@@ -12,7 +12,7 @@ pub(crate) struct Identity {
 }
 
 impl Identity {
-    /// A new instance of a handler.
+    /// Creates a new instance of a handler.
     pub(crate) fn new(handler_id: Arc<str>) -> Self {
         Self {
             handler_id,

@@ -10,14 +10,14 @@ use crate::types::refusal::RefusalCode;
 use crate::types::request::typed::ForceIo;
 use crate::types::topic::Topic;
 
-/// An input or output of the plant: [`Plc::io_in`] and [`Plc::io_out`].
+/// An input or output of the plant, created by [`Plc::io_in`] or [`Plc::io_out`].
 ///
 /// ```
 /// # use plc_api::types::io::{IoDeclaration, IoPoint};
 /// use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
 /// use std::time::Duration;
 ///
-/// /// Opens the valve, and waits until the flow switch tells that coolant flows.
+/// /// Opens the valve, and waits until the flow switch reports a flow of coolant.
 /// async fn coolant_on(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
 ///     plc.io_out("coolant_valve").set(true).await?;
 ///     let flow = plc.io_in("coolant_flows");
@@ -50,12 +50,12 @@ pub struct Io {
 }
 
 impl Plc {
-    /// An input of the plant, by its name in the configuration (`[io.in.NAME]`).
+    /// Returns a handle to an input of the plant, by its name in the configuration (`[io.in.NAME]`).
     pub fn io_in(&self, name: impl Into<String>) -> Io {
         self.io(IoPoint::input(name))
     }
 
-    /// An output of the plant, by its name in the configuration (`[io.out.NAME]`).
+    /// Returns a handle to an output of the plant, by its name in the configuration (`[io.out.NAME]`).
     pub fn io_out(&self, name: impl Into<String>) -> Io {
         self.io(IoPoint::output(name))
     }
@@ -70,35 +70,37 @@ impl Plc {
 }
 
 impl Io {
-    /// Which it is.
+    /// Returns the side and the name of this input or output.
     pub fn point(&self) -> &IoPoint {
         &self.point
     }
 
-    /// Returns the current value: the forced value, otherwise the value that its owner has written, otherwise its safe
-    /// value.
+    /// Returns the current value: the forced value if an operator has forced one, otherwise the value that
+    /// the owner has written, otherwise the safe value.
     ///
     /// # Errors
-    /// Fails if the configuration does not declare it, or the machine has not published it yet.
+    /// Fails if the configuration does not declare the input or output, or the machine has not published its
+    /// state yet.
     pub async fn value(&self) -> Result<IoValue> {
         Ok(self.state().await?.value)
     }
 
-    /// Returns the current state: the value with its owner, and whether it is forced.
+    /// Returns the current state: the value, the owner, and whether the value is forced.
     ///
     /// # Errors
-    /// As [`value`](Self::value).
+    /// Fails as [`value`](Self::value).
     pub async fn state(&self) -> Result<IoState> {
         let said = self.plc.port().read(&self.topic()).await;
         if let Some(Payload::Io(state)) = said.as_deref().map(|message| &message.payload) {
             return Ok(state.clone());
         }
         self.judge(None).await?;
-        let why = "the machine has not told of it yet";
+        let why = "the machine has not published its state yet";
         Err(refused(RefusalCode::NotFound, &self.point, why).into())
     }
 
-    /// Its value now, and then each other one. If it changes faster than it is read, only the latest value is.
+    /// Returns the current value, and then each changed value. If the value changes faster than the program
+    /// reads, only the latest value is returned.
     pub fn changes(&self) -> IoChanges {
         IoChanges {
             messages: self.plc.port().subscribe(Filter::Topics(vec![self.topic()])),
@@ -106,11 +108,12 @@ impl Io {
         }
     }
 
-    /// Waits for a value for which `is_it` is true, and returns it. One that has it now is not waited for. To wait no longer than a
-    /// time: [`Plc::timeout`].
+    /// Waits until `is_it` returns true for the value, and returns that value. Returns at once if `is_it` is
+    /// true for the current value. For a time limit see [`Plc::timeout`].
     ///
     /// # Errors
-    /// The configuration does not declare it, or the machine has ended the connection.
+    /// Fails if the configuration does not declare the input or output, or the machine has ended the
+    /// connection.
     pub async fn wait_until(&self, is_it: impl Fn(IoValue) -> bool) -> Result<IoValue> {
         self.judge(None).await?;
         let mut changes = self.changes();
@@ -122,18 +125,19 @@ impl Io {
         Err(Error::Closed)
     }
 
-    /// Writes a value. While a sequence program runs, the output then belongs to that program: it is written again on
-    /// every connection and after every start of the machine, no other sender writes it while the program is online,
-    /// and it takes its safe value after the program has ended. A client without handlers owns nothing: it may write
-    /// outputs that no handler owns.
+    /// Writes a value. If a sequence program writes the value, this program owns the output: the program
+    /// writes the value again on every connection and after every start of the machine, and no other sender
+    /// can write the output while the program is online. After the end of the program the output takes its
+    /// safe value. A client without handlers owns nothing, and may write outputs that no handler owns.
     ///
     /// # Errors
-    /// The configuration does not declare it, the value is not of its kind or out of its range, or it is another handler's. While
-    /// a sequence program serves the machine, one that cannot be reached is waited for.
+    /// Fails if the configuration does not declare the input or output, the value is of the wrong kind or out
+    /// of range, or another handler owns the input or output. In a sequence program the call waits while the
+    /// machine cannot be reached.
     pub async fn set(&self, value: impl Into<IoValue>) -> Result<()> {
         let value = value.into();
         self.judge(Some(value)).await?;
-        // a program that the machine does not know yet waits until it does
+        // a program that the machine has not accepted yet waits until the machine accepts it
         let levels = self.plc.levels();
         let owner = levels.owner();
         if (owner.is_some() || !levels.has_owner())
@@ -145,7 +149,8 @@ impl Io {
         self.plc.set_io(self.point.clone(), value).await
     }
 
-    /// Validates a write against `birth` before it is sent, because a broker returns no answer to a refused write.
+    /// Validates a write against `birth` before it is sent, because a broker returns no answer to a refused
+    /// write.
     async fn judge(&self, value: Option<IoValue>) -> Result<()> {
         let birth = self.plc.port().read(&Topic::Birth).await;
         match birth.as_deref().map(|message| &message.payload) {
@@ -154,20 +159,22 @@ impl Io {
         }
     }
 
-    /// Forces a value that replaces the written one, as an operator does: readers receive it until
-    /// [`release`](Self::release), regardless of the owner's writes. State and journal name the user who forced it. A
-    /// restart of the machine ends the forcing.
+    /// Forces a value that replaces the written one, as an operator does: readers receive the forced value
+    /// until [`release`](Self::release), regardless of the values that the owner writes. State and journal
+    /// name the user who forced the value. A restart of the machine ends the forcing.
     ///
     /// # Errors
-    /// The configuration does not declare it, the value is not of its kind or out of its range, or the user may not do it.
+    /// Fails if the configuration does not declare the input or output, the value is of the wrong kind or out
+    /// of range, or the user has no right to force values.
     pub async fn force(&self, value: impl Into<IoValue>) -> Result<()> {
         self.put_in_place(Some(value.into())).await
     }
 
-    /// Takes a forced value back: what its owner has written counts again. No effect if it is not forced.
+    /// Ends the forcing: the value that the owner has written applies again. No effect if no value is forced.
     ///
     /// # Errors
-    /// The configuration does not declare it, or the user may not do it.
+    /// Fails if the configuration does not declare the input or output, or the user has no right to force
+    /// values.
     pub async fn release(&self) -> Result<()> {
         self.put_in_place(None).await
     }
@@ -184,7 +191,7 @@ impl Io {
     }
 }
 
-/// Values of an input or output of the plant: [`Io::changes`].
+/// Values of an input or output of the plant, returned by [`Io::changes`].
 #[derive(Debug)]
 pub struct IoChanges {
     messages: Subscription,
@@ -192,7 +199,8 @@ pub struct IoChanges {
 }
 
 impl IoChanges {
-    /// The next value; `None` when the machine has ended the connection. Cancellation safe.
+    /// Waits for the next value and returns it; returns `None` if the machine has ended the connection.
+    /// Cancellation safe.
     pub async fn next(&mut self) -> Option<IoValue> {
         loop {
             let message = self.messages.next().await?;

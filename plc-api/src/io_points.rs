@@ -1,11 +1,12 @@
 //! Inputs and outputs of the plant. Pure; the runtime and the scripted machine share it.
 //!
-//! A point that a handler has written belongs to that handler: no other sender can write it while the handler is
-//! present. If the handler leaves, its outputs keep their values for the time that it announced, otherwise for the
-//! grace time; then they take the value of their `on_loss`. An input has no grace time: its value is unknown once it is
-//! no longer read. Clients without a presence own nothing: any of them may write a point that no handler owns. An
-//! operator can force a value; the program continues to write, and its value is in force again when an operator removes
-//! the force.
+//! A point is one input or output. A point that a handler has written belongs to that handler: no other
+//! sender can write the point while the handler is online. If the handler leaves, its outputs keep their
+//! values for the time that the handler announced, otherwise for the grace time; then they take the value of
+//! their `on_loss`. An input has no grace time, because its value is unknown as soon as no handler reads the
+//! sensor. Clients without a presence own nothing: any such client may write a point that no handler owns. An
+//! operator can force a value. The owner can still write the point; the written value applies again when an
+//! operator ends the forcing.
 
 use std::collections::BTreeMap;
 
@@ -15,14 +16,15 @@ use crate::types::io::{
 };
 use crate::types::refusal::{Refusal, RefusalCode};
 
-/// Largest number of names in the text of a refusal. Reason: it is one line of a panel.
+/// Largest number of names in the text of a refusal. Reason: the text is shown in one line of a panel.
 const NAMED_MAX: usize = 20;
 
 /// All inputs and outputs of a machine.
 #[derive(Debug, Default)]
 pub struct IoPoints {
     points: BTreeMap<IoPoint, (IoDeclaration, IoState)>,
-    /// Owners that left, and until when their points wait for them, seconds since the start.
+    /// Owners that left, with the end of the time for which their points wait for them, seconds since the
+    /// start.
     absent: BTreeMap<String, f64>,
 }
 
@@ -31,7 +33,7 @@ pub struct IoPoints {
 pub struct LostPoint {
     /// The point.
     pub point: IoPoint,
-    /// Its owner.
+    /// The lost owner.
     pub handler_id: String,
     /// State of the point after the loss.
     pub state: IoState,
@@ -55,8 +57,8 @@ impl IoPoints {
         }
     }
 
-    /// Restores the value of an output that was written last before the start; `None` if it is damaged. A value that
-    /// the declaration no longer allows is ignored.
+    /// Restores the value of an output that was written last before the start; `None` means that the stored
+    /// value is damaged. A value that the declaration no longer allows is ignored.
     pub fn restore(&mut self, point: &IoPoint, last: Option<IoValue>) {
         let Some((declaration, state)) = self.points.get_mut(point) else {
             return;
@@ -73,7 +75,8 @@ impl IoPoints {
         self.points.iter().map(|(point, (_, state))| (point, state))
     }
 
-    /// Validates a write without changing anything. `judge_writer` validates the instance that writes for a handler.
+    /// Validates a write without changing anything. `judge_writer` validates the instance that writes for a
+    /// handler.
     ///
     /// # Errors
     /// Fails like [`write`](Self::write).
@@ -94,13 +97,13 @@ impl IoPoints {
         judge_owner(point, state, set.handler_id.as_deref())
     }
 
-    /// Writes a value. `judge_writer` validates the instance that writes for a handler. The second value is true if the
-    /// value or the owner has changed.
+    /// Writes a value. `judge_writer` validates the instance that writes for a handler. The second value is
+    /// true if the value or the owner has changed.
     ///
     /// # Errors
-    /// `not_found` if the point is not declared; `invalid` if a value or an id is not valid; `unavailable` if the
-    /// handler is offline; `not_allowed` if another handler owns the point, or another instance of the handler is
-    /// online.
+    /// `not_found` if the point is not declared; `invalid` if a value or an id is not valid; `unavailable` if
+    /// the handler is offline; `not_allowed` if another handler owns the point, or another instance of the
+    /// handler is online.
     pub fn write(
         &mut self,
         point: &IoPoint,
@@ -135,7 +138,7 @@ impl IoPoints {
         Ok(state)
     }
 
-    /// Handles the departure of a handler. Returns the points that it changed.
+    /// Handles the departure of a handler. Returns the points that changed.
     pub fn leave(&mut self, handler_id: &str, departure: Departure) -> Vec<LostPoint> {
         let Some(until_s) = departure.until_s() else {
             return Vec::new();
@@ -154,8 +157,8 @@ impl IoPoints {
         self.absent.remove(handler_id);
     }
 
-    /// Ends the waiting time of handlers that left and did not return. `is_there` returns whether a handler is online.
-    /// Returns the points that changed.
+    /// Ends the waiting time of handlers that left and did not return. `is_there` returns whether a handler
+    /// is online. Returns the points that changed.
     pub fn expire(&mut self, now_s: f64, is_there: impl Fn(&str) -> bool) -> Vec<LostPoint> {
         let due = self.absent.extract_if(.., |_, until_s| *until_s <= now_s);
         let due: Vec<_> = due.map(|(id, _)| id).filter(|id| !is_there(id)).collect();
@@ -205,24 +208,25 @@ impl IoPoints {
 /// Checks that a handler, or a client without presence, may write a point in this state.
 ///
 /// # Errors
-/// Returns `not_allowed` if another handler owns it.
+/// Returns `not_allowed` if another handler owns the point.
 pub(crate) fn judge_owner(point: &IoPoint, state: &IoState, handler_id: Option<&str>) -> Result<(), Refusal> {
     let Some(owner) = state.owner.as_deref().filter(|owner| handler_id != Some(owner)) else {
         return Ok(());
     };
     let whose = match (state.lost, handler_id) {
         (true, Some(_)) => return Ok(()),
-        (true, None) => format!("it waits for handler {owner}, or another one, to write it"),
-        (false, _) => format!("it is handler {owner}'s, which alone writes it while it is there"),
+        (true, None) => format!("it waits for handler {owner} or another handler to write it"),
+        (false, _) => format!("handler {owner} owns it, and only this handler may write it while online"),
     };
-    let why = format!("{whose}; an operator puts a value in its place by force");
+    let why = format!("{whose}; an operator can force a value");
     Err(refused(RefusalCode::NotAllowed, point, why))
 }
 
-/// Checks that a machine has such an input or output, and that it can have this value.
+/// Checks that the configuration declares an input or output, and that it can have this value.
 ///
 /// # Errors
-/// `not_found` if the configuration does not declare it; `invalid` if it cannot have the value.
+/// `not_found` if the configuration does not declare the input or output; `invalid` if it cannot have the
+/// value.
 pub(crate) fn judge_declared(
     io: &IoDeclarations,
     point: &IoPoint,
@@ -297,7 +301,7 @@ mod tests {
         }
     }
 
-    #[allow(clippy::unnecessary_wraps, reason = "it judges as the machine does")]
+    #[allow(clippy::unnecessary_wraps, reason = "same signature as the machine")]
     fn there(_: &str, _: Option<&String>) -> Result<(), Refusal> {
         Ok(())
     }
@@ -374,7 +378,7 @@ mod tests {
         let mut points = closed(IoDeclaration::new(false));
         points.leave("cell", Departure::Announced { until_s: 60.0 });
         assert_eq!(points.expire(59.9, |_| false), []);
-        assert_eq!(points.expire(60.0, |_| true), [], "it is online, and will say so");
+        assert_eq!(points.expire(60.0, |_| true), [], "the handler is online");
         points.leave("cell", Departure::Announced { until_s: 60.0 });
         assert_eq!(points.expire(60.0, |_| false).len(), 1);
         assert_eq!(of_clamp(&points), (false, false, true));
@@ -442,7 +446,7 @@ mod tests {
         let lost = points.leave("gateway", LOST);
         assert_eq!(lost.len(), 1);
         assert_eq!(value(&points), (false.into(), Some("gateway".into()), true));
-        assert_eq!(points.leave("gateway", LOST), [], "it is told once");
+        assert_eq!(points.leave("gateway", LOST), [], "the loss is reported once");
         let refusal = points.write(&door(), anyone(true), nobody).unwrap_err();
         assert!(refusal.text.contains("waits for handler gateway"), "{refusal}");
         points.write(&door(), by("other", true), there).unwrap();
@@ -450,7 +454,7 @@ mod tests {
     }
 
     #[test]
-    fn clients_without_presence_write_what_nobody_owns_and_a_handler_takes_it_over() {
+    fn clients_without_presence_write_unowned_points_and_handlers_take_over() {
         let mut points = points();
         points.write(&door(), anyone(true), there).unwrap();
         points.write(&door(), anyone(false), there).unwrap();

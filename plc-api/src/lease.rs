@@ -13,12 +13,13 @@ use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::typed;
 
-/// Renewals within the time of a lease, so that two may be lost.
+/// Renewals within one `ttl` of a lease, so that two may be lost.
 const RENEWALS: u32 = 3;
 
-/// The control lease of a coordinate system: while it is held, load, start, resume, mdi, jog and home from others are
-/// refused as `busy`; hold, stop, abort and reset never are. It is renewed in the background until it is released or
-/// dropped.
+/// The control lease of a coordinate system. While this client holds the lease, the commands load, start,
+/// run, resume, back trace, mdi, jog and home of other clients are refused as `busy`. Hold, stop, abort,
+/// reset and the end of a jog are never refused for this reason. The lease is renewed in the background until
+/// it is released or dropped.
 ///
 /// ```no_run
 /// # use std::time::Duration;
@@ -38,18 +39,20 @@ pub struct Lease {
 }
 
 impl CoordinateSystem {
-    /// Takes the control lease for `ttl`, 1 s to 10 min, in the name of this program's user or connection.
+    /// Takes the control lease for `ttl`, 1 s to 10 min, in the name of the user or the connection of this
+    /// program.
     ///
     /// # Errors
-    /// `busy` while somebody else holds it; `ttl` is out of range.
+    /// Fails with `busy` while another client holds the lease, or if `ttl` is out of range.
     pub async fn take_lease(&self, ttl: Duration) -> Result<Lease> {
         self.take(None, ttl).await
     }
 
-    /// Takes it in a name of 1 to 64 characters, which panels and refusals show.
+    /// Takes the control lease as [`take_lease`](Self::take_lease) does, in the name `holder` of 1 to 64
+    /// characters, which panels and refusals show.
     ///
     /// # Errors
-    /// As [`CoordinateSystem::take_lease`]; the name is too long.
+    /// Fails as [`CoordinateSystem::take_lease`], and if the name is too long.
     pub async fn take_lease_as(&self, holder: impl Into<String>, ttl: Duration) -> Result<Lease> {
         self.take(Some(holder.into()), ttl).await
     }
@@ -88,7 +91,8 @@ impl CoordinateSystem {
     }
 }
 
-/// Renews until the machine answers that the lease has ended; a renewal that fails otherwise is repeated.
+/// Renews the lease until the machine answers that the lease has ended. A renewal that fails for another
+/// reason is repeated.
 async fn renew(
     coordinate_system: CoordinateSystem,
     take: LeaseTake,
@@ -110,29 +114,30 @@ async fn renew(
 }
 
 impl Lease {
-    /// The coordinate system, commanded under this lease.
+    /// Returns a handle to the coordinate system that sends commands under this lease.
     pub fn coordinate_system(&self) -> &CoordinateSystem {
         &self.coordinate_system
     }
 
-    /// Its number; each lease of the coordinate system gets a higher one.
+    /// Returns the number of this lease; each later lease of the coordinate system has a higher number.
     pub fn fence(&self) -> u64 {
         self.fence
     }
 
-    /// True once the machine has answered that it ended: it was broken, the runtime was restarted, or no renewal
-    /// arrived in time. Commands under it are then refused as `lease_lost`.
+    /// Returns true once the machine has answered that the lease has ended: an operator has broken the lease,
+    /// the runtime was restarted, or no renewal arrived in time. Commands under the lease are then refused as
+    /// `lease_lost`.
     pub fn is_lost(&self) -> bool {
         self.lost.load(Ordering::Relaxed)
     }
 
-    /// Releases it.
+    /// Releases the lease.
     ///
     /// # Errors
-    /// `lease_lost` when it had ended before, or the machine cannot be reached.
+    /// Fails with `lease_lost` if the lease had ended before, or if the machine cannot be reached.
     pub async fn release(self) -> Result<()> {
         self.renewal.abort();
-        // so that dropping it does not release it again
+        // prevents a second release on drop
         self.lost.store(true, Ordering::Relaxed);
         self.coordinate_system
             .plc()
@@ -152,7 +157,7 @@ impl Drop for Lease {
     fn drop(&mut self) {
         self.renewal.abort();
         if !self.is_lost() {
-            let unsent = "the control lease could not be released; it ends by its time";
+            let unsent = "the control lease could not be released; it ends when its time has passed";
             self.coordinate_system
                 .plc()
                 .send_without_waiting(self.ask_release(), unsent);

@@ -1,5 +1,6 @@
-//! Interlocks, start locks, and inputs and outputs of the plant that a program has set. While the program serves the
-//! machine, its handler owns them, and they are written again after each new announcement of its presence.
+//! Sources of interlocks and start locks, and inputs and outputs of the plant, that a program has set. While
+//! the program serves the machine, its handler owns these levels, and they are written again after each new
+//! announcement of its presence.
 
 use std::collections::BTreeMap;
 use std::sync::Mutex;
@@ -77,7 +78,7 @@ fn request(place: &Place, level: Level, owner: Option<&Identity>) -> Option<Requ
 #[derive(Debug, Clone)]
 struct Owner {
     by: Identity,
-    /// The start of the machine that knows the handler.
+    /// The boot of the machine that has accepted the handler.
     known_in: Option<BootId>,
 }
 
@@ -88,7 +89,7 @@ pub(crate) struct Levels {
     /// Number of guards that hold each source.
     held: Mutex<BTreeMap<Place, usize>>,
     owner: watch::Sender<Option<Owner>>,
-    /// Serializes the writes, so that each writes the value in force at that time.
+    /// Serializes the writes, so that each write sends the current value.
     turn: tokio::sync::Mutex<()>,
 }
 
@@ -98,7 +99,7 @@ impl Levels {
         self.owner.borrow().is_some()
     }
 
-    /// Makes a handler that begins to serve the machine the owner of the levels that are set from now on.
+    /// Sets the owner of the levels that are set from now on: a handler that starts to serve the machine.
     pub(crate) fn begin(&self, by: &Identity) {
         self.owner.send_replace(Some(Owner {
             by: by.clone(),
@@ -111,7 +112,7 @@ impl Levels {
         self.owner.send_replace(None);
     }
 
-    /// Waits until this start of the machine knows the program that serves it.
+    /// Waits until this boot of the machine has accepted the program that serves it.
     pub(crate) async fn announced(&self, boot: &BootId) {
         let mut owner = self.owner.subscribe();
         let known = owner.wait_for(|owner| {
@@ -123,14 +124,14 @@ impl Levels {
         let _is_there = known.await.is_ok();
     }
 
-    /// Returns the handler that owns a source, once the machine knows it.
+    /// Returns the handler that owns the levels, after the machine has accepted it.
     pub(crate) fn owner(&self) -> Option<Identity> {
         let owner = self.owner.borrow();
         let known = owner.as_ref().filter(|owner| owner.known_in.is_some());
         known.map(|owner| owner.by.clone())
     }
 
-    /// Writes all levels to this start of the machine, after it has received the presence.
+    /// Writes all levels to this boot of the machine, after the machine has received the presence.
     pub(crate) async fn write_all(&self, asking: Asking<'_>, boot: &BootId) {
         self.owner.send_modify(|owner| {
             if let Some(owner) = owner {
@@ -145,7 +146,7 @@ impl Levels {
         }
     }
 
-    /// Counts one more guard of a source.
+    /// Adds a guard of a source.
     pub(crate) fn begin_hold(&self, place: Place) {
         *lock(&self.held).entry(place).or_default() += 1;
     }
@@ -165,7 +166,8 @@ impl Levels {
     /// Sets a source.
     ///
     /// # Errors
-    /// Fails if the machine refuses it. While a program serves the machine, waits for a machine that cannot be reached.
+    /// Fails if the machine refuses the level. While a program serves the machine, waits until the machine
+    /// can be reached.
     pub(crate) async fn set(
         &self,
         asking: Asking<'_>,

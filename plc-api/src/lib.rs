@@ -1,15 +1,15 @@
 //! Sequence-control API of the Tandem runtime: the PLC side of an NC machine, in Rust.
 //!
-//! An NC program commands the machine by M codes with parameters, such as `M100 VA3`. Each M code is an *output* of the
-//! NC program to the PLC: the program waits until the PLC has done the work and sends the *reset* of that output. A
-//! *sequence program* does this work: one async function, a *handler*, for each M code. The same sequence program runs
-//! in the runtime's process ([`Plc::in_process`]), in another process over MQTT or REST ([`Plc::connect`]), and in a
-//! unit test ([`fake::FakePort`]).
+//! An NC program commands the machine by M codes with parameters, such as `M100 VA3`. Each M code is an
+//! *output* of the NC program to the PLC: the program waits until the PLC has done the work and sends the
+//! *reset* of that output. A *sequence program* does this work: one async function, a *handler*, for each M
+//! code. The same sequence program runs in the runtime's process ([`Plc::in_process`]), in another process
+//! over MQTT or REST ([`Plc::connect`]), and in a unit test ([`fake::FakePort`]).
 //!
 //! # A sequence program
-//! `tandem init DIR` creates a project with a sequence program and a test. Without it, depend on `plc-api` and `tokio`
-//! (features `macros`, `rt-multi-thread`). The address below is that of the demo machine, which `tandem` without
-//! arguments starts.
+//! `tandem init DIR` creates a project with a sequence program and a test. Without it, depend on `plc-api`
+//! and `tokio` (features `macros`, `rt-multi-thread`). The address below is that of the demo machine, which
+//! `tandem` without arguments starts.
 //! ```no_run
 //! use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
 //!
@@ -34,18 +34,20 @@
 //! # async fn eject(_: AuxOutput) -> Result<(), Alarm> { Ok(()) }
 //! ```
 //!
-//! `Ok` resets the output, and the NC program continues. `Err` stops the program with alarm 10000 + code and its text;
-//! so does a panic. The handlers of several open outputs run concurrently.
+//! If the handler returns `Ok`, the output is reset and the NC program continues. If the handler returns
+//! `Err`, the NC program stops with alarm 10000 + code and the text of the `Err`. A panic also stops the NC
+//! program with an alarm. The handlers of several open outputs run concurrently.
 //!
 //! # Parameters and shared state
-//! A handler of an M code with a name, [`MCode`], takes its parameters as [typed arguments](extract): `Va<KiloNewton<1, 20>>`, or
-//! a struct with `#[derive(Params)]`. Their declarations are checked when a program is loaded and before the handler is
-//! started, and are shown on panels.
+//! A handler of an M code with a name, [`MCode`], takes its parameters as [typed arguments](extract):
+//! `Va<KiloNewton<1, 20>>`, or a struct with `#[derive(Params)]`. The parameters are checked against these
+//! declarations when an NC program is loaded and before the handler starts. Panels show the declarations.
 //!
-//! Otherwise [`Params`](struct@Params) holds VA to VH; a parameter that is not programmed is `None`. With
-//! [`validate`](SequenceProgram::validate) a program with wrong parameters is refused when it is loaded. Handlers share
-//! state by [`handlers::with`]. Axes, tools and inputs are behind [`Plc::coordinate_system`], variables behind
-//! [`Plc::variables`], alarms behind [`Plc::alarms`].
+//! For an M code without a name, [`Params`](struct@Params) holds VA to VH; a parameter that is not programmed
+//! is `None`. [`validate`](SequenceProgram::validate) adds a check of the parameters at program load: an NC
+//! program with invalid parameters is not loaded. Handlers share state by [`handlers::with`].
+//! [`Plc::coordinate_system`] gives access to axes, tools and inputs, [`Plc::variables`] to variables,
+//! [`Plc::alarms`] to alarms.
 //! ```
 //! use std::sync::{Arc, Mutex};
 //! use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, handlers::with};
@@ -82,8 +84,9 @@
 //! ```
 //!
 //! # Progress and questions
-//! While the NC program waits, [`AuxOutput::progress`] reports how far the work is, and [`AuxOutput::ask`] asks the
-//! operator and waits for one of the choices. Panels show both; [`CoordinateSystem::answer`] answers a question.
+//! While the NC program waits, [`AuxOutput::progress`] reports how far the work is, and [`AuxOutput::ask`]
+//! asks the operator and waits for one of the choices. Panels show both; [`CoordinateSystem::answer`] answers
+//! a question.
 //! ```
 //! # use plc_api::{Alarm, AuxOutput};
 //! async fn inspect(output: AuxOutput) -> Result<(), Alarm> {
@@ -96,10 +99,11 @@
 //! ```
 //!
 //! # Cancellation
-//! A stop, a reset of the coordinate system or an alarm cancels open outputs: the handler's future is dropped where it
-//! waits. Put what must be undone at once into a destructor, and what takes time into [`AuxOutput::on_cancel`]. Work in other tasks
-//! watches [`AuxOutput::cancellation`]. Handlers take the machine's clock only, which is simulated in a simulation:
-//! [`Plc::sleep`], [`Plc::timeout`], [`Plc::interval`].
+//! A stop, a reset of the coordinate system or an alarm cancels open outputs: the future of the handler is
+//! dropped at its current await point. Put an action that must happen at once into a destructor, and an
+//! action that takes time into [`AuxOutput::on_cancel`]. Work in other tasks watches
+//! [`AuxOutput::cancellation`]. Handlers use only the clock of the machine, which runs in simulated time in a
+//! simulation: [`Plc::sleep`], [`Plc::timeout`], [`Plc::interval`].
 //! ```
 //! use std::time::Duration;
 //! use plc_api::{Alarm, AuxOutput, CancelReason, Cancellation, Params, Plc, SequenceProgram, fake::FakePort};
@@ -134,16 +138,17 @@
 //! ```
 //!
 //! # Redelivery
-//! When the process of a handler dies, its output is open again, and the NC program waits with reason `HANDLER_LOST`.
-//! No work is repeated automatically: [`on_redelivery`](SequenceProgram::on_redelivery) defines what the restarted
-//! sequence program does; by default it waits for an operator. With [`Redelivery::Verify`] the handler runs again with
-//! [`AuxOutput::redelivered`] true, and checks the machine first.
+//! If the process of a handler ends before the reset, the output is open again, and the NC program waits with
+//! reason `HANDLER_LOST`. No work is repeated automatically:
+//! [`on_redelivery`](SequenceProgram::on_redelivery) defines the action of the restarted sequence program. By
+//! default the output waits for the decision of an operator. With [`Redelivery::Verify`] the handler runs
+//! again with [`AuxOutput::redelivered`] true, and checks the machine first.
 //! ```
 //! use plc_api::{Alarm, AuxOutput, Redelivery, SequenceProgram};
 //!
 //! async fn close_door(output: AuxOutput) -> Result<(), Alarm> {
 //!     if output.redelivered() && door_is_closed() {
-//!         return Ok(()); // it was closed before the process died
+//!         return Ok(()); // the door was closed before the process ended
 //!     }
 //!     // ... close it ...
 //!     Ok(())
@@ -152,60 +157,68 @@
 //!
 //! let program = SequenceProgram::new()
 //!     .on(40, close_door)
-//!     .handler_id("door") // the machine recognises it by this name
+//!     .handler_id("door") // the machine recognizes the restarted program by this name
 //!     .on_redelivery(Redelivery::Verify);
 //! assert_eq!(program.check(), Ok(()));
 //! ```
 //!
-//! # Beside the handlers
-//! A program also contains parts that are not M codes: levels that hold the machine ([`SequenceProgram::interlock`]),
-//! refuse a start ([`SequenceProgram::start_lock`]) or raise an alarm ([`SequenceProgram::alarm_while`]), and tasks
-//! ([`SequenceProgram::task`]). They continue after every loss of the connection, and start again with each start of
-//! the machine. Programs of several parts of a machine are combined by [`SequenceProgram::merge`].
+//! # Levels, alarms and tasks
+//! A program also contains parts that are not M codes: levels that hold the machine
+//! ([`SequenceProgram::interlock`]), refuse a start ([`SequenceProgram::start_lock`]) or raise an alarm
+//! ([`SequenceProgram::alarm_while`]), and tasks ([`SequenceProgram::task`]). These parts continue after
+//! every loss of the connection, and start again with each start of the machine. [`SequenceProgram::merge`]
+//! combines the programs of several parts of a machine.
 //!
 //! # Several commanding programs
-//! A program that starts and stops a machine which others command as well takes its control lease first
-//! ([`CoordinateSystem::take_lease`]): until the lease is released or dropped, no other client can start motion there.
+//! If several programs command one machine, a program takes the control lease of a coordinate system before
+//! it starts motion ([`CoordinateSystem::take_lease`]). Until the lease is released or dropped, no other
+//! client can start motion in that coordinate system.
 //!
 //! # Watching each other
-//! If the machine must not continue without a program, that program asks to be watched ([`Plc::heartbeat`]): if its
-//! heartbeats stop, runs are held. A program that moves something itself watches the machine ([`Plc::until_silent`]).
+//! If the machine must not continue without a program, that program sends heartbeats ([`Plc::heartbeat`]): if
+//! the heartbeats stop, the machine holds all runs. A program that moves an actuator itself watches the
+//! machine ([`Plc::until_silent`]).
 //!
 //! # Scan style
-//! If you think in PLC scans, write a [`scan::ScanProgram`]: at a fixed period it reads M codes, states, inputs and
-//! variables as flags, and writes resets, inputs and commands as flags. [`SequenceProgram::scan`] runs it together with
-//! handlers. [`function_blocks`] has the edges, timers and counters of IEC 61131-3.
+//! If you think in PLC scans, write a [`scan::ScanProgram`]: at a fixed period it reads M codes, states,
+//! inputs and variables as flags, and writes resets, inputs and commands as flags. [`SequenceProgram::scan`]
+//! runs the scan program together with handlers. [`function_blocks`] has the edges, timers and counters of
+//! IEC 61131-3.
 //!
 //! # Without handlers
-//! A program with its own loop takes outputs from the raw queue, [`Plc::outputs`], and claims and resets them itself;
-//! dropping the queue releases its claims. Every program may also do what a panel does: commands and inputs are methods
-//! of [`CoordinateSystem`].
+//! A program with its own loop receives outputs from the raw queue, [`Plc::outputs`], and claims and resets
+//! the outputs itself; dropping the queue releases its claims. Every program may also command the machine as
+//! a panel does: commands and inputs are methods of [`CoordinateSystem`].
 //!
 //! # Testing
-//! [`fake::FakePort`] is a scripted machine: the test issues outputs and advances the time, as in the example of
-//! [`SequenceProgram`]. `tandem_runtime::test`, a dev-dependency, is a whole runtime that runs NC programs with motion
-//! in simulated time.
+//! [`fake::FakePort`] is a scripted machine: the test issues outputs and advances the time, as in the example
+//! of [`SequenceProgram`]. `tandem_runtime::test`, a dev-dependency, is a whole runtime that runs NC programs
+//! with motion in simulated time.
 //!
 //! # Layers
-//! [`port::Port`] is the whole interface as one trait; [`types`] are all messages and requests; [`handshake`] is the
-//! state machine of outputs and resets for all transports; [`execution`] defines the commands that are allowed in each
-//! state; [`hub`] distributes messages. Numbers such as D16 are decisions of the runtime on how it reads the NC
-//! language, H4 rules of the [handshake](handshake::rules).
+//! [`port::Port`] is the whole interface as one trait; [`types`] contains all messages and requests;
+//! [`handshake`] is the state machine of outputs and resets for all transports; [`execution`] defines the
+//! commands that are allowed in each state; [`hub`] distributes messages. A number such as D16 names a
+//! decision on how the runtime interprets the NC language; a number such as H4 names a rule of the
+//! [handshake](handshake::rules).
 //!
-//! # What may grow
-//! Without a new major version (before 1.0: a new minor one) enumerations that are `#[non_exhaustive]` may gain variants, and messages
-//! (the structs of [`types`]) members. Read members by their names, end a pattern with `..`, and make what you send by its constructor or
-//! from its `Default`.
+//! # Compatibility
+//! A release without a new major version (before 1.0: without a new minor version) may add variants to
+//! enumerations that are `#[non_exhaustive]`, and members to messages (the structs of [`types`]). Read
+//! members by their names, end a pattern with `..`, and create a message by its constructor or from its
+//! `Default`.
 //!
-//! Features: `mqtt` (default) is the MQTT client, with TLS; `rest` the client of REST and WebSocket; `schema` derives
-//! JSON Schemas of the types. Without them the crate depends on tokio, serde and little more.
+//! Features: `mqtt` (default) is the MQTT client, with TLS; `rest` is the client for REST and WebSocket;
+//! `schema` derives JSON Schemas of the types. Without these features the crate has few dependencies except
+//! tokio and serde.
 
-// what the derive macro writes names the crate so
+// the code that the derive macro generates uses this name of the crate
 extern crate self as plc_api;
 
 pub mod alarm;
 mod alarm_level;
 mod ask;
+mod aux_output;
 mod changes;
 mod claim;
 mod coordinate_system;
@@ -238,6 +251,7 @@ pub mod queue;
 mod run;
 pub mod scan;
 pub mod server;
+mod states;
 mod stop_signal;
 pub mod supervisor;
 mod tables;

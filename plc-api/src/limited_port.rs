@@ -1,4 +1,4 @@
-//! A port whose requests expire.
+//! A port that adds an age limit to requests.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,7 +11,7 @@ use crate::types::not_after::NotAfter;
 use crate::types::request::{Answer, Refusal, Request};
 use crate::types::topic::Topic;
 
-/// Sends every request of a port with one age limit.
+/// A port that sends every request with the same age limit.
 pub(crate) struct LimitedPort {
     pub port: Arc<dyn Port>,
     pub not_after: NotAfter,

@@ -5,10 +5,11 @@ use crate::error::Result;
 use crate::levels::{LockKind, Place};
 use crate::types::lock::LockSet;
 
-/// A source of an interlock or start lock that is on until this is released or dropped, such as with a handler that is cancelled:
-/// [`CoordinateSystem::start_lock_while_here`], [`CoordinateSystem::interlock_while_here`].
+/// A guard that keeps a source of an interlock or start lock on until the guard is released or dropped, for
+/// example with a cancelled handler. Created by [`CoordinateSystem::start_lock_while_here`] and
+/// [`CoordinateSystem::interlock_while_here`].
 #[derive(Debug)]
-#[must_use = "the lock is off as soon as this is dropped"]
+#[must_use = "the lock is off as soon as the guard is dropped"]
 pub struct LockGuard {
     coordinate_system: CoordinateSystem,
     kind: LockKind,
@@ -17,9 +18,10 @@ pub struct LockGuard {
 }
 
 impl CoordinateSystem {
-    /// Refuses starts until the guard is released or dropped, by a source of the start lock of this name, with `text` as the reason.
-    /// Of several guards of one source the last one counts. The source belongs to the sequence program: when that has gone, it has
-    /// the value of its `on_loss`, as [`set_start_lock`](Self::set_start_lock) says.
+    /// Refuses program starts until the guard is released or dropped, by the source `source` of the start
+    /// lock; `text` is the reason. If several guards hold one source, the source is on until the last of them
+    /// is released or dropped. The source belongs to the sequence program: if the program is lost, the source
+    /// takes the value of its `on_loss`. Ownership is as for [`set_interlock`](Self::set_interlock).
     ///
     /// ```
     /// # use std::time::Duration;
@@ -27,7 +29,7 @@ impl CoordinateSystem {
     /// async fn change_pallet(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     ///     let mill = plc.coordinate_system(output.coordinate_system());
     ///     let _lock = mill.start_lock_while_here("pallet", "the pallet moves").await?;
-    ///     // ... move the pallet; the lock is off afterwards, also when this is cancelled here ...
+    ///     // ... move the pallet; the lock is off afterwards, also if the handler is cancelled here ...
     ///     plc.sleep(Duration::from_secs(5)).await;
     ///     Ok(())
     /// }
@@ -49,7 +51,8 @@ impl CoordinateSystem {
         self.guard_lock(LockKind::StartLock, source, text.into()).await
     }
 
-    /// Holds motion on its path until the guard is released or dropped, by a source of the interlock; otherwise as
+    /// Holds motion on its path until the guard is released or dropped, by the source `source` of the
+    /// interlock. Several guards and ownership are as for
     /// [`start_lock_while_here`](Self::start_lock_while_here).
     ///
     /// # Errors
@@ -59,7 +62,7 @@ impl CoordinateSystem {
     }
 
     async fn guard_lock(&self, kind: LockKind, source: &str, text: String) -> Result<LockGuard> {
-        // the guard first: a set that is cancelled here may still reach the machine
+        // the guard first: a cancelled request may still reach the machine
         let guard = LockGuard {
             coordinate_system: self.clone(),
             kind,
@@ -78,7 +81,7 @@ impl LockGuard {
         Place::Lock(self.coordinate_system.number(), self.kind, self.source.clone())
     }
 
-    /// Takes the lock away, and waits until the machine has.
+    /// Releases the guard, and waits until the machine has cleared the source, if no other guard holds it.
     ///
     /// # Errors
     /// The machine cannot be reached.
@@ -105,7 +108,7 @@ impl Drop for LockGuard {
         let here = plc.clone();
         here.do_without_waiting(async move {
             if let Err(error) = plc.set_lock(cs, kind, off).await {
-                tracing::warn!(%error, cs, "a lock was not taken away");
+                tracing::warn!(%error, cs, "a source of a lock was not cleared");
             }
         });
     }

@@ -1,10 +1,11 @@
 //! An interlock or start lock of one coordinate system. Pure; the runtime and the scripted machine share it.
 //!
-//! The input is on while any of its sources is on. A source that a handler has set belongs to that handler: no other
-//! sender can clear it. If the handler leaves, its sources keep their values for the time that it announced, otherwise
-//! for the grace time; then they take the value of their `on_loss`. A source with `on_loss` on has no grace time: an
-//! unannounced loss sets it at once. Clients without a presence own nothing: any of them may clear what another has
-//! set. An operator can force a source; the force is shown until the owner writes the source again.
+//! The input is on while any of its sources is on. A source that a handler has set belongs to that handler:
+//! no other sender can clear the source. If the handler leaves, its sources keep their values for the time
+//! that the handler announced, otherwise for the grace time; then they take the value of their `on_loss`. A
+//! source with `on_loss = "on"` has no grace time: an unannounced loss sets the source on at once. Clients
+//! without a presence own nothing: any such client may clear a source that another such client has set. An
+//! operator can force a source; the state shows the forcing until the owner writes the source again.
 
 use std::collections::BTreeMap;
 
@@ -12,27 +13,30 @@ use crate::types::handler::Departure;
 use crate::types::lock::{Lock, LockSet, LockSource, OnLoss};
 use crate::types::refusal::{Refusal, RefusalCode};
 
-/// Largest number of sources of one input of a coordinate system. A further one is refused.
+/// Largest number of sources of one input of a coordinate system. A further source is refused.
 pub const SOURCES_MAX: usize = 64;
 
-/// Behavior of an input while owners of its sources are lost.
+/// Values of the sources of an input while their owners are lost.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct LockRules {
-    /// `on_loss` of sources that are not declared.
+    /// `on_loss` of sources that the configuration does not declare.
     pub on_loss: OnLoss,
-    /// Declared sources: each has its value of `on_loss` at a start, and is always shown.
+    /// Sources that the configuration declares, each with its `on_loss`. At a start such a source has no
+    /// owner; it is on if its `on_loss` is [`OnLoss::On`], otherwise off. The state always shows every
+    /// declared source.
     pub sources: BTreeMap<String, OnLoss>,
 }
 
 /// An interlock or a start lock with its sources.
 #[derive(Debug, Default)]
 pub struct LockInput {
-    /// Name of the input for people.
+    /// Name of the input in messages for people.
     name: &'static str,
     rules: LockRules,
-    // by name, each with at most one entry without an owner
+    // sorted by name; each name has one entry for each owner, and at most one entry without an owner
     sources: Vec<LockSource>,
-    /// Owners that left, with the time until which their sources wait for them, seconds since the start.
+    /// Owners that left, with the end of the time for which their sources wait for them, seconds since the
+    /// start.
     absent: BTreeMap<String, f64>,
 }
 
@@ -43,7 +47,7 @@ impl LockInput {
             source: source.clone(),
             value: *on_loss == OnLoss::On,
             text: match on_loss {
-                OnLoss::On => format!("nobody watches {source} yet"),
+                OnLoss::On => format!("no handler has set {source} since the start"),
                 OnLoss::Keep | OnLoss::Off => String::new(),
             },
             lost: true,
@@ -57,12 +61,12 @@ impl LockInput {
         }
     }
 
-    /// Returns true while any of its sources is on.
+    /// Returns true while any source is on.
     pub fn is_on(&self) -> bool {
         self.sources.iter().any(|source| source.value)
     }
 
-    /// Returns the reasons why it is on; empty while it is off.
+    /// Returns the reasons why the input is on; empty while it is off.
     pub fn text(&self) -> String {
         let on = self.sources.iter().filter(|source| source.value);
         let texts = on.map(|source| match source.text.as_str() {
@@ -72,7 +76,7 @@ impl LockInput {
         texts.collect::<Vec<_>>().join("; ")
     }
 
-    /// Returns the payload of its topic.
+    /// Returns the payload of the topic of this input.
     pub fn state(&self) -> Lock {
         Lock {
             value: self.is_on(),
@@ -81,11 +85,12 @@ impl LockInput {
         }
     }
 
-    /// Sets a source. `judge_writer` validates the instance that writes for a handler.
+    /// Sets a source. `judge_writer` validates the instance that writes in the name of a handler.
     ///
     /// # Errors
-    /// Fails if a name or a text is not valid or there are too many sources; `unavailable` if the handler is offline;
-    /// `not_allowed` if another instance of it is online, or the source stays on because another sender owns it.
+    /// Fails if a name or a text is not valid or there are too many sources; `unavailable` if the handler is
+    /// offline; `not_allowed` if another instance of the handler is online, or the source stays on because a
+    /// handler owns it.
     pub fn set(
         &mut self,
         set: LockSet,
@@ -133,8 +138,8 @@ impl LockInput {
         self.absent.remove(handler_id);
     }
 
-    /// Ends the waiting time of handlers that left and did not return. `is_there` returns whether a handler is online.
-    /// Returns true if a source has changed.
+    /// Ends the waiting time of handlers that left and did not return. `is_there` returns whether a handler
+    /// is online. Returns true if a source has changed.
     pub fn expire(&mut self, now_s: f64, is_there: impl Fn(&str) -> bool) -> bool {
         let due = self.absent.extract_if(.., |_, until_s| *until_s <= now_s);
         let due: Vec<_> = due.map(|(id, _)| id).filter(|id| !is_there(id)).collect();
@@ -151,7 +156,8 @@ impl LockInput {
         owned.any(|source| source.handler_id.as_deref() == Some(handler_id))
     }
 
-    /// Sets the sources of a handler with such an `on_loss` to its value. Returns true if there are any.
+    /// Marks the sources of a handler as lost if `which` is true for their `on_loss`, and sets them to this
+    /// `on_loss`. Returns true if a source was marked.
     fn lose(&mut self, handler_id: &str, which: impl Fn(OnLoss) -> bool) -> bool {
         let Self { sources, rules, .. } = self;
         let mut any = false;
@@ -170,7 +176,7 @@ impl LockInput {
                 OnLoss::Off => source.value = false,
                 OnLoss::On => {
                     source.value = true;
-                    source.text = format!("handler {handler_id}, which watches {}, has gone", source.source);
+                    source.text = format!("handler {handler_id}, which sets {}, is lost", source.source);
                 }
             }
         }
@@ -178,8 +184,8 @@ impl LockInput {
         any
     }
 
-    /// Returns the index of the entry that a set replaces: that of its owner, otherwise one that waits for an owner or
-    /// has none.
+    /// Returns the index of the entry that a message replaces: the entry of the sender, otherwise an entry
+    /// that waits for an owner or has no owner.
     fn place_of(&self, set: &LockSet) -> Option<usize> {
         let of_source = |source: &LockSource| source.source == set.source();
         let is_own =
@@ -199,11 +205,11 @@ impl LockInput {
             .filter(|source| source.source == name && source.value);
         let Some(source) = on.next() else { return Ok(()) };
         let owner = match &source.handler_id {
-            Some(id) => format!("is handler {id}'s, which alone clears it"),
-            None => "waits for the handler that watches it, which alone clears it".to_owned(),
+            Some(id) => format!("belongs to handler {id}, and only this handler can clear it"),
+            None => "waits for its handler, and only a handler can clear it".to_owned(),
         };
         let text = format!(
-            "source {name} of the {} {owner}; an operator clears it in its place with force: true",
+            "source {name} of the {} {owner}; an operator can clear it with force: true",
             self.name
         );
         Err(Refusal::new(RefusalCode::NotAllowed, text))
@@ -238,7 +244,7 @@ impl LockInput {
     fn add(&mut self, source: LockSource) -> Result<(), Refusal> {
         if self.sources.len() >= SOURCES_MAX {
             let text = format!(
-                "the {} has {SOURCES_MAX} sources, which is the limit; clear one, or use fewer names",
+                "the {} has {SOURCES_MAX} sources, which is the limit; clear a source, or use fewer names",
                 self.name
             );
             return Err(Refusal::new(RefusalCode::Unavailable, text));
@@ -292,7 +298,7 @@ mod tests {
         LockSet::new(value, "by hand").of_source(source)
     }
 
-    #[allow(clippy::unnecessary_wraps, reason = "it judges as the machine does")]
+    #[allow(clippy::unnecessary_wraps, reason = "same signature as the machine")]
     fn there(_: &str, _: Option<&String>) -> Result<(), Refusal> {
         Ok(())
     }
@@ -301,12 +307,13 @@ mod tests {
         Err(Refusal::new(RefusalCode::Unavailable, "it is not online"))
     }
 
-    /// Loses a handler, and ends its grace time.
+    /// Reports the loss of a handler, and ends its grace time.
     fn lose(lock: &mut LockInput, handler_id: &str) -> bool {
         lock.leave(handler_id, Departure::Unannounced { until_s: 0.0 }) | lock.expire(0.0, |_| false)
     }
 
-    /// Creates a source of handler `a` for each `on_loss`: on if its loss clears it, otherwise off.
+    /// Creates a source of handler `a` for each `on_loss`: on if the loss of the handler clears the source,
+    /// otherwise off.
     fn of_each_on_loss() -> LockInput {
         let declared = [("door", OnLoss::On), ("air", OnLoss::Off), ("oil", OnLoss::Keep)];
         let mut lock = input(OnLoss::Keep, &declared);
@@ -346,11 +353,11 @@ mod tests {
         lock.set(by("a", "door", false), there).unwrap();
         assert_eq!(shown(&lock), AS_SET);
         lock.leave("a", Departure::Unannounced { until_s: 32.0 });
-        assert!(!lock.expire(32.0, |_| true), "it is online, and will say so");
+        assert!(!lock.expire(32.0, |_| true), "the handler is online");
     }
 
     #[test]
-    fn an_announced_end_keeps_every_source_until_its_time_and_a_take_over_for_good() {
+    fn announced_departure_keeps_sources_until_its_time_takeover_for_good() {
         let mut lock = of_each_on_loss();
         assert!(!lock.leave("a", Departure::Announced { until_s: 60.0 }));
         assert!(!lock.expire(59.9, |_| false));
@@ -396,7 +403,7 @@ mod tests {
         );
         lock.set(by("b", "door", true), there).unwrap();
         lock.set(by("b", "door", false), there).unwrap();
-        assert!(lock.is_on(), "another handler clears what it has set itself");
+        assert!(lock.is_on(), "a handler clears only its own entry");
         lock.set(anyone("door", true), there).unwrap();
         lock.set(anyone("door", false), there).unwrap();
         assert!(lock.is_on());
@@ -436,7 +443,7 @@ mod tests {
             assert!(lose(&mut lock, "a"));
             assert_eq!(lock.is_on(), is, "{on_loss:?} {was}");
             lock.set(by("c", "door", false), there).unwrap();
-            assert!(!lock.is_on(), "whoever watches it now owns it");
+            assert!(!lock.is_on(), "the handler that sets the source now owns it");
         }
     }
 
@@ -445,7 +452,7 @@ mod tests {
         let mut lock = input(OnLoss::Keep, &[("air", OnLoss::Off), ("door", OnLoss::On)]);
         assert_eq!(
             (lock.is_on(), lock.text().as_str()),
-            (true, "nobody watches door yet")
+            (true, "no handler has set door since the start")
         );
         assert_eq!(lock.state().sources.len(), 2);
         let refusal = lock.set(anyone("door", false), there).unwrap_err();

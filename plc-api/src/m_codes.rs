@@ -8,15 +8,15 @@ pub const M_CODE_MAX: u16 = 191;
 /// M codes that the runtime handles itself (D35); they never reach a handler.
 pub const RUNTIME_M_CODES: [u16; 6] = [0, 1, 2, 30, 98, 99];
 
-/// M codes by their numbers, whose handlers take an output, or an output and the machine.
+/// Marks M codes by their numbers. Their handlers take an output, or an output and the machine.
 #[derive(Debug, Clone, Copy)]
 pub struct ByNumber;
 
-/// M codes by their names ([`MCode`]), whose handlers take [extractors](crate::extract).
+/// Marks M codes by their names ([`MCode`]). Their handlers take [extractors](crate::extract).
 #[derive(Debug, Clone, Copy)]
 pub struct ByName;
 
-/// An M code with a name, which alarms, `birth` and panels show.
+/// An M code with a name. Alarms, `birth` and panels show the name.
 ///
 /// ```
 /// use plc_api::MCode;
@@ -25,7 +25,7 @@ pub struct ByName;
 /// assert_eq!(CLAMP.to_string(), "M12 clamp");
 /// ```
 ///
-/// A number that no handler can serve does not compile in a constant:
+/// A constant with a number that no handler can serve does not compile:
 /// ```compile_fail
 /// # use plc_api::MCode;
 /// const CLAMP: MCode = MCode::new(192, "clamp");
@@ -37,10 +37,11 @@ pub struct MCode {
 }
 
 impl MCode {
-    /// An M code, 0 to 191, with a name of 1 to 40 characters.
+    /// Creates an M code, 0 to 191, with a name of 1 to 40 characters.
     ///
     /// # Panics
-    /// The number is above 191, or the runtime handles it itself: M00, M01, M02, M30, M98, M99.
+    /// Panics if the number is above 191, or if the runtime handles the M code itself: M00, M01, M02, M30,
+    /// M98, M99.
     pub const fn new(m: u16, name: &'static str) -> Self {
         assert!(m <= M_CODE_MAX, "M codes are 0 to 191");
         let mut index = 0;
@@ -54,12 +55,12 @@ impl MCode {
         Self { m, name }
     }
 
-    /// Its number.
+    /// Returns the number of the M code.
     pub const fn m(self) -> u16 {
         self.m
     }
 
-    /// Its name.
+    /// Returns the name of the M code.
     pub const fn name(self) -> &'static str {
         self.name
     }
@@ -77,17 +78,17 @@ impl From<MCode> for u16 {
     }
 }
 
-/// M codes that a handler serves: one, a range, or several.
+/// M codes that a handler serves: one M code, a range, or several M codes.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is no M code",
     label = "not an M code",
     note = "write a number such as `12`, a range such as `10..=13`, several such as `[10, 12]`, or a name: `const CLAMP: MCode = MCode::new(12, \"clamp\");`"
 )]
 pub trait MCodes<By = ByNumber>: Sized {
-    /// Ranges from first to last; a sequence program refuses an empty range.
+    /// Returns the M codes as ranges. A sequence program refuses an empty range.
     fn m_codes(self) -> Vec<RangeInclusive<u16>>;
 
-    /// Those that have a name.
+    /// Returns the M codes that have a name.
     fn names(&self) -> Vec<MCode> {
         Vec::new()
     }

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::types::ids::check_client_id;
 
-/// A name that is unique across processes and calls.
+/// Returns a name that is unique across processes and calls.
 pub(crate) fn unique_name(kind: &str) -> String {
     static COUNT: AtomicU64 = AtomicU64::new(0);
     let mut hasher = RandomState::new().build_hasher();
@@ -14,7 +14,7 @@ pub(crate) fn unique_name(kind: &str) -> String {
     format!("{kind}-{:012x}", hasher.finish() & 0xffff_ffff_ffff)
 }
 
-/// The mistake in the name of a handler, as text.
+/// Returns the mistake in the name of a handler as a text, or `None` if the name is valid.
 pub(crate) fn mistake_in_id(id: &str) -> Option<String> {
     let checked = check_client_id(&format!("handler_id {id:?}"), id);
     checked.err().map(|refusal| refusal.text)

@@ -22,14 +22,16 @@ use crate::types::output::{OutputState, PendingOutput, Redelivery};
 
 use owner::Owner;
 
-/// The raw queue: unclaimed outputs of all coordinate systems, those of each coordinate system in order.
+/// The raw queue: unclaimed outputs of all coordinate systems. Outputs of one coordinate system are returned
+/// in their order.
 ///
-/// To the machine, the queue is a handler from the first [`Outputs::next`] on. When the queue and all outputs taken
-/// from it are dropped, their process dies or the connection breaks, its claims are released, and the program waits
-/// with reason `HANDLER_LOST`. While the queue exists, a claimed output that is dropped without an answer stays claimed
-/// until its time limit, an operator, a stop or a reset ends it.
+/// The first call of [`Outputs::next`] registers the queue as a handler with the machine. If the queue and
+/// all outputs from it are dropped, the process ends, or the connection breaks, the machine releases the
+/// claims of the queue, and the NC program waits with reason `HANDLER_LOST`. While the queue exists, a
+/// claimed [`RawOutput`] that is dropped without an answer stays claimed until its time limit, an operator, a
+/// stop or a reset ends the output.
 ///
-/// It needs a tokio runtime. Over MQTT each connection has one handler: use another connection for a
+/// The queue needs a tokio runtime. Over MQTT each connection has one handler: use another connection for a
 /// [`SequenceProgram`](crate::SequenceProgram).
 ///
 /// ```
@@ -48,20 +50,20 @@ use owner::Owner;
 pub struct Outputs {
     plc: Plc,
     handler_id: Option<String>,
-    // `None`: all codes
+    // `None` means all codes
     codes: Option<BTreeSet<u16>>,
     on_redelivery: Option<Redelivery>,
     takes_over: bool,
     owner: Option<Arc<Owner>>,
     subscription: Subscription,
     open: OpenOutputs,
-    // last attempt that was given out
+    // last attempt that the queue has returned
     given: BTreeMap<OutputId, u32>,
 }
 
 impl Plc {
-    /// The raw queue of the outputs of all coordinate systems, for programs with a loop of their own. The usual way is
-    /// a [`SequenceProgram`](crate::SequenceProgram).
+    /// Returns the raw queue of the outputs of all coordinate systems, for programs that have their own loop.
+    /// Most programs use a [`SequenceProgram`](crate::SequenceProgram) instead.
     pub fn outputs(&self) -> Outputs {
         Outputs::new(self)
     }
@@ -82,8 +84,9 @@ impl Outputs {
         }
     }
 
-    /// Limits the queue to these M codes, and registers them with the machine. Otherwise the queue receives all outputs
-    /// without an owner, and the machine knows no handler for them: their `unhandled` setting must be `wait`.
+    /// Limits the queue to these M codes, and registers them with the machine. Without this call the queue
+    /// receives all outputs without an owner, and the machine knows no handler for their M codes: the
+    /// `unhandled` setting of these M codes must be `wait`.
     #[must_use]
     pub fn on<By>(mut self, codes: impl MCodes<By>) -> Self {
         let within = codes.m_codes().into_iter().flatten();
@@ -92,42 +95,44 @@ impl Outputs {
         self
     }
 
-    /// Name for claims and resets: 1 to 64 characters without `/ + #`, used by one queue or program at a time. Default:
-    /// the user name of the connection, else a random name.
+    /// Sets the handler name for claims and resets: 1 to 64 characters without `/ + #`. One queue or program
+    /// may use a name at a time. Default: the user name of the connection, otherwise a random name.
     #[must_use]
     pub fn handler_id(mut self, handler_id: impl Into<String>) -> Self {
         self.handler_id = Some(handler_id.into());
         self
     }
 
-    /// Sets the treatment of an output whose handler was lost before the reset. The stricter of this and the
-    /// configuration of the M code applies; if neither is set, the queue does not return it until an operator decides.
+    /// Sets the treatment of an output that loses its handler before the reset. The stricter of this setting
+    /// and the configuration of the M code applies. If neither is set, the queue does not return the output
+    /// until an operator decides.
     #[must_use]
     pub fn on_redelivery(mut self, on_redelivery: Redelivery) -> Self {
         self.on_redelivery = Some(on_redelivery);
         self
     }
 
-    /// Replaces an online queue or program of the same name, which is notified. Without this call the machine refuses
-    /// the second one.
+    /// Replaces an online queue or program of the same name; the replaced one is notified. Without this call
+    /// the machine refuses the second queue or program of a name.
     #[must_use]
     pub fn take_over(mut self) -> Self {
         self.takes_over = true;
         self
     }
 
-    /// Returns the next output without an owner. An output that was dropped without a claim is returned again when it
-    /// is published again. Cancellation safe.
+    /// Waits for the next output without an owner, and returns it. An output that was dropped without a claim
+    /// is returned again when the machine publishes it again. Cancellation safe.
     ///
     /// # Errors
-    /// [`Error::Closed`] if the machine's side has ended; [`Error::TakenOver`] if another queue or program of this name has taken
-    /// its place; [`Error::SequenceProgram`] if the name is invalid;
-    /// [`Error::Refused`] if the machine refuses it, or the connection serves another sequence program.
+    /// [`Error::Closed`] if the machine has ended the connection for good; [`Error::TakenOver`] if another
+    /// queue or program of this name has taken over; [`Error::SequenceProgram`] if the name is invalid;
+    /// [`Error::Refused`] if the machine refuses the presence of the queue, or the connection already serves
+    /// another sequence program.
     pub async fn next(&mut self) -> Result<RawOutput> {
         let owner = self.owner()?;
         owner.known().await?;
         loop {
-            // an output that was cancelled meanwhile is not given out
+            // an output that was cancelled meanwhile is not returned
             while let Some(message) = self.subscription.next().now_or_never() {
                 self.on_message(&message.ok_or(Error::Closed)?);
             }
@@ -183,7 +188,8 @@ impl Outputs {
         Some(RawOutput::new(owner, id, output, verify))
     }
 
-    /// Whether the queue returns an output, and then whether the machine must be checked first.
+    /// Returns `None` if the queue must not return an output, otherwise whether the machine must be checked
+    /// first.
     fn gives(&self, output: &PendingOutput) -> Option<bool> {
         let m = output.output.m;
         let is_ours = self.codes.as_ref().is_none_or(|codes| codes.contains(&m));

@@ -42,13 +42,13 @@ use crate::types::topic::Topic;
 pub struct Plc {
     port: Arc<dyn Port>,
     client_id: Arc<str>,
-    /// The handler in whose name it asks.
+    /// Handler in whose name requests are sent.
     handler_id: Option<Arc<str>>,
     user: Option<Arc<str>>,
     commands: Arc<AtomicU64>,
-    /// Interlocks, start locks, and inputs and outputs of the plant that it has set.
+    /// Interlocks, start locks, and inputs and outputs of the plant that this program has set.
     levels: Arc<Levels>,
-    /// The runtime that drives its connection.
+    /// The tokio runtime that drives the connection.
     runtime: Option<tokio::runtime::Handle>,
 }
 
@@ -61,7 +61,8 @@ impl std::fmt::Debug for Plc {
 }
 
 impl Plc {
-    /// A machine in this process, such as `runtime.port()`.
+    /// Creates a handle to a machine in this process. `port` is the port of the machine, such as
+    /// `runtime.port()`.
     pub fn in_process(port: Arc<dyn Port>) -> Self {
         Self {
             port,
@@ -74,7 +75,7 @@ impl Plc {
         }
     }
 
-    /// A machine behind a connection that the current tokio runtime drives.
+    /// Creates a handle to a machine over a connection that the current tokio runtime drives.
     #[cfg(any(feature = "mqtt", feature = "rest"))]
     fn connected(port: Arc<dyn Port>, user: Option<String>) -> Self {
         Self {
@@ -84,15 +85,24 @@ impl Plc {
         }
     }
 
-    /// A machine at an address. Over MQTT (feature `mqtt`): `mqtt://[user:password@]host[:port]/[prefix/]machine`, with
-    /// TLS `mqtts://...`; the default port is 1883, with TLS 8883. Over REST and WebSocket (feature `rest`):
-    /// `http://[[user:]token@]host[:port]`; the default port is 80. Of several nodes of a broker,
-    /// `host[:port],host[:port]`, the first that answers is used until it is lost. The token of a handler is valid for its user's name
-    /// only: a program without a [`handler_id`](crate::SequenceProgram::handler_id) takes the user's name if the
-    /// address has one. Waits up to 10 s for the runtime; later it reconnects by itself, without limit.
+    /// Connects to the machine at an address. Over MQTT (feature `mqtt`):
+    /// `mqtt://[user:password@]host[:port]/[prefix/]machine`, with TLS `mqtts://...`; the default port is
+    /// 1883, with TLS 8883. Over REST and WebSocket (feature `rest`): `http://[[user:]token@]host[:port]`;
+    /// the default port is 80.
+    ///
+    /// If a broker has several nodes, write `host[:port],host[:port]`: the first node that answers is used
+    /// until its connection is lost.
+    ///
+    /// The token of a handler is valid only for the name of its user. Therefore a program without a
+    /// [`handler_id`](crate::SequenceProgram::handler_id) uses the user name of the address, if the address
+    /// has a user name.
+    ///
+    /// Waits up to 10 s for the runtime. If the connection is lost later, it is restored automatically,
+    /// without a time limit.
     ///
     /// # Errors
-    /// The address is wrong, no broker answers, it refuses the user, or no runtime is online under that name.
+    /// Fails if the address is invalid, no broker answers, the broker refuses the user, or no runtime is
+    /// online under the name of the machine.
     #[cfg_attr(
         not(any(feature = "mqtt", feature = "rest")),
         expect(clippy::unused_async, reason = "only transports wait")
@@ -115,10 +125,11 @@ impl Plc {
         }
     }
 
-    /// [`Plc::connect`] with user, password and TLS files, which an address should not contain.
+    /// Connects as [`Plc::connect`] does, with a user, a password and TLS files, which an address should not
+    /// contain.
     ///
     /// # Errors
-    /// As [`Plc::connect`]; a TLS file cannot be used, and is named.
+    /// Fails as [`Plc::connect`], and if a TLS file cannot be used; the error names the file.
     #[cfg(any(feature = "mqtt", feature = "rest"))]
     pub async fn connect_with(address: &str, options: MqttOptions) -> Result<Self> {
         let (port, user) = match address.split_once("://") {
@@ -137,20 +148,22 @@ impl Plc {
         Ok(Self::connected(port, user))
     }
 
-    /// Default name of a sequence program: its user, since a token is valid for that name only.
+    /// Returns the default name of a sequence program: the user name, because a token is valid only for that
+    /// name.
     pub(crate) fn default_handler_id(&self) -> String {
         let user = self.user.as_deref().map(ToOwned::to_owned);
         user.unwrap_or_else(|| unique_name("handler"))
     }
 
-    /// The port of this machine, for requests that have no method here.
+    /// Returns the port of this machine, for requests that have no method in this crate.
     pub fn port(&self) -> &Arc<dyn Port> {
         &self.port
     }
 
-    /// Returns a handle for what a person has requested just now. Its requests expire 1 s after the newest heartbeat that this
-    /// program has received: the machine then rejects them as `expired`, however long they were under way. Take a new
-    /// handle for each press of a button. Sequence programs need none: what a handler does follows from an output.
+    /// Returns a handle for a request that a person makes at this moment, such as by pressing a button.
+    /// Requests of this handle expire 1 s after the newest heartbeat that this program has received: the
+    /// machine then rejects them as `expired`. Take a new handle for each press of a button. Handlers of M
+    /// codes do not need such a handle, because an output causes their requests.
     ///
     /// ```
     /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -166,22 +179,23 @@ impl Plc {
     /// ```
     ///
     /// # Errors
-    /// No heartbeat has been received.
+    /// Fails if no heartbeat of the machine has been received.
     pub async fn for_person(&self) -> Result<Self> {
         self.within(Duration::from_millis(NOT_AFTER_MS)).await
     }
 
-    /// Like the method above, with another time limit of at most 60 s.
+    /// Returns a handle as [`for_person`](Self::for_person) does, but its requests expire after `limit`
+    /// instead of 1 s. The machine accepts a `limit` of at most 60 s.
     ///
     /// # Errors
-    /// As [`Plc::for_person`].
+    /// Fails as [`Plc::for_person`].
     pub async fn within(&self, limit: Duration) -> Result<Self> {
         let message = self.port.read(&Topic::Heartbeat).await;
         let Some((boot_id, Payload::Heartbeat(heartbeat))) = message
             .as_deref()
             .map(|message| (message.boot_id.clone(), &message.payload))
         else {
-            let text = "no heartbeat of the machine has been received, so the request cannot be limited in age; try again";
+            let text = "no heartbeat of the machine has been received, so the request cannot have an age limit; try again";
             return Err(Refusal::new(RefusalCode::Unavailable, text).into());
         };
         Ok(self.not_after(NotAfter {
@@ -191,7 +205,8 @@ impl Plc {
         }))
     }
 
-    /// Returns a handle whose requests carry this age limit, for a program that passes on the heartbeat that its user has seen.
+    /// Returns a handle whose requests carry this age limit. It is for a program that forwards requests of a
+    /// user, with the heartbeat that was shown to this user.
     #[must_use]
     pub fn not_after(&self, not_after: NotAfter) -> Self {
         Self {
@@ -203,18 +218,18 @@ impl Plc {
         }
     }
 
-    /// Programs in the store, ascending.
+    /// Returns the programs in the store, ascending by number.
     ///
     /// # Errors
-    /// A refusal, such as over a transport that does not carry programs.
+    /// Fails if the machine refuses the request, or the transport does not carry programs.
     pub async fn programs(&self) -> Result<Vec<ProgramInfo>> {
         self.request(Programs).await
     }
 
-    /// Active alarms and warnings, in the order in which they were raised. A reset of its coordinate system clears an
-    /// alarm; a reset of any coordinate system clears one of the whole machine (`cs` is `None`).
-    /// [`CoordinateSystem::acknowledge_alarm`](crate::CoordinateSystem::acknowledge_alarm) records that somebody has
-    /// seen it.
+    /// Returns the active alarms and warnings, in the order in which they were raised. A reset of a
+    /// coordinate system clears the alarms of this coordinate system and those of the whole machine (`cs` is
+    /// `None`). [`CoordinateSystem::acknowledge_alarm`](crate::CoordinateSystem::acknowledge_alarm) records
+    /// that an operator has seen an alarm.
     ///
     /// ```
     /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -229,19 +244,20 @@ impl Plc {
     /// ```
     ///
     /// # Errors
-    /// The machine has not published its alarms yet.
+    /// Fails if the machine has not published alarms yet.
     pub async fn alarms(&self) -> Result<Vec<AlarmRecord>> {
         let said = self.port.read(&Topic::AlarmActive).await;
         match said.as_deref().map(|message| &message.payload) {
             Some(Payload::AlarmActive(active)) => Ok(active.alarms.clone()),
-            _ => Err(Refusal::new(RefusalCode::NotFound, "the machine has not said its alarms yet").into()),
+            _ => Err(Refusal::new(RefusalCode::NotFound, "the machine has not published alarms yet").into()),
         }
     }
 
-    /// Raises an alarm of the whole machine: every coordinate system stops, and its open outputs are cancelled. It
-    /// stays active until a coordinate system is reset; each of them stays STOPPED until its own reset.
-    /// [`CoordinateSystem::raise_alarm`](crate::CoordinateSystem::raise_alarm) stops one coordinate system, the `Err`
-    /// of a handler the program of its output.
+    /// Raises an alarm of the whole machine: every coordinate system stops, and all open outputs are
+    /// cancelled. The alarm stays active until any coordinate system is reset; each coordinate system stays
+    /// STOPPED until its own reset. To stop one coordinate system only, use
+    /// [`CoordinateSystem::raise_alarm`](crate::CoordinateSystem::raise_alarm). A handler that returns `Err`
+    /// stops the NC program that issued its output.
     ///
     /// ```
     /// # use plc_api::{Alarm, Execution};
@@ -254,7 +270,8 @@ impl Plc {
     /// ```
     ///
     /// # Errors
-    /// The alarm was not made by [`Alarm::user`] or has no text, or the machine cannot be reached.
+    /// Fails if the alarm was not created by [`Alarm::user`] or has no text, or if the machine cannot be
+    /// reached.
     pub async fn raise_alarm(&self, alarm: Alarm) -> Result<()> {
         self.raise(None, alarm).await
     }
@@ -262,7 +279,7 @@ impl Plc {
     pub(crate) async fn raise(&self, cs: Option<CoordinateSystemNumber>, alarm: Alarm) -> Result<()> {
         let Some(code) = alarm.user_code() else {
             let text = format!(
-                "alarm {} is one of the runtime's; make it by Alarm::user",
+                "alarm {} is an alarm of the runtime; make it by Alarm::user",
                 alarm.number
             );
             return Err(Refusal::new(RefusalCode::Invalid, text).into());
@@ -271,29 +288,31 @@ impl Plc {
         self.request(RaiseAlarm(AlarmRaise { cs, code, text })).await
     }
 
-    /// Lines of the journal in the order of time: the newest `count`, 1 to 1000, after skipping the `from` newest. Each
-    /// is a JSON object with `ts`, `t_s` (seconds since the start of the runtime), `cs`, `event`, and the fields of the
-    /// event. Available in process and over REST.
+    /// Returns lines of the journal in the order of time: skips the `from` newest lines, then returns the
+    /// newest `count` of the rest (1 to 1000). Each line is a JSON object with `ts`, `t_s` (seconds since the
+    /// start of the runtime), `cs`, `event`, and the fields of the event. Available in process and over REST.
     ///
     /// # Errors
-    /// `count` is out of its range; the machine keeps no journal, or cannot read it; the transport is MQTT.
+    /// Fails if `count` is out of its range, the machine keeps no journal or cannot read it, or the transport
+    /// is MQTT.
     pub async fn journal(&self, from: u32, count: u32) -> Result<Vec<serde_json::Value>> {
         let filter = JournalFilter::default();
         self.request(Journal { from, count, filter }).await
     }
 
-    /// Sets the skip input of a motor, by its CNC motor number; it keeps its value until it is set again. This is not
-    /// real time: G31 captures the position at which the servo receives the input.
+    /// Sets the skip input of a motor, by its CNC motor number. The input keeps its value until it is set
+    /// again. The transmission is not real time: G31 captures the position at which the servo receives the
+    /// input.
     ///
     /// # Errors
-    /// No axis has such a motor, or the machine cannot be reached.
+    /// Fails if no axis has such a motor, or the machine cannot be reached.
     pub async fn set_skip_input(&self, motor: u16, value: bool) -> Result<()> {
         self.request(SkipInput(motor, value)).await
     }
 
-    /// Returns whether the runtime is online. Over a broker it is treated as offline after its last will, or if it has
-    /// not repeated its presence before the presence expires. Without a connection to the broker, the answer is the
-    /// last known one.
+    /// Returns true if the runtime is online. Over a broker, the runtime is treated as offline after its last
+    /// will, or if it has not renewed its presence before the presence expires. Without a connection to the
+    /// broker, the last known value is returned.
     pub async fn is_online(&self) -> bool {
         let presence = self.port.read(&Topic::Presence).await;
         presence.is_some_and(|message| matches!(&message.payload, Payload::Presence(said) if said.online))
@@ -304,7 +323,7 @@ impl Plc {
         self.port.sleep(duration).await;
     }
 
-    /// Seconds since the start on the machine's clock.
+    /// Returns the seconds since the start on the machine's clock.
     pub fn now_s(&self) -> f64 {
         self.port.now_s()
     }
@@ -313,8 +332,8 @@ impl Plc {
         self.user.as_deref()
     }
 
-    /// Returns the same machine, in the name of a handler. The first handler also owns the locks that this program has
-    /// set.
+    /// Returns the same machine, in the name of a handler. The first handler also owns the locks that this
+    /// program has set.
     pub(crate) fn of_handler(&self, handler_id: &str) -> Self {
         let levels = if self.levels.has_owner() {
             Arc::default()
@@ -343,7 +362,7 @@ impl Plc {
         self.levels.set_io((&*self.port, self.name()), point, value).await
     }
 
-    /// Writes again what was set: the presence has been announced at this start of the machine.
+    /// Writes all levels again, after the presence has been announced in this boot of the machine.
     pub(crate) async fn write_levels(&self, boot: &BootId) {
         self.levels.write_all((&*self.port, self.name()), boot).await;
     }
@@ -352,7 +371,7 @@ impl Plc {
         &self.levels
     }
 
-    /// The name under which the journal records requests.
+    /// Returns the name under which the journal records requests.
     pub(crate) fn name(&self) -> &str {
         self.handler_id.as_deref().unwrap_or(&self.client_id)
     }
@@ -365,7 +384,7 @@ impl Plc {
         Ok(self.port.ask_as(self.name(), request).await?)
     }
 
-    /// Identifies a new command and its client.
+    /// Creates the identification of a new command and its client.
     pub(crate) fn command_meta(&self) -> CommandMeta {
         let number = self.commands.fetch_add(1, Ordering::Relaxed);
         CommandMeta {
@@ -375,7 +394,7 @@ impl Plc {
         }
     }
 
-    /// Sends a request from a destructor: [`Plc::do_without_waiting`].
+    /// Sends a request from a destructor, by [`Plc::do_without_waiting`].
     pub(crate) fn send_without_waiting(&self, request: impl Into<Request>, what_if_not: &'static str) {
         let (port, request) = (Arc::clone(&self.port), request.into());
         self.do_without_waiting(async move {
@@ -385,8 +404,8 @@ impl Plc {
         });
     }
 
-    /// Does what a destructor wants done: directly if the machine answers without waiting, else in a task. Outside of a
-    /// tokio runtime, or after its end, only the connection's own runtime can still do it.
+    /// Runs the work of a destructor: directly if the machine answers without waiting, otherwise in a task.
+    /// Outside of a tokio runtime, or after its end, the tokio runtime of the connection runs the work.
     pub(crate) fn do_without_waiting(&self, work: impl Future<Output = ()> + Send + 'static) {
         let here = tokio::runtime::Handle::try_current().ok();
         let mut work: BoxFuture<'static, ()> = Box::pin(work);

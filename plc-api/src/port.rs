@@ -1,7 +1,8 @@
 //! The port: the whole sequence-control interface as one trait.
 //!
-//! The runtime and each client transport implement it, and servers serve any implementation. So a sequence program runs
-//! unchanged in the runtime's process, in another process and in a test.
+//! The runtime and each client transport implement this trait, and servers serve any implementation.
+//! Therefore a sequence program runs unchanged in the process of the runtime, in another process and in a
+//! test.
 
 use std::future::Future;
 use std::pin::Pin;
@@ -16,7 +17,7 @@ use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::{Answer, Request, TypedRequest};
 use crate::types::topic::Topic;
 
-/// Pause before a claim, reset, presence, lock or question that could not be delivered is sent again.
+/// Pause before the repetition of a claim, reset, presence, lock or question that could not be delivered.
 pub(crate) const RETRY: Duration = Duration::from_secs(1);
 
 /// A boxed future, so that [`Port`] is dyn compatible.
@@ -24,20 +25,23 @@ pub type BoxFuture<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 
 /// The sequence-control interface of one machine.
 pub trait Port: Send + Sync + 'static {
-    /// The current boot of the runtime.
+    /// Returns the current boot of the runtime.
     fn boot_id(&self) -> BootId;
 
-    /// The current value of a state topic; positions are those of the last servo cycle. `None`: no value.
+    /// Returns the current value of a state topic, or `None` if the topic has no value. Positions are those
+    /// of the last servo cycle.
     fn read<'a>(&'a self, topic: &'a Topic) -> BoxFuture<'a, Option<Arc<Message>>>;
 
-    /// Messages of the topics of the filter: first the current value of each state topic, then every change.
+    /// Subscribes to the topics of the filter: the subscription returns first the current value of each state
+    /// topic, then every change.
     fn subscribe(&self, filter: Filter) -> Subscription;
 
-    /// Sends a request. A refusal means that nothing has changed. [`ask`](trait.Port.html#method.ask) returns a typed
-    /// answer.
+    /// Sends a request. A refusal means that nothing has changed. [`ask`](trait.Port.html#method.ask) returns
+    /// a typed answer.
     fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>>;
 
-    /// The same on behalf of a client, by whose name the journal tells of it. Transports know their client themselves.
+    /// Sends a request on behalf of a client; the journal records the request under the name of this client.
+    /// Client transports ignore the name, because the server knows their client.
     fn request_as<'a>(
         &'a self,
         _client: &'a str,
@@ -46,8 +50,8 @@ pub trait Port: Send + Sync + 'static {
         self.request(request)
     }
 
-    /// The same with an age limit: the machine rejects it as `expired` if it would take effect later. A request after which
-    /// nothing can move is sent without it.
+    /// Sends a request with an age limit: the machine rejects the request as `expired` if it would take
+    /// effect later. A request that cannot cause a motion is sent without the age limit.
     fn request_not_after<'a>(
         &'a self,
         _not_after: &'a NotAfter,
@@ -64,7 +68,7 @@ pub trait Port: Send + Sync + 'static {
     /// Sleeps on the port's clock, which is simulated time in a simulation.
     fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()>;
 
-    /// Seconds since the start on the port's clock.
+    /// Returns the seconds since the start on the port's clock.
     fn now_s(&self) -> f64;
 }
 
@@ -80,15 +84,16 @@ impl dyn Port {
     /// ```
     ///
     /// # Errors
-    /// The refusal; `invalid` if the answer is of the wrong type, which is a defect of the port.
+    /// Returns the refusal of the machine, or `invalid` if the answer has the wrong type, which is a defect
+    /// of the port.
     pub async fn ask<R: TypedRequest>(&self, request: R) -> Result<R::Answer, Refusal> {
         Self::answer_of::<R>(self.request(request.into()).await?)
     }
 
-    /// The same on behalf of a client.
+    /// Sends a request on behalf of a client, and returns its typed answer.
     ///
     /// # Errors
-    /// As [`ask`](trait.Port.html#method.ask).
+    /// Fails as [`ask`](trait.Port.html#method.ask).
     pub async fn ask_as<R: TypedRequest>(&self, client: &str, request: R) -> Result<R::Answer, Refusal> {
         Self::answer_of::<R>(self.request_as(client, request.into()).await?)
     }

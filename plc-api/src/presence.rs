@@ -1,8 +1,9 @@
 //! Presence and claims of a named handler, for the raw queue and for sequence programs.
 //!
-//! The handler is announced at each boot of the runtime, and again after a late last will of an earlier connection or of
-//! another instance. Claims that were lost with the connection are repeated. When the handler leaves, the machine releases its
-//! claims. Another instance of its id is refused by the machine, or takes its place, which ends this one.
+//! The handler is announced at each boot of the runtime, and again after a late last will of an earlier
+//! connection or of another instance. Claims that were lost with the connection are repeated. When the
+//! handler leaves, the machine releases its claims. If another instance announces the same id, the machine
+//! refuses that instance, or that instance takes over and this one ends.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem::replace;
@@ -29,33 +30,34 @@ use crate::types::request::{Refusal, Request, typed};
 use crate::types::topic::{CsTopic, Topic};
 use crate::types::{BootId, CoordinateSystemNumber};
 
-/// How often an announcement may be refused. Reason: an earlier program of this name may just be ending.
+/// Number of refusals after which an announcement has failed. Reason: an earlier program of this name may be
+/// about to end.
 const TRIES: u32 = 5;
 
-/// How long a handler that leaves waits until the machine has heard it.
+/// Time for which a handler that leaves waits for the answer of the machine.
 const TELL_MAX: Duration = Duration::from_secs(1);
 
-/// An M code of one coordinate system, or of all.
+/// An M code of one coordinate system, or of all coordinate systems (`None`).
 pub(crate) type ServedCode = (Option<CoordinateSystemNumber>, u16);
 
-/// How a handler announces itself.
+/// Contents of the announcement of a handler.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Announced {
     pub(crate) codes: BTreeSet<ServedCode>,
-    /// What it says of them.
+    /// Declarations of the M codes.
     pub(crate) m_codes: Vec<MCodeDeclaration>,
-    /// What it says of its alarms.
+    /// Texts of the alarms of the handler.
     pub(crate) alarms: Vec<AlarmText>,
-    /// It checks parameters at program load.
+    /// True if the handler checks parameters at program load.
     pub(crate) validates: bool,
-    /// It takes the place of another instance.
+    /// True if the handler takes over from another instance.
     pub(crate) takes_over: bool,
     pub(crate) redelivery: Option<Redelivery>,
-    /// It begins with what the machine has claimed for it.
+    /// True if the machine claims outputs for the handler (H20).
     pub(crate) is_exclusive: bool,
 }
 
-/// Tells the machine when dropped that the handler is offline.
+/// A guard that notifies the machine on drop that the handler is offline.
 #[derive(Debug)]
 pub(crate) struct Offline {
     pub(crate) plc: Plc,
@@ -63,10 +65,11 @@ pub(crate) struct Offline {
     is_sent: bool,
 }
 
-const NOT_SENT: &str = "the machine was not told that the handlers have gone";
+const NOT_SENT: &str = "the machine was not notified that the handlers are offline";
 
 impl Offline {
-    /// Tells it now, and waits until that has arrived: the process may end with what is left to others. Zero: it does not come back.
+    /// Notifies the machine now that the handler is offline, and waits for the answer, because the process
+    /// may end next. If `returns_within` is zero, the handler does not return.
     pub(crate) async fn tell(mut self, returns_within: Duration) {
         self.is_sent = true;
         self.plc.levels().end();
@@ -99,20 +102,20 @@ impl Drop for Offline {
     }
 }
 
-/// The boot that is online, and its open outputs.
+/// The online boot of the machine, and its open outputs.
 #[derive(Debug, Default)]
 pub(crate) struct OpenOutputs {
     pub(crate) online: Option<BootId>,
-    // the last `pending` of each coordinate system, of any boot
+    // the last `pending` message of each coordinate system, of any boot
     pending: BTreeMap<CoordinateSystemNumber, Arc<Message>>,
 }
 
 /// Change caused by a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Change {
-    /// Another boot is online, or none.
+    /// Another boot is online, or no boot is online.
     Boot,
-    /// The open outputs of a coordinate system.
+    /// The open outputs of a coordinate system have changed.
     Pending(CoordinateSystemNumber),
 }
 
@@ -132,7 +135,7 @@ impl OpenOutputs {
         }
     }
 
-    /// `pending` of each coordinate system of the boot that is online.
+    /// Returns the `pending` message of each coordinate system of the online boot.
     pub(crate) fn all(&self) -> impl Iterator<Item = (CoordinateSystemNumber, &Arc<Message>)> {
         let all = self.pending.iter().map(|(&cs, message)| (cs, message));
         all.filter(|(_, message)| self.online.as_ref() == Some(&message.boot_id))
@@ -145,13 +148,13 @@ impl OpenOutputs {
         })
     }
 
-    /// `pending` of one coordinate system.
+    /// Returns the `pending` message of one coordinate system of the online boot.
     pub(crate) fn of(&self, cs: CoordinateSystemNumber) -> Option<&Arc<Message>> {
         self.all().find(|(of, _)| *of == cs).map(|(_, message)| message)
     }
 }
 
-/// The open outputs in a `pending` message.
+/// Returns the open outputs in a `pending` message.
 pub(crate) fn shown(message: &Message) -> &[PendingOutput] {
     match &message.payload {
         Payload::Pending(pending) => &pending.outputs,
@@ -161,9 +164,9 @@ pub(crate) fn shown(message: &Message) -> &[PendingOutput] {
 
 #[derive(Debug)]
 pub(crate) enum Event {
-    /// A message of the machine, and what it changed.
+    /// A message of the machine, and the change that it caused.
     Message(Arc<Message>, Option<Change>),
-    /// The machine knows the handler.
+    /// The machine has accepted the announcement.
     Announced,
     /// A claim was repeated; true if it was accepted.
     Reclaimed(OutputId, bool),
@@ -192,7 +195,7 @@ pub(crate) struct Presence {
 }
 
 impl Presence {
-    /// A new instance of a handler.
+    /// Creates a new instance of a handler.
     pub(crate) fn new(plc: &Plc, handler_id: Arc<str>, said: Announced) -> Self {
         let by = Identity::new(handler_id);
         plc.levels().begin(&by);
@@ -209,7 +212,7 @@ impl Presence {
         }
     }
 
-    /// A guard that takes the handler offline.
+    /// Returns a guard that takes the handler offline.
     pub(crate) fn offline_on_drop(&self) -> Offline {
         Offline {
             plc: self.plc.clone(),
@@ -218,10 +221,11 @@ impl Presence {
         }
     }
 
-    /// The next event; `None` when the machine's side has ended. Cancellation safe.
+    /// Waits for the next event and returns it; returns `None` if the machine has ended the connection.
+    /// Cancellation safe.
     ///
     /// # Errors
-    /// The machine or the connection refuses the handler, or another instance has taken its place.
+    /// The machine or the connection refuses the handler, or another instance has taken over.
     pub(crate) async fn next(&mut self) -> Result<Option<Event>> {
         loop {
             tokio::select! {
@@ -243,7 +247,8 @@ impl Presence {
         }
     }
 
-    /// The text of a message to this instance with this status of its presence; `None` for any other message.
+    /// Returns the text of a message that reports this status of the presence to this instance; `None` for
+    /// any other message.
     fn text_of(&self, message: &Message, wanted: HandlerStatus) -> Option<String> {
         let (Topic::HandlerResult(id), Payload::HandlerResult(result)) = (&message.topic, &message.payload)
         else {
@@ -290,7 +295,7 @@ impl Presence {
             Event::Message(..) => {}
             Event::Announced => {
                 if replace(&mut self.announced, Announcement::Done) == Announcement::PendingAgain {
-                    // the machine that has accepted it may be another one now
+                    // the boot that accepted the announcement may have ended meanwhile
                     self.announce();
                 } else if let Some(boot) = self.open.online.clone() {
                     let plc = self.plc.clone();
@@ -306,7 +311,7 @@ impl Presence {
         }
     }
 
-    /// The announcement for the coordinate systems that exist.
+    /// Returns the announcement for the existing coordinate systems.
     fn announcement(&self) -> HandlerPresence {
         let codes = self.said.codes.iter().flat_map(|(cs, m)| {
             let systems = cs.as_ref().map_or(&*self.systems, std::slice::from_ref);
@@ -329,7 +334,7 @@ impl Presence {
         }
     }
 
-    /// From now on the machine shall claim nothing for it by itself (H20).
+    /// Announces that from now on the machine must not claim outputs for this handler (H20).
     pub(crate) fn claim_by_message(&mut self) {
         self.said.is_exclusive = false;
         if self.announced != Announcement::Never {
@@ -337,7 +342,7 @@ impl Presence {
         }
     }
 
-    /// True when the machine has taken the last announcement.
+    /// Returns true if the machine has accepted the last announcement.
     pub(crate) fn is_settled(&self) -> bool {
         matches!(self.announced, Announcement::Never | Announcement::Done)
     }
@@ -359,14 +364,14 @@ impl Presence {
         }));
     }
 
-    /// Outputs whose handler was lost, with their M numbers.
+    /// Returns the outputs that have lost their handler, with their M numbers.
     pub(crate) fn lost(&self) -> Vec<(OutputId, u16)> {
         let outputs = self.open.outputs();
         let lost = outputs.filter(|(_, output)| output.lost && output.state == OutputState::Output);
         lost.map(|(id, output)| (id, output.output.m)).collect()
     }
 
-    /// Repeats the claim of an output that this side still works on: only its connection was lost.
+    /// Repeats the claim of an output on which this instance still works after a loss of the connection.
     pub(crate) fn reclaim(&mut self, id: OutputId, m: u16) {
         if !self.reclaiming.insert(id.clone()) {
             return;
@@ -379,7 +384,7 @@ impl Presence {
         }));
     }
 
-    /// The registration as it is announced now.
+    /// Returns the registration that belongs to the current announcement.
     pub(crate) fn registration(&self) -> Registration {
         Registration {
             plc: self.plc.clone(),
@@ -400,7 +405,8 @@ impl Presence {
     }
 }
 
-/// The registration of a handler, without which the machine accepts no claim. The machine drops it when the connection is lost.
+/// Registration of a handler. The machine accepts no claim without a registration, and drops the registration
+/// if the connection is lost.
 #[derive(Debug)]
 pub(crate) struct Registration {
     plc: Plc,
@@ -409,8 +415,9 @@ pub(crate) struct Registration {
 }
 
 impl Registration {
-    /// Claims an output until the machine answers; `None`: the machine refuses the claim for good. Before each repetition the
-    /// handler registers again, because the connection may have been lost meanwhile.
+    /// Repeats the claim of an output until the machine answers. Returns `None` if the machine refuses the
+    /// claim for good. Before each repetition the handler registers again, because the connection may have
+    /// been lost meanwhile.
     ///
     /// # Errors
     /// The machine refuses the registration for good.
@@ -425,7 +432,8 @@ impl Registration {
         }
     }
 
-    /// The same for an output that was lost with the connection: the handler registers before it claims.
+    /// Claims an output that was lost with the connection, as [`claim`](Self::claim) does, but the handler
+    /// registers before the first claim.
     ///
     /// # Errors
     /// The machine refuses the registration for good.
@@ -444,10 +452,10 @@ impl Registration {
     }
 }
 
-/// Announces a presence until the machine has accepted it.
+/// Repeats the announcement of a presence until the machine has accepted it.
 ///
 /// # Errors
-/// The machine or the connection refuses it for good.
+/// The machine or the connection refuses the presence for good.
 async fn send_presence(plc: &Plc, id: &str, presence: HandlerPresence) -> std::result::Result<(), Refusal> {
     let mut tries = 0;
     loop {

@@ -1,8 +1,8 @@
 //! Messages for a slow reader: the latest value of each state, and all events in order, up to a limit.
 //!
-//! The latest value of a state replaces an unread one, so `m_code/pending` comes before the output that it announces.
-//! It never overtakes an event that explains it ([`Topic::explains`]): the cancel of an output comes before the
-//! `pending` that no longer shows it.
+//! The latest value of a state replaces an unread value at its position, so `m_code/pending` precedes the
+//! output that it announces. A value never overtakes an event that explains it ([`Topic::explains`]): the
+//! cancel of an output precedes the `pending` that no longer shows the output.
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
@@ -10,13 +10,13 @@ use std::sync::Arc;
 use crate::types::message::Message;
 use crate::types::topic::Topic;
 
-/// Unread events of one reader. Reason: twice 64 open outputs, each with a notice, a result and a cancel, in each of 8
-/// coordinate systems.
+/// Largest number of unread events of one reader. Reason: more than twice 64 open outputs, each with a
+/// notice, a result and a cancel, in each of 8 coordinate systems.
 pub const EVENTS_MAX: usize = 4096;
 
 /// An entry of a [`Queue`].
 pub trait Entry {
-    /// Its topic; without one it is an event.
+    /// Returns the topic of the entry. An entry without a topic is an event.
     fn topic(&self) -> Option<&Topic>;
 }
 
@@ -29,11 +29,11 @@ impl Entry for Arc<Message> {
 /// Unread entries in order.
 #[derive(Debug)]
 pub struct Queue<T> {
-    // also one value of a state before each event that explains it
+    // can contain one value of a state before each event that explains that state
     entries: VecDeque<T>,
-    // number of the first entry; each has one more than that before it
+    // number of the first entry; each further entry has the next number
     first: u64,
-    // the number of each state's unread value that no event follows that explains it
+    // for each state: the number of its unread value after which no explaining event follows
     replaceable: HashMap<Topic, u64>,
     events: usize,
     lost: u64,
@@ -52,9 +52,9 @@ impl<T> Default for Queue<T> {
 }
 
 impl<T: Entry> Queue<T> {
-    /// Appends an entry. The value of a state replaces an unread one instead, unless an event that explains it follows.
-    /// Beyond [`EVENTS_MAX`] the oldest event is dropped. False if an entry was replaced. However many entries wait, a value
-    /// is found without looking at them.
+    /// Appends an entry. A value of a state instead replaces its unread value, unless an event that explains
+    /// the state follows that value. Beyond [`EVENTS_MAX`] the oldest event is dropped. Returns false if an
+    /// entry was replaced. The unread value is found without a search through the entries.
     pub fn put(&mut self, entry: T) -> bool {
         if let Some(state) = state_of(&entry) {
             if let Some(place) = self.place_of(state) {
@@ -76,12 +76,12 @@ impl<T: Entry> Queue<T> {
         true
     }
 
-    /// The next entry.
+    /// Returns the next entry.
     pub fn front(&self) -> Option<&T> {
         self.entries.front()
     }
 
-    /// Takes the next entry.
+    /// Removes and returns the next entry.
     pub fn take(&mut self) -> Option<T> {
         let entry = self.entries.pop_front()?;
         match state_of(&entry) {
@@ -95,7 +95,7 @@ impl<T: Entry> Queue<T> {
         Some(entry)
     }
 
-    /// Takes all entries.
+    /// Removes and returns all entries.
     pub fn take_all(&mut self) -> VecDeque<T> {
         self.first = self.number(self.entries.len());
         self.replaceable.clear();
@@ -103,7 +103,7 @@ impl<T: Entry> Queue<T> {
         std::mem::take(&mut self.entries)
     }
 
-    /// Events dropped so far because they were not read in time.
+    /// Returns the number of events that were dropped so far because they were not read in time.
     pub fn lost(&self) -> u64 {
         self.lost
     }
@@ -112,7 +112,7 @@ impl<T: Entry> Queue<T> {
         self.first + place as u64
     }
 
-    /// The unread value of this state behind the last event that explains it.
+    /// Returns the index of the unread value of this state after the last event that explains the state.
     fn place_of(&self, state: &Topic) -> Option<usize> {
         let number = self.replaceable.get(state)?;
         usize::try_from(number - self.first).ok()
@@ -126,8 +126,8 @@ impl<T: Entry> Queue<T> {
         self.remove(place);
         self.events -= 1;
         self.lost += 1;
-        // the value before it of a state that it explains is obsolete if there is one after it, and may be replaced if nothing
-        // else explains the state
+        // an earlier value of the state that the dropped event explained is obsolete if a later value exists;
+        // it may be replaced if no other event explains the state
         let Some(state) = explained else { return };
         let mut values = (0..self.entries.len()).filter(|&at| self.entries[at].topic() == Some(&state));
         let Some(before) = values.next().filter(|before| *before < place) else {
@@ -140,7 +140,7 @@ impl<T: Entry> Queue<T> {
         }
     }
 
-    /// Removes an entry that no value replaces; those before it move up.
+    /// Removes an entry that is not in `replaceable`. The entries before it get higher numbers.
     fn remove(&mut self, place: usize) {
         let removed = self.number(place);
         self.entries.remove(place);
@@ -223,7 +223,7 @@ mod tests {
         assert_eq!(read[..2], [pending(1), cancel(1)]);
     }
 
-    /// What the rules say of entries that wait, looked for one by one.
+    /// Reference model of the rules, which searches the waiting entries one by one.
     #[derive(Default)]
     struct Waiting(Vec<Said>);
 
@@ -276,7 +276,7 @@ mod tests {
                 };
                 queue.put(said());
                 waiting.put(said());
-                // it fills, and is read in bursts
+                // the queue fills, and is read in bursts
                 if next() % 600 == 0 {
                     for _ in 0..next() % 300 {
                         assert_eq!(queue.take(), waiting.take(), "seed {seed}, {n}");

@@ -1,4 +1,4 @@
-//! A run that a program has ordered: its progress and its end.
+//! Runs that a program has ordered: their progress and their end.
 
 use crate::coordinate_system::CoordinateSystem;
 use crate::error::{Error, Result};
@@ -10,7 +10,7 @@ use crate::types::run::{Run, RunOrder, RunQuery, Runs};
 use crate::types::topic::{CsTopic, Topic};
 use crate::types::{BootId, CoordinateSystemNumber};
 
-/// A run that was ordered. Dropping it changes nothing.
+/// A handle to an ordered run. Dropping the handle does not affect the run.
 ///
 /// ```no_run
 /// # async fn example(plc: plc_api::Plc) -> plc_api::Result<()> {
@@ -27,20 +27,20 @@ pub struct OrderedRun {
 }
 
 impl CoordinateSystem {
-    /// Loads a program and starts it: one part.
+    /// Loads a program and runs it once, for one part.
     ///
     /// # Errors
-    /// Not allowed now, the program has errors, or a start lock is on.
+    /// Fails if the command is not allowed now, the program has errors, or a start lock is on.
     pub async fn run(&self, program: u16) -> Result<OrderedRun> {
         self.order(RunOrder::program(program)).await
     }
 
-    /// Loads a program, if one is named, and runs it once for each part. A part after the first begins after
-    /// `PROGRAM_COMPLETED` alone: not after an alarm, a stop, a reset, a lost lease or a restart. While the interlock or the
-    /// start lock is on, it waits.
+    /// Loads a program, if the order names one, and runs it once for each part. A further part starts only
+    /// after `PROGRAM_COMPLETED`, not after an alarm, a stop, a reset, a lost lease or a restart. While the
+    /// interlock or the start lock is on, the start of a further part waits.
     ///
     /// # Errors
-    /// As [`CoordinateSystem::run`]; `parts` is not 1 to 1,000,000.
+    /// Fails as [`CoordinateSystem::run`], and if `parts` is not 1 to 1,000,000.
     pub async fn order(&self, order: RunOrder) -> Result<OrderedRun> {
         let reply = self
             .reply_to(Command::Run(order), self.plc().command_meta().command_id)
@@ -51,7 +51,8 @@ impl CoordinateSystem {
         })
     }
 
-    /// Returns the run of the loaded program in progress, or the last one that ended; `None` if there was none.
+    /// Returns the run of the loaded program that is in progress, otherwise the last run that ended; `None`
+    /// if no run has started.
     ///
     /// # Errors
     /// The machine cannot be reached.
@@ -64,11 +65,11 @@ impl CoordinateSystem {
         })
     }
 
-    /// Runs of this coordinate system that have ended, the newest first, but for the `from` newest of them, and its production
-    /// counters. Over REST and in process.
+    /// Returns ended runs of this coordinate system, the newest first, and its production counters. Skips the
+    /// `from` newest runs. Available over REST and in process.
     ///
     /// # Errors
-    /// The machine cannot be reached, or not over this transport.
+    /// Fails if the machine cannot be reached, or the transport does not carry this request.
     pub async fn runs(&self, from: u32, count: u32) -> Result<Runs> {
         let cs = Some(self.number());
         self.plc()
@@ -78,21 +79,21 @@ impl CoordinateSystem {
 }
 
 impl OrderedRun {
-    /// Names the run, over all starts of the runtime.
+    /// Returns the identifier of the run, unique across all starts of the runtime.
     pub fn id(&self) -> &str {
         &self.id
     }
 
-    /// Its coordinate system.
+    /// Returns the coordinate system of the run.
     pub fn coordinate_system(&self) -> CoordinateSystemNumber {
         self.of.number()
     }
 
-    /// Waits until it has ended, and returns how. A restart of the runtime ends it, too.
+    /// Waits until the run has ended, and returns its result. A restart of the runtime also ends the run.
     ///
     /// # Errors
-    /// The machine has ended the connection, or a later run has taken its place before this one was heard to end and the
-    /// machine cannot be asked for it over this transport.
+    /// Fails if the machine has ended the connection. Also fails if a later run has started before this
+    /// program received the end of this run, and the transport does not carry the request for an earlier run.
     pub async fn ended(&self) -> Result<Run> {
         let topic = Topic::cs(self.of.number(), CsTopic::Run);
         let mut runs = self.of.plc().port().subscribe(Filter::Topics(vec![topic]));
@@ -115,7 +116,7 @@ impl OrderedRun {
         Err(Error::Closed)
     }
 
-    /// True when a run that is told of in a boot is a later one.
+    /// Returns true if `other`, which the boot `told_in` has published, is a later run.
     fn is_before(&self, other: &Run, told_in: &BootId) -> bool {
         let parts = |id: &str| {
             let (place, n) = id.rsplit_once('-')?;

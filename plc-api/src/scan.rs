@@ -1,19 +1,20 @@
 //! Scan style: a program that runs cyclically at a fixed period, as in a PLC.
 //!
-//! Before each scan the state of the machine is copied into an [`Image`]: M codes as flags with their parameters, state
-//! words, inputs, inputs and outputs of the plant, overrides, captured positions, and the positions and variables that [`ScanProgram::reads`] requests.
-//! The scan reads this image, which does not change meanwhile, and writes resets, failures, inputs, overrides and
-//! commands into it. They are carried out after the scan.
+//! Before each scan the state of the machine is copied into an [`Image`]: M codes as flags with their
+//! parameters, state words, inputs, inputs and outputs of the plant, overrides, captured positions, and the
+//! positions and variables that [`ScanProgram::reads`] requests. The values in the image do not change during
+//! the scan. The scan reads these values, and writes resets, failures, inputs, overrides and commands into
+//! the image. These writes are executed after the scan.
 //!
-//! Claims, resets and cancels are the same as for handlers: an output that is cancelled is off in the next image, and a
-//! reset never reaches another output than the one in the image.
+//! Claims, resets and cancellations work as for handlers. A cancelled output is off in the next image, and a
+//! reset never reaches any output other than the one in the image.
 //!
 //! ```
 //! use std::time::Duration;
 //! use plc_api::scan::{Image, ScanProgram};
 //! use plc_api::{Alarm, Params, SequenceProgram, fake::FakePort, handshake::Closed};
 //!
-//! /// M10 closes the clamp, M11 opens it; each takes half a second.
+//! /// M10 closes the clamp, M11 opens the clamp; each takes half a second.
 //! #[derive(Default)]
 //! struct Clamp {
 //!     since_s: Option<f64>,
@@ -45,8 +46,8 @@
 //! # }
 //! ```
 //!
-//! Write a flag of the machine like an output of a PLC: in every scan, with the value that it shall have. It is sent
-//! only when it differs.
+//! Write a flag of the machine like an output of a PLC: in every scan, with the value that the flag must
+//! have. The flag is sent only if this value differs from the current value of the machine.
 //!
 //! ```
 //! use plc_api::scan::{Image, Reads, ScanProgram};
@@ -113,23 +114,25 @@ use writer::Writer;
 /// Shortest period of a scan. Reason: the clocks have a resolution of 1 ms.
 pub const SCAN_PERIOD_MIN: Duration = Duration::from_millis(1);
 
-/// A program in scan style. It must not block: work that takes time is state for later scans.
+/// A program in scan style. A scan must not block: a program that needs several scans for its work keeps the
+/// state of the work for the later scans.
 ///
-/// A closure `FnMut(&mut Image)` is one as well.
+/// A closure `FnMut(&mut Image)` implements this trait.
 pub trait ScanProgram: Send + 'static {
-    /// Positions and variables to read before each scan. Called once, before the first scan.
+    /// Returns the positions and variables to read before each scan. Called once, before the first scan.
     fn reads(&self) -> Reads {
         Reads::default()
     }
 
-    /// Time that a scan may take, from its image to its last write; `None`: its period. Called once, before the first scan. A
-    /// scan that takes longer is a warning in the log and counts: [`Image::late_scans`]. Scans that come too late for their
-    /// period are left out: [`Image::overruns`].
+    /// Returns the time limit of a scan, from its image to its last write; `None` means the period of the
+    /// scan. Called once, before the first scan. A scan that takes longer causes a warning in the log and
+    /// increments [`Image::late_scans`]. A period in which no scan can start is skipped and increments
+    /// [`Image::overruns`].
     fn cycle_limit(&self) -> Option<Duration> {
         None
     }
 
-    /// One scan: reads and writes the image.
+    /// Executes one scan: reads and writes the image.
     fn scan(&mut self, image: &mut Image);
 }
 
@@ -140,8 +143,9 @@ impl<F: FnMut(&mut Image) + Send + 'static> ScanProgram for F {
 }
 
 impl<Scope> SequenceProgram<Scope> {
-    /// Adds a program in scan style for these M codes, see [`scan`](crate::scan). They are on in its image only for the
-    /// coordinate systems of this scope. The list may be empty, `[]`. The period is at least 1 ms.
+    /// Adds a program in scan style for these M codes, see [`scan`](crate::scan). In the image of this
+    /// program, the M codes can be on only for the coordinate systems of this scope. The list of M codes may
+    /// be empty, `[]`. The period is at least 1 ms.
     #[must_use]
     pub fn scan(mut self, codes: impl MCodes, period: Duration, program: impl ScanProgram) -> Self {
         let flags = Flags::default();
@@ -171,10 +175,10 @@ struct Scan {
 }
 
 impl Scan {
-    /// Scans forever.
+    /// Scans without end.
     ///
     /// # Errors
-    /// The scan program panicked.
+    /// Fails if the scan program panics.
     async fn run(self, plc: Plc) -> Result<()> {
         let period_s = self.period.as_secs_f64();
         let (mut scans, mut overruns) = (0, 0);
@@ -210,7 +214,7 @@ impl Scan {
     }
 }
 
-/// A panic of the scan program ends its sequence program, not the process.
+/// Calls the scan program. A panic of the scan program ends its sequence program, not the process.
 fn guarded<T>(use_it: impl FnOnce() -> T) -> Result<T> {
     std::panic::catch_unwind(AssertUnwindSafe(use_it)).map_err(|panicked| {
         Error::SequenceProgram(format!("the scan program panicked: {}", panic_text(&*panicked)))

@@ -1,4 +1,5 @@
-//! Messages between a server (MQTT, REST) and its machine that are not part of the interface; no client sends them.
+//! Messages between a server (MQTT, REST) and its machine that are not part of the interface; no client sends
+//! them.
 
 use std::net::IpAddr;
 use std::time::SystemTime;
@@ -18,8 +19,8 @@ pub trait ServedPort: Port {
     /// Receives an event of a server; does not block.
     fn notice(&self, notice: ServerNotice);
 
-    /// Publishes open outputs without an owner again, as redelivered, after a new connection to the broker, because
-    /// notices may have been lost. Returns when that is done.
+    /// Publishes open outputs without an owner again, as redelivered, after a new connection to the broker,
+    /// because notices may have been lost. Returns when that is done.
     fn republish(&self) -> BoxFuture<'_, ()>;
 
     /// Returns the time of day, as in the machine's own messages.
@@ -39,7 +40,8 @@ pub trait ServedPort: Port {
 /// Sender of a request, and its transport.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Origin {
-    /// Name of the token; `None` if the server requires no tokens, or an external broker has authenticated the user.
+    /// Name of the token; `None` if the server requires no tokens, or an external broker has authenticated
+    /// the user.
     pub user: Option<String>,
     /// Address of the sending host, if the server knows it; unknown with an external broker.
     pub from: Option<IpAddr>,
@@ -97,9 +99,10 @@ pub enum AccessKind {
 /// An event of a server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ServerNotice {
-    /// State of its connection to the MQTT broker, which is assumed to be connected until the first such event.
+    /// State of the connection to the MQTT broker. Until the first such event, the connection is assumed to
+    /// exist.
     BusLink {
-        /// True while it is connected.
+        /// True while the connection exists.
         connected: bool,
         /// The external broker.
         broker: Option<BrokerInUse>,
@@ -134,8 +137,8 @@ pub struct ServoTiming {
 /// A histogram of durations.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Durations {
-    /// Upper bound of each bucket, s, ascending, with its count, which does not include lower buckets. The last bound
-    /// is infinite.
+    /// Upper bound of each bucket, s, ascending, with its count, which does not include lower buckets. The
+    /// last bound is infinite.
     pub buckets: Vec<(f64, u64)>,
     /// Sum of all, s.
     pub sum_s: f64,

@@ -3,11 +3,12 @@
 use std::future::pending;
 use std::io;
 
-/// Waits for Ctrl-C, and on Unix also for SIGTERM, by which systemd, podman and `docker stop` end a process: the `stop` of
-/// [`SequenceProgram::run_until`](crate::SequenceProgram::run_until). From the first poll on, these signals no longer end the process by
-/// themselves.
+/// Waits for Ctrl-C, and on Unix also for SIGTERM, by which systemd, podman and `docker stop` end a process.
+/// Use this future as the `stop` of [`SequenceProgram::run_until`](crate::SequenceProgram::run_until). From
+/// the first poll on, these signals no longer end the process.
 ///
-/// If the system refuses to report signals, it logs a warning and never completes; the signals then end the process as without it.
+/// If the system refuses to report signals, a warning is logged and the future never completes; the signals
+/// then end the process at once.
 ///
 /// ```no_run
 /// # use plc_api::{Plc, SequenceProgram};

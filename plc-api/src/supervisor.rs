@@ -1,5 +1,5 @@
-//! Supervision of the tasks and threads of a machine: what follows a panic in one of them, and the record that `GET /health`
-//! shows.
+//! Supervision of the tasks and threads of a machine: the consequences of a panic in a task or thread, and
+//! the record of faults that `GET /health` returns.
 
 use std::any::Any;
 use std::collections::BTreeMap;
@@ -13,8 +13,8 @@ use serde::Serialize;
 use tokio::sync::watch;
 use tokio::time::Instant;
 
-/// Panics of one restarted task within [`RESTART_WINDOW`]; one more ends the process. Reason: a fault that returns at once is not
-/// cured by a restart of its task.
+/// Largest number of panics of one restarted task within [`RESTART_WINDOW`]; one more panic ends the process.
+/// Reason: if a fault recurs at once, a restart of the task does not remove its cause.
 pub const RESTARTS_MAX: usize = 2;
 
 /// Time in which panics of a restarted task are counted.
@@ -23,18 +23,18 @@ pub const RESTART_WINDOW: Duration = Duration::from_mins(1);
 /// Pause before a task is restarted.
 const RESTART_PAUSE: Duration = Duration::from_millis(100);
 
-/// Tasks with a fault that are listed; a further name is only reported. Reason: names are constants of the program, so that
-/// there are fewer.
+/// Largest number of tasks in the record of faults; the fault of a further task is only reported. Reason: the
+/// names are constants of the program, and fewer than this.
 const FAULTS_MAX: usize = 64;
 
-/// What follows a fault in a task or a thread.
+/// Consequence of a fault in a task or a thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Consequence {
-    /// Only the piece of work ends in which it occurred, such as one connection or one request.
+    /// Only the piece of work in which the fault occurred ends, such as one connection or one request.
     Contained,
-    /// The task was started again.
+    /// The task was restarted.
     Restarted,
     /// One coordinate system stops, until a reset.
     StopsCoordinateSystem,
@@ -42,26 +42,26 @@ pub enum Consequence {
     CoordinateSystemNeedsRestart,
     /// All coordinate systems stop and the drives are off, until the runtime is restarted.
     StopsAll,
-    /// The runtime stops in order: motion comes to rest on its path, then the process ends.
+    /// The runtime shuts down in an orderly way: motion stops on its path, then the process ends.
     Exits,
 }
 
 impl Consequence {
-    /// True when the machine cannot be used any more without a restart of the runtime.
+    /// Returns true if the machine cannot be used until the runtime is restarted.
     pub fn needs_restart(self) -> bool {
         self >= Consequence::CoordinateSystemNeedsRestart
     }
 
     fn text(self) -> &'static str {
         match self {
-            Consequence::Contained => "only this piece of work has ended",
-            Consequence::Restarted => "it was started again",
-            Consequence::StopsCoordinateSystem => "its coordinate system has stopped; reset it",
+            Consequence::Contained => "only this connection or request has ended",
+            Consequence::Restarted => "the task was restarted",
+            Consequence::StopsCoordinateSystem => "the coordinate system has stopped; reset it",
             Consequence::CoordinateSystemNeedsRestart => {
-                "its coordinate system stays stopped; restart the runtime"
+                "the coordinate system stays stopped; restart the runtime"
             }
             Consequence::StopsAll => "all motion has stopped; restart the runtime",
-            Consequence::Exits => "the runtime stops in order",
+            Consequence::Exits => "the runtime shuts down",
         }
     }
 }
@@ -72,25 +72,25 @@ impl Consequence {
 pub struct TaskFault {
     /// Name of the task or thread.
     pub task: String,
-    /// Faults so far.
+    /// Number of faults so far.
     pub count: u64,
-    /// What followed the last one.
+    /// Consequence of the last fault.
     pub consequence: Consequence,
 }
 
-/// What a supervisor reports of one fault.
+/// Report of a supervisor about one fault.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FaultReport {
     /// Name of the task or thread.
     pub task: String,
-    /// What follows.
+    /// Consequence of the fault.
     pub consequence: Consequence,
-    /// What happened: the message of the panic.
+    /// The message of the panic.
     pub text: String,
 }
 
 impl FaultReport {
-    /// What happened and what follows, for an operator.
+    /// Returns the fault and its consequence as a text for an operator.
     pub fn message(&self) -> String {
         format!("{}: {}; {}", self.task, self.text, self.consequence.text())
     }
@@ -98,16 +98,16 @@ impl FaultReport {
 
 type Listener = Box<dyn Fn(&FaultReport) + Send + Sync>;
 
-/// Supervises tasks and threads. Clones are the same supervisor.
+/// A supervisor of tasks and threads. Clones are handles to the same supervisor.
 #[derive(Clone)]
 pub struct Supervisor(Arc<Inner>);
 
 struct Inner {
     faults: Mutex<BTreeMap<String, TaskFault>>,
     listener: OnceLock<Listener>,
-    /// Why the process is to end.
+    /// Reason why the process must end.
     exit: watch::Sender<Option<String>>,
-    /// Name of the task that panics when it next runs, empty: none.
+    /// Name of the task that panics when it next runs; empty if no fault is injected.
     injected: watch::Sender<String>,
 }
 
@@ -129,13 +129,14 @@ impl Default for Supervisor {
 }
 
 impl Supervisor {
-    /// Calls this with each fault from now on; only the first listener counts.
+    /// Registers a function that is called with each fault from now on. Only the first call of `listen` has
+    /// an effect.
     pub fn listen(&self, listener: impl Fn(&FaultReport) + Send + Sync + 'static) {
-        // a second one would report each fault twice
+        // a second listener would report each fault twice
         let _ = self.0.listener.set(Box::new(listener));
     }
 
-    /// Records and reports a fault. Does not panic.
+    /// Records a fault and reports it to the listener. Does not panic.
     pub fn report(&self, report: &FaultReport) {
         {
             let mut faults = self.0.faults.lock().unwrap_or_else(PoisonError::into_inner);
@@ -150,7 +151,7 @@ impl Supervisor {
             }
         }
         if let Some(listener) = self.0.listener.get() {
-            // the fault is listed, whatever becomes of its report
+            // the fault is recorded even if the listener panics
             let _ = catch_unwind(AssertUnwindSafe(|| listener(report)));
         }
         if report.consequence == Consequence::Exits {
@@ -162,7 +163,7 @@ impl Supervisor {
         }
     }
 
-    /// The same for a panic.
+    /// Records and reports a panic as a fault.
     pub fn report_panic(&self, task: &str, consequence: Consequence, panicked: &(dyn Any + Send)) {
         self.report(&FaultReport {
             task: task.to_owned(),
@@ -171,35 +172,37 @@ impl Supervisor {
         });
     }
 
-    /// Faults so far, by the name of their task.
+    /// Returns the faults so far, by the name of their task.
     pub fn faults(&self) -> Vec<TaskFault> {
         let faults = self.0.faults.lock().unwrap_or_else(PoisonError::into_inner);
         faults.values().cloned().collect()
     }
 
-    /// Resolves when a fault demands that the process ends, with the reason.
+    /// Waits until a fault requires the end of the process, and returns the reason.
     pub async fn exit(&self) -> String {
         let mut exit = self.0.exit.subscribe();
-        // the sender lives as long as this
+        // the sender lives as long as `self`
         let why = exit.wait_for(Option::is_some).await;
         why.ok().and_then(|why| why.clone()).unwrap_or_default()
     }
 
-    /// The task or thread of this name panics when it next runs, once. A later call replaces an earlier one that has not
-    /// occurred. For tests of what follows a fault; nothing outside the process reaches it.
+    /// Injects a fault: the task or thread of this name panics once, when it next runs. A later call replaces
+    /// a fault that has not occurred yet. For tests of the consequences of a fault; no request from outside
+    /// the process can inject a fault.
     pub fn inject(&self, task: &str) {
         self.0.injected.send_replace(task.to_owned());
     }
 
-    /// True while an injected fault has not occurred.
+    /// Returns true while an injected fault has not occurred.
     pub fn is_injected(&self) -> bool {
         !self.0.injected.borrow().is_empty()
     }
 
-    /// Where a thread takes an injected fault: at the start of each of its rounds.
+    /// Panics if a fault is injected for this task. A thread calls this function at the start of each of its
+    /// rounds.
     ///
     /// # Panics
-    /// If the fault is injected.
+    /// Panics if the fault is injected.
     pub fn fault_point(&self, task: &str) {
         let is_due = self.is_injected()
             && self.0.injected.send_if_modified(|injected| {
@@ -210,19 +213,19 @@ impl Supervisor {
                 is_due
             });
         if is_due {
-            // as a panic, but without the report of the panic hook
+            // unwinds like a panic, but without the report of the panic hook
             resume_unwind(Box::new("an injected fault"));
         }
     }
 
-    /// The work, as a task that takes injected faults also while it waits.
+    /// Runs the work of a task, in which an injected fault also occurs while the work waits.
     async fn with_fault_point<F: Future>(&self, task: &str, work: F) -> F::Output {
         let mut injected = self.0.injected.subscribe();
         let fault = async {
             while injected.wait_for(|injected| injected == task).await.is_ok() {
                 self.fault_point(task);
             }
-            // not reached, since the sender lives as long as this
+            // not reached, because the sender lives as long as `self`
             std::future::pending().await
         };
         tokio::select! {
@@ -232,7 +235,7 @@ impl Supervisor {
         }
     }
 
-    /// A piece of work, such as one connection: a panic ends it alone.
+    /// Supervises one piece of work, such as one connection: a panic ends only this work.
     pub fn contained<F: Future<Output = ()>>(
         &self,
         task: &'static str,
@@ -245,7 +248,8 @@ impl Supervisor {
         }
     }
 
-    /// A piece of work with a result, such as one request: a panic ends it alone, and the result is `None`.
+    /// Supervises one piece of work with a result, such as one request: a panic ends only this work, and the
+    /// result is `None`.
     pub fn catch_panic<F: Future>(
         &self,
         task: &'static str,
@@ -264,7 +268,8 @@ impl Supervisor {
         }
     }
 
-    /// A task without which nobody can operate or observe the machine: after a panic the process ends in order.
+    /// Supervises a task without which the machine can be neither operated nor observed: after a panic the
+    /// runtime shuts down.
     pub fn essential<F: Future<Output = ()>>(
         &self,
         task: &'static str,
@@ -279,8 +284,8 @@ impl Supervisor {
         }
     }
 
-    /// A task that is started again after a panic; after [`RESTARTS_MAX`] of them within [`RESTART_WINDOW`] the next one ends
-    /// the process in order.
+    /// Supervises a task that is restarted after a panic. After [`RESTARTS_MAX`] panics within
+    /// [`RESTART_WINDOW`], the runtime shuts down at the next panic.
     pub fn restarted<F: Future<Output = ()>, M: FnMut() -> F>(
         &self,
         task: &'static str,
@@ -305,12 +310,12 @@ impl Supervisor {
     }
 }
 
-/// Counts the panics of a task that is started again.
+/// Counter of the panics of a restarted task.
 #[derive(Debug, Default)]
 pub struct Restarts(Vec<Instant>);
 
 impl Restarts {
-    /// What follows the panic of now: a restart, or the end of the process.
+    /// Counts a panic that occurs now, and returns its consequence: a restart, or the end of the process.
     pub fn after_panic(&mut self) -> Consequence {
         let now = Instant::now();
         self.0.retain(|at| now.duration_since(*at) < RESTART_WINDOW);
@@ -323,7 +328,7 @@ impl Restarts {
     }
 }
 
-/// The message of a panic.
+/// Returns the message of a panic.
 pub fn panic_text(panicked: &(dyn Any + Send)) -> &str {
     crate::text::panic_text(panicked)
 }
@@ -361,7 +366,7 @@ mod tests {
             [("server".to_owned(), 1, Consequence::Exits)]
         );
         let why = supervisor.exit().now_or_never().unwrap();
-        assert_eq!(why, "server: boom; the runtime stops in order");
+        assert_eq!(why, "server: boom; the runtime shuts down");
     }
 
     #[tokio::test(start_paused = true)]

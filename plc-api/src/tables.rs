@@ -10,20 +10,21 @@ use crate::types::request::typed::{self, Tools, WorkOffsets, WriteTools, WriteWo
 use crate::variables::Variables;
 
 impl Plc {
-    /// P variables, the same for all coordinate systems.
+    /// Returns a handle to the P variables, which all coordinate systems share.
     pub fn variables(&self) -> Variables {
         Variables::new(self.clone(), VariableArea::Global)
     }
 
-    /// The tool table, ascending by number.
+    /// Returns the tool table, ascending by number.
     ///
     /// # Errors
-    /// The machine cannot be reached, or the transport does not carry the tool table (MQTT).
+    /// Fails if the machine cannot be reached, or the transport does not carry the tool table (MQTT).
     pub async fn tools(&self) -> Result<Vec<ToolData>> {
         Ok(self.request(Tools).await?.tools)
     }
 
-    /// Adds or replaces a tool. G41 to G44 interpreted from now on use it (D16). It is on disk when this returns.
+    /// Adds or replaces a tool. G41 to G44 that are interpreted from now on use the new data (D16). The tool
+    /// is on disk when this method returns.
     ///
     /// ```
     /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -35,7 +36,8 @@ impl Plc {
     /// ```
     ///
     /// # Errors
-    /// A number or dimension is out of range, the table is full, or the disk cannot be written; nothing has changed.
+    /// Fails if a number or dimension is out of range, the table is full, or the disk cannot be written;
+    /// nothing has changed.
     pub async fn set_tool(&self, tool: ToolData) -> Result<()> {
         let change = ToolChange {
             tools: vec![tool],
@@ -44,41 +46,42 @@ impl Plc {
         self.change_tools(change).await
     }
 
-    /// Changes several tools: all or none.
+    /// Changes several tools: all changes are applied, or none.
     ///
     /// # Errors
-    /// As [`Plc::set_tool`].
+    /// Fails as [`Plc::set_tool`].
     pub async fn change_tools(&self, change: ToolChange) -> Result<()> {
         self.request(WriteTools(change)).await
     }
 }
 
 impl CoordinateSystem {
-    /// Q variables of this coordinate system.
+    /// Returns a handle to the Q variables of this coordinate system.
     pub fn variables(&self) -> Variables {
         Variables::new(self.plc().clone(), VariableArea::CoordinateSystem(self.number()))
     }
 
-    /// The last run of the previous start of the runtime, as it was when that ended; `None`: there was none. A run that
-    /// [is under way](LastRun::is_under_way) was cut short, and does not continue by itself.
+    /// Returns the state of the last run at the end of the previous boot of the runtime, or `None` if that
+    /// boot had no run. A run that [is under way](LastRun::is_under_way) was interrupted by the end of the
+    /// boot, and does not continue automatically.
     ///
     /// # Errors
-    /// There is no such coordinate system, or the transport does not carry this (MQTT).
+    /// Fails if the coordinate system does not exist, or the transport does not carry this request (MQTT).
     pub async fn last_run(&self) -> Result<Option<LastRun>> {
         self.plc().request(typed::LastRun(self.number())).await
     }
 
-    /// Work offsets `G54` to `G59`, each with its value by axis letter, mm or degrees.
+    /// Returns the work offsets `G54` to `G59`, each with its value by axis letter, mm or degrees.
     ///
     /// # Errors
-    /// There is no such coordinate system, or the transport does not carry work offsets (MQTT).
+    /// Fails if the coordinate system does not exist, or the transport does not carry work offsets (MQTT).
     pub async fn work_offsets(&self) -> Result<BTreeMap<String, BTreeMap<String, f64>>> {
         let table = self.plc().request(WorkOffsets(self.number())).await?;
         Ok(table.work_offsets)
     }
 
-    /// Sets axes of a work offset, `G54` to `G59`; other axes are unchanged. It takes effect with the next of these
-    /// codes that is interpreted (D16), and is on disk when this returns.
+    /// Sets axes of a work offset, `G54` to `G59`; other axes are unchanged. The change takes effect when the
+    /// next of these codes is interpreted (D16), and is on disk when this method returns.
     ///
     /// ```
     /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -89,8 +92,8 @@ impl CoordinateSystem {
     /// ```
     ///
     /// # Errors
-    /// No such work offset, axis or coordinate system, a value is not a number, or the disk cannot be written; nothing
-    /// has changed.
+    /// Fails if the work offset, an axis or the coordinate system does not exist, a value is not a number, or
+    /// the disk cannot be written; nothing has changed.
     pub async fn set_work_offset(
         &self,
         name: &str,

@@ -13,7 +13,7 @@ pub(crate) fn cut(text: &mut String, chars_max: usize) {
     }
 }
 
-/// The message of a panic.
+/// Returns the message of a panic.
 pub(crate) fn panic_text(panicked: &(dyn Any + Send)) -> &str {
     panicked
         .downcast_ref::<&str>()

@@ -10,8 +10,8 @@ use crate::plc::Plc;
 pub const INTERVAL_MIN: Duration = Duration::from_millis(1);
 
 impl Plc {
-    /// Does something within a time on the machine's clock, which is simulated in a simulation. When the time is over, the work is
-    /// dropped where it waits.
+    /// Runs work with a time limit on the machine's clock, which is simulated in a simulation. At the limit
+    /// the work is dropped at its current await point.
     ///
     /// ```
     /// # use std::time::Duration;
@@ -32,17 +32,18 @@ impl Plc {
     /// ```
     ///
     /// # Errors
-    /// [`Error::TimedOut`].
+    /// [`Error::TimedOut`] if the work is not finished at the limit.
     pub async fn timeout<T>(&self, limit: Duration, work: impl Future<Output = T>) -> Result<T> {
         tokio::select! {
-            // what is done at the limit is done
+            // work that finishes exactly at the limit has succeeded
             biased;
             done = work => Ok(done),
             () = self.sleep(limit) => Err(Error::TimedOut { limit }),
         }
     }
 
-    /// Ticks at a fixed period on the machine's clock: now, and then after each period, which is at least 1 ms.
+    /// Creates an interval that ticks at a fixed period on the machine's clock: now, and then after each
+    /// period. The period is at least 1 ms.
     ///
     /// ```
     /// # use std::time::Duration;
@@ -69,7 +70,7 @@ impl Plc {
     }
 }
 
-/// Ticks at a fixed period: [`Plc::interval`].
+/// Ticks at a fixed period, created by [`Plc::interval`].
 #[derive(Debug)]
 pub struct Interval {
     plc: Plc,
@@ -78,8 +79,8 @@ pub struct Interval {
 }
 
 impl Interval {
-    /// Waits for the next tick. Ticks that have been missed meanwhile are left out: the next is at the next full period. Cancellation
-    /// safe.
+    /// Waits for the next tick. Ticks that were missed meanwhile are skipped: the next tick is at the next
+    /// full period. Cancellation safe.
     pub async fn tick(&mut self) {
         let left_s = (self.next_s - self.plc.now_s()).max(0.0);
         let left = Duration::try_from_secs_f64(left_s).unwrap_or(Duration::MAX);

@@ -1,7 +1,8 @@
 //! Connections between a sequence program and a machine.
 //!
-//! In the runtime's process a program uses the port of the runtime ([`Plc::in_process`](crate::Plc::in_process)). Each
-//! other transport implements [`Port`](crate::port::Port).
+//! In the process of the runtime, a program uses the port of the runtime
+//! ([`Plc::in_process`](crate::Plc::in_process)). Each other transport implements
+//! [`Port`](crate::port::Port).
 
 use std::time::Duration;
 
@@ -17,6 +18,7 @@ pub mod rest;
 #[cfg(any(feature = "mqtt", feature = "rest"))]
 pub mod tls;
 
-/// A broker that acknowledges nothing for this long, while something waits for it, is left for the next one. Reason: a node of a
-/// cluster that has lost the others may take messages and never acknowledge them, also when it has found them again.
+/// Time limit for acknowledgements of a broker. If messages wait and the broker acknowledges none of them
+/// within this time, the client connects to the next node. Reason: a node that has lost the other nodes of
+/// its cluster may accept messages and never acknowledge them, even after it has found the other nodes again.
 pub const BROKER_SILENCE_MAX: Duration = Duration::from_secs(10);

@@ -1,12 +1,12 @@
 //! Units of parameters, as types with bounds: `KiloNewton<1, 20>` takes 1 to 20 kN, `KiloNewton` any force.
 //!
-//! The bounds are whole numbers; for others write a struct with [`#[derive(Params)]`](derive@crate::Params). For a unit that is not
-//! here see [`unit`](crate::unit).
+//! The bounds are whole numbers; for other bounds write a struct with
+//! [`#[derive(Params)]`](derive@crate::Params). To define a further unit see [`unit`](crate::unit).
 
 use crate::extract::ParamValue;
 use crate::types::m_code::ParamDeclaration;
 
-/// Stands for a bound that is open.
+/// Returns a bound, or `None` for the constant that marks an open bound.
 #[doc(hidden)]
 pub const fn bound(bound: i64) -> Option<f64> {
     match bound {
@@ -94,7 +94,7 @@ unit!(
     pub struct Celsius, "°C"
 );
 unit!(
-    /// A share, %.
+    /// A percentage, %.
     pub struct Percent, "%"
 );
 

@@ -9,9 +9,9 @@ use crate::types::request::typed::{ReadVariables, WriteVariables};
 /// The P variables of a machine ([`Plc::variables`]) or the Q variables of a coordinate system
 /// ([`CoordinateSystem::variables`](crate::CoordinateSystem::variables)).
 ///
-/// A program reads a variable when its block is interpreted, ahead of the motion (D16): the block after an
-/// `after_motion` M code sees what its handler wrote before the reset. Values persist; they are on disk at most 100 ms
-/// after they were set.
+/// An NC program reads a variable when the block is interpreted, ahead of the motion (D16). The block after
+/// an `after_motion` M code reads the values that the handler of this M code wrote before the reset. Values
+/// persist across starts of the runtime; they are on disk at most 100 ms after they were set.
 ///
 /// ```
 /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -42,10 +42,11 @@ impl Variables {
         self.area
     }
 
-    /// The value of one variable. It may be infinite or NaN, as results of NC programs may (D07).
+    /// Returns the value of one variable. The value may be infinite or NaN, like any result of an NC program
+    /// (D07).
     ///
     /// # Errors
-    /// There is no such variable or coordinate system, or the machine cannot be reached.
+    /// Fails if the variable or the coordinate system does not exist, or the machine cannot be reached.
     pub async fn get(&self, number: u32) -> Result<f64> {
         let values = self.read(number, 1).await?;
         let none = || Refusal::new(RefusalCode::Invalid, "the machine gave no value").into();
@@ -55,15 +56,17 @@ impl Variables {
     /// Sets one variable.
     ///
     /// # Errors
-    /// There is no such variable or coordinate system, or the machine cannot be reached.
+    /// Fails if the variable or the coordinate system does not exist, or the machine cannot be reached.
     pub async fn set(&self, number: u32, value: f64) -> Result<()> {
         self.write(number, &[value]).await
     }
 
-    /// Values of `count` variables from `from` on, 1 to 1024 of them, read at one moment: no write happens in between.
+    /// Returns the values of `count` variables (1 to 1024) from number `from` on. All are read at one moment:
+    /// no write happens in between.
     ///
     /// # Errors
-    /// A variable of the range does not exist, or there are more than 1024; or the machine cannot be reached.
+    /// Fails if a variable of the range does not exist, `count` is more than 1024, or the machine cannot be
+    /// reached.
     pub async fn read(&self, from: u32, count: u32) -> Result<Vec<f64>> {
         let request = ReadVariables {
             area: self.area,
@@ -74,11 +77,12 @@ impl Variables {
         self.plc.request(request).await
     }
 
-    /// Writes variables from `from` on, 1 to 1024 of them: all between two blocks of any program, or none.
+    /// Writes 1 to 1024 variables from number `from` on: all of them between two blocks of any NC program, or
+    /// none.
     ///
     /// # Errors
-    /// A variable of the range does not exist, there are more than 1024, or the machine cannot be reached. Nothing was
-    /// written then, except that this is unknown if the connection broke.
+    /// Fails if a variable of the range does not exist, there are more than 1024 values, or the machine
+    /// cannot be reached. In these cases nothing was written; if the connection broke, the result is unknown.
     pub async fn write(&self, from: u32, values: &[f64]) -> Result<()> {
         let request = WriteVariables {
             area: self.area,

@@ -1,10 +1,11 @@
-//! No message, request or frame makes its reader panic, and what is read is one value. Seeded: the same in each run.
+//! No message, request or frame causes a panic of its reader, and each input is read as exactly one value.
+//! The inputs are seeded, so all runs are identical.
 
 mod readers;
 
 use proptest::prelude::*;
 
-/// Messages to begin with, right and wrong: a topic or a row, and what it carries.
+/// Initial messages, valid and invalid: a topic or a row, with its content.
 const TOPICS: &[&str] = &[
     "cs/1/m_code/20/reset",
     "cs/1/m_code/20/claim",
@@ -49,7 +50,7 @@ const PIECES: &[&str] = &[
     "\\u0000",
 ];
 
-/// Whole objects, and what is left when pieces are missing or in the wrong order.
+/// Complete objects, and objects with pieces that are missing or in the wrong order.
 fn payload() -> impl Strategy<Value = String> {
     let pieces = || proptest::collection::vec(proptest::sample::select(PIECES), 0..9);
     prop_oneof![

@@ -6,7 +6,7 @@ use plc_api::types::machine::{ActiveAlarms, AlarmRecord, AlarmSeverity};
 use plc_api::types::{CoordinateSystemNumber, Timestamp};
 use tandem_model::alarm::{ALARMS, After, AlarmEntry};
 
-/// Maximum number of cleared alarms in the history. The oldest are forgotten.
+/// Maximum number of cleared alarms in the history. The oldest are dropped.
 pub const ALARM_HISTORY_MAX: usize = 1000;
 
 /// Maximum number of active alarms of one coordinate system, and of the whole machine. Further ones are only published
@@ -18,7 +18,7 @@ pub const ALARMS_ACTIVE_MAX: usize = 24;
 pub(crate) struct Alarms {
     last_id: u64,
     active: Vec<AlarmRecord>,
-    /// Warnings that stand until their cause ends: their ids by number. A reset does not clear them.
+    /// Ids, by number, of warnings that stay active until their cause ends. A reset does not clear them.
     conditions: BTreeMap<u16, u64>,
     history: VecDeque<AlarmRecord>,
 }
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn an_alarm_that_is_active_is_not_raised_again_and_one_that_was_cleared_is() {
+    fn active_alarm_is_not_raised_again_and_a_cleared_one_is() {
         let mut alarms = Alarms::default();
         let first = raise(&mut alarms, alarm(Some(1), "air"), true);
         assert_eq!(
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reset_clears_alarms_of_its_coordinate_system_and_of_all_and_the_history_says_when() {
+    fn reset_clears_own_and_global_alarms_and_history_records_the_time() {
         let mut alarms = Alarms::default();
         for cs in [Some(1), Some(2), None] {
             raise(&mut alarms, alarm(cs, "air"), true);
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn a_warning_of_a_condition_stands_through_resets_until_the_condition_ends() {
+    fn condition_warning_survives_resets_until_the_condition_ends() {
         let (mut alarms, entry) = (Alarms::default(), &tandem_model::alarm::STORE_FAILED);
         let texts = |alarms: &Alarms| -> Vec<String> {
             alarms
@@ -263,11 +263,17 @@ mod tests {
         assert_eq!(alarms.stand(entry, Some("full"), &at(1)).len(), 1);
         assert_eq!(alarms.stand(entry, Some("full"), &at(2)), []);
         alarms.clear(1, &at(3));
-        assert_eq!(texts(&alarms), ["What is kept cannot be written: full"]);
+        assert_eq!(
+            texts(&alarms),
+            ["Variables, tools and offsets cannot be stored: full"]
+        );
         let changed = alarms.stand(entry, Some("gone"), &at(4));
         assert_eq!(changed.len(), 2);
         assert_eq!((changed[0].cleared_at.clone(), alarms.count(1)), (Some(at(4)), 0));
-        assert_eq!(texts(&alarms), ["What is kept cannot be written: gone"]);
+        assert_eq!(
+            texts(&alarms),
+            ["Variables, tools and offsets cannot be stored: gone"]
+        );
         assert_eq!(alarms.stand(entry, None, &at(5))[0].cleared_at, Some(at(5)));
         assert_eq!(
             (texts(&alarms), alarms.stand(entry, None, &at(6))),
@@ -276,14 +282,14 @@ mod tests {
     }
 
     #[test]
-    fn each_coordinate_system_has_room_for_24_active_alarms_and_the_history_for_1000() {
+    fn each_coordinate_system_has_24_active_alarms_and_the_history_1000() {
         let mut alarms = Alarms::default();
         for n in 0..=ALARM_HISTORY_MAX {
             raise(&mut alarms, alarm(Some(1), &n.to_string()), true);
         }
         assert_eq!((alarms.count(1), alarms.history().len()), (24, 1000));
         assert_eq!(alarms.active().alarms[0].text, "0", "the oldest are active");
-        assert_eq!(alarms.history()[0].text, "1", "the oldest is forgotten");
+        assert_eq!(alarms.history()[0].text, "1", "the oldest is dropped");
         raise(&mut alarms, alarm(Some(2), "air"), true);
         assert_eq!(alarms.count(2), 1);
     }

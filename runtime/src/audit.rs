@@ -9,8 +9,8 @@ use crate::persistence::journal_folder::JOURNAL_FOLDER;
 pub use crate::persistence::journal_query::{LeftOut, search};
 pub use crate::persistence::journal_verify::{Break, Verified, verify};
 
-/// Returns the folder of the journal in a data folder; a folder without a journal in it is taken as the journal's
-/// folder itself.
+/// Returns the folder of the journal in a data folder. A folder that contains no journal folder is treated as
+/// the journal's folder itself.
 pub fn journal_folder(folder: &Path) -> PathBuf {
     let below = folder.join(JOURNAL_FOLDER);
     if below.is_dir() { below } else { folder.to_owned() }

@@ -126,7 +126,7 @@ impl Asked {
 /// Result of looking up a command.
 #[expect(
     clippy::large_enum_variant,
-    reason = "it lives while one command is looked up"
+    reason = "the value lives only while one command is looked up"
 )]
 #[derive(Debug, PartialEq)]
 pub(crate) enum Recalled {
@@ -143,8 +143,9 @@ pub(crate) enum Recalled {
 /// Returns the refusal of a command that cannot be remembered.
 pub(crate) fn memory_is_full() -> Refusal {
     let text = format!(
-        "this user has sent as many commands in the last {} minutes as are remembered ({} MiB), so a repetition could not be \
-         detected: wait a few minutes, or send fewer; hold, stop and abort are accepted",
+        "the memory for this user's commands of the last {} minutes is full ({} MiB), so that a repeated \
+         command \
+         could not be detected: wait a few minutes, or send fewer commands; hold, stop and abort are still accepted",
         COMMAND_MEMORY.as_secs() / 60,
         USER_BYTES_MAX >> 20
     );

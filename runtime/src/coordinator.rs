@@ -71,19 +71,19 @@ pub enum StartError {
         error: io::Error,
     },
     /// The store could not be opened.
-    #[error("the program store does not open: {0}")]
+    #[error("the program store cannot be opened: {0}")]
     Store(String),
     /// The hardware does not start.
-    #[error("the hardware does not start: {0}")]
+    #[error("the hardware cannot be started: {0}")]
     Hardware(io::Error),
     /// The operating system provides no thread.
-    #[error("the servo thread does not start: {0}")]
+    #[error("the servo thread cannot be started: {0}")]
     Servo(io::Error),
     /// The operating system provides no thread.
-    #[error("the thread that keeps what changes does not start: {0}")]
+    #[error("the thread that stores changes cannot be started: {0}")]
     Thread(io::Error),
     /// A simulated runtime was started outside of [`simulation::run`], or a second one inside it.
-    #[error("a runtime in simulated time starts once inside simulation::run")]
+    #[error("a runtime in simulated time must be started inside simulation::run, and only once")]
     NotInSimulation,
 }
 
@@ -537,14 +537,14 @@ fn restore_runs(shared: &Shared, kept: KeptRuns, last_runs: &LastRuns, lines: &[
     shared.runs.lock().restore(kept, lines, place_of, now)
 }
 
-/// Warns the operator of motors that stand outside soft limits which have changed.
+/// Warns the operator of motors outside soft limits that have changed.
 fn report_positions(shared: &Shared, kept: &KeptPositions) {
     for system in &shared.machine.coordinate_systems {
         for text in kept.outside(&system.settings) {
             shared.raise_standing(AlarmRecord {
                 severity: AlarmSeverity::Warning,
                 number: SOFT_LIMIT.number,
-                text: format!("{text}; jog it back, or correct the limits"),
+                text: format!("{text}; jog the axis back, or correct the limits"),
                 cs: Some(system.settings.number),
                 ..AlarmRecord::default()
             });

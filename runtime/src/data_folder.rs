@@ -66,7 +66,7 @@ impl DataFolder {
         let missing = || {
             io::Error::new(
                 io::ErrorKind::NotFound,
-                "the machine keeps nothing: it has no data_dir",
+                "the machine stores no data: it has no data_dir",
             )
         };
         let path = machine.data_dir.clone().ok_or_else(missing)?;
@@ -132,7 +132,7 @@ impl DataFolder {
             Condition::Damaged(how) => findings.damaged.push(format!("{}: {how}", store.display())),
             Condition::WithoutSums => {
                 let text = format!(
-                    "{}: it has no sums yet; the next start adds them",
+                    "{}: the store has no checksums yet; the next start adds them",
                     store.display()
                 );
                 findings.notes.push(text);
@@ -141,7 +141,7 @@ impl DataFolder {
         }
         if let Some(fault) = &self.judged.sums_fault {
             findings.damaged.push(format!(
-                "the checksums beside {}: {fault}; the values are kept, and are not verified",
+                "the checksum file of {}: {fault}; the values are kept, but not verified",
                 store.display()
             ));
         }
@@ -154,7 +154,10 @@ impl DataFolder {
             findings.damaged.push(format!("a question is open: {text}"));
         }
         let places = PlacesRead::read(&self.programs());
-        let folders = self.inspection.lacks_folders.then(|| "it is missing".to_owned());
+        let folders = self
+            .inspection
+            .lacks_folders
+            .then(|| "the file is missing".to_owned());
         if let Some(fault) = places.fault.or(folders) {
             findings.damaged.push(format!("programs/{PLACES_FILE}: {fault}"));
         }
@@ -208,7 +211,7 @@ impl DataFolder {
         let gone = looked.gone.into_iter();
         findings
             .damaged
-            .extend(gone.map(|(number, _)| format!("program {number}: its file is gone")));
+            .extend(gone.map(|(number, _)| format!("program {number}: its file is missing")));
         findings.notes.extend(looked.not_read);
     }
 
@@ -277,7 +280,7 @@ impl DataFolder {
         };
         let restored = restore(&tables, &change);
         if !restored.lost_runs.is_empty() || !tables.lost().is_empty() {
-            let text = format!("values of no known form: {}", tables.lost().join("; "));
+            let text = format!("values of unknown form: {}", tables.lost().join("; "));
             return Err(io::Error::new(io::ErrorKind::InvalidData, text));
         }
         for (key, mut page) in pages {
@@ -367,7 +370,7 @@ fn signature_fault(state: SignatureState) -> Option<&'static str> {
     match state {
         SignatureState::Valid => None,
         SignatureState::Missing => Some("it is not signed"),
-        SignatureState::Wrong => Some("its signature is of none of the keys, or of another text"),
+        SignatureState::Wrong => Some("its signature belongs to none of the keys, or to another text"),
     }
 }
 
@@ -434,7 +437,7 @@ fn in_words(name: &str) -> String {
         ["tool_data", id] => format!("tool {id}"),
         ["work_offset", cs, offset] => format!("{offset}{}", of(cs)),
         ["tool", cs] => format!("the tool in the spindle{}", of(cs)),
-        ["position", cs] => format!("where the motors stand{}", of(cs)),
+        ["position", cs] => format!("the motor positions{}", of(cs)),
         ["last_run", cs] => format!("the last run{}", of(cs)),
         _ => name.to_owned(),
     }

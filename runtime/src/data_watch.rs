@@ -25,7 +25,7 @@ const INTERVAL: Duration = Duration::from_millis(100);
 /// Number of checks between two inspections of the disk itself.
 const DISK_EVERY: u32 = 10;
 
-/// Free bytes below which a disk counts as full. Reason: a change of all stored data needs less.
+/// Free bytes below which a disk is reported as full. Reason: a change of all stored data needs less.
 const FREE_MIN: u64 = 1 << 20;
 
 /// Maximum number of items that one text names.
@@ -129,8 +129,8 @@ fn look_at_disk(folder: &Path, shared: &Shared) {
 fn fault(place: &Path) -> Option<String> {
     let named = |what: &str| Some(format!("{}: {what}", place.display()));
     match fs::metadata(place) {
-        Err(error) => return named(&format!("it is gone ({error})")),
-        Ok(metadata) if !metadata.is_dir() => return named("it is no folder"),
+        Err(error) => return named(&format!("the folder does not exist ({error})")),
+        Ok(metadata) if !metadata.is_dir() => return named("it is not a folder"),
         Ok(_) => {}
     }
     match statvfs(place) {
@@ -145,7 +145,7 @@ fn fault(place: &Path) -> Option<String> {
         Ok(_) => {}
     }
     match access(place, Access::WRITE_OK | Access::EXEC_OK) {
-        Err(error) => named(&format!("it is not writable ({error})")),
+        Err(error) => named(&format!("the folder is not writable ({error})")),
         Ok(()) => None,
     }
 }
@@ -203,9 +203,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(fault(folder.path()), None);
         let file = folder.path().join("file");
-        assert!(fault(&file).unwrap().contains("file: it is gone"));
+        assert!(fault(&file).unwrap().contains("file: the folder does not exist"));
         std::fs::write(&file, "").unwrap();
-        assert!(fault(&file).unwrap().ends_with("it is no folder"));
+        assert!(fault(&file).unwrap().ends_with("it is not a folder"));
     }
 
     #[test]

@@ -101,7 +101,7 @@ pub fn unserved(
     for output in programmed_outputs(program, dialect) {
         if !found.contains_key(&output.m) && is_unserved(output.m) {
             let message = format!("no handler serves M{:02}", output.m);
-            let help = "Add a handler, or write the file of [machine] served again.";
+            let help = "Add a handler, or write the file named by [machine] served again.";
             found.insert(output.m, NOT_SERVED.at(output.word.span(), message, help));
         }
     }
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_parameters_are_found_at_their_words_and_missing_ones_at_their_m_code() {
+    fn wrong_parameter_found_at_its_word_missing_one_at_its_m_code() {
         let text = "G01 X10 F300\nM12 VA50\nN3 M12\nM12 VA5 VB1\nM12 VA[P3]\nM12 VA20\nM10 VA50\nM30\n";
         let expected = [
             ((2, 5), "M12 clamp: VA (force) is 50 kN; write 1 to 20 kN"),

@@ -203,7 +203,7 @@ fn own_code(what: &str) -> Option<u16> {
 
 /// Returns the page of an alarm with a number chosen by a sequence program.
 fn of_sequence_program(what: &str) -> Option<String> {
-    let why = "What to do: Look at what the text says, and at the documentation of the machine.";
+    let why = "Remedy: Look at what the text says, and at the documentation of the machine.";
     let parts = [why.to_owned()];
     Some(own_page(
         own_code(what)?,
@@ -224,7 +224,7 @@ fn of_own_alarm(said: &AlarmText) -> String {
     let languages: Vec<String> = said.languages.iter().map(in_language).collect();
     let remedy = said.remedy.as_ref();
     let parts = [
-        remedy.map_or(String::new(), |remedy| format!("What to do: {remedy}")),
+        remedy.map_or(String::new(), |remedy| format!("Remedy: {remedy}")),
         indented(&languages.join("\n")),
     ];
     own_page(said.code, &said.text, &parts)
@@ -234,7 +234,7 @@ fn own_page(code: u16, title: &str, more: &[String]) -> String {
     let raised = format!(
         "A handler or another part of the sequence program has raised it, as its number {code}; its text says why."
     );
-    let after = format!("How it goes on: {}", After::Reset.text());
+    let after = format!("How to continue: {}", After::Reset.text());
     let mut parts = vec![raised];
     parts.extend_from_slice(more);
     parts.push(after);
@@ -245,8 +245,8 @@ fn own_page(code: u16, title: &str, more: &[String]) -> String {
 fn of_alarm(entry: &AlarmEntry) -> String {
     let parts = [
         entry.cause.to_owned(),
-        format!("What to do: {}", entry.remedy),
-        format!("How it goes on: {}", entry.after.text()),
+        format!("Remedy: {}", entry.remedy),
+        format!("How to continue: {}", entry.after.text()),
     ];
     page(&format!("alarm {}", entry.number), entry.title, &parts)
 }
@@ -254,7 +254,7 @@ fn of_alarm(entry: &AlarmEntry) -> String {
 fn of_word(word: &Explained) -> String {
     let parts = [
         word.meaning.trim_start().to_owned(),
-        format!("How it goes on: {}", word.way_on),
+        format!("How to continue: {}", word.way_on),
     ];
     page(word.word, word.of, &parts)
 }
@@ -344,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn an_alarm_of_a_sequence_program_is_explained_by_what_the_machine_says_of_it() {
+    fn sequence_program_alarm_explained_with_declared_text_and_remedy() {
         let of_machine = |code| {
             (code == 12).then(|| AlarmText {
                 code,
@@ -369,7 +369,7 @@ mod tests {
         );
         for part in [
             "as its number 12",
-            "What to do: Look for chips.",
+            "Remedy: Look for chips.",
             "    de: Der Spanner klemmt nicht",
             After::Reset.text(),
         ] {
@@ -439,7 +439,7 @@ mod tests {
             ("G065", "M98 P1000"),
             ("G81", "Write the motions"),
             ("%", "Remove the line"),
-            ("(", "Write a comment behind //"),
+            ("(", "Write a comment after //"),
             (";", "Remove it"),
         ] {
             let page = of_nj(what);
@@ -491,7 +491,7 @@ mod tests {
     }
 
     #[test]
-    fn every_word_of_a_state_a_refusal_and_an_answer_has_a_meaning_and_how_it_goes_on() {
+    fn each_state_refusal_and_answer_word_explains_meaning_and_next_step() {
         for word in words() {
             let page = of_nj(&word.word.to_lowercase());
             for part in [word.of, word.meaning.trim_start(), word.way_on] {

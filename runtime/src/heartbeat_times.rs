@@ -60,7 +60,7 @@ impl HeartbeatTimes {
         let NotAfter {
             heartbeat, within_ms, ..
         } = not_after;
-        let again = "nothing was done; look at the machine, then send a new request";
+        let again = "nothing was done; inspect the machine, then send a new request";
         match self.age(*heartbeat, now) {
             Some(age) if age <= Duration::from_millis(*within_ms) => Ok(()),
             Some(age) => Err(format!(

@@ -66,7 +66,7 @@ impl Shared {
         Ok(())
     }
 
-    /// Forces a value for an operator in place of the written one, or ends the forcing.
+    /// Forces a value for an operator instead of the written one, or ends the forcing.
     ///
     /// # Errors
     /// Returns an error in the cases of [`IoPoints::force`](plc_api::io_points::IoPoints::force).

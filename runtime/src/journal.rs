@@ -41,7 +41,7 @@ pub struct Line {
     pub t_s: f64,
     /// Coordinate system; 0: the machine.
     pub cs: CoordinateSystemNumber,
-    /// What happened.
+    /// The event.
     pub event: Event,
 }
 
@@ -127,7 +127,8 @@ pub enum Event {
     Program(Edit),
     /// A user has sent a request that changes something; its result has its own lines.
     Request {
-        /// Name of the user's token; `None`: there is no token file, or an external broker authorized the user.
+        /// Name of the user's token; `None` if there is no token file, or if an external broker authorized
+        /// the user.
         user: Option<String>,
         /// Address of the user's host, if known.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -227,7 +228,7 @@ pub enum Event {
     },
     /// The program pauses at M00, M01 or, with single block, at a block's end.
     Stop {
-        /// 0 or 1; `None`: the stop is due to single block.
+        /// 0 or 1; `None` if single block causes the stop.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         m: Option<u16>,
         /// Reason, if no M code causes the stop.
@@ -283,7 +284,7 @@ pub enum Event {
         holder: String,
         /// Fence of the lease.
         fence: u64,
-        /// The client that changed it; `None`: the lease expired.
+        /// The client that changed the lease; `None` if the lease expired.
         client_id: Option<String>,
     },
     /// An operator has forced the value of an input or output of the plant, or has released it.
@@ -315,7 +316,7 @@ pub enum Event {
     },
     /// Stored files are inconsistent, or a person has decided how to proceed with them.
     StoredData {
-        /// The decision; `None`: found at a start.
+        /// The decision; `None` if a start has found the inconsistency.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         decision: Option<StoredDataDecision>,
         /// Descriptions of the inconsistencies.
@@ -367,7 +368,7 @@ pub enum RaisedAlarm {
     OfAll {
         /// Number of the alarm.
         number: u16,
-        /// What happened.
+        /// Text of the alarm.
         text: String,
     },
 }
@@ -416,7 +417,7 @@ pub enum RunEnd {
         /// Reason of the state.
         #[serde(deserialize_with = "Option::deserialize")]
         reason: Option<Reason>,
-        /// Program whose motion was in progress; `None` if nothing had moved.
+        /// Program of the motion in progress; `None` if nothing had moved.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         program: Option<u16>,
         /// Line of that program.
@@ -493,14 +494,14 @@ impl Journal {
         self.disk.is_some()
     }
 
-    /// Records the rest positions of a coordinate system's axes by motor number; `None`: they move. The record survives
-    /// a kill after this returns.
+    /// Records the rest positions of a coordinate system's axes by motor number; `None` while they move. When
+    /// this returns, the record survives a kill.
     pub(crate) fn note_rest(&self, cs: CoordinateSystemNumber, positions: Option<&BTreeMap<u16, f64>>) {
         let ahead = self.disk.as_ref().and_then(|disk| disk.ahead.as_ref());
         if let Some(ahead) = ahead
             && let Err(error) = ahead.rest(cs, self.last_number(), positions)
         {
-            tracing::debug!("where coordinate system {cs} rests is not written ahead: {error}");
+            tracing::debug!("the rest position of coordinate system {cs} is not written ahead: {error}");
         }
     }
 

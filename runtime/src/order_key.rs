@@ -4,7 +4,7 @@ use plc_api::types::command::CommandMeta;
 use plc_api::types::run::RunOrder;
 use serde::{Deserialize, Serialize};
 
-/// Key of an order while its run is stored: a repeated order gets the existing run and starts none.
+/// Key of an order while its run is stored: a repeated order returns the existing run and starts no other.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OrderKey {
     /// The user that sent the order, named as in the memory of commands.

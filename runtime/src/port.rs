@@ -264,7 +264,7 @@ impl RuntimePort {
         match request {
             MachineRequest::CommandStatus(id) => {
                 let reply = self.shared.find_reply(&sender.user, &id).map(Answer::Command);
-                reply.ok_or_else(|| Refusal::new(RefusalCode::NotFound, format!("no command {id} is known")))
+                reply.ok_or_else(|| Refusal::new(RefusalCode::NotFound, format!("command {id} is unknown")))
             }
             MachineRequest::ReadVariables {
                 area,
@@ -367,10 +367,7 @@ impl RuntimePort {
         let dialect = self.shared.machine.dialect();
         let alarm_text = |code| self.shared.alarm_text(code);
         let text = explain_here(&what, dialect, &self.shared.declared(), alarm_text).ok_or_else(|| {
-            let text = format!(
-                "nothing here is called {what}; did you mean {}?",
-                nearest(&what, dialect)
-            );
+            let text = format!("{what} is unknown; did you mean {}?", nearest(&what, dialect));
             Refusal::new(RefusalCode::NotFound, text)
         })?;
         let picture = picture(&what, dialect);

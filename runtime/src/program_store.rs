@@ -58,14 +58,14 @@ pub struct ProgramStore {
     /// Maximum bytes of the texts of all programs together.
     bytes_max: usize,
     programs: RwLock<Arc<BTreeMap<u16, Arc<StoredProgram>>>>,
-    /// Damaged programs with the known details. They do not count as programs.
+    /// Damaged programs with the known details. They are not programs of the store.
     damaged: RwLock<BTreeMap<u16, String>>,
     /// Number of program changes.
     changes: AtomicU64,
     path: Option<PathBuf>,
     /// Serializes the writing of programs.
     writing: Mutex<()>,
-    /// `None`: nothing is stored on disk, or the folder could not be opened.
+    /// `None` if nothing is stored on disk, or if the folder could not be opened.
     folder: Mutex<Option<ProgramFolder>>,
     /// Folder in the program list for each program.
     places: Mutex<Places>,
@@ -135,7 +135,8 @@ impl ProgramStore {
     pub(crate) fn refuse_damaged(&self, number: u16) -> Option<Refusal> {
         let how = self.damaged.read().get(&number).cloned()?;
         let text = format!(
-            "program {number} is damaged: {how}; store it again, or stop the runtime and look at tandem store repair"
+            "program {number} is damaged: {how}; store it again, or stop the runtime and run tandem store \
+             repair"
         );
         Some(Refusal::new(RefusalCode::Unavailable, text))
     }
@@ -298,8 +299,8 @@ impl ProgramStore {
         Ok(created)
     }
 
-    /// Returns the rules for parsing and checking programs of a dialect; `None`: the dialect of the lowest coordinate
-    /// system.
+    /// Returns the rules for parsing and checking programs of a dialect; `None` means the dialect of the
+    /// lowest coordinate system.
     ///
     /// # Errors
     /// Returns an error if the dialect does not exist.
@@ -387,7 +388,9 @@ impl ProgramStore {
 /// Describes why a program of `bytes` bytes is rejected.
 fn no_room(bytes: u64, bytes_max: usize) -> String {
     format!(
-        "with {bytes} bytes more, all programs together have more than {bytes_max}; delete one first, or raise total_max_mib in [programs]"
+        "with {bytes} more bytes, all programs together would exceed {bytes_max} bytes; delete a program \
+         first, or \
+         raise total_max_mib in [programs]"
     )
 }
 

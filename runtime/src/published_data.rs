@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn what_programs_and_handlers_write_is_published_once_and_what_stays_is_not() {
+    fn change_by_program_or_handler_published_once_same_value_not_at_all() {
         let heard = Heard::default();
         let bench = Bench::new().publish_variables(VariableArea::Global, 200, 2);
         let text = "P200=1\nP202=5\nM20\nP200=1\nG01 X10 F600\nM20\nP200=P201+1\nM30";
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn variables_that_the_configuration_does_not_name_end_the_task_that_follows_them_with_what_to_write() {
+    fn subscription_to_undeclared_variables_fails_with_the_config_line() {
         let heard = Heard::default();
         let failed = Bench::new().serve(follows(&heard)).run("M20\nM30").unwrap_err();
         let text = failed.to_string();

@@ -20,7 +20,7 @@ use crate::disk::number;
 use crate::journal::{Event, Line, RaisedAlarm, RunEnd};
 use crate::order_key::OrderKey;
 
-/// Maximum number of alarms and M codes reported of a run.
+/// Maximum number of alarms and M codes reported for a run.
 const ALARMS_MAX: usize = 10;
 const WAITS_MAX: usize = 20;
 

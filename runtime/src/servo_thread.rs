@@ -428,7 +428,7 @@ mod tests {
         let statistics = ServoStatistics::default();
         let mut timetable = Timetable { period, next: start };
         let mut cycles = 0;
-        // on time, made up for by the next one, left out
+        // on time, delay compensated by the next cycle, left out
         for (at_us, missed) in [
             (0, 0),
             (1_400, 0),
@@ -448,7 +448,7 @@ mod tests {
             assert_eq!(
                 cycles + statistics.timing(period).missed,
                 due,
-                "each one that was due was computed or counted"
+                "each due cycle was computed or counted"
             );
         }
         let timing = statistics.timing(period);

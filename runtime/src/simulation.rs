@@ -242,7 +242,7 @@ pub struct SimulationOptions {
     pub passes_even_motion: bool,
     /// Called with each plan.
     pub on_plan: Option<OnPlan>,
-    /// Creates the hardware; `None`: it is simulated.
+    /// Creates the hardware; with `None` the hardware is simulated.
     pub hardware: Option<HardwareFactory>,
 }
 
@@ -297,9 +297,9 @@ pub(crate) enum Code {
     Foreign,
 }
 
-/// Runs a future in simulated time, with the clock of tokio as simulated clock if `code` is foreign. There are no
-/// sockets then: opening one panics. `on_thread` is called when work is given to another thread. The slot holds the
-/// simulation of the runtime.
+/// Runs a future in simulated time. If `code` is foreign, tokio's clock runs in simulated time as well. There
+/// are no sockets: opening one panics. `on_thread` is called when tokio starts another thread for blocking
+/// work, before the simulation continues. The simulation of the runtime is placed in `slot`.
 ///
 /// # Errors
 /// Fails as [`run`].
@@ -345,7 +345,8 @@ async fn report_standstill(slot: Slot) -> std::convert::Infallible {
         let cycles = slot.get().map(|simulation| simulation.cycles());
         if cycles.is_some() && cycles == last {
             tracing::error!(
-                "simulated time stands: nothing moves, nobody sleeps on its clock, and the tasks wait for something else"
+                "simulated time does not advance: nothing moves, no task sleeps on its clock, and all \
+                 tasks wait for other events"
             );
         }
         last = cycles;

@@ -168,25 +168,31 @@ impl StopReaction {
     pub fn text(self) -> &'static str {
         match self {
             Self::Holds => {
-                "Comes to rest on its path within `hold_slew_ms`, or within the time that the limits of the motors demand if \
-                 that is longer; a dwell at once. `resume` continues."
+                "Stops on its path within `hold_slew_ms`, or within the time that the limits of the motors \
+                 require if that \
+                 is longer; a dwell stops at once. `resume` continues."
             }
             Self::HoldsInPhase => {
-                "Motion and spindle come to rest in phase within `hold_slew_ms`, or within the time that the acceleration of \
-                 the spindle demands if that is longer. `resume` continues in phase."
+                "Motion and spindle stop in phase within `hold_slew_ms`, or within the time that the \
+                 acceleration of the \
+                 spindle requires if that is longer. `resume` continues in phase."
             }
             Self::HoldsAfterThread => {
-                "As the manual demands, the thread is finished first. No time limit but that of the thread."
+                "As the manual demands, the thread is finished first. The duration of the thread is the \
+                 only time limit."
             }
             Self::EndsJog => {
-                "Comes to rest within `hold_slew_ms`, or at the maximum acceleration of the motor; READY, at the latest when no \
-                 refresh has come for 200 ms. A refresh after that does not start it again."
+                "Stops within `hold_slew_ms`, or at the maximum acceleration of the motor; READY, at the \
+                 latest 200 ms after \
+                 the last refresh. A later refresh does not start the jog again."
             }
             Self::Stops => {
-                "Comes to rest on its path, in a thread in phase, with the limits of `holds`; outputs are cancelled, STOPPED."
+                "Stops on its path, in a thread in phase, with the limits of `holds`; outputs are \
+                 cancelled, STOPPED."
             }
             Self::Brakes => {
-                "Each motor brakes at its `max_acceleration`: its speed divided by that. Outputs are cancelled, STOPPED."
+                "Each motor brakes at its `max_acceleration`; the time is its speed divided by this value. \
+                 Outputs are cancelled, STOPPED."
             }
             Self::Continues => "Nothing changes for the motion.",
         }

@@ -69,11 +69,11 @@ impl OpenQuestion {
         let question = self.question()?;
         let findings = question.findings.iter().map(|finding| finding.text.clone());
         let newest = match &question.newest_journal_entry {
-            Some(newest) => format!("the newest entry of the journal is of {}", newest.0),
+            Some(newest) => format!("the newest entry of the journal is from {}", newest.0),
             None => "the journal has no entry".to_owned(),
         };
         Some(format!(
-            "{}; {newest}; accept or refuse them in the HMI or by POST /stored_data/answer",
+            "{}; {newest}; accept or refuse the files in the HMI or by POST /stored_data/answer",
             findings.collect::<Vec<_>>().join("; ")
         ))
     }
@@ -114,10 +114,10 @@ impl OpenQuestion {
             .unwrap_or_default()
     }
 
-    /// Removes the files of the question; on disk when this returns.
+    /// Removes the files of the question; the removal is on disk when this returns.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// Returns an error if the disk operation fails.
     pub fn remove_files(&self) -> io::Result<()> {
         for name in [QUESTION_FILE, HELD_FILE] {
             match fs::remove_file(self.folder.join(name)) {

@@ -47,7 +47,7 @@ pub(crate) fn work_offset_key(cs: CoordinateSystemNumber, name: &str) -> String 
 /// Placeholder stored for a lost value; no value has this form.
 pub(crate) const LOST_VALUE: &[u8] = b"lost";
 
-/// A work offset as stored, by axis letter; `None`: the value is lost.
+/// A work offset as stored, by axis letter; `None` for a lost value.
 pub(crate) type KeptOffset = BTreeMap<String, Option<f64>>;
 
 /// Adds a value by its name.
@@ -191,7 +191,8 @@ impl Tables {
         if let Some(lost) = (from..).zip(&values).find(|(_, value)| is_lost(**value)) {
             let letter = letter(area);
             let text = format!(
-                "{letter}{} is damaged and has no value; write it anew, or stop the runtime and look at tandem store repair",
+                "{letter}{} is damaged and has no value; write it again, or stop the runtime and run tandem \
+                 store repair",
                 lost.0
             );
             return Err(Refusal::new(RefusalCode::Unavailable, text));
@@ -234,7 +235,9 @@ impl Tables {
             }
         };
         if count == 0 {
-            return Err(invalid("no variable is named; write 1 to 1024 values".into()));
+            return Err(invalid(
+                "the request names no variable; write 1 to 1024 values".into(),
+            ));
         }
         if count > VARIABLES_AT_ONCE_MAX {
             let text = format!("{count} variables at once: write at most {VARIABLES_AT_ONCE_MAX}");
@@ -243,7 +246,7 @@ impl Tables {
         if (from as usize).saturating_add(count) > array.len() {
             let letter = letter(area);
             return Err(invalid(format!(
-                "{count} variables from {letter}{from} on: there are {letter}0 to {letter}{}",
+                "{count} variables from {letter}{from} on: the variables are {letter}0 to {letter}{}",
                 array.len() - 1
             )));
         }
@@ -282,8 +285,8 @@ impl Tables {
         for ToolData { id, radius, length } in &change.tools {
             if *id == 0 || !(0.0..f64::INFINITY).contains(radius) || !length.is_finite() {
                 return Err(invalid(format!(
-                    "tool {id}, radius {radius}, length {length}: the number counts from 1, the radius is 0 or more, \
-                     the length a number; nothing was changed"
+                    "tool {id}, radius {radius}, length {length}: write a number from 1, a radius of at \
+                     least 0 and a finite length; nothing was changed"
                 )));
             }
             if !named.insert(*id) {
@@ -293,7 +296,7 @@ impl Tables {
             values.tools.insert(*id, Tool { length, radius });
         }
         if values.tools.len() > TOOLS_MAX {
-            let text = format!("the table holds {TOOLS_MAX} tools; take some out first");
+            let text = format!("the table holds {TOOLS_MAX} tools; remove some first");
             return Err(Refusal::new(RefusalCode::TooLarge, text));
         }
         Ok(values)

@@ -290,7 +290,7 @@ impl Bench {
     /// async fn clamp(cell: Cell) -> Result<(), Alarm> {
     ///     cell.valve.send_replace(true);
     ///     let closed = cell.switch.subscribe().wait_for(|closed| *closed).await.map(|_| ());
-    ///     closed.map_err(|_| Alarm::user(10, "the switch has gone"))
+    ///     closed.map_err(|_| Alarm::user(10, "the switch does not exist any more"))
     /// }
     ///
     /// #[derive(Clone, Default)]

@@ -16,7 +16,7 @@ pub(crate) fn lower_priority() {
             thread_native_id,
         };
         let policy = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
-        // without it the thread is one as any other
+        // without this priority the thread is an ordinary one
         let _ = set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Min, policy);
     }
 }
@@ -36,8 +36,8 @@ pub(crate) trait Work: Send + 'static {
     fn round(&mut self, patience: Duration) -> bool;
 }
 
-/// The rounds of a thread: a panic in one is reported, and the next one follows; after too many of them the runtime stops in
-/// order.
+/// Runs the rounds of a thread. A panic in a round is reported, and the next round follows; after too many
+/// panics the runtime shuts down.
 pub(crate) struct Supervised {
     name: &'static str,
     supervisor: Supervisor,
@@ -53,7 +53,7 @@ impl Supervised {
         }
     }
 
-    /// A round; false when the thread has ended.
+    /// Runs one round; returns false when the thread has ended.
     fn round(&mut self, round: impl FnOnce() -> bool) -> bool {
         let round = || {
             self.supervisor.fault_point(self.name);
@@ -85,14 +85,14 @@ mod real {
 
     impl Thread {
         /// # Errors
-        /// The operating system gives no thread.
+        /// Returns an error if the operating system provides no thread.
         pub fn start(name: &'static str, supervisor: &Supervisor, mut work: impl Work) -> io::Result<Self> {
             let mut rounds = Supervised::new(name, supervisor);
             let rounds = move || while rounds.round(|| work.round(work.patience())) {};
             Builder::new().name(name.to_owned()).spawn(rounds).map(Self)
         }
 
-        /// Waits for its end.
+        /// Waits for the end of the thread.
         pub fn join(self) {
             // A thread that has already ended is joined, too.
             let _ = self.0.join();
@@ -135,7 +135,7 @@ mod simulated {
         Simulated(Rounds),
     }
 
-    /// The rounds of a simulated thread.
+    /// Runs the rounds of a simulated thread.
     #[derive(Clone)]
     pub(crate) struct Rounds(Arc<Mutex<dyn Work>>);
 
@@ -175,7 +175,7 @@ mod simulated {
             }
         }
 
-        /// A round at once, of a simulated thread.
+        /// Runs one round of a simulated thread at once.
         pub fn rounds(&self) -> Option<Rounds> {
             match self {
                 Self::Real(_) => None,

@@ -39,7 +39,7 @@ const LISTED_MAX: usize = 100;
 const UNLIMITED: f64 = 1e9;
 
 /// Assumption for a subprogram that is tried alone.
-const CALLED: &str = "no program has called it and set what is in force";
+const CALLED: &str = "no program has called it and set the modal state";
 
 /// M codes that end a main program, and the one that returns from a subprogram.
 const MAIN_ENDS: [u32; 2] = [2, 30];
@@ -64,7 +64,7 @@ pub struct Trial<'a> {
     pub programs: &'a BTreeMap<u16, Arc<NcProgram>>,
     /// Dialect of the program.
     pub dialect: &'static Dialect,
-    /// The target machine with the coordinate system; `None`: a machine without limits.
+    /// The target machine with the coordinate system; `None` for a machine without limits.
     pub machine: Option<(&'a Machine, &'a ConfiguredSystem)>,
 }
 
@@ -262,7 +262,7 @@ impl Runs<'_> {
         for alarm in alarms {
             let is_certain = others.iter().any(|other| is_same(other, &alarm));
             let assumed =
-                "the axes stand at 0 at the start, no block skip input is on, and G31 reaches its target";
+                "the axes are at 0 at the start, no block skip input is on, and G31 reaches its target";
             self.shown.stops.push(Stop {
                 alarm,
                 assumed: (!is_certain).then(|| assumed.to_owned()),

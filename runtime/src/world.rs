@@ -1,10 +1,11 @@
 //! A world for the whole runtime: its tasks, disk, day clock, MQTT broker, operators and handlers, all driven by one seed.
 //!
-//! All of it runs in one thread, in the time of an executor that is paused: when nobody has anything to do, it is the
-//! time of whoever is due next. The machine is the real one, from the gateway's MQTT end to the servo cycle; the disk
-//! ([`crate::disk::simulated`]), the threads ([`crate::threads`]), and the broker ([`broker`]) are models of theirs. Each seed is a
-//! history ([`history`]): several starts of the machine with faults, each of which ends in order, by a kill, or by a power
-//! cut. What its clients saw is checked against what they asked ([`truth`]).
+//! The whole world runs in one thread, with the paused clock of an executor: if no task is ready, time
+//! advances to the next timer. The machine is the real one, from the gateway's MQTT end to the servo cycle;
+//! the disk ([`crate::disk::simulated`]), the threads ([`crate::threads`]), and the broker ([`broker`]) are
+//! models. Each seed is a history ([`history`]): several starts of the machine with faults, each of which
+//! ends in order, by a kill, or by a power cut. An oracle checks the answers that clients received against
+//! their requests ([`truth`]).
 //!
 //! `TANDEM_SEEDS=7..8 TANDEM_TRACE=1 cargo test -p tandem-runtime --lib world::seeds -- --nocapture` repeats seed 7.
 
@@ -32,7 +33,7 @@ const ROOT: &str = "tandem/v1/mill/";
 /// Seeds of every run of the tests.
 const SEEDS: std::ops::Range<u64> = 0..500;
 
-/// The history of a seed.
+/// Plays the history of a seed.
 fn play(seed: u64, mutation: Option<Mutation>) -> Outcome {
     let played = catch_unwind(AssertUnwindSafe(|| History::new(seed, mutation).play()));
     crate::disk::simulated::memory::Mount::unmount();
@@ -40,7 +41,7 @@ fn play(seed: u64, mutation: Option<Mutation>) -> Outcome {
     played.unwrap_or_else(|_| Outcome::panicked())
 }
 
-/// The seeds of `TANDEM_SEEDS=A..B`, or those of every run.
+/// Returns the seeds of `TANDEM_SEEDS=A..B`, otherwise the default seeds.
 fn wanted() -> std::ops::Range<u64> {
     let Ok(text) = std::env::var("TANDEM_SEEDS") else {
         return SEEDS;
@@ -90,7 +91,7 @@ fn seeds() {
     assert_eq!(failed, 0);
 }
 
-#[expect(clippy::print_stderr, reason = "this is what the test is run for")]
+#[expect(clippy::print_stderr, reason = "the purpose of this test is its output")]
 fn say(text: &str) {
     eprintln!("{text}");
 }
@@ -104,7 +105,7 @@ fn equal_seeds_give_equal_histories() {
     }
 }
 
-/// A world with this defect is found out by this rule within some seeds.
+/// Checks that this rule detects a world with this defect within some seeds.
 fn is_found(mutation: Mutation, rule: Rule) {
     let found = (1000..1100).find(|seed| {
         let broken = play(*seed, Some(mutation)).broken;

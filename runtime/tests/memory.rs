@@ -1,4 +1,5 @@
-//! Memory of interpretation: under 64 MiB, whatever the program does. A test of its own: the peak is the process's.
+//! Interpretation needs less than 64 MiB of memory with any program. This is a separate test binary, because
+//! the peak is that of the whole process.
 
 #![cfg(target_os = "linux")]
 
@@ -7,11 +8,11 @@ use std::time::Duration;
 
 use tandem_runtime::test::{Bench, TestError};
 
-/// Above what the machine takes before it runs a program, bytes.
+/// Limit of the memory in addition to that of the machine before it runs a program, bytes.
 const LIMIT: usize = 64 << 20;
 
-/// Loops without end: what is in force changes without motion, with motions too small to run, behind a G31 whose end is
-/// unknown, and within chains that look ahead.
+/// Endless loops: the modal state changes without motion, with motions too small to run, after a G31 with an
+/// unknown end, and within chains with look-ahead.
 const ENDLESS: [&str; 8] = [
     "G90\nG91",
     "G90 F100\nG91 F200\nS100\nS200\nG54\nG55\nG17\nG18",
@@ -45,7 +46,7 @@ fn run(text: String) {
     assert!(matches!(played, Ok(Ok(()))), "{played:?}");
 }
 
-/// Names the loop to a process of its own.
+/// Environment variable that names the loop for a separate process.
 const OF_LOOP: &str = "TANDEM_MEMORY_OF_LOOP";
 
 #[test]

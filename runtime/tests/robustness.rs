@@ -1,4 +1,4 @@
-//! Whatever is in the files of the data folder, it is read or refused, and gives no value that was not kept.
+//! With any content of its files, the data folder is read or refused, and returns only stored values.
 
 mod readers;
 

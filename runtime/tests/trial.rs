@@ -1,6 +1,7 @@
-//! What the checker and a trial call clean is stopped by no alarm of interpreter or path stage that its text alone decides:
-//! on random programs of both dialects, with branches, loops, block skip and calls where the dialect has them. With the
-//! configuration of the machine, by no alarm at all. Seeded; `TANDEM_LONG` takes more programs.
+//! If checker and trial find nothing in a program, no alarm of interpreter or path stage that depends on its
+//! text alone stops it. With the configuration of the machine, no alarm at all stops it. Tested with random
+//! programs of both dialects, with the branches, loops, block skips and calls that the dialect has. Seeded;
+//! `TANDEM_LONG` tests more programs.
 
 #![allow(clippy::panic, clippy::unwrap_used, reason = "tests")]
 
@@ -29,19 +30,19 @@ use tandem_runtime::trial::{Shown, Trial};
 use tandem_runtime::{Config, Machine};
 use tandem_syntax::NcProgram;
 
-/// Programs that must be clean, of those that are made.
+/// Number of generated programs without findings that are tested.
 const CLEAN: u64 = 5000;
 
-/// Of those that run on a machine.
+/// Number of programs without findings that run on a machine.
 const CLEAN_ON_MACHINE: u64 = 50;
 
-/// How long a program may take on the machine, simulated seconds: at F500 the longest of them ends in time.
+/// Time limit of a program on the machine, simulated seconds: enough for the longest program at F500.
 const LONGEST_S: f64 = 300.0;
 
-/// Items that a program is run for.
+/// Number of items for which a program is run.
 const ITEMS: usize = 3000;
 
-/// The ends of the axes of a mill of dialect dgshape, which are in the way of many programs.
+/// Limits of the axes of a mill with dialect dgshape; many programs reach them.
 const ENDS: [(&str, &str); 6] = [
     ("LIMITS_OF_X", "[-30.0, 30.0]"),
     ("LIMITS_OF_Y", "[-20.0, 30.0]"),
@@ -51,7 +52,7 @@ const ENDS: [(&str, &str); 6] = [
     ("REFERENCE_OF_Z", "20.0"),
 ];
 
-/// Its M codes.
+/// M codes of the mill.
 const M_CODES: &str = r#"
 [m_code.6]
 stock = "select_tool"
@@ -86,10 +87,10 @@ fn settings(made: &Made) -> CoordinateSystemSettings {
     }
 }
 
-/// Values of P and Q below 3 that no other value of the programs is like.
+/// Values for P and Q below 3 that differ from all other values of the programs.
 const OTHERS: [f64; 5] = [0.25, 3.75, -7.5, 50.5, 1234.5];
 
-/// Runs a program with P3 to P9 and Q3 to Q9 from outside, and P and Q below these as well.
+/// Runs a program with `outside` as P3 to P9 and Q3 to Q9, and with `others` as the lower P and Q.
 fn run(
     made: &Made,
     main: &Arc<NcProgram>,
@@ -135,7 +136,7 @@ fn run(
     Ok(())
 }
 
-/// Makes programs until so many are clean, and looks at each of these.
+/// Generates programs until `wanted` of them have no findings, and calls `look` with each of these.
 fn each_clean(
     wanted: u64,
     make: fn(u64) -> Made,
@@ -161,7 +162,7 @@ fn each_clean(
     assert!(stopped > 0);
 }
 
-/// What the trial shows of a program in which the checker finds nothing.
+/// Returns the result of the trial for a program in which the checker finds nothing.
 fn tried(
     made: &Made,
     program: &Arc<NcProgram>,
@@ -177,7 +178,7 @@ fn tried(
     let check = made.check(programs, context);
     let called = check.called.values().flat_map(|of| &of.diagnostics);
     let mut found = check.diagnostics.iter().chain(called);
-    // what is told of the whole text says nothing about a run
+    // W0002 is about the text as a whole, not about a run
     if found.any(|found| found.code != "W0002") {
         return None;
     }
@@ -190,7 +191,7 @@ fn tried(
     Some(trial.run())
 }
 
-/// A value from outside, and the block skip inputs.
+/// A value for variables from outside, and the block skip inputs.
 type Outside = (f64, u32);
 
 fn clean_programs_run_clean(clean: u64, make: fn(u64) -> Made, runs: &[Outside]) {
@@ -202,7 +203,8 @@ fn clean_programs_run_clean(clean: u64, make: fn(u64) -> Made, runs: &[Outside])
             let Err(alarm) = run(text, program, programs, *outside, 0.0) else {
                 continue;
             };
-            // whether a loop ends is not decided, and a value is the text's where it is none with any from outside
+            // the end of a loop is not checked; a value alarm depends on the text only if it occurs with all
+            // values from outside
             let same = |others| {
                 let again = run(text, program, programs, *outside, others);
                 again.is_err_and(|again| again.entry == alarm.entry)
@@ -218,17 +220,17 @@ fn clean_programs_run_clean(clean: u64, make: fn(u64) -> Made, runs: &[Outside])
 }
 
 #[test]
-fn what_check_and_trial_call_clean_is_stopped_by_no_alarm_that_its_text_decides() {
+fn clean_check_and_trial_exclude_alarms_decided_by_the_text() {
     let runs = [(0.0, 0), (1.0, 0), (5.0, 0), (3.0, 7), (0.0, 7)];
     clean_programs_run_clean(wanted(CLEAN, 20 * CLEAN), Made::nj, &runs);
 }
 
 #[test]
-fn dgshape_what_check_and_trial_call_clean_is_stopped_by_no_alarm_that_its_text_decides() {
+fn dgshape_clean_check_and_trial_exclude_alarms_decided_by_the_text() {
     clean_programs_run_clean(wanted(CLEAN / 5, CLEAN), Made::dgshape, &[(0.0, 0), (0.0, 1)]);
 }
 
-/// Resumes what M00 has stopped.
+/// Returns a sequence program that resumes after M00.
 fn operator() -> SequenceProgram {
     SequenceProgram::new().task(|plc| async move {
         loop {
@@ -238,7 +240,7 @@ fn operator() -> SequenceProgram {
     })
 }
 
-/// The mill, for programs of a dialect.
+/// Returns the mill for programs of a dialect.
 fn mill(dialect: &str) -> Machine {
     let base = include_str!("mill.toml").to_owned() + M_CODES;
     let fill = |text: String, (mark, value)| text.replace(mark, value);
@@ -262,7 +264,7 @@ fn clean_programs_meet_no_alarm_on_the_mill(clean: u64, make: fn(u64) -> Made, d
         let run = bench
             .run(made.main.as_str())
             .unwrap_or_else(|why| panic!("{why}\n{made}"));
-        // a feedrate may be too low to come to the end, and whether a loop ends is not decided
+        // a feedrate may be too low to reach the end within the limit, and the end of a loop is not checked
         let of_text =
             |alarm: &AlarmRecord| alarm.severity == AlarmSeverity::Alarm && alarm.number != STEP_LIMIT.number;
         assert!(!run.alarms.iter().any(of_text), "{:?}\n{made}", run.alarms);
@@ -276,7 +278,7 @@ fn what_is_clean_with_the_configuration_meets_no_alarm_on_the_machine() {
 }
 
 #[test]
-fn dgshape_what_is_clean_with_the_configuration_meets_no_alarm_on_the_machine() {
+fn dgshape_program_clean_with_configuration_meets_no_machine_alarm() {
     let wanted = wanted(CLEAN_ON_MACHINE, CLEAN);
     clean_programs_meet_no_alarm_on_the_mill(wanted, Made::dgshape, "dgshape");
 }

@@ -115,11 +115,11 @@ const PARTS = {
     await page.locator('.curve[d*="L"]').first().waitFor({ state: "attached" });
   },
   async "past alarms"(page, machine) {
-    const alarm = { id: 1, severity: "alarm", number: 102, text: "X would go to 960.000000", cs: 1, program: 1, line: 3, raised_at: now(9000), cleared_at: now(2000), acknowledged_by: null, remedy: "Move less." };
+    const alarm = { id: 1, severity: "alarm", number: 102, text: "X would move to 960.000000", cs: 1, program: 1, line: 3, raised_at: now(9000), cleared_at: now(2000), acknowledged_by: null, remedy: "Move less." };
     machine.answers.set("GET /alarms/history", { status: 200, body: { alarms: [alarm] } });
     await page.getByRole("button", { name: "History" }).click();
     await page.getByRole("radio", { name: "Past alarms" }).click();
-    await page.getByText("X would go to 960.000", { exact: true }).waitFor();
+    await page.getByText("X would move to 960.000", { exact: true }).waitFor();
   },
   async editor(page) {
     await page.getByRole("button", { name: "Edit O0001" }).click();
@@ -143,7 +143,7 @@ test("axe finds nothing wrong: several machines on one page", async () => {
   await machine.attach(page);
   await page.addInitScript(() => localStorage.setItem("tandem-machines", '["http://127.0.0.1:9"]'));
   await page.goto(`${ORIGIN}/machines.html`);
-  await page.getByText("It cannot be reached").waitFor();
+  await page.getByText("The machine cannot be reached").waitFor();
   await page.locator('.machine-tile[data-link="online"]').getByText("READY").first().waitFor();
   await page.evaluate(AXE);
   assert.deepEqual(await page.evaluate(async () => (await globalThis.axe.run(document)).violations.map(({ id, nodes }) => `${id}: ${nodes[0]?.html}`)), []);

@@ -1,4 +1,5 @@
-// Machines with many axes and coordinate systems, inches, three metres, and what an operator sets up.
+// Machines with many axes and coordinate systems, in inches, seen from three metres, and set up by an
+// operator.
 
 import assert from "node:assert/strict";
 import { after, afterEach, before, test } from "node:test";

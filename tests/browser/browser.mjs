@@ -1,4 +1,4 @@
-// Debian's Chromium, driven by playwright-core; a page that remembers everything it complained about.
+// Debian's Chromium, driven by playwright-core; a page that records all errors.
 
 import { chromium } from "playwright-core";
 
@@ -55,7 +55,7 @@ export async function openPage(browser, { viewport = { width: 1280, height: 800 
   return { page, errors, checked, close };
 }
 
-/** Counts frames and answers, and tells those that are not of their form. */
+/** Counts frames and answers, and reports those with an invalid form. */
 async function checkForms(page, tell) {
   const checked = { frames: 0, asked: 0, answers: 0 };
   const see = (kind, problem) => {
@@ -71,7 +71,7 @@ async function checkForms(page, tell) {
   return checked;
 }
 
-/** In the page: reads a copy of each answer, also of one that the page does not read; an answer without an end is none. */
+/** In the page: reads a copy of each answer, even if the page does not read it; an answer without an end is ignored. */
 function copyAnswers() {
   const reading = [];
   const read = async (method, path, sent, response) => {

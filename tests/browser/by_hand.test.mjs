@@ -35,7 +35,8 @@ beforeEach(async () => {
 
 afterEach(async () => {
   await close();
-  // the browser notes a refresh that was on its way when its jog ended, and so was refused
+  // the browser reports a refresh that was in transit when its jog ended, and was therefore
+  // refused
   const told = errors.filter((text) => !/status of 409/.test(text));
   assert.deepEqual(told, [], "the browser's console shows no errors");
 });
@@ -70,12 +71,12 @@ async function atRest(axis) {
 
 test("an axis moves while its button is held, and stops when it is released", async () => {
   await jog("X", "plus").hover();
-  // on a busy computer a refresh may be late, which ends the jog: then it is held again
+  // on a busy computer a late refresh may end the jog, which is then held again
   for (let tries = 1; ; tries += 1) {
     const begin = await machine("X");
     await page.mouse.down();
     await screen.sees("ACTIVE");
-    // far longer than one refresh lasts
+    // far longer than the validity of one refresh
     await sleep(900);
     const isHeld = await jog("Y", "plus").isDisabled();
     const held = await machine("X");
@@ -182,7 +183,7 @@ test("a step is done in full by one click", async () => {
   await at("Z", begin + 1);
   await screen.sees("READY");
   assert.ok(Math.abs((await atRest("Z")) - begin - 1) < 1e-6);
-  // as long as it is held it is one step
+  // a held key makes only one step
   await step.hover();
   await page.mouse.down();
   await at("Z", begin + 2);
@@ -203,7 +204,8 @@ test("on a slow network a step is done in full, and quick clicks add up or are r
   await at("Z", begin + 10);
   await screen.sees("READY");
   assert.equal(await screen.notices(), "");
-  // a notice goes after a while, and its number grows until a step begins while no other waits
+  // a notice disappears after some time, and its count grows until a step begins while no
+  // other step waits
   await page.evaluate(() => {
     globalThis.notMade = 0;
     let last = 0;
@@ -296,7 +298,7 @@ test("interlock holds the motion, says why, and lets it go on", async () => {
   await screen.sees("INTERRUPTED");
   await page.getByText(/The interlock is on \(set at the HMI\)/).first().waitFor();
   await page.getByRole("switch", { name: "Interlock" }).click();
-  await page.getByText("The interlock is off again. Press Resume to go on.", { exact: true }).waitFor();
+  await page.getByText("The interlock is off again. Press Resume to continue.", { exact: true }).waitFor();
   await screen.command("Resume").click();
   await screen.sees("ACTIVE");
   await disabled(jog("X", "plus"));
@@ -327,14 +329,14 @@ test("a source that a handler watches is cleared by force only, which is asked a
   await dialog.waitFor({ state: "detached" });
   await interlock.and(page.locator('[aria-checked="false"]')).waitFor();
   await page.getByText(/Interlock: door is cleared by force \(operator\)/).waitFor();
-  // what anybody has set anybody clears, without a question
+  // any user may clear a lock that a user has set, without a question
   await interlock.click();
   await interlock.and(page.locator('[aria-checked="true"]')).click();
   await interlock.and(page.locator('[aria-checked="false"]')).waitFor();
   errors.length = 0;
 });
 
-/** A request of another client; gives the status. */
+/** Sends a request of another client; returns the status. */
 async function other(method, path, body, headers = {}) {
   const all = { "Content-Type": "application/json", ...headers };
   const answer = await fetch(`${runtime.url}/api/v1${path}`, { method, headers: all, body: body && JSON.stringify(body) });
@@ -390,8 +392,8 @@ test("a held program goes back along its path and forward again", async () => {
   await screen.command("Hold").click();
   await screen.sees("FEED_HOLD");
   await back.click();
-  await screen.says(/Goes back along its path/);
-  await screen.says(/The way back ends here/);
+  await screen.says(/Moves back along its path/);
+  await screen.says(/The back trace ends here/);
   await disabled(back);
   await screen.command("Resume").click();
   await screen.sees("PROGRAM_COMPLETED");
@@ -422,7 +424,7 @@ test("a file is stored as a program; what is wrong with it is shown by lines, co
   await page.keyboard.press("Escape");
   await dialog.getByText("Not stored yet.").waitFor();
   await dialog.getByRole("button", { name: "Store" }).click();
-  await dialog.getByText("O0077 is stored: nothing to complain of.").waitFor();
+  await dialog.getByText("O0077 is stored: no findings.").waitFor();
   await dialog.getByRole("button", { name: "Close" }).click();
   await screen.load("O0077");
   await screen.sees("READY");

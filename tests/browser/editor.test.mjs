@@ -65,7 +65,7 @@ test("findings stand in the margin with their help, move with the text, and go w
   await store(41, "G90\nG01 X1 X2 F500\nM30\n");
   await edit("O0041");
   await dialog().locator(".cm-lint-marker-error").hover();
-  await dialog().locator(".cm-tooltip").getByText("X stands twice in the block").waitFor();
+  await dialog().locator(".cm-tooltip").getByText("X appears twice in the block").waitFor();
   await dialog().getByText("Line 2, column 8").waitFor();
   await text().click();
   await page.keyboard.press("Control+Home");
@@ -74,7 +74,7 @@ test("findings stand in the margin with their help, move with the text, and go w
   await until(() => dialog().locator(".cm-activeLine").textContent(), "// second", "the line as the runtime counted it");
   await write("G90\nG01 X1 F500\nM30\n");
   await tool("Store").click();
-  await dialog().getByText("O0041 is stored: nothing to complain of.").waitFor();
+  await dialog().getByText("O0041 is stored: no findings.").waitFor();
   assert.equal(await dialog().locator(".cm-lint-marker").count(), 0);
   assert.equal(await stored(41), "G90\nG01 X1 F500\nM30\n");
 });
@@ -86,12 +86,12 @@ test("while somebody types, findings stand in the margin with their help, and no
   await page.keyboard.press("Control+Home");
   await page.keyboard.type("G01 X1 X2\n");
   await dialog().locator(".cm-lint-marker-error").hover();
-  await dialog().locator(".cm-tooltip").getByText("X stands twice in the block").waitFor();
-  await dialog().getByText("As it stands: 1 error.").waitFor();
+  await dialog().locator(".cm-tooltip").getByText("X appears twice in the block").waitFor();
+  await dialog().getByText("Current text: 1 error.").waitFor();
   await page.keyboard.press("Control+Home");
   for (let i = 0; i < 3; i += 1) await page.keyboard.press("Control+Delete");
   await page.keyboard.press("Control+Shift+K");
-  await dialog().getByText("As it stands: nothing to complain of.").waitFor();
+  await dialog().getByText("Current text: no findings.").waitFor();
   await dialog().locator(".cm-lint-marker").waitFor({ state: "detached" });
   assert.equal(await stored(60), "G90\nG01 X1 F500\nM30\n");
 });
@@ -184,7 +184,7 @@ test("what is written is compared with the program in the store, and places are 
   await page.keyboard.press("Control+Home");
   await page.keyboard.type("// new\n");
   await tool("Compare").click();
-  await dialog().getByText("1 place differs from O0044 in the store").waitFor();
+  await dialog().getByText("1 difference from O0044 in the store").waitFor();
   await dialog().locator(".cm-changedLine", { hasText: "// new" }).waitFor();
   await dialog().getByText(/unchanged lines/).waitFor();
   await tool("Next difference").click();
@@ -198,10 +198,10 @@ test("a program that somebody else has stored meanwhile is not replaced; compari
   await store(45, "G91\nM30\n");
   await write("G90\nG04 P1\nM30\n");
   await tool("Store").click();
-  await page.locator(".toast", { hasText: "which is not what was asked for" }).waitFor();
+  await page.locator(".toast", { hasText: "which does not meet the condition" }).waitFor();
   assert.equal(await stored(45), "G91\nM30\n");
   await tool("Compare").click();
-  await dialog().getByText(/places? differs? from O0045/).waitFor();
+  await dialog().getByText(/differences? from O0045/).waitFor();
   errors.splice(0, errors.length, ...errors.filter((line) => !/status of 412/.test(line)));
 });
 
@@ -213,7 +213,7 @@ test("a program gets another number, if that is free", async () => {
   const form = page.getByRole("dialog", { name: "Rename O0046" });
   await form.getByLabel("New number").fill("47");
   await form.getByRole("button", { name: "Rename" }).click();
-  await page.locator(".toast", { hasText: "which is not what was asked for" }).waitFor();
+  await page.locator(".toast", { hasText: "which does not meet the condition" }).waitFor();
   await form.getByLabel("New number").fill("48");
   await form.getByRole("button", { name: "Rename" }).click();
   await page.getByText("O0046 is O0048 now.").waitFor();
@@ -280,7 +280,7 @@ test("a text too long to be edited is shown, read-only, and stored as it is", as
   const lines = 250_000;
   const huge = `${"G01 X1.25 Y2.5\n".repeat(lines - 1)}M30 // twenty characters\n`.padEnd(4_000_001, "\n");
   await page.locator("input[type=file]").setInputFiles({ name: "O0053.nc", mimeType: "text/plain", buffer: Buffer.from(huge) });
-  await dialog().getByText(/characters are too long to be edited here/).waitFor();
+  await dialog().getByText(/characters is too long to be edited here/).waitFor();
   await text().click();
   await page.keyboard.press("Control+Home");
   await page.keyboard.type("X");

@@ -57,7 +57,7 @@ const PARTS = {
   },
 };
 
-/** Buttons and fields that are seen and smaller; a box to tick counts with its label. */
+/** Returns the visible buttons and fields that are smaller; a checkbox includes its label. */
 function small(page) {
   return page.locator("button:visible, input:visible, select:visible, a:visible").evaluateAll((all, least) => all.flatMap((one) => {
     const { width, height } = (one.type === "checkbox" ? one.closest("label") : one).getBoundingClientRect();
@@ -139,7 +139,7 @@ test("fingers on the path: one turns it, two move and zoom it, and the page does
   const { x, y, width, height } = await canvas.boundingBox();
   const [cx, cy] = [x + width / 2, y + height / 2];
   const cdp = await page.context().newCDPSession(page);
-  /** Fingers by their places, one after the other. */
+  /** Fingers at these positions, one after the other. */
   const fingers = async (...steps) => {
     for (const [i, places] of steps.entries()) {
       const touchPoints = places.map(([px, py], id) => ({ x: px, y: py, id }));

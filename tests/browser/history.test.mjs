@@ -16,7 +16,7 @@ import { until } from "./screen.mjs";
 const BEGIN = Date.UTC(2026, 0, 1);
 const line = (event, t_s, more = {}) => ({ event, t_s, ts: new Date(BEGIN + t_s * 1000).toISOString(), cs: 1, boot_id: "a", ...more });
 const output = (t_s, seq, m, more = {}) => line("output", t_s, { seq, m, line: 10 * seq, timing: "after_motion", ...more });
-/** Spans as `kind from-to says`, in seconds since the begin. */
+/** Formats spans as `kind from-to text`, in seconds since the beginning. */
 const spans = (lines, now = 100) => timelineOf(lines, BEGIN + now * 1000).map((run) => run.spans.map(({ kind, from, to, says }) => `${kind} ${(from - BEGIN) / 1000}-${(to - BEGIN) / 1000} ${says}`));
 
 test("a run moves, waits for an M code until its reset, and moves on", () => {
@@ -56,11 +56,11 @@ test("of two that meet at an M code the first one waited for the second", () => 
   assert.equal(describe(waits[0]), "waits for M70, which coordinate system 2 reaches later, line 10");
   const { shares, causes } = losses(runs);
   assert.deepEqual([...shares], [[1, { moving: 2500, total: 7000 }], [2, { moving: 8500, total: 9000 }]]);
-  assert.deepEqual(causes.map(({ cs, says, whom, total }) => [cs, says, whom, total]), [[1, "M70", "coordinate system 2", 4500], [2, "M70", "nobody has claimed it", 500]]);
+  assert.deepEqual(causes.map(({ cs, says, whom, total }) => [cs, says, whom, total]), [[1, "M70", "coordinate system 2", 4500], [2, "M70", "not claimed", 500]]);
 });
 
 test("numbers in texts have three decimals at most", () => {
-  assert.equal(rounded("Axis X would go to 960.000000 (machine), beyond 500.12; 7 of 8"), "Axis X would go to 960.000 (machine), beyond 500.12; 7 of 8");
+  assert.equal(rounded("Axis X would move to 960.000000 (machine), beyond 500.12; 7 of 8"), "Axis X would move to 960.000 (machine), beyond 500.12; 7 of 8");
 });
 
 /** An answer of the machine: X at these places, sampled every 10 ms; the last one is 5 ms old. */
@@ -129,7 +129,7 @@ test("a run is seen while it goes on: it moves, is held, waits for its M code; t
   await screen.command("Resume").click();
   await screen.sees("WAIT");
   await history().locator(".span-waiting").waitFor();
-  await history().getByRole("cell", { name: /waits for M100, nobody has claimed it, line 14/ }).waitFor();
+  await history().getByRole("cell", { name: /waits for M100, not claimed, line 14/ }).waitFor();
   const chart = history().getByRole("group", { name: /^Timeline/ });
   await chart.focus();
   for (let i = 0; i < 4; i += 1) await page.keyboard.press("ArrowRight");
@@ -152,7 +152,7 @@ test("the journal is filtered by M code, event and run, and says who did what", 
   await history().getByRole("cell", { name: /verb hold/ }).first().waitFor();
   assert.equal(await history().locator("tbody tr:not([data-event=command])").count(), 0);
   await history().getByLabel("User, client or handler").fill("nobody");
-  await history().getByText("No line is like that.").waitFor();
+  await history().getByText("No line matches.").waitFor();
 });
 
 test("an alarm of the past is told with its help and how long it lasted", async () => {
@@ -215,7 +215,7 @@ test("all runs are listed: when, which program, how it ended and where; they are
   await page.getByRole("button", { name: "History" }).click();
   await part("Runs");
   const rows = history().locator("tbody tr");
-  await rows.first().getByText("goes on").waitFor();
+  await rows.first().getByText("running").waitFor();
   await rows.first().getByText("O0002").waitFor();
   await post("/cs/1/stop?wait=1");
   await rows.first().getByText("stopped").waitFor();
@@ -224,7 +224,7 @@ test("all runs are listed: when, which program, how it ended and where; they are
   await history().getByLabel("Program", { exact: true }).fill("2");
   await until(() => rows.count(), 1, "runs of program 2");
   await history().getByLabel("Ended").selectOption("completed");
-  await history().getByText("No run is like that.").waitFor();
+  await history().getByText("No run matches.").waitFor();
   await history().getByLabel("Ended").selectOption("stopped");
   const [file] = await Promise.all([page.waitForEvent("download"), history().getByRole("button", { name: "Save as CSV" }).click()]);
   const [, line] = (await readFile(await file.path(), "utf8")).split("\n");

@@ -1,4 +1,5 @@
-// The screen as an app of its own on the real runtime: manifest, a service worker that keeps no screen, sound and notifications.
+// The screen as an installed app on the real runtime: manifest, a service worker that caches no screen, sound and
+// notifications.
 
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, test } from "node:test";
@@ -21,7 +22,7 @@ withRuntime((made) => ({ runtime, browser } = made));
 beforeEach(() => open({ permissions: ["notifications"] }));
 afterEach(() => close());
 
-/** In the page: notes each tone and each notification. */
+/** In the page: records each tone and each notification. */
 function listen() {
   globalThis.told = { tones: 0, notices: [] };
   const { start } = OscillatorNode.prototype;
@@ -39,7 +40,7 @@ function listen() {
   };
 }
 
-/** A page that notes what it tells. */
+/** A page that records its tones and notifications. */
 async function open(options) {
   ({ page, errors, close } = await openPage(browser, options));
   await page.addInitScript(listen);
@@ -89,7 +90,7 @@ test("each language has a manifest of its own, whose words are those of its tabl
   assert.equal(await page.locator('link[rel="manifest"]').getAttribute("href"), "manifest.de.webmanifest");
 });
 
-/** Waits until what the service worker shows is kept, and nothing else is. */
+/** Waits until exactly the files that the service worker shows are cached. */
 async function keepsItsPage() {
   await page.evaluate(() => navigator.serviceWorker.ready);
   const kept = () => page.evaluate(async () => {

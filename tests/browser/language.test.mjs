@@ -12,9 +12,9 @@ import { withRuntime } from "./runtime.mjs";
 import { until } from "./screen.mjs";
 
 const TABLES = { en, de, ja };
-/** The last one is that in which parts are opened. */
+/** The parts of the screen are opened in the last size. */
 const SIZES = [[390, 844], [1280, 800]];
-/** The same in every language. */
+/** Texts that are equal in every language. */
 const SHARED = new Set("tandem mill json mqtt iso sha ctrl page".split(" "));
 
 let runtime;
@@ -53,7 +53,7 @@ function listen(page) {
   return said;
 }
 
-/** In the page: texts that are seen or read out, and what sticks out of the screen or of its button. */
+/** In the page: returns texts that are visible or read aloud, and elements that extend beyond the screen or their button. */
 function look() {
   const texts = [];
   const outside = [];
@@ -275,7 +275,7 @@ for (const language of ["de", "ja"]) {
   });
 }
 
-/** Texts with words that only English has, and that are not the runtime's. */
+/** Returns texts with words that only English has and that do not come from the runtime. */
 function leftOver(texts, said, english) {
   // the screen begins its sentences with a capital, and writes names without underscores
   const plain = (text) => text.toLowerCase().replaceAll("_", " ");

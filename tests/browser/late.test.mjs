@@ -1,4 +1,4 @@
-// Requests that are late: behind a proxy that holds what it carries, and in a browser that is suspended.
+// Late requests: through a proxy that holds its data, and from a suspended browser.
 
 import assert from "node:assert/strict";
 import { readFileSync, readdirSync } from "node:fs";
@@ -88,7 +88,7 @@ afterEach(async () => {
   proxy.close();
 });
 
-/** Presses Start while the way to the machine is held, and looks at the machine after it is free again. */
+/** Presses Start while the connection to the machine is held, and checks the machine after the release. */
 async function pressLate(hold, release) {
   const before = await read("/cs/1/state");
   await hold();
@@ -101,7 +101,7 @@ async function pressLate(hold, release) {
   await nothingMoved(before);
 }
 
-/** Looks at the machine for as long as the press was late: no run has begun. */
+/** Checks for as long as the press was late that no run begins. */
 async function nothingMoved(before) {
   await sleep(LATE_MS);
   const state = await read("/cs/1/state");
@@ -138,7 +138,7 @@ test("a press that the page handles 3 s late is 3 s old, though the page has rec
   const session = await page.context().newCDPSession(page);
   const before = await read("/cs/1/state");
   const { x, y, width, height } = await screen.command("Start").boundingBox();
-  // no press is older than its page
+  // a press cannot be older than its page
   await page.waitForFunction((ms) => performance.now() > ms, 2 * LATE_MS);
   const at = { x: x + width / 2, y: y + height / 2, button: "left", clickCount: 1, timestamp: (Date.now() - LATE_MS) / 1000 };
   for (const type of ["mousePressed", "mouseReleased"]) await session.send("Input.dispatchMouseEvent", { type, ...at });

@@ -1,4 +1,5 @@
-// Drawing of a path per frame: only what the card completes in time, and nothing while it is still drawing.
+// Drawing of a path in each frame: only the lines that the graphics card completes in time, and none while
+// it is still drawing.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
@@ -8,10 +9,10 @@ import { Layers } from "../../web/path/layers.js";
 import { plannedPath } from "./planned.mjs";
 
 const SIGNALED = 1;
-/** Lines that a card gets at first, see `BUDGET`. */
+/** Number of lines in the first order to a card, see `BUDGET`. */
 const FIRST = 4_000;
 
-/** A card that says when it is done with what it was given, and the lines that it was asked to draw. */
+/** A graphics card that reports the end of its work and the lines that it was ordered to draw. */
 function card() {
   const drawn = [];
   const order = [];
@@ -29,7 +30,7 @@ function card() {
   return { told, layers, frame };
 }
 
-/** A piece of so many lines of 0.001 mm, each of a second. */
+/** A piece of this number of lines of 0.001 mm, each of one second. */
 function piece(lines) {
   const path = readPath(new Uint8Array(plannedPath(1, 1, Array.from({ length: lines + 1 }, (_, i) => [i / 1000, 0, 0, 1, i]))).buffer);
   return path.chunks[0].levels[0];

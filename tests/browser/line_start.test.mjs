@@ -64,7 +64,7 @@ async function choose(number) {
 test("what is in force at the line is seen before anything moves, and the run begins there", async () => {
   await choose(6);
   await dialog().getByText("M03 (line 2)").waitFor();
-  await dialog().getByText("See for yourself: M60 (line 3) was put out").waitFor();
+  await dialog().getByText("Check the machine: M60 (line 3) was issued").waitFor();
   await dialog().getByRole("row", { name: /^X 30\.000/ }).waitFor();
   assert.equal(await screen.workPosition("X"), 0, "nothing has moved");
   await dialog().getByRole("button", { name: "Start at line 6" }).click();
@@ -78,8 +78,8 @@ test("a line of a loop asks which time the program comes there", async () => {
   await dialog().getByText(/line 10 2 times/).waitFor();
   const start = dialog().getByRole("button", { name: "Start at line 10" });
   assert.ok(await start.isDisabled());
-  await dialog().getByLabel("Which time the program comes there").fill("2");
-  await dialog().getByLabel("Which time the program comes there").press("Tab");
+  await dialog().getByLabel("Which time the program reaches this line").fill("2");
+  await dialog().getByLabel("Which time the program reaches this line").press("Tab");
   await dialog().getByRole("row", { name: /^X 31\.000/ }).waitFor();
   assert.ok(await start.isEnabled());
   await dialog().getByRole("button", { name: "Leave it" }).click();

@@ -1,4 +1,4 @@
-// The HMI on the real runtime: what an operator does in the first minutes.
+// The HMI on the real runtime: the actions of an operator in the first minutes.
 
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, test } from "node:test";
@@ -9,7 +9,7 @@ import { picture } from "./pictures.mjs";
 import { withRuntime } from "./runtime.mjs";
 import { disabled, Screen, until } from "./screen.mjs";
 
-/** Where the README's picture is kept; written when asked for. */
+/** File of the picture in the README; written on request. */
 
 let browser;
 let runtime;
@@ -34,7 +34,7 @@ afterEach(async () => {
   assert.ok(checked.frames > 10 && checked.asked > 0 && checked.answers > 0, "frames and answers were checked");
 });
 
-/** Ends whatever runs, and takes a program. */
+/** Ends any run, and loads a program. */
 async function ready(program) {
   await screen.command("Stop").click();
   await page.locator('.status:is([data-execution="STOPPED"], [data-execution="READY"], [data-execution="PROGRAM_COMPLETED"])').waitFor();
@@ -54,7 +54,7 @@ test("page is served with a policy that allows no inline script or style", async
 test("program runs, waits for an M code, is reset by the button and completes", async () => {
   await screen.load("O0001");
   await screen.sees("READY");
-  await screen.says(/O0001 is loaded and at its head\. Press Start/);
+  await screen.says(/O0001 is loaded, at line 1\. Press Start/);
   await screen.command("Start").click();
   await screen.sees("ACTIVE");
   await screen.sees("WAIT");
@@ -197,14 +197,14 @@ test("runtime killed and started again: the screen says so, and comes back by it
   await screen.command("Start").click();
   await screen.sees("ACTIVE");
   await runtime.kill();
-  await page.getByText("Not connected to the machine. The values on the screen are old.").waitFor();
+  await page.getByText("Not connected to the machine. The values on the screen are stale.").waitFor();
   await disabled(screen.command("Start"));
   await runtime.start();
   await page.getByText("Connected", { exact: true }).waitFor();
   await page.getByText(/The runtime was started again/).first().waitFor();
   await screen.sees("STOPPED");
-  await screen.says(/nothing goes on by itself/);
-  // the browser itself notes every connection that fails
+  await screen.says(/nothing moves without a command/);
+  // the browser itself reports every failed connection
   const refused = errors.filter((text) => /ERR_CONNECTION|WebSocket connection/.test(text));
   errors.splice(0, errors.length, ...errors.filter((text) => !refused.includes(text)));
 });
@@ -213,7 +213,7 @@ test("what is on the screen is explained by a press", async () => {
   await ready("O0002");
   const explanation = page.locator("dialog.explanation");
   await page.getByRole("button", { name: /^Explain [A-Z_]+$/ }).first().click();
-  await explanation.getByText("How it goes on:").waitFor();
+  await explanation.getByText("How to continue:").waitFor();
   await explanation.getByRole("button", { name: "Close" }).click();
   await page.locator(".program-card .nc-g").first().click();
   await explanation.getByText("Example:").waitFor();

@@ -1,4 +1,5 @@
-// Several machines on one page: what each does, or why nothing is known of it. They are real runtimes, but for one that falls silent.
+// Several machines on one page: the state of each, or the reason why its state is unknown. They are real runtimes,
+// except for one that falls silent.
 
 import assert from "node:assert/strict";
 import { after, afterEach, before, test } from "node:test";
@@ -65,7 +66,7 @@ function ask(method, path, body) {
 test("a tile says state, sentence, program and time left of each machine in the colour of its state; a click opens it", async () => {
   await open(here.url);
   await add(other.url.replace("http://", ""));
-  await tile(other.url).getByText("It asks who you are.").waitFor();
+  await tile(other.url).getByText("This machine needs a login.").waitFor();
   await tile(other.url).getByLabel("Token", { exact: true }).fill("0".repeat(64));
   await tile(other.url).getByRole("button", { name: "Enter" }).click();
   await tile(other.url).getByText("The machine does not know this token.").waitFor();
@@ -102,14 +103,14 @@ test("a tile says state, sentence, program and time left of each machine in the 
 test("machines are remembered and taken off; one that does not answer says so until it does, and what is no address is none", async () => {
   await open(here.url);
   await add("mill 2");
-  await page.getByText("This is no address of a machine").waitFor();
+  await page.getByText("This is not the address of a machine").waitFor();
   await add(here.url);
-  await page.getByText("is here already").waitFor();
+  await page.getByText("is on this page already").waitFor();
   await add(other.url);
   await logIn();
   await other.kill();
   await says(other.url, "unreachable");
-  await tile(other.url).getByText("It cannot be reached").waitFor();
+  await tile(other.url).getByText("The machine cannot be reached").waitFor();
   assert.equal(await tile(other.url).getAttribute("data-tone"), "attention");
   await page.reload();
   await says(here.url, "online");
@@ -131,12 +132,12 @@ test("a machine that has not said in time that it is there says so, above what i
   await says(ORIGIN, "online");
   machine.takesSockets = false;
   machine.say("presence", { ...machine.topics.get("presence"), expires_ms: 700 });
-  await tile(ORIGIN).getByText("It has not said in time that it is there. What stands below is old.").waitFor();
+  await tile(ORIGIN).getByText("The presence of the machine has expired. The data below are stale.").waitFor();
   await tile(ORIGIN).getByText("READY").first().waitFor();
 });
 
 test("a machine that does not allow this page says what its configuration lacks", async () => {
-  // another origin of the same machine, which the other one does not allow
+  // another origin of the same machine, which the other machine does not allow
   const alias = here.url.replace("127.0.0.1", "localhost");
   await open(alias);
   await add(other.url);

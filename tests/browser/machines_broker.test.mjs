@@ -1,4 +1,5 @@
-// Machines that share a broker are on one page of each, without an address being typed. Three runtimes and one Mosquitto.
+// Machines that share a broker are shown on one page of each machine, without typing an address. Three runtimes and one
+// Mosquitto.
 
 import assert from "node:assert/strict";
 import { after, afterEach, before, test } from "node:test";
@@ -20,7 +21,7 @@ before(async () => {
   broker = await Mosquitto.create();
   await broker.start();
   [here, second, third] = await Promise.all([1, 2, 3].map((number) => atBroker(number)));
-  // one says its own address, the other does not
+  // one machine publishes its address, the other does not
   await second.add(`public_url = "${second.url}"`, "http");
   await Promise.all([here.start(), second.start(), third.start()]);
   browser = await launch();
@@ -35,7 +36,7 @@ afterEach(async () => {
   assert.deepEqual(errors.filter((text) => !/net::ERR_|CORS policy|WebSocket connection|status of 40[13]/.test(text)), []);
 });
 
-/** The machine `mill-N` at the broker, whose presence is old after 3 s. */
+/** The machine `mill-N` at the broker; its presence expires after 3 s. */
 async function atBroker(number) {
   const one = await Runtime.create();
   await one.change('name = "mill-1"', `name = "mill-${number}"\npresence_expires_ms = 3000`);
@@ -117,7 +118,7 @@ test("a machine that is killed is grey, and so are all when the broker is away, 
   await third.kill();
   await says("mill-3", "offline");
   assert.equal(await tile("mill-3").getAttribute("data-tone"), "away");
-  await tile("mill-3").getByText("It has gone").waitFor();
+  await tile("mill-3").getByText("The machine is offline").waitFor();
   await picture(page, "machines_broker-gone-1280-light");
   await broker.kill();
   await says("mill-2", "unheard");

@@ -2,7 +2,8 @@
 //   cargo build --release -p tandem-runtime --bin tandem
 //   cd tests/browser && TANDEM_BIN=../../target/release/tandem node million.mjs [RUNS]
 // It prints a line for each run and the medians, and fails if one is not below its bound. For the longest task it also
-// prints the processor time, because a task waits on a busy computer. It measures a computer, so it is not a test.
+// prints the processor time, because a task waits on a busy computer. The results depend on the computer, so this is
+// not a test.
 
 import { readFileSync } from "node:fs";
 
@@ -11,7 +12,7 @@ import { Runtime } from "./runtime.mjs";
 import { Screen, until } from "./screen.mjs";
 
 const BLOCKS = 1_000_000;
-/** Blocks of a row of the surface, and their way, mm. */
+/** Blocks of a row of the surface, and their path length, mm. */
 const ROW = 1000;
 const STEP_MM = 0.2;
 
@@ -42,7 +43,7 @@ async function servo(runtime) {
   return { overruns: of("overruns_total"), missed: of("missed_cycles_total"), lateMs: 1000 * of("wakeup_lateness_max_seconds"), computedMs: 1000 * of("cycle_max_seconds") };
 }
 
-/** The longest task of the page, ms, and the most that the processor worked for one. */
+/** Returns the longest task of the page, ms, and the largest processor time of a task. */
 function longest(trace) {
   const { traceEvents } = JSON.parse(trace);
   const pages = new Set(traceEvents.filter(({ name, args }) => name === "thread_name" && args.name === "CrRendererMain").map(({ pid, tid }) => `${pid} ${tid}`));
@@ -81,7 +82,7 @@ async function processMemory(browser) {
 
 /** Loads, looks at the path from near and far, chooses lines, scrolls the text, and runs for some seconds. */
 async function measure(runtime, browser) {
-  // not by openPage, which reads a copy of each answer
+  // without openPage, because it reads a copy of each answer
   const page = await browser.newPage({ viewport: { width: 1280, height: 800 } });
   const screen = new Screen(page);
   await page.goto(runtime.url);
@@ -130,7 +131,7 @@ async function lookAround(page) {
   await page.waitForTimeout(LOOKED_AT_MS);
 }
 
-/** In the page: loads the program, and gives when its path is drawn, ms. */
+/** In the page: loads the program, and returns the time until its path is drawn, ms. */
 function loaded() {
   const lines = () => document.querySelector(".path-lines").statistics().lines;
   const before = lines();

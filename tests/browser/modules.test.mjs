@@ -35,7 +35,7 @@ test("every state has a look of its own and a whole sentence", () => {
 });
 
 test("no program: says what to do", () => {
-  assert.equal(said({ execution: "STOPPED", reason: "NO_PROGRAM", program: null }), "No program is loaded: choose one of the list and press Load.");
+  assert.equal(said({ execution: "STOPPED", reason: "NO_PROGRAM", program: null }), "No program is loaded: choose one from the list and press Load.");
 });
 
 test("alarm: the sentence is the alarm's own text", () => {
@@ -50,7 +50,7 @@ test("a long text keeps its beginning in the sentence, and what to do its place;
   assert.match(alarm, /^Alarm 10007: (word )+… Remove the cause, then press Reset\.$/);
   const question = { id: "q", text, choices: ["yes"], since: "2026-01-01T00:00:00Z" };
   const asked = said({ execution: "WAIT", waiting_on: { m: 60, seq: 1, since: question.since, question } });
-  assert.match(asked, /^M60 asks: (word )+… Answer it beside M60\.$/);
+  assert.match(asked, /^M60 asks: (word )+… Answer it next to M60\.$/);
   for (const sentence of [alarm, asked]) assert.ok(sentence.length < 200, `${sentence.length} characters`);
 });
 
@@ -142,7 +142,7 @@ test("each dialect has its own comments", () => {
   assert.deepEqual(kinds(ncText("X1 (Y2) Z3", "nj"), 1), ["axis:X", "axis:Y", "axis:Z"]);
 });
 
-/** In parts of one byte, as the net may bring it. */
+/** In parts of one byte, as may happen in a network. */
 function ncText(text, dialect) {
   const nc = new NcText(dialect);
   for (const byte of new TextEncoder().encode(text)) nc.add(Uint8Array.of(byte));

@@ -9,17 +9,17 @@ import { withRuntime } from "./runtime.mjs";
 import { ORIGIN, ScriptedMachine } from "./scripted_machine.mjs";
 import { Screen, until } from "./screen.mjs";
 
-/** In the long run of all tests, as pictures are. */
+/** Only in the long run of all tests, like the pictures. */
 const LONG = process.env.TANDEM_PICTURES === "1";
 const PRESSED_MS = 100;
 const PRESSES = 7;
 const FRAME_MS = 4;
-/** Positions come ten times a second: those of two minutes, or of an hour where there is time for it. */
+/** Positions arrive ten times a second: for two minutes, in the long run for an hour. */
 const POSITIONS = LONG ? 36_000 : 1_200;
-/** Until then the page keeps what it draws for the first time; in an hour the line of where the tool has been is as long as it may be. */
+/** Until then the page allocates memory for its first drawings; after an hour the trail of the tool has its maximum length. */
 const POSITIONS_BEFORE = LONG ? 6_000 : 400;
 const GROWTH_BYTES = 1_000_000;
-/** The limits, the zero, the tool, where it has been. */
+/** The limits, the zero point, the tool and its trail. */
 const CARD_KEEPS = 4;
 
 let browser;
@@ -43,7 +43,7 @@ async function counters(page) {
   };
 }
 
-/** In the page: presses a button, and gives how long the state took to come, ms. */
+/** In the page: presses a button, and returns the time until the state arrives, ms. */
 function pressed([label, execution]) {
   const status = document.querySelector(".status");
   return new Promise((resolve) => {

@@ -114,7 +114,7 @@ test("the example page of a folder shows the machine by elements, commands it, a
   await runtime.start();
   await page.locator("tandem-state[online]").getByText("STOPPED", { exact: true }).waitFor();
   await close();
-  // what the browser itself says of the refused command and of the lost connection
+  // messages of the browser itself about the refused command and the lost connection
   assert.deepEqual(errors.filter((error) => !/409|ERR_CONNECTION|WebSocket/.test(error)), []);
 });
 

@@ -15,7 +15,7 @@ import { plannedPath } from "./planned.mjs";
 import { withRuntime } from "./runtime.mjs";
 import { Screen, until } from "./screen.mjs";
 
-/** Rounded corners, a helix, a pocket: something to look at. */
+/** Rounded corners, a helix and a pocket, for the picture. */
 const PART = `// Part
 G54 G90 G00 X0 Y0 Z5
 G01 Z-2 F2400
@@ -88,7 +88,7 @@ function circle() {
 test("between two positions the tool is drawn on the path, and not on the line between them", () => {
   const { radius, at, path } = circle();
   const live = new Live();
-  // 10 mm of way between two messages: the line between them is 1.2 mm off
+  // 10 mm of path between two messages: the straight line between them is off by 1.2 mm
   for (let i = 0; i < 6; i += 1) {
     live.take(path, "run", {}, at(i), 100 * i);
     for (const ms of [0, 25, 50, 75, 99]) {
@@ -171,7 +171,7 @@ test("the whole path is there before anything moves, and nothing is uploaded whi
   assert.ok(later.frames - first.frames > 20, `${later.frames - first.frames} frames in 1.5 s`);
   assert.equal(later.uploaded, first.uploaded, "bytes uploaded while the program runs");
   assert.ok(later.calls <= 6, `${later.calls} draw calls`);
-  // a busy computer stops some frame on its way
+  // a busy computer delays some frames
   const median = took.toSorted((a, b) => a - b)[7];
   assert.ok(median < 4, `${took} ms of script`);
   await screen.sees("PROGRAM_COMPLETED");
@@ -218,7 +218,7 @@ test("a click on the path shows the line, a click on a line marks its piece", as
   await ready("O0005");
   await page.getByRole("button", { name: "XY", exact: true }).click();
   const box = await page.locator(".path-lines").boundingBox();
-  // the long line at the bottom: all of the picture is scanned for it
+  // the long line at the bottom; the whole picture is searched for it
   let found = null;
   for (let y = 0.95; y > 0.4 && !found; y -= 0.02) {
     await page.mouse.click(box.x + box.width / 2, box.y + box.height * y);
@@ -284,7 +284,7 @@ test("the plan follows offsets, and says from where on it depends on the run", a
   await put("/programs/6", "G90 G00 X10\nG31 X40\nG01 X0 F2000\nM30\n", "text/plain");
   await page.reload();
   await screen.load("O0006");
-  await page.getByText(/Dashed from line 2 on: the skip input decides where it ends\./).waitFor();
+  await page.getByText(/Dashed from line 2 on: the skip input determines the end of the motion\./).waitFor();
 });
 
 test("the foot of the path is one row at every size", async () => {

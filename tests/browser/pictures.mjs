@@ -1,4 +1,4 @@
-// Pictures of the screen, to be looked at by people: kept in `out/` where TANDEM_PICTURES=1 is in the environment.
+// Pictures of the screen for people, written to `out/` if TANDEM_PICTURES=1 is in the environment.
 
 import { mkdir } from "node:fs/promises";
 
@@ -11,10 +11,10 @@ const OUT = new URL("out/", import.meta.url).pathname;
 export const SIZES = [[390, 844], [820, 1180], [1280, 800], [1920, 1080]];
 export const SCHEMES = ["light", "dark"];
 
-/** All of them where pictures are wanted, otherwise the first. */
+/** All sizes if pictures are requested, otherwise only the first. */
 export const inPictures = (all) => (ALL ? all : all.slice(0, 1));
 
-/** A test that shows what others prove, and is one only where pictures are wanted. */
+/** A test that repeats others for its pictures; it runs only if pictures are requested. */
 export function pictures(of, take) {
   if (ALL) test(`pictures of ${of}`, take);
 }
@@ -22,7 +22,7 @@ export function pictures(of, take) {
 /** Time that a worker needs to draw the path in other colours, ms. */
 const DRAWN_MS = 300;
 
-/** Takes a picture of the page as it is now, if pictures are wanted. */
+/** Takes a picture of the current page, if pictures are requested. */
 export async function picture(page, name, options = {}) {
   if (!ALL) return;
   await mkdir(OUT, { recursive: true });

@@ -1,4 +1,5 @@
-// A planned path and a rehearsal as a machine sends them: see "Planned path and rehearsal" in the book.
+// A planned path and a rehearsal in the form that a machine sends: see "Planned path and rehearsal" in the
+// book.
 
 const LEVELS = 4;
 

@@ -1,4 +1,5 @@
-// Inputs and outputs of the plant: shown with their owners, forced after a question, and named as long as they are.
+// Inputs and outputs of the plant: shown with their owners, forced after a question, and named while they are
+// forced.
 
 import assert from "node:assert/strict";
 import { after, afterEach, before, test } from "node:test";
@@ -56,8 +57,8 @@ test("the panel lists inputs and outputs with values, units and owners", async (
   await open();
   await tab().click();
   await until(() => point("io/in/door_closed").innerText(), /Door of the cell\s+on\s+handler gateway/);
-  await until(() => point("io/in/coolant_level").innerText(), /coolant_level\s+42\.5 l\s+nobody owns it/);
-  await until(() => point("io/out/coolant_valve").innerText(), /off\s+handler cell, which has gone/);
+  await until(() => point("io/in/coolant_level").innerText(), /coolant_level\s+42\.5 l\s+no owner/);
+  await until(() => point("io/out/coolant_valve").innerText(), /off\s+handler cell, which is lost/);
   machine.say("io/in/coolant_level", { value: 41, written: 41, ...NOBODYS });
   await until(() => point("io/in/coolant_level").innerText(), /41 l/);
 });

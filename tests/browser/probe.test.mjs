@@ -1,4 +1,5 @@
-// Touching with a probe on the real runtime: cycles are looked at before they run, and what they find becomes zero or a tool's length.
+// Touching with a probe on the real runtime: cycles are previewed before they run, and their result becomes a zero
+// point or a tool length.
 
 import assert from "node:assert/strict";
 import { after, afterEach, before, beforeEach, test } from "node:test";
@@ -12,7 +13,7 @@ import { Screen, disabled, enabled, until } from "./screen.mjs";
 const BORE = { x: 41.25, y: -17.5, diameter: 30 };
 const BOSS = { x: -52.125, y: 33.75, diameter: 24 };
 const BALL = 4;
-/** Where the ball touches the top of the part, and a tool without length the setter. */
+/** Position at which the ball touches the top of the part, and a tool without length touches the setter. */
 const TOP = -80.5;
 const SETTER = -200;
 
@@ -37,7 +38,7 @@ let page;
 let errors;
 let close;
 let screen;
-/** A machine with a bore and one with a boss, and the one that is on the screen. */
+/** A machine with a bore and one with a boss, and the machine on the screen. */
 const machines = {};
 let runtime;
 
@@ -62,7 +63,7 @@ beforeEach(async () => {
 
 afterEach(async () => {
   await close();
-  // the browser notes a cycle whose touch is missed, which fails
+  // the browser reports a failed cycle that missed its touch
   const told = errors.filter((text) => !/status of 409/.test(text));
   assert.deepEqual(told, [], "the browser's console shows no errors");
 });
@@ -85,7 +86,7 @@ const offset = async (name, axis) => (await read("/cs/1/work_offsets")).work_off
 const button = (name) => page.getByRole("button", { name, exact: true });
 const tool = async (id) => (await read("/tools")).tools.find((one) => one.id === id);
 
-/** Moves by hand, to its end. */
+/** Moves by hand, and waits for the end of the motion. */
 async function moveTo(places) {
   for (const text of places) {
     const answer = await fetch(`${runtime.url}/api/v1/cs/1/mdi?wait=1`, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ text: `G53 G00 ${text}` }) });
@@ -101,7 +102,7 @@ async function fill(values) {
   for (const [label, value] of Object.entries(values)) await page.getByLabel(label).fill(String(value));
 }
 
-/** Looks at the cycle, and runs it. */
+/** Previews the cycle, and runs it. */
 async function touch() {
   await button("Preview").click();
   await enabled(button("Run the cycle"));
@@ -120,7 +121,7 @@ const near = (value, expected, what) => assert.ok(Math.abs(value - expected) < 1
 test("a bore is measured from a place beside its centre, which becomes zero, and is taken back", async () => {
   await open("bore", "Bore");
   await moveTo(["X43.5 Y-15", "Z-20"]);
-  await fill({ "Longest way, mm": 25, "Diameter of the ball, mm": BALL, "Feed, mm/min": 6000 });
+  await fill({ "Longest distance, mm": 25, "Diameter of the ball, mm": BALL, "Feed, mm/min": 6000 });
   await touch();
   near(await found("Diameter"), BORE.diameter, "the diameter");
   near(await found("X, machine"), BORE.x, "X");
@@ -138,7 +139,7 @@ test("a bore is measured from a place beside its centre, which becomes zero, and
 test("a boss is measured on its four sides from above", async () => {
   await open("boss", "Boss");
   await moveTo(["Z-10", "X-51 Y35"]);
-  await fill({ "Size of the boss, about, mm": 25, "Clearance, mm": 6, "Down beside the boss, mm": 10, "Longest way, mm": 8, "Diameter of the ball, mm": BALL, "Feed, mm/min": 6000 });
+  await fill({ "Size of the boss, about, mm": 25, "Clearance, mm": 6, "Depth next to the boss, mm": 10, "Longest distance, mm": 8, "Diameter of the ball, mm": BALL, "Feed, mm/min": 6000 });
   await touch();
   near(await found("Diameter"), BOSS.diameter, "the diameter");
   near(await found("X, machine"), BOSS.x, "X");
@@ -150,7 +151,7 @@ test("a corner is found by two touches in one step, and the tool is where it beg
   await open("boss", "Corner");
   await moveTo(["Z0", "X190 Y140"]);
   await page.getByRole("radio", { name: "X+ Y+" }).click();
-  await fill({ "Longest way, mm": 30, "Clearance, mm": 5, "Diameter of the ball, mm": BALL, "Feed, mm/min": 6000 });
+  await fill({ "Longest distance, mm": 30, "Clearance, mm": 5, "Diameter of the ball, mm": BALL, "Feed, mm/min": 6000 });
   await touch();
   near(await found("X, machine"), 200 + BALL / 2, "X");
   near(await found("Y, machine"), 150 + BALL / 2, "Y");
@@ -163,13 +164,13 @@ test("a probe that does not touch says so, goes back, and nothing is written", a
   await moveTo(["X0 Y0", "Z-60"]);
   const before = await read("/cs/1/work_offsets");
   const { g, f } = await read("/cs/1/modal");
-  await fill({ "Longest way, mm": 5, "Feed, mm/min": 6000 });
+  await fill({ "Longest distance, mm": 5, "Feed, mm/min": 6000 });
   await touch();
-  await page.locator(".probe-said").getByText("The probe did not touch on its way Z−. Nothing was written.").waitFor();
+  await page.locator(".probe-said").getByText("The probe did not touch in its motion Z−. Nothing was written.").waitFor();
   assert.equal(await page.locator(".probe-found").count(), 0);
   near(await machineAt("Z"), -60, "Z");
   assert.deepEqual((await read("/cs/1/work_offsets")).work_offsets, before.work_offsets);
-  await fill({ "Longest way, mm": 30 });
+  await fill({ "Longest distance, mm": 30 });
   await touch();
   near(await found("Z, machine"), TOP, "Z");
   const after = await read("/cs/1/modal");
@@ -179,13 +180,13 @@ test("a probe that does not touch says so, goes back, and nothing is written", a
 test("a probe cycle finds the same place after MDI in inches and distances, and writes it in mm", async () => {
   await open("bore", "Top");
   await moveTo(["X0 Y0", "Z-60"]);
-  await fill({ "Longest way, mm": 30, "Feed, mm/min": 6000 });
+  await fill({ "Longest distance, mm": 30, "Feed, mm/min": 6000 });
   const mdi = async (text) => {
     const answer = await fetch(`${runtime.url}/api/v1/cs/1/mdi?wait=1`, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ text }) });
     assert.equal(answer.status, 200, await answer.text());
   };
   await mdi("G91 G20");
-  await until(() => page.getByLabel("Longest way, in", { exact: true }).inputValue(), "1.1811", "the longest way");
+  await until(() => page.getByLabel("Longest distance, in", { exact: true }).inputValue(), "1.1811", "the longest way");
   await touch();
   assert.equal(await found("Z, machine"), Math.round((TOP / 25.4) * 1e4) / 1e4);
   near(await machineAt("Z"), -60, "Z, where the touch began,");
@@ -201,16 +202,16 @@ test("a probe cycle finds the same place after MDI in inches and distances, and 
 test("of a bore that a way misses, no further way is gone", async () => {
   await open("bore", "Bore");
   await moveTo(["Z-20", "X41 Y-17"]);
-  await fill({ "Longest way, mm": 10, "Diameter of the ball, mm": BALL });
+  await fill({ "Longest distance, mm": 10, "Diameter of the ball, mm": BALL });
   await touch();
-  await page.locator(".probe-said").getByText("The probe did not touch on its way X+. Nothing was written.").waitFor();
+  await page.locator(".probe-said").getByText("The probe did not touch in its motion X+. Nothing was written.").waitFor();
   near(await machineAt("X"), 41, "X");
 });
 
 test("a tool is measured on a setter, by hand and by touching; its length is written and taken back", async () => {
   await open("bore", "Tool length");
   await moveTo(["X0 Y0", "Z-50"]);
-  await fill({ "Position of the setter, mm": SETTER, "Longest way, mm": 60 });
+  await fill({ "Position of the setter, mm": SETTER, "Longest distance, mm": 60 });
   await until(() => page.locator('tr[data-axis="Z"] td').nth(1).textContent(), "-50.000", "the machine position");
   await button("It touches now").click();
   near(await found("Length of the tool"), 150, "the length by hand");
@@ -270,7 +271,7 @@ test("a way beyond a soft limit is seen in the preview, and does not run", async
   await open("bore", "Edge");
   await moveTo(["Z0", "X490 Y0"]);
   await page.getByRole("radio", { name: "X+", exact: true }).click();
-  await fill({ "Longest way, mm": 20 });
+  await fill({ "Longest distance, mm": 20 });
   await button("Preview").click();
   await page.locator(".probe-said").getByText(/500/).waitFor();
   await disabled(button("Run the cycle"));
@@ -279,13 +280,13 @@ test("a way beyond a soft limit is seen in the preview, and does not run", async
 
 test("values are in inches where the screen is", async () => {
   await open("bore", "Edge");
-  await fill({ "Longest way, mm": 25.4 });
+  await fill({ "Longest distance, mm": 25.4 });
   const units = page.getByRole("button", { name: /^Units/ });
-  for (let presses = 0; presses < 3 && (await page.getByLabel("Longest way, in", { exact: true }).count()) === 0; presses += 1) {
+  for (let presses = 0; presses < 3 && (await page.getByLabel("Longest distance, in", { exact: true }).count()) === 0; presses += 1) {
     await units.click();
     await page.waitForTimeout(100);
   }
-  assert.equal(await page.getByLabel("Longest way, in", { exact: true }).inputValue(), "1.0000");
+  assert.equal(await page.getByLabel("Longest distance, in", { exact: true }).inputValue(), "1.0000");
 });
 
 test("a corner and an edge on any side are found on the side of the ball that touches", () => {
@@ -306,7 +307,7 @@ for (const [width, height] of SIZES) {
       screen = new Screen(page);
       await open("bore", "Bore");
       await moveTo(["Z-20", "X43.5 Y-15"]);
-      await fill({ "Longest way, mm": 25, "Diameter of the ball, mm": BALL, "Feed, mm/min": 6000 });
+      await fill({ "Longest distance, mm": 25, "Diameter of the ball, mm": BALL, "Feed, mm/min": 6000 });
       await button("Preview").click();
       await enabled(button("Run the cycle"));
       await picture(page, `probe-preview-${width}-${colorScheme}`);

@@ -38,7 +38,7 @@ afterEach(async () => {
   assert.deepEqual(machine.wrong, [], "the scripted machine speaks as a real one does");
 });
 
-/** M62, which its handler names "turn pallet", waits. */
+/** The program waits for M62, which its handler calls "turn pallet". */
 function waitForM62(change) {
   const output = {
     id: "boot-1-1-12", seq: 12, run_id: "r", m: 62, params: { A: 5 }, timing: "after_motion", program: 1, line: 2, attempt: 1,
@@ -179,7 +179,7 @@ for (const [width, height] of [[820, 1180], [390, 844]]) {
   });
 }
 
-/** Labels of what can be pressed, each as often as it is on the screen. */
+/** Labels of the controls that can be pressed, each as often as it is on the screen. */
 function labels() {
   return page.locator("button:visible, [role=radio]:visible, a:visible").evaluateAll((all) => all.map((one) => (one.getAttribute("aria-label") ?? one.textContent ?? "").trim()));
 }

@@ -1,4 +1,5 @@
-// Runs all tests of this folder, two files side by side; those alone that hold a button against the clock, or measure by it.
+// Runs all tests of this folder, two files at the same time. Tests that hold a button for a certain time, or measure
+// times, run alone.
 
 import { readdirSync } from "node:fs";
 import { run } from "node:test";

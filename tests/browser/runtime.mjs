@@ -1,4 +1,4 @@
-// Starts the real runtime, as its user would: the binary, a config file, a folder of its own.
+// Starts the real runtime as its user does: the binary, a configuration file, a separate folder.
 
 import assert from "node:assert/strict";
 import { execFile, spawn } from "node:child_process";
@@ -17,11 +17,11 @@ import { Screen } from "./screen.mjs";
 const BINARY = process.env.TANDEM_BIN ?? new URL("../../target/debug/tandem", import.meta.url).pathname;
 const START_MS = 20000;
 
-/** A bracket: contour, tool change in the middle, four holes. M08 and M100 have no handler here, so they stay open. */
+/** A bracket: contour, tool change in the middle, four holes. M08 and M100 have no handler here, so they stay pending. */
 const BRACKET = `// Bracket with four holes
 N10 G17 G90 G54
 N20 S3000
-N25 M08                    // coolant on, while the machine goes on
+N25 M08                    // coolant on, while the machine keeps moving
 N30 G00 X-8 Y-8 Z5
 N40 G01 Z-3 F3000
 N50 X88 F6000
@@ -47,7 +47,7 @@ N240 G00 Z50
 N250 M30
 `;
 
-/** Slow enough to be held, switched and stopped by hand. */
+/** A program that is slow enough for hold, switches and stop by hand. */
 const LONG_WAY = `// Long way
 G90 G54
 G01 X100 F600
@@ -114,7 +114,7 @@ listen = "127.0.0.1:${http}"
 `;
 }
 
-/** Below the ports that the system gives to clients, so that none of them has it before the runtime. */
+/** Ports below the range that the operating system assigns to clients, so that no client occupies one before the runtime. */
 export async function freePort() {
   const port = 10000 + Math.floor(Math.random() * 20000);
   const server = createServer();
@@ -133,7 +133,7 @@ export class Runtime {
   log = "";
   #child = null;
 
-  /** A folder with config and programs, and ports that are free now. */
+  /** Creates a folder with configuration and programs, and selects free ports. */
   static async create() {
     const runtime = new Runtime();
     runtime.folder = await mkdtemp(join(tmpdir(), "tandem-hmi-"));
@@ -144,7 +144,7 @@ export class Runtime {
     return runtime;
   }
 
-  /** From the next start on it asks for tokens; gives one. */
+  /** Requires tokens from the next start on; returns a token. */
   async withToken(role) {
     const arguments_ = ["token", "screen", "--role", role, "--file", join(this.folder, "tokens.toml")];
     const { stdout } = await promisify(execFile)(BINARY, arguments_);
@@ -152,19 +152,19 @@ export class Runtime {
     return stdout.match(/^token: (\w+)$/m)[1];
   }
 
-  /** From the next start on its configuration has these lines, too: those of a table that it has, or tables. */
+  /** Adds lines to the configuration for the next start: keys of an existing table, or new tables. */
   async add(lines, table = null) {
     const file = join(this.folder, "tandem.toml");
     const text = await readFile(file, "utf8");
     await writeFile(file, table ? text.replace(`\n[${table}]\n`, (head) => `${head}${lines}\n`) : `${text}${lines}`);
   }
 
-  /** The text of its configuration. */
+  /** Returns the text of the configuration. */
   configuration() {
     return readFile(join(this.folder, "tandem.toml"), "utf8");
   }
 
-  /** From the next start on a line of its configuration is another one. */
+  /** Replaces a line of the configuration for the next start. */
   async change(line, other) {
     const file = join(this.folder, "tandem.toml");
     const text = await this.configuration();
@@ -172,7 +172,7 @@ export class Runtime {
     await writeFile(file, text.replace(line, other));
   }
 
-  /** From the next start on this person may log in. */
+  /** Adds a person that may log in from the next start on. */
   async withPerson(name, role, pin) {
     const arguments_ = ["token", name, "--role", role, "--file", join(this.folder, "tokens.toml"), "--pin"];
     const ran = promisify(execFile)(BINARY, arguments_);
@@ -180,7 +180,7 @@ export class Runtime {
     await ran;
   }
 
-  /** Starts it, and waits until REST answers. */
+  /** Starts the runtime, and waits until REST answers. */
   async start() {
     const child = spawn(BINARY, ["serve", "--config", join(this.folder, "tandem.toml")], { stdio: ["ignore", "pipe", "pipe"] });
     this.#child = child;
@@ -196,7 +196,7 @@ export class Runtime {
     throw new Error(`the runtime does not answer at ${this.url}:\n${this.log}`);
   }
 
-  /** Lets it stand still, as a computer that is suspended does, until it is resumed. */
+  /** Suspends the process until it is resumed, as when a computer is suspended. */
   pause() {
     this.#child.kill("SIGSTOP");
   }
@@ -205,12 +205,12 @@ export class Runtime {
     this.#child?.kill("SIGCONT");
   }
 
-  /** Ends it at once, as a power cut does. */
+  /** Ends the process at once, as a power cut does. */
   async kill() {
     await this.#end("SIGKILL");
   }
 
-  /** Ends it in order; gives the exit code. */
+  /** Ends the process in order; returns the exit code. */
   async stop() {
     return this.#end("SIGTERM");
   }

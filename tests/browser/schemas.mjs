@@ -17,14 +17,14 @@ addFormats(ajv);
 for (const width of ["uint8", "uint16", "uint32", "uint64"]) ajv.addFormat(width, true);
 ajv.addSchema(openapi, "document");
 
-/** Lets objects have no other fields than those that are named. */
+/** Allows only the named fields in objects. */
 function close(schema) {
   if (schema === null || typeof schema !== "object") return;
   if (schema.type === "object" && schema.properties) schema.additionalProperties ??= false;
   for (const within of Object.values(schema)) close(within);
 }
 
-/** Returns the mistake of a value; null if it matches its form. */
+/** Returns the error in a value; null if the value matches its form. */
 function wrong(schema, value, what) {
   const pointer = schema.$ref ?? `#/components/schemas/${schema}`;
   const validate = ajv.getSchema(`document${pointer}`);
@@ -40,7 +40,7 @@ function parsed(text, what) {
   }
 }
 
-/** True when a path is one of a template with names in braces. */
+/** Returns true if a path matches a template with names in braces. */
 function fits(template, path) {
   const [wanted, levels] = [template.split("/"), path.split("/")];
   return wanted.length === levels.length && wanted.every((level, at) => level.startsWith("{") || level === levels[at]);
@@ -75,7 +75,7 @@ export function wrongAsked(text) {
   return error ?? wrong("WebSocketRequest", frame, "a frame of the page");
 }
 
-/** An answer of the machine, and the request where it was accepted: what no document names is wrong. */
+/** Checks an answer of the machine, and its request if the machine accepted it: a member that no document names is an error. */
 export function wrongAnswer({ method, path, sent, status, type, body }) {
   const what = `${method} ${path} ${status}`;
   const below = path.replace(/^\/api\/v1/, "");

@@ -1,4 +1,4 @@
-// The HMI as a person sees it: its parts by role and name, and waiting for what they show.
+// The HMI as a person sees it: finds its parts by role and name, and waits for their content.
 
 import assert from "node:assert/strict";
 import { setTimeout as sleep } from "node:timers/promises";
@@ -58,7 +58,7 @@ export class Screen {
     await this.page.locator("#by-hand").waitFor();
   }
 
-  /** Confirms an M code by hand, and answers the question that this asks. */
+  /** Confirms an M code by hand, and answers the confirmation question. */
   async confirmByHand(m) {
     await this.page.getByRole("button", { name: `Confirm M${m} by hand` }).click();
     await this.page.getByRole("dialog").getByRole("button", { name: `Confirm M${m}` }).click();

@@ -1,4 +1,5 @@
-// The HMI on a scripted machine: what a real one shows rarely, and how the screen is built.
+// The HMI on a scripted machine: states that a real machine shows rarely, and the structure
+// of the screen.
 
 import assert from "node:assert/strict";
 import { after, afterEach, before, beforeEach, test } from "node:test";
@@ -76,7 +77,7 @@ test("the sentence and the Start button have one source: what prevents a start",
   const start = page.getByRole("button", { name: "Start", exact: true });
   const sentence = page.locator(".sentence");
   say();
-  await sentence.getByText("Program O0001 is loaded and at its head. Press Start.").waitFor();
+  await sentence.getByText("Program O0001 is loaded, at line 1. Press Start.").waitFor();
   await enabled(start);
   for (const [one, words] of [
     [obstacle("interlock", { detail: "the door is open" }), "The interlock is on: the door is open."],
@@ -85,7 +86,7 @@ test("the sentence and the Start button have one source: what prevents a start",
     [obstacle("program", { detail: "it has 2 errors" }), "The program does not run: it has 2 errors."],
   ]) {
     say(one, obstacle("m_code", { refuses: false, m_codes: [77] }));
-    // the sentence of the obstacle before begins with the same words
+    // the sentence of the previous obstacle begins with the same words
     await sentence.getByText(words).waitFor();
     const said = await sentence.textContent();
     assert.ok(said.startsWith("Program O0001 is loaded.") && !said.includes("Press Start"), said);
@@ -119,7 +120,7 @@ test("values are marked as stale within a second after the last heartbeat", asyn
     clearInterval(beats);
   }
   const since = Date.now();
-  await banner.getByText("No news of the machine for").waitFor();
+  await banner.getByText("No message from the machine for").waitFor();
   assert.ok(Date.now() - since < 2000, `${Date.now() - since} ms`);
   assert.equal(await isStale(), true);
   machine.say("heartbeat", { cycle: 2 });
@@ -144,10 +145,10 @@ test("of a run no other plan is shown, and a time left that is not known is not 
   await until(lines, (count) => count < drawn, "lines drawn of another plan");
   machine.plans.delete(1);
   machine.rehearsals.set(1, { run: { at_s: 1, left_s: null, progress: 0.25 } });
-  await page.locator(".path-summary").getByText("25 %, time left not known, 0.0 s in all").waitFor();
+  await page.locator(".path-summary").getByText("25 %, time left unknown, 0.0 s in total").waitFor();
   await until(lines, (count) => count >= drawn, "lines drawn of the plan of the run");
   machine.state(1, { reason: "OVERRIDE_ZERO" });
-  await page.locator(".sentence").getByText("Program O0001 stands: the override is 0 %. Raise it to go on.").waitFor();
+  await page.locator(".sentence").getByText("Program O0001 does not move: the override is 0 %. Raise it to continue.").waitFor();
 });
 
 test("sentence names the M code, its parameters, the handler and its progress", async () => {
@@ -202,7 +203,7 @@ test("reset that comes too late says what became of it", async () => {
 test("lost handler is said in words and can be redelivered", async () => {
   waitForM100(null, { redelivered: true, lost: true, attempt: 2 });
   machine.state(1, { reason: "HANDLER_LOST" });
-  await page.getByText(/The handler of M100 \(TOOL_LOAD\) has gone/).first().waitFor();
+  await page.getByText(/The handler of M100 \(TOOL_LOAD\) is lost/).first().waitFor();
   await page.getByRole("button", { name: /Redeliver M100: look/ }).click();
   assert.deepEqual(await requestsUntil(1), [
     { method: "POST", path: "/cs/1/m_codes/12/redeliver", body: { boot_id: "boot-1", how: "verify" } },
@@ -245,7 +246,7 @@ test("a machine whose presence has grown too old is shown as lost, although its 
   machine.say("presence", { ...presence, expires_ms: 700 });
   const speaking = setInterval(() => machine.say("cs/1/position", machine.topics.get("cs/1/position")), 200);
   try {
-    await page.getByText("Not connected to the machine. The values on the screen are old.").waitFor();
+    await page.getByText("Not connected to the machine. The values on the screen are stale.").waitFor();
   } finally {
     clearInterval(speaking);
   }
@@ -290,10 +291,10 @@ test("the run that a restart cut short is told", async () => {
 
 test("Start commands only the state that is on the screen, and says so when it has moved on", async () => {
   const sent = page.waitForRequest((request) => request.url().endsWith("/cs/1/start"));
-  machine.answers.set("POST /cs/1/start", { status: 412, body: { detail: "the state has changed since; its rev is 9 now", code: "precondition_failed" } });
+  machine.answers.set("POST /cs/1/start", { status: 412, body: { detail: "the state has changed in the meantime; its rev is now 9", code: "precondition_failed" } });
   await screen.command("Start").click();
   assert.match((await sent).headers()["if-match"], /^"\d+", "boot:boot-1"$/);
-  await page.locator(".toast p").getByText("The state has changed since, so nothing was done. Look at the state, then press again.").waitFor();
+  await page.locator(".toast p").getByText("The state has changed in the meantime, so nothing was done. Look at the state, then press again.").waitFor();
   expectErrors(/status of 412/);
 });
 
@@ -337,7 +338,7 @@ test("who is logged in is seen, with the role, and a role that may only look has
   await page.getByText("anna, view", { exact: true }).waitFor();
   for (const label of ["Start", "Hold", "Stop"]) {
     await disabled(screen.command(label));
-    await until(() => screen.command(label).getAttribute("aria-description"), "anna is logged in with the role view, which may look, and not command.", "why");
+    await until(() => screen.command(label).getAttribute("aria-description"), "anna is logged in with the role view, which may read, but not command.", "why");
   }
   await page.getByRole("button", { name: "Logged in: anna, view" }).click();
   const left = page.waitForRequest((request) => request.method() === "DELETE" && request.url().endsWith("/api/v1/login"));
@@ -447,7 +448,7 @@ test("another boot is noticed: old values go, the new ones are shown", async () 
   waitForM100("demo");
   await screen.sees("WAIT");
   machine.setReachable(false);
-  await page.getByText(/Not connected to the machine\. The values on the screen are old\./).waitFor();
+  await page.getByText(/Not connected to the machine\. The values on the screen are stale\./).waitFor();
   machine.bootId = "boot-2";
   machine.start();
   machine.state(1, { execution: "STOPPED", reason: "RESTARTED" });

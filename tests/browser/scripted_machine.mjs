@@ -1,5 +1,6 @@
 // A machine played by the test: the HMI's files, REST and the WebSocket answered inside the browser. It shows the
-// HMI what a real machine shows rarely: a lost handler, refusals, a program of a million lines, another boot.
+// HMI states that are rare on a real machine: a lost handler, refusals, a program of a million lines, another
+// boot.
 
 import { readFile } from "node:fs/promises";
 import { extname, join } from "node:path";
@@ -47,7 +48,7 @@ export const STATE = {
   hash: PLAN.hash, o_number: null, single_block: false, dry_run: false, optional_stop: false, optional_skip: [], alarm_count: 0, last_command_id: null,
 };
 
-/** Whether a subscription, which may end with `#`, is of a topic. */
+/** Returns true if a subscription, which may end with `#`, includes a topic. */
 const fits = (pattern, topic) => pattern === topic || (pattern.endsWith("#") && topic.startsWith(pattern.slice(0, -1)));
 
 export class ScriptedMachine {
@@ -55,11 +56,11 @@ export class ScriptedMachine {
   rev = 0;
   /** Last payload of each topic. */
   topics = new Map();
-  /** Every request below `/api/v1` but reads: `{method, path, body}`. */
+  /** Every request below `/api/v1` except reads: `{method, path, body}`. */
   requests = [];
   /** Answers by `METHOD path`: `{status, body}`. */
   answers = new Map();
-  /** Vertices of planned paths by program: `[x, y, z, line, time, rapid]`; what rehearsals say. */
+  /** Vertices of planned paths by program: `[x, y, z, line, time, rapid]`; data of rehearsals. */
   paths = new Map();
   rehearsals = new Map();
   /** Program of the plan, if it differs from the run or the loaded text. */
@@ -70,12 +71,12 @@ export class ScriptedMachine {
   /** Frames of either side that no real machine sends or understands. */
   wrong = [];
   reachable = true;
-  /** Whether it takes further connections. */
+  /** True if further connections are accepted. */
   takesSockets = true;
   #sockets = new Set();
   #commands = new Set();
 
-  /** Takes over everything that the page asks of ORIGIN. */
+  /** Answers all requests of the page to ORIGIN. */
   async attach(page) {
     await page.routeWebSocket(/\/api\/v1\/ws$/, (socket) => {
       if (!this.reachable || !this.takesSockets) return void socket.close();
@@ -94,7 +95,7 @@ export class ScriptedMachine {
     await page.route(`${ORIGIN}/**`, (route) => this.#serve(route));
   }
 
-  /** Says a payload on a topic; outputs have the names that their numbers give them. */
+  /** Publishes a payload on a topic; outputs have names according to their numbers. */
   say(topic, payload) {
     const outputs = payload.outputs?.map((output) => ({ id: `${this.bootId}-${topic.split("/")[1]}-${output.seq}`, ...output }));
     this.topics.set(topic, outputs ? { ...payload, outputs } : payload);
@@ -102,12 +103,12 @@ export class ScriptedMachine {
     for (const socket of this.#sockets) if (wants(socket)) this.#send(socket, topic);
   }
 
-  /** Says the state of a coordinate system with these fields changed. */
+  /** Publishes the state of a coordinate system with these fields changed. */
   state(cs, change) {
     this.say(`cs/${cs}/state`, { ...STATE, ...this.topics.get(`cs/${cs}/state`), ...change });
   }
 
-  /** Ends all connections and takes none, or takes them again. */
+  /** Ends all connections and accepts none, or accepts them again. */
   setReachable(reachable) {
     this.reachable = reachable;
     if (!reachable) for (const socket of this.#sockets) socket.close();
@@ -140,7 +141,7 @@ export class ScriptedMachine {
     socket.send(frame);
   }
 
-  /** Notes a request that changes something, without its age limit; the same command once more is the same command. */
+  /** Records a request that changes something, without its age limit; a repeated command is recorded once. */
   #note(request, path) {
     const key = request.headers()["idempotency-key"];
     if (key !== undefined && this.#commands.has(key)) return;
@@ -215,7 +216,7 @@ function rest(cs) {
   return { cs, interval_s: 0.01, first: 0, next: 2, now: now(), now_s: 1, time_s: [0.98, 0.99], feedrate: zero, spindle_rpm: zero, axes: Object.fromEntries(letters.map((letter) => [letter, still])) };
 }
 
-/** Problem details, as a machine refuses. */
+/** Returns a refusal as problem details. */
 function problem({ status, body }) {
   const details = { type: "about:blank", title: "Refused", status, code: "refused", ...body };
   return { status, body: JSON.stringify(details), contentType: "application/problem+json" };

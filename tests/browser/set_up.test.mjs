@@ -21,7 +21,7 @@ async function read(path) {
 
 const offset = async (name, axis) => (await read("/cs/1/work_offsets")).work_offsets[name][axis];
 
-/** Waits for a work offset; what the screen has said meanwhile may tell why it does not come. */
+/** Waits for a work offset; after a time-out, the messages of the screen may show the reason. */
 async function offsetIs(name, axis, value) {
   await until(() => offset(name, axis), value, `${name} ${axis}`).catch(async (error) => {
     assert.fail(`${error.message}; notices: ${await screen.notices()}`);
@@ -99,9 +99,9 @@ test("with a tool length in force Z is set at the tip of the tool, and where nob
   await put("/cs/1/tool", { id: 7 });
   await moveTo("G54 G53 G00 Z-40");
   await section("Offsets");
-  await page.getByText(/No tool length is in force: Z counts at the spindle\./).waitFor();
+  await page.getByText(/No tool length is in force: Z refers to the spindle\./).waitFor();
   await moveTo("G43");
-  await page.getByText(/G43 is in force: the length of T7, 50\.000 mm, is taken into account, so that Z counts at its tip\./).waitFor();
+  await page.getByText(/G43 is in force: the length of T7, 50\.000 mm, is included, so that Z refers to the tip of the tool\./).waitFor();
   await until(() => page.locator('tr[data-axis="Z"] td').nth(1).textContent(), "-40.000", "the machine position");
   await page.getByRole("button", { name: "Z = 0" }).click();
   await offsetIs("G54", "Z", -90);
@@ -116,7 +116,7 @@ test("where positions are turned zero is not set, and a local coordinate system 
   await moveTo("G54 G53 G00 X30 Y20");
   await section("Offsets");
   const zero = page.getByRole("button", { name: "X = 0" });
-  const elsewhere = page.getByText(/The positions shown count from elsewhere: G54 was changed since it was called, or a G52 is in force/);
+  const elsewhere = page.getByText(/The positions shown have another zero: G54 was changed since it was called, or a G52 is in force/);
   for (const [code, end] of [["G68 X0 Y0 R30", "G69"], ["G51 X0 Y0 P2", "G50"], ["G51.1 X0", "G50.1"]]) {
     await moveTo(code);
     await disabled(zero);
@@ -152,7 +152,7 @@ test("a tool is added, measured, and taken out", async () => {
   await radius.fill("2.5");
   await radius.press("Enter");
   await until(async () => (await read("/tools")).tools.find(({ id }) => id === 7)?.radius, 2.5, "the radius");
-  await page.getByRole("button", { name: "Take T7 out of the table" }).click();
+  await page.getByRole("button", { name: "Remove T7 from the table" }).click();
   await until(async () => (await read("/tools")).tools.some(({ id }) => id === 7), false, "the tool");
   await page.getByRole("button", { name: "Undo" }).click();
   await until(async () => (await read("/tools")).tools.find(({ id }) => id === 7)?.radius, 2.5, "the radius");

@@ -13,7 +13,7 @@ import { disabled, enabled, Screen, until } from "./screen.mjs";
 /** Age from which data must be marked as stale, ms. */
 const STALE_MS = 1000;
 const ROUNDS = 3;
-/** M60 has no handler, and would end the run in an alarm. */
+/** M60 has no handler, and would end the run with an alarm. */
 const UNHANDLED = "G90 G54\nG00 X10\nM60\nM30\n";
 /** Beyond the soft limit of 500 mm. */
 const BEYOND = "G90\nG01 X900 F6000\nM30\n";
@@ -87,7 +87,7 @@ async function sentences({ screen, tiles }) {
   return Promise.all([screen.page.locator(".sentence").textContent(), ...said]);
 }
 
-/** Waits until all of them say the same, in which the words are; a tile ends a long sentence earlier. */
+/** Waits until all sentences are equal and contain the words; a tile shortens a long sentence. */
 async function allSay(all, words) {
   const isSame = ([first, ...others]) => others.every((one) => first.startsWith(one.replace(/ …$/, "")));
   await until(() => sentences(all), (said) => said.every((one) => one.includes(words)) && isSame(said), `the sentences with "${words}"`);
@@ -162,11 +162,11 @@ test("what is older than a second is grey and marked as stale on the screen and 
     }
     await until(isMarked, [null, null, null], "the marks");
   }
-  // clocks of a busy computer are late now and then
+  // timers of a busy computer are sometimes late
   for (const times of took) assert.ok(Math.min(...times) <= STALE_MS, `marked after ${took.map((one) => one.join(", ")).join("; ")} ms`);
 });
 
-/** In the page: notes when the mark comes. */
+/** In the page: records the time at which the mark appears. */
 function markedAt() {
   new MutationObserver((changes, observer) => {
     if (!changes.some(({ target }) => target.hasAttribute("data-stale"))) return;
@@ -176,8 +176,8 @@ function markedAt() {
 }
 
 async function isGrey({ screen, tiles }) {
-  await screen.page.getByText("No news of the machine for").first().waitFor();
-  for (const tile of tiles) await tile.getByText("No news of the machine for").waitFor();
+  await screen.page.getByText("No message from the machine for").first().waitFor();
+  for (const tile of tiles) await tile.getByText("No message from the machine for").waitFor();
   for (const element of [screen.page.locator(".status"), ...tiles.map((tile) => tile.locator(".machine-systems"))]) {
     assert.match(await element.evaluate((one) => getComputedStyle(one).filter), /grayscale\(1\)/);
   }

@@ -7,7 +7,7 @@ import { launch, openPage } from "./browser.mjs";
 import { BIRTH, ORIGIN, ScriptedMachine } from "./scripted_machine.mjs";
 import { disabled, Screen, until } from "./screen.mjs";
 
-const OLDER = { part: "store", fault: "older", text: "data/state.redb: it is an older copy, of generation 5; other files know generation 9" };
+const OLDER = { part: "store", fault: "older", text: "data/state.redb: the file is an older copy, of generation 5; other files name generation 9" };
 const QUESTION = { since: "2026-11-28T10:00:00.000000Z", newest_journal_entry: "2026-11-28T09:58:00.000000Z", findings: [OLDER] };
 
 let browser;
@@ -46,11 +46,11 @@ const press = (name) => page.getByRole("button", { name, exact: true });
 
 test("the question names the parts and the newest journal entry, and a decision is confirmed before it is sent", async () => {
   await open();
-  await until(() => note().innerText(), /variables, tools and offsets: an older copy[^]*newest entry of the journal is of/);
+  await until(() => note().innerText(), /variables, tools and offsets: an older copy[^]*newest entry of the journal is from/);
   for (const [name, decision] of [["Refuse them", "refuse"], ["Accept them", "accept"]]) {
     await note().getByRole("button", { name, exact: true }).click();
     const dialog = page.getByRole("dialog");
-    await until(() => dialog.innerText(), /generation 5; other files know generation 9/);
+    await until(() => dialog.innerText(), /generation 5; other files name generation 9/);
     await press("Decide later").click();
     assert.equal(machine.requests.filter(({ path }) => path.endsWith("/stored_data/answer")).length, decision === "refuse" ? 0 : 1);
     await note().getByRole("button", { name, exact: true }).click();

@@ -1,17 +1,17 @@
-// Finds texts for people in the code of the HMI: they belong into its tables of languages.
+// Finds texts for people in the code of the HMI: these texts belong in its language tables.
 
 import ts from "typescript";
 
-/** Properties and attributes whose value is no text. */
+/** Properties and attributes without text. */
 const TECHNICAL = /^(Authorization|Content-Type|class|id|type|role|name|for|href|src|autocomplete|autocapitalize|inputmode|enterkeyhint|method|download|place|kind|tone|icon|verb|key|tabindex|data-.+|aria-(controls|labelledby|describedby|live|pressed|checked|expanded|selected|current|sort|haspopup|invalid))$/;
-/** Properties and attributes whose value is read by people. */
+/** Properties and attributes with texts for people. */
 const READ = /^(aria-(label|description|roledescription|valuetext|placeholder)|title|placeholder|alt|label|text|says|yes|no|about)$/;
-/** Calls whose arguments are no texts. */
+/** Calls without text arguments. */
 const MECHANICAL = /(^|\.)(t|has|querySelector|querySelectorAll|closest|matches|addEventListener|removeEventListener|getAttribute|setAttribute|hasAttribute|removeAttribute|matchMedia|getItem|setItem|setProperty|removeProperty|define|getContext|getUniformLocation|getAttribLocation|includes|startsWith|endsWith|split|join|replace|replaceAll|match|matchAll|test|RegExp|register|icon|setIcon|createElement|createElementNS|get|set|on|add|keep|request|shape|picture|toggle|remove|contains|postMessage|dispatchEvent|CustomEvent|KeyboardEvent|command|explain|indexOf|lastIndexOf|padStart|padEnd|toLocaleString|DateTimeFormat|NumberFormat)$/;
-/** Calls of which the arguments from this one on are texts, or this one alone. */
+/** Calls with text arguments: from this argument on, or only this one. */
 const SHOWN = { h: 2, button: 1, fill: 1, append: 0 };
 const SHOWN_ALONE = { setText: 1, toast: 0, show: 0, Refusal: 0, Error: 0, openDialog: 1, card: 1, text: 2, fillText: 0 };
-/** Proper names that are the same in every language. */
+/** Proper names, which are equal in every language. */
 const PROPER = /\b(Tandem|OpenAPI|AsyncAPI|REST|MQTT|QoS|WebSocket|SHA-256|[KM]iB|mm|min|seq|XYZ)\b/g;
 
 const PROSE = /\p{L}[,.:;]? +\p{L}{2}/u;
@@ -49,7 +49,7 @@ function isText(node) {
   return where !== "technical" && (PROSE.test(text) || text.split("\u0000").some((part) => CAPITAL.test(part.trim())));
 }
 
-/** Whether a literal is in a place that people read, in one of the machine, or anywhere. */
+/** Returns the kind of place in which a literal is: read by people, read by the machine, or unknown. */
 function placeOf(node) {
   let [child, parent] = [node, node.parent];
   for (; parent; [child, parent] = [parent, parent.parent]) {
@@ -76,7 +76,7 @@ function ofCall(call, child) {
   const name = callee.split(".").at(-1);
   const at = call.arguments?.indexOf(child) ?? -1;
   if (callee === "setAttr") return at === 2 ? ofName(call.arguments[1]?.text) : "technical";
-  // what a programmer has done wrong
+  // messages about a programmer's mistake
   if (callee === "TypeError") return "technical";
   if (name in SHOWN_ALONE) return SHOWN_ALONE[name] === at ? "read" : "technical";
   return at >= (SHOWN[name] ?? Number.POSITIVE_INFINITY) ? "read" : "anywhere";
@@ -94,8 +94,8 @@ export function literalsIn(name, source) {
 }
 
 /**
- * Where texts of the tables are asked for: the keys that are written there, and the names of their values, where both are.
- * @param {string} name @param {string} source
+ * Finds the places that use texts of the tables: the written keys, and the names of their values. @param {string} name
+ * @param {string} source
  */
 export function callsOfTexts(name, source) {
   const file = ts.createSourceFile(name, source, ts.ScriptTarget.ES2023, true, ts.ScriptKind.JS);
@@ -114,7 +114,7 @@ export function callsOfTexts(name, source) {
   return found;
 }
 
-/** The keys that an argument may be; none where that is decided elsewhere. */
+/** Returns the possible keys of an argument; none if they are determined elsewhere. */
 function keysOf(node) {
   if (node && ts.isStringLiteralLike(node)) return [node.text];
   if (node && ts.isConditionalExpression(node)) return [...keysOf(node.whenTrue), ...keysOf(node.whenFalse)];

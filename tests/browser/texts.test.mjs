@@ -17,7 +17,7 @@ const NAMES = ['"English"', '"Deutsch"'];
 const files = (await readdir(WEB, { recursive: true })).filter((name) => name.endsWith(".js") && !/^(vendor|language)\//.test(name));
 const sources = await Promise.all(files.map(async (name) => ({ name, source: await readFile(WEB + name, "utf8") })));
 
-/** Places for values of a text, in all its forms. */
+/** Returns the placeholders of a text, in all its forms. */
 function places(text) {
   const forms = typeof text === "string" ? [text] : Object.values(text);
   return [...new Set(forms.flatMap((form) => [...form.matchAll(/\{(\w+)\}/g)].map(([, name]) => name)))].sort();
@@ -87,7 +87,7 @@ test("what is a sentence in English is one in every language", () => {
     for (const [key, text] of Object.entries(table)) {
       const [form, other] = [text, en[key]].map((one) => (typeof one === "string" ? one : one.other));
       const ends = (one) => /[.。?？]$/.test(one.trim());
-      // one that ends with a value is a sentence where that is one
+      // a text that ends with a value is a sentence if the value is a sentence
       if (ends(other) && !/\{\w+\}[.]?$/.test(other)) assert.ok(ends(form), `${language} ${key}: ${form}`);
     }
   }

@@ -1,4 +1,4 @@
-// The HMI and the page of the interface where the machine asks for tokens.
+// The HMI and the page of the interface on a machine that requires tokens.
 
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
@@ -35,7 +35,7 @@ test("the screen asks for a token until it has a right one, and then connects", 
   await enter(token);
   await page.getByText("Connected", { exact: true }).waitFor();
   await close();
-  // two tries without a right token, which the browser reports itself
+  // two attempts without a valid token, which the browser itself reports
   assert.deepEqual(errors.filter((error) => !error.includes("401")), []);
 });
 
@@ -62,7 +62,7 @@ test("the page of the interface shows routes and topics, and loads nothing from 
   await page.goto(`${runtime.url}/api`);
   const start = page.locator("details").filter({ has: page.getByText("/api/v1/cs/{cs}/start", { exact: true }) });
   await start.locator("summary").click();
-  await start.getByText("Starts the loaded program, from its head or from a line.").waitFor();
+  await start.getByText("Starts the loaded program, from its beginning or from a line.").waitFor();
   await page.getByText("tandem/v1/{machine}/cs/{cs}/state", { exact: true }).waitFor();
   await close();
   assert.deepEqual([...hosts], [runtime.url]);

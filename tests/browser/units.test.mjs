@@ -252,13 +252,13 @@ test("a typed length stays when another client changes the tool table", async ()
 
 test("probe distances keep their length when a program changes the unit", async () => {
   await setUp("Probe");
-  await page.getByLabel("Longest way, mm").fill("25.4");
+  await page.getByLabel("Longest distance, mm").fill("25.4");
   await page.getByLabel("Feed, mm/min").fill("254");
   await programInInches();
-  assert.equal(await page.getByLabel("Longest way, in", { exact: true }).inputValue(), "1.0000");
+  assert.equal(await page.getByLabel("Longest distance, in", { exact: true }).inputValue(), "1.0000");
   assert.equal(await page.getByLabel("Feed, in/min").inputValue(), "10.0000");
   await page.reload();
-  await page.getByLabel("Longest way, in", { exact: true }).or(page.getByRole("tab", { name: "Set up" })).first().waitFor();
+  await page.getByLabel("Longest distance, in", { exact: true }).or(page.getByRole("tab", { name: "Set up" })).first().waitFor();
   const kept = await page.evaluate(() => JSON.parse(localStorage.getItem("tandem-probe")));
   assert.deepEqual([kept.distance, kept.feed], [25.4, 254], "what the browser remembers is in mm and mm/min");
 });
@@ -304,7 +304,7 @@ test("an MDI line is not run in a state that the screen has not shown", async ()
     answer.send(JSON.stringify({ text: "G20" }));
     document.querySelector(".mdi").requestSubmit();
   }, url);
-  await page.getByText("The state has changed since, so nothing was done.").waitFor();
+  await page.getByText("The state has changed in the meantime, so nothing was done.").waitFor();
   assert.equal(await machine("X"), begin);
   errors.splice(0, errors.length, ...errors.filter((text) => !/status of 412/.test(text)));
 });

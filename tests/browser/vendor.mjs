@@ -1,4 +1,4 @@
-// Builds what the HMI has of others as one ES module each, with the licences of all that is in it: `npm run vendor`.
+// Builds each third-party library of the HMI as one ES module, with the licences of all its parts: `npm run vendor`.
 
 import { build } from "esbuild";
 import { readFile, writeFile } from "node:fs/promises";
@@ -7,7 +7,7 @@ import { fileURLToPath } from "node:url";
 const HERE = new URL(".", import.meta.url);
 export const VENDORED = new URL("../../web/vendor/", HERE);
 
-/** The files of web/vendor by name, as the pinned packages give them. */
+/** Returns the files of web/vendor by name, built from the pinned packages. */
 export async function vendored() {
   const options = { bundle: true, format: "esm", minify: true, legalComments: "none", target: "es2022", metafile: true, write: false };
   const { outputFiles, metafile } = await build({ ...options, entryPoints: [fileURLToPath(new URL("codemirror.mjs", HERE))], absWorkingDir: fileURLToPath(HERE) });
@@ -19,7 +19,7 @@ export async function vendored() {
   };
 }
 
-/** The text of each licence, after the packages that have it. @param {string[]} names of packages */
+/** Returns the text of each licence, preceded by the packages that have it. @param {string[]} names of packages */
 async function licencesOf(names) {
   /** @type {Map<string, string[]>} */
   const holders = new Map();

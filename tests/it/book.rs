@@ -1,5 +1,5 @@
-//! The README and the book in `docs/`: their commands do what they say, their links lead somewhere, their lists are
-//! complete.
+//! The README and the book in `docs/`: their commands give the described results, their links have targets,
+//! and their lists are complete.
 
 mod commands;
 mod container;

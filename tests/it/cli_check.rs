@@ -229,7 +229,7 @@ fn config_alone_is_checked() {
 }
 
 #[test]
-fn config_alone_notes_what_max_jerk_and_limits_below_those_of_g00_do_not_bound() {
+fn config_check_notes_max_jerk_and_rapid_limits_above_the_maximum() {
     let config = format!("[machine]\nname = \"test-1\"\n{MOTORS}{COORDINATE_SYSTEMS}").replacen(
         "max_velocity = 500.0\nmax_acceleration = 5000.0\nrapid_velocity = 100.0\nrapid_acceleration = 1000.0\n",
         "max_velocity = 500.0\nmax_acceleration = 5000.0\nmax_jerk = 9000.0\nrapid_velocity = 600.0\nrapid_acceleration = 6000.0\n",
@@ -253,7 +253,7 @@ fn config_alone_notes_what_max_jerk_and_limits_below_those_of_g00_do_not_bound()
 }
 
 #[test]
-fn an_unknown_config_key_is_named_with_its_place_and_the_nearest_known_one() {
+fn unknown_config_key_reported_with_line_and_nearest_known_key() {
     for (more, key, known, line) in [
         ("[m_code.5]\ntimout_ms = 5\n", "timout_ms", "timeout_ms", 2),
         ("[mqtt]\nbrocker = \"embedded\"\n", "brocker", "broker", 2),
@@ -290,7 +290,7 @@ fn with_a_config_axes_that_the_machine_does_not_have_are_errors() {
 }
 
 #[test]
-fn called_programs_are_checked_in_the_state_that_they_are_called_in_and_named() {
+fn called_programs_checked_in_the_state_of_their_call_and_named() {
     let machine = Machine::new("");
     machine.write("1.nc", "G01 X1 F100\nQ0 = 1001\nM98 P[Q0]\nM98 P1002\nM30\n");
     machine.write("1001.nc", "X3 R5\nM99\n");

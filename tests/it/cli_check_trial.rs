@@ -1,4 +1,5 @@
-//! `tandem check` runs a program without moving anything: what a stage behind the checker refuses is found as well.
+//! `tandem check` runs a program without moving anything: refusals of the stages after the checker are found
+//! as well.
 
 use serde_json::Value;
 
@@ -20,7 +21,7 @@ radius = 5.0
 length = 80.0
 "#;
 
-/// The findings of a program, each as place and code.
+/// Returns the findings of a program, each as position and code.
 fn found(text: &str, with_config: bool) -> Vec<String> {
     let machine = Machine::new(M_CODES);
     machine.write("main.nc", text);
@@ -49,7 +50,7 @@ fn found(text: &str, with_config: bool) -> Vec<String> {
 
 #[test]
 fn a_target_beyond_a_soft_limit_is_an_error_with_the_machine_alone() {
-    // G54 lies at X 10, and the motor ends at 300
+    // G54 is at X 10, and the motor's limit is 300
     let at = |x: &str| format!("G90 G54 G00 X0\nG01 F500 X{x}\nM30\n");
     assert_eq!(found(&at("290"), true), [""; 0]);
     assert_eq!(found(&at("290.001"), true), ["main.nc:2:10 E0128"]);
@@ -58,7 +59,7 @@ fn a_target_beyond_a_soft_limit_is_an_error_with_the_machine_alone() {
 
 #[test]
 fn all_targets_beyond_soft_limits_are_told_at_once() {
-    // G54 lies at X 10 and Y 20; the motor of X ends at 300
+    // G54 is at X 10 and Y 20; the limit of the X motor is 300
     let text = "G90 G54 G00 X400\nG01 F500 X500\nX0 Y0\nG02 X0 Y600 R300\nG00 X295\nM30\n";
     let beyond = [
         "main.nc:1:13 E0128",
@@ -67,7 +68,7 @@ fn all_targets_beyond_soft_limits_are_told_at_once() {
         "main.nc:5:5 E0128",
     ];
     assert_eq!(found(text, true), beyond);
-    // distances count on from there
+    // distances continue from there
     let by_distances = "G91 G00 X400\nX-150\nX100\nM30\n";
     assert_eq!(
         found(by_distances, true),
@@ -89,7 +90,7 @@ fn all_that_cutter_compensation_refuses_is_told_at_once() {
 }
 
 #[test]
-fn a_cutting_motion_before_any_f_is_a_warning_where_no_machine_says_what_it_takes() {
+fn cut_before_f_is_a_warning_without_a_machine_and_an_error_with_one() {
     let cuts = "G90 G54 G00 X0\nG01 X10\nX20\nM30\n";
     assert_eq!(found(cuts, false), ["main.nc:2:1 W0018"], "once");
     assert_eq!(found(cuts, true), ["main.nc:2:1 E0126"], "default_feedrate is 0");
@@ -158,7 +159,7 @@ fn a_loop_that_neither_moves_nor_waits_nor_ends_is_an_error() {
 }
 
 #[test]
-fn what_depends_on_values_block_skip_or_the_start_is_a_warning_that_names_it() {
+fn fault_that_depends_on_value_skip_or_start_is_a_warning() {
     let distorts = "G90 G54 G00 X0 Y0 Z0\nG51 X0 Y0 Z0 I2 J1 K1\n";
     let arc = "G02 X4 I2 F500\n";
     let on_value = format!("{distorts}if (P5 == 3) {{\n{arc}}}\nM30\n");
@@ -173,7 +174,7 @@ fn what_depends_on_values_block_skip_or_the_start_is_a_warning_that_names_it() {
 }
 
 #[test]
-fn a_feedrate_that_a_variable_holds_is_tried_in_a_program_of_straight_lines_too() {
+fn variable_feedrate_is_tried_in_a_program_of_straight_lines() {
     assert_eq!(found("G01 F[P0] X1\nM30\n", false), ["main.nc:1:1 W0013"]);
     assert_eq!(found("F100\nG01 X[P0]\nM30\n", false), [""; 0]);
 }

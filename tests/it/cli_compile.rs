@@ -3,7 +3,7 @@
 use crate::support::machine::Machine;
 use crate::support::simulated::{Ran, run};
 
-/// All that the intermediate code has a rule for.
+/// A program with everything for which the intermediate code has a rule.
 const MAIN: &str = "\
 n5 g90 G64 F800 ta200 /* one comment
 over two lines */
@@ -111,7 +111,7 @@ fn with_a_folder_each_program_has_its_file() {
 }
 
 #[test]
-fn programs_whose_results_would_have_one_name_are_refused_before_anything_is_written() {
+fn programs_with_the_same_output_name_are_refused_before_any_write() {
     let machine = Machine::new("");
     for folder in ["a", "b"] {
         std::fs::create_dir(machine.path(folder)).unwrap();

@@ -1,4 +1,4 @@
-//! Mistakes for which `tandem check --config` and `tandem serve` refuse a configuration, in the same words.
+//! Errors for which `tandem check --config` and `tandem serve` refuse a configuration, with equal texts.
 
 use std::path::Path;
 use std::time::Duration;
@@ -8,7 +8,8 @@ use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS, Machine};
 use crate::support::served::{FREE_PORTS, Process};
 use crate::support::simulated::{Ran, run};
 
-/// One linear motor and one coordinate system; `motor` and `system` are further keys of theirs, `more` stands behind.
+/// Returns a configuration with one linear motor and one coordinate system, with the further keys `motor` and
+/// `system`, followed by `more`.
 fn small(motor: &str, system: &str, more: &str) -> String {
     format!(
         "[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 500.0\nmax_acceleration = 5000.0\n{motor}\n\
@@ -21,7 +22,7 @@ fn check(config: &str) -> Ran {
     run(machine.folder(), &["check", "--config", "tandem.toml"])
 }
 
-/// Each of these must be refused with exit 2 and name all the words.
+/// Checks that each configuration is refused with exit code 2, and that the text contains all the words.
 fn all_refused(cases: &[(String, &[&str])]) {
     let wrong: Vec<String> = cases
         .iter()
@@ -165,7 +166,7 @@ fn every_number_of_the_other_tables_is_finite_and_in_range() {
 }
 
 #[test]
-fn a_word_that_a_key_does_not_take_is_told_with_its_place_and_all_that_it_takes() {
+fn invalid_config_word_reported_with_line_and_allowed_words() {
     for (key, words) in [
         ("units", "\"mm\" or \"inch\""),
         ("short_block", "\"shrink\" or \"extend\""),
@@ -235,7 +236,7 @@ fn d35_an_m_code_that_the_runtime_handles_itself_has_no_table() {
     for m in [0, 1, 2, 30, 98, 99] {
         all_refused(&[(
             small("", "", &format!("[m_code.{m}]\ntimeout_ms = 5")),
-            &[&format!("[m_code.{m}]"), "nothing reads"],
+            &[&format!("[m_code.{m}]"), "has no effect"],
         )]);
     }
     assert_eq!(check(&small("", "", "[m_code.3]\n[m_code.19]")).code, 0);
@@ -319,7 +320,7 @@ fn a_key_of_mqtt_that_nothing_reads_is_refused() {
     ]);
 }
 
-/// Mistakes other than values: addresses, files that it names.
+/// Errors outside of values: addresses, and named files.
 fn of_server_ends() -> Vec<(String, Vec<&'static str>)> {
     let mut cases = Vec::new();
     for end in ["http", "mqtt"] {
@@ -433,7 +434,7 @@ fn a_program_to_preload_is_a_file_that_can_be_read() {
 }
 
 #[test]
-fn a_configuration_checked_for_an_editor_leaves_json_alone_on_standard_output() {
+fn config_check_with_json_format_prints_only_json() {
     let machine = Machine::new("");
     let arguments = ["check", "--config", "tandem.toml", "--format", "json"];
     let ran = run(machine.folder(), &arguments);

@@ -42,7 +42,7 @@ fn layout_comments_numbers_and_lines_in_two_parts_are_no_difference() {
     let ran = diff(OLD, new, &[]);
     assert!(
         ran.stdout
-            .starts_with("no difference in way, M codes and time: old "),
+            .starts_with("no difference in path, M codes and time: old "),
         "{}",
         ran.stdout
     );
@@ -53,7 +53,7 @@ fn another_way_is_told_with_the_lines_of_both() {
     let new = "G90 G00 X10\nG01 X50 F6000\n// longer\nY60\nM100 VA5\nX50 Y40\nX0\nM30\n";
     let found = differences(OLD, new, &[]);
     assert_eq!(found[0]["what"], json!(["path"]), "{found:?}");
-    // the M code is the same, but lies within the other way
+    // the M code is equal, but is within the changed path
     let parts = (lines(&found[0]["old"]), lines(&found[0]["new"]));
     assert_eq!((found.len(), parts), (1, ([3, 4], [4, 6])), "{found:?}");
 }

@@ -105,7 +105,7 @@ fn sarif(ran: &Ran) -> Value {
 }
 
 #[test]
-fn sarif_is_what_its_schema_requires_and_each_result_has_its_rule_level_and_place() {
+fn sarif_matches_its_schema_with_rule_level_and_location() {
     let machine = Machine::new("");
     machine.write("a part.nc", BROKEN);
     machine.write("warned.nc", "M98 P4000\nM30\n");
@@ -144,7 +144,7 @@ fn sarif_is_what_its_schema_requires_and_each_result_has_its_rule_level_and_plac
 }
 
 #[test]
-fn sarif_names_files_as_references_of_uris_and_says_when_one_could_not_be_read() {
+fn sarif_encodes_file_uris_and_reports_an_unreadable_file() {
     let machine = Machine::new("");
     for name in ["1:2.nc", "ä#%.nc"] {
         machine.write(name, "G05\nM30\n");
@@ -190,7 +190,7 @@ fn sarif_of_nothing_wrong_is_a_run_without_results() {
 }
 
 #[test]
-fn check_reads_standard_input_and_finds_its_subprograms_in_the_current_folder() {
+fn check_reads_stdin_and_finds_subprograms_in_the_current_folder() {
     let machine = Machine::new("");
     machine.write("1000.nc", "M07\nM99\n");
     let ran = run_with(machine.folder(), &["check", "-"], BROKEN);

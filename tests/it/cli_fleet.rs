@@ -3,7 +3,7 @@
 use crate::support::broker::Mosquitto;
 use crate::support::simulated::run;
 
-/// The number behind a name of the report.
+/// Returns the number after a name in the report.
 fn number(report: &str, name: &str) -> f64 {
     let line = report.lines().find_map(|line| line.trim().strip_prefix(name));
     let line = line.unwrap_or_else(|| panic!("no {name} in:\n{report}"));

@@ -12,7 +12,7 @@ const UGLY: &str = "g90  g54\nG01X10 f1000// fast\nm30";
 const LAID_OUT: &str = "G90 G54\nG01 X10 F1000 // fast\nM30\n";
 
 #[test]
-fn fmt_writes_only_files_that_are_not_laid_out_and_keeps_their_rights_and_links() {
+fn fmt_rewrites_only_unformatted_files_and_keeps_mode_and_links() {
     let machine = Machine::new("");
     machine.write("ugly.nc", UGLY);
     machine.write("good.nc", LAID_OUT);
@@ -74,7 +74,7 @@ fn fmt_leaves_a_program_with_errors_as_it_is_and_says_what_is_wrong() {
     assert_eq!(ran.code, 2);
     let ran = run(machine.folder(), &["fmt", "broken.nc"]);
     assert_eq!((ran.code, ran.stdout.as_str()), (1, ""));
-    for said in ["broken.nc:2:5", "E0003", "broken.nc: left as it is"] {
+    for said in ["broken.nc:2:5", "E0003", "broken.nc: not changed"] {
         assert!(ran.stderr.contains(said), "{}", ran.stderr);
     }
     assert_eq!(fs::read_to_string(machine.path("broken.nc")).unwrap(), broken);

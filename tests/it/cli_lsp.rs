@@ -17,7 +17,7 @@ struct Editor {
 
 impl Drop for Editor {
     fn drop(&mut self) {
-        // it may already have ended
+        // the process may already have ended
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
@@ -151,7 +151,7 @@ fn the_server_finds_times_and_ends_over_standard_input_and_output() {
     write!(editor.stdin, "Content-Length: 5\r\n\r\n{{{{{{{{{{").unwrap();
     let told = editor.wait_for(|message| message["method"] == "window/logMessage");
     let text = told["params"]["message"].as_str().unwrap();
-    assert!(text.contains("none of JSON-RPC"), "{text}");
+    assert!(text.contains("not valid JSON-RPC"), "{text}");
     editor.send(json!({"id": 3, "method": "shutdown"}));
     editor.wait_for(|message| message["id"] == 3);
     editor.tell("exit", &json!(null));

@@ -1,4 +1,4 @@
-//! Standard output of the commands: what cannot be written to it is no success.
+//! Standard output of the commands: a failure to write it is an error.
 
 use std::fs::File;
 use std::io::Read as _;

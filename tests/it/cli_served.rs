@@ -37,7 +37,7 @@ fn tandem(machine: &Machine, arguments: &[&str]) -> Ran {
 }
 
 #[test]
-fn wrong_parameters_are_errors_at_their_words_and_an_m_code_that_nobody_serves_is_a_warning() {
+fn wrong_parameter_is_an_error_unserved_m_code_is_a_warning() {
     let machine = machine();
     machine.write(
         "main.nc",

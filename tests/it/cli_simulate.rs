@@ -354,7 +354,7 @@ fn simulate_neither_reads_nor_writes_the_data_folder_and_starts_from_zero() {
 }
 
 #[test]
-fn blocks_counts_programmed_blocks_a_fixed_cycle_as_one_and_each_pass_of_a_loop() {
+fn blocks_counts_a_fixed_cycle_once_and_each_loop_pass() {
     for (program, blocks) in [
         ("F100 S300\nG84 X5 Z-10 R-5 P200\nX10\nG80\nG00 X40\nM30\n", 3),
         ("G00 X20\nG28 X10\nG00 X5\nM30\n", 3),

@@ -59,7 +59,7 @@ fn an_exact_stop_loses_half_of_both_ramps_and_the_wait_between_them() {
         (&json!(1), &json!(1))
     );
     assert_eq!(stopped.json["lost"]["corners"]["places"], 0);
-    // superposed ramps lose nothing on a straight line, so that the run is so much shorter
+    // superposed ramps lose no time on a straight line, so the run is shorter by that time
     assert_eq!(blended.json["lost"]["exact_stops"]["places"], 0);
     assert_eq!(blended.json["lost"]["corners"]["places"], 1);
     close(&blended.json["lost"]["corners"]["lost_s"], 0.0, 1e-9);
@@ -109,7 +109,7 @@ fn time_and_way_are_told_by_tool_and_by_program() {
     // 50 mm at 100 mm/s with ramps of 0.1 s
     close(&tools["0"]["rapid_s"], 0.6, CYCLES_S);
     close(&tools["5"]["rapid_mm"], 0.0, 1e-9);
-    // two chains of lines: ramps superpose the corner, so that the way is at most the lines'
+    // two chains of lines: superposed ramps round the corner, so the path is at most as long as the lines
     let way = number(&tools["5"]["feed_mm"]);
     assert!((90.0..=120.0 + 1e-9).contains(&way), "{way}");
     close(&tools["5"]["wait_s"], 2.0, CYCLES_S);

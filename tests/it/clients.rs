@@ -1,4 +1,4 @@
-//! One list of what a client of the sequence side does (`clients/behaviours.toml`), run against each client.
+//! One list of behaviours of sequence clients (`clients/behaviours.toml`), tested with each client.
 
 mod stage;
 

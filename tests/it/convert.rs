@@ -45,7 +45,7 @@ impl Random {
     }
 }
 
-/// A few blocks of dialect dgshape that have an equal.
+/// Returns a few blocks of dialect dgshape that have an equivalent.
 fn blocks(random: &mut Random) -> String {
     let (x, y) = (random.length(-9, 9), random.length(-9, 9));
     let (z, r) = (random.length(-9, -2), random.length(-1, 3));
@@ -121,12 +121,12 @@ fn programs_of_dgshape_made_at_random_move_equally_in_nj() {
 }
 
 #[test]
-fn the_example_of_dgshape_moves_equally_in_nj_but_for_the_returns_with_a_tool_length() {
+fn dgshape_example_moves_equally_in_nj_except_returns_with_tool_length() {
     let text = fs::read_to_string(root().join("examples/nc/dgshape/plate.nc")).unwrap();
     let converted = convert(&text, Source::Dgshape, &NcOptions::default());
     let left: Vec<&str> = converted.left.iter().map(|left| left.text.as_str()).collect();
     assert_eq!(left, ["N170 G91 G28 Z0.0", "N290 G91 G28 Z0.0"]);
-    // nj refuses a contour whose ways in and out cut into each other
+    // nj refuses a contour if its lead-in and lead-out cut into each other
     let uncompensated = text.replace("G41 D1 ", "");
     let lines = uncompensated.lines().filter(|line| !line.contains("G28"));
     let rest: String = lines.flat_map(|line| [line, "\n"]).collect();
@@ -177,25 +177,25 @@ fn numbers_are_read_as_the_machine_of_dgshape_reads_them() {
 }
 
 #[test]
-fn what_has_no_equal_is_told_with_its_line_and_reason_and_stays_as_a_comment() {
+fn unconvertible_line_is_reported_with_reason_and_kept_as_a_comment() {
     for (line, reason) in [
         (
             "G10 P1 R3.",
-            "G10 has no equal here. Remove it: the configuration",
+            "G10 has no equivalent in nj. Remove it: the configuration",
         ),
         (
             "G92 X0",
-            "G92 counts from where the tool is, and its X is not known here. Write G90 and a motion",
+            "G92 depends on the position of the tool, and its X is unknown at this block. Write G90 and a motion",
         ),
         ("G39 X5. Y5.", ""),
-        ("G01 A90. F100.", "the feedrate of A"),
+        ("G01 A90. F100.", "F of a motion of A"),
         (
             "G43 H2 Z5.",
-            "H2 is not the offset of the tool in the spindle (no tool is known)",
+            "H2 is not the offset of the tool in the spindle (unknown)",
         ),
         ("S50 M03", "S50 is the number of a speed"),
-        ("G28", "it names no axis"),
-        ("/ G91 X5.", "a block that may be skipped changes"),
+        ("G28", "the block names no axis"),
+        ("/ G91 X5.", "a block with block skip changes"),
         ("G05", "there is no G5"),
         ("X1.;", "`;` is not part"),
         ("G01 X1. (not closed", "the comment"),
@@ -245,40 +245,40 @@ fn what_of_fanuc_has_no_equal_is_left_out_with_its_reason() {
         ("X[#1 + 2]", "`[` is not part of the language. Write one variable"),
         (
             "IF [#1 EQ 2] GOTO 10",
-            "`IF` is no word of this dialect. Write if",
+            "`IF` is not a word of this dialect. Write if",
         ),
         ("G51.1", "G51.1 names no axis"),
-        ("G91 G51.1 X0", "G51.1 stands with G91. Write G90"),
+        ("G91 G51.1 X0", "G51.1 is in G91. Write G90"),
         ("G81 X1. Z-1. R1. K101 F1.", "more than 100 repetitions"),
-        ("G65 P9000 A1.", "G65 has no equal"),
+        ("G65 P9000 A1.", "G65 has no equivalent"),
         ("M06", "M06 has no T"),
         ("G53 G01 Z0 F100", "G53 moves at rapid speed"),
         (
             "G84 Z-5. R2. Q1. F1.",
-            "Q cuts a thread in steps. Write G84 without it",
+            "with Q, the thread is cut in steps. Write G84 without Q",
         ),
         ("G84 Z-5. F1.", "a tapping cycle needs Z and R"),
-        ("G76 Z-5. R2. Q1. F1.", "G76 has no equal here. Write the motions"),
-        ("G91 G92 X0", "G92 stands with G91. Write G90"),
+        (
+            "G76 Z-5. R2. Q1. F1.",
+            "G76 has no equivalent in nj. Write the motions",
+        ),
+        ("G91 G92 X0", "G92 is in G91. Write G90"),
         ("G92", "G92 names no axis"),
         (
             "G92 Z0",
-            "G92 counts from where the tool is, and its Z is not known",
+            "G92 depends on the position of the tool, and its Z is unknown",
         ),
-        ("G51 X0 Y0 P2000", "P2000 counts in steps"),
+        ("G51 X0 Y0 P2000", "P2000 is in steps"),
         ("G51 X0 Y0", "G51 has no factor"),
-        ("G68 X0 Y0", "it has no R, the angle"),
-        (
-            "G68 X0 Y0 Z0 I0 J0 K1 R30",
-            "I, J and K turn about an axis of space",
-        ),
+        ("G68 X0 Y0", "the block has no angle R"),
+        ("G68 X0 Y0 Z0 I0 J0 K1 R30", "I, J and K select an axis in space"),
         (
             "G68 X0 Y0 R400",
             "R400 (angle, counter-clockwise) is out of its range",
         ),
         (
             "G81 Z-1. R1. M98 P1000",
-            "the positions of the subprogram are holes",
+            "the positions in the subprogram are holes",
         ),
         ("M98 P100", "the number of a subprogram"),
     ] {
@@ -295,7 +295,7 @@ fn what_of_fanuc_has_no_equal_is_left_out_with_its_reason() {
 }
 
 #[test]
-fn calls_with_their_number_in_p_and_numbers_of_block_skip_stay_what_they_are() {
+fn calls_by_p_and_block_skip_numbers_are_converted_unchanged() {
     let text = "G21 G90\nM98 P31001\nM98 P1002 L2\nG01 X5. F100\n/2 X6.\n/ /3 X7.\nM30\n";
     let converted = convert(text, Source::Fanuc, &NcOptions::default());
     assert_eq!(converted.left, []);
@@ -305,7 +305,7 @@ fn calls_with_their_number_in_p_and_numbers_of_block_skip_stay_what_they_are() {
     );
 }
 
-/// A few blocks for a FANUC control, and those of dialect dgshape that move as they do.
+/// Returns a few blocks for a FANUC control, and blocks of dialect dgshape with the same motion.
 fn twins(random: &mut Random) -> (String, String) {
     #[expect(clippy::cast_precision_loss, reason = "at most 9000")]
     let mut length = |from, to| format!("{:.3}", random.thousandths(from, to) as f64 / 1000.0);
@@ -352,7 +352,7 @@ fn twins(random: &mut Random) -> (String, String) {
 /// Forms of [`shapes`].
 const SHAPES: i64 = 6;
 
-/// Blocks that dialect dgshape writes in another way altogether.
+/// Blocks that dialect dgshape writes in a different form.
 fn shapes(shape: i64, [x, y, z]: [&str; 3]) -> (String, String) {
     let number = |text: &str| text.parse::<f64>().unwrap();
     match shape {
@@ -448,7 +448,7 @@ fn threads_of_fanuc_are_tapped_at_the_same_places_to_the_same_depths() {
 }
 
 #[test]
-fn a_spindle_that_turned_before_tapping_turns_behind_it_where_it_does_there() {
+fn spindle_on_before_tapping_is_on_after_it_where_the_source_does_so() {
     let text = "G90 G00 X0 Y0 Z10\nS500 M03\nG98 G84 X1 Z-5 R2 F500\nG80\nG01 X5\n";
     let converted = convert(text, Source::Fanuc, &NcOptions::default());
     assert_eq!(converted.left, []);
@@ -491,7 +491,7 @@ fn coordinates_of_g92_and_g52_add_up_and_g92_ends_g52() {
 }
 
 #[test]
-fn a_subprogram_of_fanuc_keeps_what_is_in_force_where_it_is_called_and_so_does_what_follows_a_call() {
+fn fanuc_subprogram_and_block_after_a_call_keep_the_modal_state() {
     let subprogram = "O1000\nX5\nG91 G01 Y2 F100\nG90\nM99\n";
     let converted = convert(subprogram, Source::Fanuc, &NcOptions::default());
     assert_eq!(converted.left, []);
@@ -518,7 +518,7 @@ fn a_tool_that_is_called_before_its_change_stands_as_a_comment() {
 }
 
 #[test]
-fn a_long_program_of_which_nothing_can_be_converted_takes_no_longer_than_another() {
+fn unconvertible_program_of_50000_lines_converts_within_20_s() {
     let text = "G05 P10000\n".repeat(50_000);
     let begun = std::time::Instant::now();
     let converted = convert(&text, Source::Fanuc, &NcOptions::default());
@@ -581,5 +581,5 @@ fn convert_writes_the_program_tells_what_is_left_and_ends_with_1() {
         &["convert", "old.nc", "--from", "dgshape", "-o", "old.nc"],
     );
     assert_eq!(ran.code, 2);
-    assert!(ran.stderr.contains("is the program itself"), "{}", ran.stderr);
+    assert!(ran.stderr.contains("would replace the program"), "{}", ran.stderr);
 }

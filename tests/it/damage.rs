@@ -1,5 +1,5 @@
 //! Campaigns over all files of a data folder left by a kill: damage, exchanges with other files, older copies and files
-//! of another machine. A value that is read is the kept one, or a message names the fault. Pending outputs are
+//! of another machine. Each value read is the stored one, or a message names the fault. Pending outputs are
 //! reported, and the machine starts in every case.
 
 mod exchange;
@@ -25,14 +25,14 @@ use crate::support::wait::until;
 /// Rounds of each run; with `TANDEM_LONG`, 1000.
 const ROUNDS: u64 = 60;
 
-/// The machine: M100 stays open, and an output begins with its last value.
+/// The machine: M100 stays pending, and an output starts with its last value.
 const MACHINE: &str =
     "[m_code.100]\nunhandled = \"wait\"\n[io.out.clamp]\non_loss = \"keep\"\nat_start = \"last\"\n";
 
-/// Variables that are read together: those of one page.
+/// Number of variables that are read together: those of one page.
 const PAGE: u32 = 128;
 
-/// Numbers that follow from a seed (`SplitMix64`).
+/// Random numbers from a seed (`SplitMix64`).
 struct Random(u64);
 
 impl Random {
@@ -96,7 +96,7 @@ async fn read(plc: &Plc) -> Values {
         values.insert(CLAMP.to_owned(), state.value.to_string());
     }
     for program in plc.port().ask(typed::Programs).await.unwrap() {
-        // a lost folder is none, with a message
+        // a lost folder is reported by a message, and the program is in no folder
         if !program.folder.is_empty() {
             values.insert(format!("folder of program {}", program.number), program.folder);
         }
@@ -107,7 +107,7 @@ async fn read(plc: &Plc) -> Values {
         }
     }
     if let Some(run) = plc.port().ask(typed::LastRun(1)).await.unwrap() {
-        // where it is lost, the journal tells as much
+        // if it is lost, the journal has the same data
         let open = run
             .outputs
             .iter()
@@ -127,7 +127,7 @@ async fn journal(plc: &Plc) -> BTreeMap<u64, Value> {
         .await
         .unwrap();
     let numbered = lines.into_iter().map(|mut line| {
-        // of the lines before it, which may be lost
+        // from earlier lines, which may be lost
         line.as_object_mut().unwrap().remove("hash");
         (line["n"].as_u64().unwrap_or(0), line)
     });
@@ -156,8 +156,8 @@ async fn start(machine: &Machine) -> Runtime {
     started.unwrap_or_else(|error| panic!("a refusal to start: {error}"))
 }
 
-/// A machine that has kept something of each kind, and is killed while an M code is open; gives what it has kept. `good` is then
-/// the data folder as the kill has left it.
+/// Runs a machine that stores a value of each kind, and kills it while an M code is pending; returns the
+/// stored values. `good` is then the data folder after the kill.
 async fn fill(machine: &Machine, good: &Path) -> (Values, BTreeMap<u64, Value>) {
     let runtime = start(machine).await;
     let plc = Plc::in_process(runtime.port());
@@ -166,7 +166,7 @@ async fn fill(machine: &Machine, good: &Path) -> (Values, BTreeMap<u64, Value>) 
     copy(&machine.path("tandem-data"), good);
     runtime.shutdown().await;
     copy(good, &machine.path("tandem-data"));
-    // what a start says of it
+    // messages of a start with this folder
     let runtime = start(machine).await;
     let plc = Plc::in_process(runtime.port());
     let kept = (read(&plc).await, journal(&plc).await);
@@ -174,7 +174,7 @@ async fn fill(machine: &Machine, good: &Path) -> (Values, BTreeMap<u64, Value>) 
     kept
 }
 
-/// Stores something of each kind; `shift` makes all of it differ.
+/// Stores a value of each kind; a different `shift` gives different values.
 async fn store(plc: &Plc, shift: f64) {
     let write = async |area, from, values| {
         let meta = None;
@@ -226,13 +226,13 @@ async fn store(plc: &Plc, shift: f64) {
     }
 }
 
-/// A run is open, and stored.
+/// Starts a run and waits until it is stored.
 async fn run_until_waiting(plc: &Plc) {
     let cs = plc.coordinate_system(1);
     cs.load(1).await.unwrap();
     cs.start().await.unwrap();
     until("an open M code", async || is_waiting(plc).await.then_some(())).await;
-    // until it is kept, and the anchor of the journal knows it
+    // until it is stored, and the anchor of the journal includes it
     tokio::time::sleep(Duration::from_millis(1500)).await;
 }
 
@@ -302,7 +302,7 @@ fn damage(path: &Path, of: &Path, random: &mut Random) -> String {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn damage_anywhere_in_the_data_folder_gives_no_wrong_value_and_keeps_no_machine_from_starting() {
+async fn damage_in_the_data_folder_gives_no_wrong_value_and_the_start_works() {
     let is_long = std::env::var_os("TANDEM_LONG").is_some();
     let rounds = if is_long { 1000 } else { ROUNDS };
     let machine = Machine::new(MACHINE);
@@ -327,7 +327,7 @@ async fn damage_anywhere_in_the_data_folder_gives_no_wrong_value_and_keeps_no_ma
         }
         let boot = plc.port().boot_id().0;
         for (n, line) in journal(&plc).await {
-            // what this start has written may have the number of a line that was cut off
+            // a line written by this start may have the number of a line that was cut off
             let known = lines.get(&n).filter(|_| line["boot_id"] != boot.as_str());
             assert!(
                 known.is_none_or(|known| *known == line),

@@ -39,7 +39,7 @@ pub static MACHINE: LazyLock<String> = LazyLock::new(|| {
     ends.into_iter().fold(base, fill)
 });
 
-/// The settings of [`MACHINE`] with more keys of `[coordinate_system.dgshape]`.
+/// Returns the settings of [`MACHINE`] with more keys of `[coordinate_system.dgshape]`.
 pub fn settings(keys: &str) -> CoordinateSystemSettings {
     let (before, tools) = MACHINE.split_at(MACHINE.find("[[tool]]").unwrap());
     machine_settings(&format!("{before}[coordinate_system.dgshape]\n{keys}\n{tools}"))
@@ -99,7 +99,7 @@ fn each_step(blocks: &str, keys: &str, each: impl FnMut(Step<'_>)) -> Result<Mod
     each_step_of(&program(blocks), dgshape(), &settings(keys), each)
 }
 
-/// The motions of a text that go somewhere, and its outputs, in any dialect.
+/// Returns the motions of a text with a distance, and its outputs, in any dialect.
 ///
 /// # Errors
 /// The alarm that ends the program.
@@ -189,12 +189,12 @@ fn each_step_of(
     }
 }
 
-/// The same without settings of one's own.
+/// Works as above, without additional settings.
 pub fn run(blocks: &str) -> Vec<String> {
     run_with(blocks, "").unwrap_or_else(|alarm| panic!("{blocks:?}: {alarm:?}"))
 }
 
-/// The number of the alarm that ends the blocks.
+/// Returns the number of the alarm that ends the blocks.
 pub fn alarm(blocks: &str) -> u16 {
     match run_with(blocks, "") {
         Ok(done) => panic!("{blocks:?}: {done:?}"),
@@ -241,7 +241,7 @@ pub fn speed(blocks: &str, keys: &str) -> f64 {
     modal.unwrap().spindle_speed_r_min
 }
 
-/// The length that F counts on the last line of these blocks, and its feedrate.
+/// Returns the length on which F applies in the last line of these blocks, and its feedrate.
 pub fn last_line(blocks: &str) -> (f64, f64) {
     let mut last = None;
     let ran = each_step(blocks, "", |step| {

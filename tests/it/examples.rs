@@ -1,4 +1,4 @@
-//! Everything in `examples/` works as it says.
+//! All files in `examples/` work as described.
 
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
@@ -14,7 +14,7 @@ use crate::support::machine::Machine;
 use crate::support::served::{FREE_PORTS, Process, Served};
 use crate::support::simulated::run;
 
-/// Examples that serve until they are stopped, and take the address of a machine.
+/// Examples that serve until they are stopped, with the address of a machine as argument.
 const HANDLERS: [&str; 1] = ["04_mqtt_handler"];
 
 fn files(folder: &str, extension: &str) -> Vec<PathBuf> {
@@ -145,7 +145,7 @@ fn the_plate_of_dialect_dgshape_is_clean_and_simulates_to_completion() {
 }
 
 #[test]
-fn two_coordinate_systems_of_one_machine_run_programs_of_two_dialects_at_once() {
+fn two_coordinate_systems_run_programs_of_two_dialects_at_once() {
     let arguments = [
         "simulate",
         "examples/nc/dgshape/plate.nc",

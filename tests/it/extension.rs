@@ -18,7 +18,8 @@ mod transport;
 
 use std::path::PathBuf;
 
-use crate::tidy::{files, read, without_unit_tests};
+use tandem_tidy::product::without_tests;
+use tandem_tidy::{files, read};
 
 /// The files that the architecture page names as the cost of an addition.
 fn costs(addition: &str) -> Vec<String> {
@@ -32,7 +33,7 @@ fn costs(addition: &str) -> Vec<String> {
 /// Folders and files that hold tests only; the worlds are simulated ones.
 const TEST_FOLDERS: [&str; 5] = ["tests", "tests.rs", "benches", "world", "world.rs"];
 
-/// Product files of a folder with this ending whose code, without tests and comments, is as wanted.
+/// Returns product files of a folder with this ending and matching code, without tests and comments.
 fn files_where(folder: &str, ending: &str, is_meant: impl Fn(&str) -> bool) -> Vec<PathBuf> {
     let is_code = |line: &&str| !line.trim_start().starts_with("//") && !line.trim_start().starts_with('*');
     let mut found = files(&[ending]);
@@ -42,7 +43,11 @@ fn files_where(folder: &str, ending: &str, is_meant: impl Fn(&str) -> bool) -> V
             .any(|part| TEST_FOLDERS.contains(&part.as_os_str().to_str().unwrap()));
         !is_test && path.starts_with(folder) && {
             let text = read(path);
-            let code: Vec<_> = without_unit_tests(&text).lines().filter(is_code).collect();
+            let product = match path.extension() {
+                Some(extension) if extension == "rs" => without_tests(path, &text),
+                _ => text,
+            };
+            let code: Vec<_> = product.lines().filter(is_code).collect();
             is_meant(&code.join("\n"))
         }
     });

@@ -25,7 +25,7 @@ use Trigger::{Get, MqttClient, MqttHold, MqttRequest, Nothing, Post, Reconnectio
 /// Condition for a task to run and reach its fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Trigger {
-    /// It runs without a trigger.
+    /// The task runs without a trigger.
     Nothing,
     /// A request that reads over HTTP.
     Get,
@@ -67,21 +67,21 @@ const TASKS: [(&str, Consequence, Trigger); 22] = [
     ("replies to urgent MQTT commands", Exits, Nothing),
 ];
 
-/// Those of a machine with an external broker only.
+/// Tasks and threads of a machine with an external broker only.
 const TASKS_AT_A_BROKER: [(&str, Consequence, Trigger); 3] = [
     ("listener to other machines", Restarted, Nothing),
     ("republisher of outputs", Contained, Reconnection),
     ("link to the MQTT broker", Exits, Nothing),
 ];
 
-/// Tasks that have no fault here, and the tests that have it.
+/// Tasks without a fault here, and the tests that inject their faults.
 const ELSEWHERE: [(&str, &str); 3] = [
     ("reader of the token file", "essential: supervisor::tests"),
     ("reader of the certificate", "essential: supervisor::tests"),
     ("sequence program of the demo", "contained: supervisor::tests"),
 ];
 
-/// Names of all of them.
+/// Returns the names of all tasks and threads.
 pub fn names() -> impl Iterator<Item = &'static str> {
     let here = TASKS.iter().chain(&TASKS_AT_A_BROKER).map(|(name, ..)| *name);
     here.chain(ELSEWHERE.iter().map(|(name, _)| *name))
@@ -115,7 +115,7 @@ number = 2
 axes = { X = 2 }
 "#;
 
-/// It moves for longer than any of these tests.
+/// A program that moves for longer than any of these tests.
 const PROGRAM: &str = "P1 = 0\nwhile (P1 < 1000) {\nP1 = P1 + 1\nG90 G01 X100 F600\nX0\n}\nM30\n";
 
 /// A machine in this process with all its server ends.
@@ -223,7 +223,7 @@ impl Faulty {
             .sum()
     }
 
-    /// Injects a fault, and waits until it has occurred; gives what followed.
+    /// Injects a fault, waits until it has occurred, and returns its consequence.
     async fn fault(&self, task: &str, trigger: Trigger) -> Consequence {
         let before = self.count(task);
         let bus = match trigger {
@@ -242,7 +242,7 @@ impl Faulty {
         let so_far: u64 = self.supervisor.faults().iter().map(|fault| fault.count).sum();
         let command = json!({"command_id": format!("command-{so_far}"), "client_id": "faults"});
         match trigger {
-            // whether it is answered is not asked: its task is the one that fails
+            // the answer is ignored, because the task of the request fails
             Get => drop(try_request(&http, "GET", "/api/v1/health", "", "").await),
             Post => {
                 let path = "/api/v1/cs/2/resume";
@@ -280,7 +280,7 @@ async fn a_contained_or_restarted_fault_stops_no_motion() {
                 let state = machine.plc.coordinate_system(cs).state().await.unwrap();
                 let is_wanted = match (in_motion, *trigger) {
                     (false, _) => state.execution == Execution::Ready,
-                    // the hold itself may have been taken
+                    // the hold itself may have been executed
                     (true, MqttHold) if cs == 1 => true,
                     (true, _) => state.execution == Execution::Active,
                 };
@@ -290,7 +290,7 @@ async fn a_contained_or_restarted_fault_stops_no_motion() {
                 }
             }
             if in_motion && *trigger == MqttHold {
-                // nothing to resume if the hold was not taken
+                // without the hold there is nothing to resume
                 let _ = machine.plc.coordinate_system(1).resume().await;
                 machine.moves(1).await;
             }

@@ -1,4 +1,4 @@
-//! `tandem init` writes a machine that is good as it is.
+//! `tandem init` writes a machine that works without changes.
 
 use std::path::Path;
 use std::process::Command;

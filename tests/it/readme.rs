@@ -7,7 +7,7 @@ use std::time::Duration;
 
 const CLAMP: MCode = MCode::new(12, "clamp");
 
-/// VA: the force. A program with another one is refused when it is loaded, at its line and column.
+/// VA: the force. A program with a force out of this range is refused when it is loaded, with line and column.
 async fn clamp(Va(force): Va<KiloNewton<0, 20>>, output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     output.progress(format!("the clamp closes with {force}"), 50.0).await?;
     plc.sleep(Duration::from_millis(400)).await; // the machine's own work

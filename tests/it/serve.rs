@@ -29,7 +29,7 @@ mod viewers;
 use crate::support::machine::Machine;
 use crate::support::served::{FREE_PORTS, Served};
 
-/// M100 waits until a client resets it; M20 is issued along with motion.
+/// M100 waits until a client resets it; M20 is issued with the motion.
 const M_CODES: &str = r#"
 [m_code.100]
 unhandled = "wait"
@@ -48,7 +48,7 @@ fn served() -> (Machine, Served) {
     served_with("")
 }
 
-/// With more in its configuration.
+/// Returns the machine with `more` in its configuration.
 fn served_with(more: &str) -> (Machine, Served) {
     let machine = Machine::new(&format!("{M_CODES}{FREE_PORTS}{more}"));
     let served = Served::start(&machine);

@@ -38,7 +38,7 @@ fn a_check_tells_line_column_code_and_help_and_exits_with_1() {
     for part in [
         "error[ST031]",
         "a.st:3:8",
-        "DINT does not become INT by itself",
+        "DINT is not converted to INT implicitly",
         "write DINT_TO_INT(...)",
         "a.st: 1 error",
     ] {
@@ -49,7 +49,7 @@ fn a_check_tells_line_column_code_and_help_and_exits_with_1() {
 #[test]
 fn a_program_that_is_right_tells_the_m_codes_that_it_serves() {
     let ran = st(DOOR, &[]);
-    let text = "a.st: 0 errors\n  M codes that it serves: M08 M09 M10\n";
+    let text = "a.st: 0 errors\n  M codes that the program serves: M08 M09 M10\n";
     assert_eq!(
         (ran.code, ran.stdout.as_str(), ran.stderr.as_str()),
         (0, text, "")
@@ -123,7 +123,7 @@ fn door(program: &str, pressure: f64) -> Run {
 fn the_clamp_of_the_example_closes_before_the_motion_goes_on() {
     let run = door("M10 VA5\nG01 X10 F3000\nM30", 5.0).completed().unwrap();
     assert_eq!(run.order(1), ["output M10 VA5", "reset M10", "block 2", "end"]);
-    // 0.5 s of the plant, 0.2 s of pressure, and what scans and reads take
+    // 0.5 s of the plant, 0.2 s of pressure, and the time of scans and reads
     let took_s = run.output(10).unwrap().took_s().unwrap();
     assert!((0.7..0.8).contains(&took_s), "{took_s}");
     assert_eq!(run.p(503), 5.0);
@@ -162,7 +162,7 @@ fn an_open_door_of_the_example_holds_the_motion() {
         .max_time_s(5.0)
         .run("G01 X100 F600\nM30")
         .unwrap();
-    // 10 s of motion at 10 mm/s, held a little after 0.5 s
+    // 10 s of motion at 10 mm/s, held shortly after 0.5 s
     let x = run.system(1).unwrap().machine["X"];
     assert!((4.0..7.0).contains(&x), "{x}");
 }

@@ -39,7 +39,7 @@ use crate::support::wait::within;
 /// Programs that come with the configuration: the keys belong to the coordinate system above them.
 const PROGRAMS: &str = "programs = { 50 = \"tool.nc\", 51 = \"clamp.nc\", 52 = \"twice.nc\" }\n";
 
-/// Without a handler M100 and M12 wait, so that a handler may come later.
+/// Without a handler M100 and M12 wait, so that a handler may connect later.
 const M_CODES: &str =
     "[m_code.100]\nunhandled = \"wait\"\nwait_state = \"TOOL_LOAD\"\n[m_code.12]\nunhandled = \"wait\"\n";
 
@@ -62,7 +62,7 @@ pub fn broker_at(address: &str) -> String {
     )
 }
 
-/// A machine and how to reach it. Dropping it ends all of it.
+/// A machine and its address. Dropping it ends the machine.
 struct Reached {
     plc: Plc,
     /// Address for `Plc::connect`; empty in process.

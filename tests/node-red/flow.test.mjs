@@ -1,5 +1,5 @@
-// The flow of examples/node-red does as its page describes: it loads and starts a program by its buttons, receives the
-// wait for M80, resets it, and the program is completed. Run by tests/node-red/run, in the folder of a served demo
+// The flow of examples/node-red works as its page describes: its buttons load and start a program; it receives the
+// wait for M80 and resets it; the program is completed. Run by tests/node-red/run, in the folder of a served demo
 // machine.
 
 import assert from "node:assert/strict";
@@ -20,7 +20,7 @@ let red;
 let editor;
 let log = "";
 
-/** A port that is free now. */
+/** Returns a free port. */
 async function freePort() {
   const server = createServer().listen(0, "127.0.0.1");
   await new Promise((listens) => server.once("listening", listens));
@@ -29,7 +29,7 @@ async function freePort() {
   return port;
 }
 
-/** Waits until something holds; its value is returned. */
+/** Waits until a condition has a value, and returns the value. */
 async function until(what, holds) {
   for (const end = Date.now() + 30_000; Date.now() < end; await sleep(50)) {
     const value = await holds();
@@ -114,7 +114,7 @@ test("each tag of the page about SCADA is a member of a message", async () => {
     if (topic === undefined) return false;
     let value = messages.get(topic);
     for (const member of tag.slice(topic.length + 1).split("/")) {
-      // what a member that may be null holds is shown where it is not
+      // a member that may be null is shown if it is not null
       if (value === null) return true;
       if (!(member in value)) return false;
       value = value[member];

@@ -1,4 +1,4 @@
-"""No alert is raised within an hour at unused machines: the untouched demo, one that has finished, one that has restarted.
+"""No alert is raised within an hour at idle machines: the untouched demo, a machine that has finished, and one that has restarted.
 
 ``hour.py RULES``, by tests/prometheus/run. Each machine is real, and what it says in a few seconds goes on for an hour of promtool's
 time: a gauge keeps its value, and a counter grows as it does here. TANDEM_BIN is the command.
@@ -30,7 +30,7 @@ COUNTER = re.compile(r"_(total|bucket|sum|count)$")
 
 
 class Demo:
-    """The demo machine as a user starts it, but for its ports."""
+    """The demo machine as a user starts it, except for its ports."""
 
     def __init__(self, folder: pathlib.Path) -> None:
         said = folder / "out"
@@ -97,7 +97,8 @@ def check(what: str, demo: Demo, folder: pathlib.Path) -> None:
                 "interval": f"{INTERVAL_S}s",
                 "input_series": series,
                 "promql_expr_test": [
-                    # anything pending at any time would be raised on a slower computer
+                    # an alert that is pending at any time would be raised on a slower
+                    # computer
                     {"expr": raised, "eval_time": "1h", "exp_samples": []},
                     {"expr": "count(tandem_execution)", "eval_time": "1h", "exp_samples": [{"labels": "{}", "value": 2}]},
                 ],

@@ -1,4 +1,4 @@
-"""A real Prometheus reads a served machine: every query of the dashboard and of the alerts is one that it can answer.
+"""A real Prometheus reads a served machine: it can answer every query of the dashboard and of the alerts.
 
 Run by tests/prometheus/run in the folder of the machine; API is its REST interface.
 """
@@ -32,7 +32,7 @@ def free_port() -> int:
 
 
 def config(target: str) -> str:
-    """The configuration of the page, for a machine here and without its token."""
+    """The configuration of the page, for a local machine without a token."""
     text = (monitoring / "prometheus.yml").read_text()
     text, without = re.subn(r"    authorization:\n.*\n", "", text)
     text, named = re.subn(r'targets: \[".*"\]', f'targets: ["{target}"]', text)
@@ -77,7 +77,7 @@ def watch(port: int) -> None:
         raise AssertionError(what)
 
     until("Prometheus reads the machine", lambda: query('up{job="tandem"} == 1'))
-    # a program that waits for a handler that does nothing: each query of the dashboard has something to show then
+    # a program waits for a handler that does nothing, so that each query of the dashboard has a result
     told = re.search(r"mqtt://([^:]+):(\d+)", pathlib.Path("out").read_text())
     assert told, "the machine does not tell its broker"
     presence = json.dumps({"online": True, "handles": [{"cs": 1, "m": 77}]})
@@ -97,13 +97,14 @@ def watch(port: int) -> None:
     assert not empty, f"nothing to show: {empty}"
     rules = re.findall(r"^ *expr: (.*)$", (monitoring / "alerts.yml").read_text(), re.MULTILINE)
     names = {name for rule in rules for name in re.findall(r"\b(?:up|tandem_\w+)\b", rule)} - {"tandem"}
-    # what only a fault shows cannot be seen here; promtool has it in alerts.test.yml
+    # metrics that only a fault produces do not occur here; promtool tests them with alerts.test.yml
     missing = [name for name in names - {"tandem_alarms_active"} if not query(name)]
     assert not missing, f"no such metric: {missing}"
     url = f"http://127.0.0.1:{port}/api/v1/alerts"
     with urllib.request.urlopen(url) as answer:
         alerts = json.load(answer)["data"]["alerts"]
-    # a computer that tests something else at the same time is late, which is what these alerts are for
+    # these alerts report lateness, which also occurs on a computer that runs other tests at the same
+    # time
     late = ("ServoLate", "ServoLosesCycles")
     firing = [alert for alert in alerts if alert["state"] == "firing" and alert["labels"]["alertname"] not in late]
     assert not firing, firing

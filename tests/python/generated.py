@@ -20,7 +20,7 @@ from client.api.states import get_cs_cs_state
 from client.api.values import get_variables_p, put_variables_p
 from client.types import File
 
-# every module runs
+# every module can be imported
 for module in pkgutil.walk_packages(client.__path__, "client."):
     importlib.import_module(module.name)
 
@@ -58,7 +58,7 @@ with Client(base_url=os.environ["API"]) as machine:
     )
     assert isinstance(refused, models.Problem)
     assert refused.code == "not_found"
-    # the address of a write is an argument that cannot be left out
+    # the address of a write is a required argument
     put_variables_p.sync_detailed(client=machine, body=models.VariableWrite(values=[7.5]), from_=100)
     for address, value in [(0, 0.0), (100, 7.5)]:
         read = get_variables_p.sync(client=machine, from_=address)

@@ -32,7 +32,7 @@ function doing(wanted) {
   return wanted.variable !== undefined ? t("added.sets_to", { variable: wanted.variable, value: wanted.value }) : t("added.switches", { input: wanted.input });
 }
 
-/** Why it cannot be pressed; null: it can. @param {ReturnType<typeof seenFrom>} seen @param {HmiButton} wanted */
+/** Returns the reason why the button cannot be pressed; null if it can. @param {ReturnType<typeof seenFrom>} seen @param {HmiButton} wanted */
 function whyNotPressed(seen, wanted) {
   const now = lineOf(wanted) === null ? whyNotNow(/** @type {any} */ (seen), "set") : whyNot(/** @type {any} */ (seen), "mdi");
   if (now !== null) return now;

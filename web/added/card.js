@@ -1,4 +1,4 @@
-// A card of the machine builder: an open M code, a variable, an input, or what a module of its folder draws.
+// A card of the machine builder: an open M code, a variable, an input, or the drawing of a module of its folder.
 
 import { h, setText } from "../dom.js";
 import { duration, plain } from "../format.js";
@@ -6,7 +6,7 @@ import { t } from "../language.js";
 import { machine } from "../machine.js";
 import { addressOf, inputOf, picture, seenFrom, toldValueOf, variableOf } from "./values.js";
 
-/** How often a variable is read while it is looked at, ms. */
+/** Interval at which a visible variable is read, ms. */
 const AGAIN_MS = 1000;
 
 /** @typedef {import("../types.d.ts").HmiCard} HmiCard */

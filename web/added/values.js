@@ -15,7 +15,7 @@ export function seenFrom(model, cs) {
   return { online, user, viewing, variables, selected: cs, current: model.systems.get(cs) ?? null };
 }
 
-/** Whether an input is on; null: not known yet. @param {import("../model.js").CoordinateSystem | null} system @param {string} name */
+/** Returns whether an input is on; null if unknown. @param {import("../model.js").CoordinateSystem | null} system @param {string} name */
 export function inputOf(system, name) {
   const skip = /^optional_skip\/(\d+)$/.exec(name);
   if (skip) return system?.optionalSkip?.requested.includes(Number(skip[1])) ?? null;
@@ -40,12 +40,12 @@ export function toldValueOf({ variables, current }, name) {
   return row?.values[number - row.from];
 }
 
-/** A picture of the folder of the machine builder. @param {string | undefined} file */
+/** Returns a picture from the folder of the machine builder. @param {string | undefined} file */
 export function picture(file) {
   return file !== undefined && h("img", { class: "added-icon", src: addressOf(file), alt: "" });
 }
 
-/** Where a file of the folder is. @param {string} file */
+/** Returns the address of a file of the folder. @param {string} file */
 export function addressOf(file) {
   return `/hmi/${file.split("/").map(encodeURIComponent).join("/")}`;
 }

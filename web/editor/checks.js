@@ -1,10 +1,10 @@
 // Findings during typing: the runtime checks the text after a pause of the keys, one check after the other.
 
-/** How long the keys rest before a text is checked, ms. */
+/** Pause of the keys after which a text is checked, ms. */
 const REST_MS = 400;
-/** So many times as long as the last check took, where that is longer: a long text is checked more rarely. */
+/** The pause is at least this multiple of the duration of the last check: a long text is checked less often. */
 const REST_FACTOR = 2;
-/** The longest rest, ms: after one slow check, such as one that waited for others, findings still come soon. */
+/** The longest pause, ms: findings appear soon, also after a single slow check. */
 const REST_MAX_MS = 3000;
 
 /** @typedef {import("../types.d.ts").ProgramDiagnostic} ProgramDiagnostic */
@@ -18,7 +18,7 @@ export class Checks {
   #check;
   #found;
 
-  /** @param {() => Promise<ProgramDiagnostic[] | null>} check null: nothing is known @param {(found: ProgramDiagnostic[]) => void} found */
+  /** @param {() => Promise<ProgramDiagnostic[] | null>} check null: no result @param {(found: ProgramDiagnostic[]) => void} found */
   constructor(check, found) {
     this.#check = check;
     this.#found = found;

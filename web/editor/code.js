@@ -12,10 +12,10 @@ import { coloursOf, themeOf } from "./look.js";
 /** Findings marked in the margin. */
 const MARKED_MAX = 1000;
 
-/** A text is put together in pieces of about so many characters, between which the page does other things. */
+/** A text is assembled in pieces of about this many characters; the page does other work in between. */
 const PIECE_CHARS = 200_000;
 
-/** In a longer line no word is looked for, characters. */
+/** Longest line in which words are searched, characters. */
 const LONG_LINE = 2000;
 
 /** CodeMirror, read when an editor is first opened. @returns {Promise<CodeMirror>} */
@@ -30,11 +30,11 @@ export function codeMirror() {
  * @property {string} label
  * @property {boolean} [readOnly]
  * @property {() => void} [changed]
- * @property {(word: string) => void} [explain] asked for the meaning of a word
+ * @property {(word: string) => void} [explain] called to explain a word
  * @property {(word: string) => Promise<HTMLElement | null>} [tip] tooltip of the word below the pointer; null: none
  */
 
-/** Whether all lines end as on Windows. @param {string} text */
+/** Returns whether all lines end with CR LF. @param {string} text */
 function isCrLf(text) {
   return text.includes("\r\n") && !/(?:^|[^\r])\n|\r(?!\n)/.test(text);
 }
@@ -119,7 +119,7 @@ export class Code {
     return this.#wordAt(head).word;
   }
 
-  /** Returns a word and its position; empty if there is none. @param {number} place */
+  /** Returns a word and its position; empty if the place has no word. @param {number} place */
   #wordAt(place) {
     const line = this.#view.state.doc.lineAt(place);
     const at = place - line.from;
@@ -159,19 +159,19 @@ export class Code {
     this.#view.dispatch(this.#cm.setDiagnostics(this.#view.state, marks));
   }
 
-  /** Shows where the text differs from another one; null: no longer. @param {string | null} original */
+  /** Shows the differences from another text; null ends the comparison. @param {string | null} original */
   compare(original) {
     const { unifiedMergeView } = this.#cm;
     const shown = original === null ? [] : unifiedMergeView({ original, mergeControls: false, gutter: true, collapseUnchanged: { margin: 3, minSize: 8 }, diffConfig: { scanLimit: 500, timeout: 500 } });
     this.#view.dispatch({ effects: this.#compare.reconfigure(shown) });
   }
 
-  /** How many places differ while it compares. */
+  /** Number of differences during a comparison. */
   get differences() {
     return this.#cm.getChunks(this.#view.state)?.chunks.length ?? 0;
   }
 
-  /** Goes to the next difference, or to the one before. @param {boolean} forward */
+  /** Moves to the next difference, or to the previous one. @param {boolean} forward */
   nextDifference(forward) {
     (forward ? this.#cm.goToNextChunk : this.#cm.goToPreviousChunk)(this.#view);
     this.#view.focus();

@@ -25,7 +25,7 @@ const NUMBER_MAX = 9999;
  * @typedef {object} Opened
  * @property {number} number
  * @property {string} text
- * @property {string} [hash] of the program of this number that was read; it is not stored over another one
+ * @property {string} [hash] of the program that was read; the editor does not replace a program with another hash
  * @property {string} [dialect] of the text; that of the coordinate system shown
  * @property {ProgramDiagnostic[]} [found] known findings of the text
  */
@@ -182,7 +182,7 @@ class Editor {
     this.#more.scrollTop = 0;
   }
 
-  /** Shows what differs from the program in the store, or no longer. */
+  /** Shows or hides the differences from the program in the store. */
   async #toggleCompare() {
     const isOn = this.#compare.getAttribute("aria-pressed") !== "true";
     await this.#app.attempt(async () => {

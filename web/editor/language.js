@@ -2,7 +2,7 @@
 
 /** @typedef {{comment: number}} State `comment`: depth 1 inside of a comment over several lines */
 
-/** Of dialect nj; in dgshape there are none. */
+/** Keywords of dialect nj; dgshape has none. */
 const KEYWORDS = /^(?:if|else|switch|case|default|break|while|do)\b/i;
 
 /** Words by kind, tried in this order. @type {[string, RegExp][]} */

@@ -1,4 +1,4 @@
-// The editor in the colours of the screen, both themes: they are variables of the page, which its shadow root inherits.
+// The editor in the colours of the screen: the shadow root inherits the variables of the page, in both themes.
 
 /** @typedef {import("../vendor/codemirror.js")} CodeMirror */
 
@@ -47,7 +47,7 @@ const RULES = {
   ".cm-panel.cm-search [name=close]": { ...BUTTON, top: "8px", right: "8px", fontSize: "22px" },
   ".cm-gutter-lint": { width: "22px" },
   ".cm-gutter-lint .cm-gutterElement": { padding: "0 3px" },
-  // its own signs are pictures of a kind that the content security policy forbids
+  // the content security policy forbids the kind of pictures that CodeMirror uses for its signs
   ".cm-lint-marker": { content: "normal", width: "16px", height: "16px", lineHeight: "16px", marginTop: "3px", borderRadius: "4px", textAlign: "center", fontWeight: "700", fontSize: "12px", color: "var(--on-tone)" },
   ".cm-lint-marker-error": { content: "normal", background: "var(--alarm)" },
   ".cm-lint-marker-error::before": { content: "'✕'" },

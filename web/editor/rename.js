@@ -1,4 +1,4 @@
-// A program gets another number: stored under it only if it is free, then taken out under the old one.
+// Renames a program: stores it under the new number only if that is free, then deletes the old number.
 
 import { openDialog } from "../dialog.js";
 import { button, h } from "../dom.js";

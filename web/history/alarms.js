@@ -1,4 +1,4 @@
-// Alarms of the past: what they were, what helps, and how long they lasted.
+// Past alarms: their texts, remedies and durations.
 
 import { alarmWords } from "../alarm_words.js";
 import { fill, h, setText } from "../dom.js";

@@ -1,4 +1,4 @@
-// The timeline as a picture: a lane for each coordinate system, a bar for each stretch, the time of day below.
+// The timeline as a picture: a lane for each coordinate system, a bar for each section, the time of day below.
 
 import { h } from "../dom.js";
 import { clockTime } from "../format.js";
@@ -9,12 +9,12 @@ import { describe } from "./timeline.js";
 const LANE_PX = 46;
 const BAR_PX = 34;
 const AXIS_PX = 26;
-/** Room for the names of the lanes. */
+/** Width of the names of the lanes. */
 const NAMES_PX = 66;
-/** Width of a letter in a bar, and a bar's least width. */
+/** Width of a letter in a bar, and smallest width of a bar with letters. */
 const LETTER_PX = 8;
 const LEAST_PX = 1.5;
-/** Room for a time of day. */
+/** Width of a time of day. */
 const TIME_PX = 66;
 /** Least distance of marks of the time axis. */
 const MARK_PX = 90;
@@ -38,7 +38,7 @@ export class Chart {
   #chosen = null;
   #choose;
 
-  /** @param {(cs: number, span: Span) => void} choose told of the stretch that is chosen */
+  /** @param {(cs: number, span: Span) => void} choose called with the chosen section */
   constructor(choose) {
     this.#choose = choose;
     this.#scroll.append(this.#picture);

@@ -5,7 +5,7 @@ import { dayAndTime, rounded } from "../format.js";
 import { t } from "../language.js";
 
 /**
- * A line; what else it has depends on its event.
+ * A line; its other members depend on its event.
  * @typedef {{event: string, ts: string | null, t_s: number | null, cs: number | null, boot_id: string} & Record<string, unknown>} Line
  */
 
@@ -19,7 +19,7 @@ const TYPED_MS = 300;
 /** Members with columns of their own, or without meaning for a person. */
 const HIDDEN = new Set(["event", "ts", "t_s", "cs", "boot_id", "hash", "n", "user", "client_id", "handler_id", "command_id", "program_hash"]);
 
-/** As the machine reads it, and in words. @type {[string, string][]} */
+/** Value for the machine, and text. @type {[string, string][]} */
 const SINCE = [["", t("journal.all_kept")], ["1h", t("journal.last_hour")], ["8h", t("journal.last_8_hours")], ["24h", t("journal.last_day")], ["168h", t("journal.last_week")]];
 
 const EVENTS = ["request", "command", "start", "end", "output", "claim", "reset", "question", "answer", "hold", "stop", "resume", "alarm", "warning", "program", "refused", "access", "lease", "force", "io_write", "io_lost", "boot"];
@@ -38,7 +38,7 @@ export function journal(app) {
   const again = button({ onclick: () => void read(false) }, t("common.read_again"));
   /** @type {Line[]} */
   let lines = [];
-  /** Lines that were asked for, of all events. */
+  /** Number of requested lines, of all events. */
   let from = 0;
   let asked = 0;
   const show = () => {
@@ -73,12 +73,12 @@ export function journal(app) {
   return h("div", { class: "history-part" }, filters, h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": t("journal.lines_of_the_journal") }, table, older), note);
 }
 
-/** @param {string} label @param {[string, string][]} choices values and what they are called */
+/** @param {string} label @param {[string, string][]} choices values and their texts */
 export function picker(label, choices) {
   return h("select", { class: "input", "aria-label": label }, ...choices.map(([value, name]) => h("option", { value }, name)));
 }
 
-/** A choice that is called what it is. @param {string} name @returns {[string, string]} */
+/** Returns a choice whose text is its value. @param {string} name @returns {[string, string]} */
 function same(name) {
   return [name, name];
 }

@@ -1,5 +1,5 @@
-// Curves over time of what the axes do: following error, position, velocity, acceleration, feedrate, spindle. They are the servo's own
-// values, 100 a second, of the last minute that the machine has kept.
+// Curves of the axes over time: following error, position, velocity, acceleration, feedrate, spindle. The values are recorded by the servo,
+// 100 a second, for the last minute.
 
 import { button, fill, h, setAttr, setText } from "../dom.js";
 import { fixed, plain, timeOfDay } from "../format.js";
@@ -16,7 +16,7 @@ const HEIGHT_PX = 260;
 const LEFT_PX = 74;
 const FOOT_PX = 24;
 const TOP_PX = 10;
-/** Lines across, besides the lowest. */
+/** Number of horizontal lines above the lowest. */
 const RULES = 4;
 
 /** @type {{quantity: import("./trace.js").Quantity, name: string, unit: string, isOfAxes: boolean}[]} */
@@ -28,7 +28,7 @@ const QUANTITIES = [
   { quantity: "feedrate", name: t("plots.feedrate"), unit: "mm/min", isOfAxes: false },
   { quantity: "spindle", name: t("plots.spindle"), unit: t("unit.rpm"), isOfAxes: false },
 ];
-/** Milliseconds, and in words. @type {[string, string][]} */
+/** Milliseconds, and text. @type {[string, string][]} */
 const TIMES = [["60000", t("plots.1_minute")], ["30000", t("plots.30_seconds")], ["10000", t("plots.10_seconds")]];
 
 export class PlotsView {
@@ -152,7 +152,7 @@ export class PlotsView {
   }
 }
 
-/** Least and most with room around, never the same. @param {number[]} values @returns {[number, number]} */
+/** Returns the lowest and highest value with a margin, never equal. @param {number[]} values @returns {[number, number]} */
 function bounds(values) {
   const finite = values.filter(Number.isFinite);
   if (finite.length === 0) return [0, 1];
@@ -161,7 +161,7 @@ function bounds(values) {
   return [least - room, most + room];
 }
 
-/** With as many decimals as tell it from the next rule. @param {number} value @param {number} step to the next rule */
+/** Formats a value with enough decimals to distinguish it from the next line. @param {number} value @param {number} step to the next line */
 function short(value, step) {
   return fixed(value, Math.max(0, Math.min(6, 1 - Math.floor(Math.log10(step)))));
 }

@@ -1,4 +1,4 @@
-// All runs that the machine keeps: when, which program, how it ended, how long it took, how many parts, where it waited.
+// All runs that the machine keeps: time, program, end, duration, parts, waits.
 
 import { button, fill, h, setAttr, setText } from "../dom.js";
 import { dayAndTime, programName } from "../format.js";
@@ -14,7 +14,7 @@ import { saveCsv } from "./save.js";
 const PAGE_RUNS = 1000;
 /** Rows shown at once. */
 const ROWS_MAX = 1000;
-/** A run that has not ended, in the column of the ends. */
+/** Value of a run that has not ended, in the column of the ends. */
 const GOES_ON = "goes_on";
 /** Interval at which the time of a current run is updated, ms. */
 const TELL_MS = 1000;
@@ -39,7 +39,7 @@ export function runsView(app) {
     setText(note, shown.length === 0 ? t("runs.no_run") : t("runs.shown", { shown: Math.min(shown.length, ROWS_MAX), count: runs.length + goOn(app.model, cs.value).length }));
   };
   let asked = 0;
-  /** Reads runs from that place on, the newest is 0. @param {number} from @param {Run[]} kept those that stay */
+  /** Reads runs from an index on; the newest run has index 0. @param {number} from @param {Run[]} kept runs that stay */
   const read = async (from, kept) => {
     const mine = ++asked;
     await app.attempt(async () => {
@@ -72,7 +72,7 @@ export function runsView(app) {
   return { element, close: () => clearInterval(timer) };
 }
 
-/** The runs that have not ended, with the time that they have taken so far. @param {import("../model.js").Model} model @param {string} cs empty: of all coordinate systems */
+/** Returns the runs that have not ended, with their present duration. @param {import("../model.js").Model} model @param {string} cs empty: of all coordinate systems */
 function goOn(model, cs) {
   const open = [...model.systems.values()].flatMap(({ runState }) => (runState?.run && runState.run.end === null ? [runState.run] : []));
   return open.filter((run) => cs === "" || String(run.cs) === cs).map((run) => ({ ...run, took_s: (model.ageMs(run.began) ?? 0) / 1000 }));
@@ -93,7 +93,7 @@ function row(run) {
   return [dayAndTime(run.began), String(run.cs), programName(run.program), ended, took, parts, at, waits];
 }
 
-/** For other programs: times of day as the machine says them, a point as the decimal sign. @param {Run[]} runs */
+/** Returns a table for other programs: times as the machine sends them, with a decimal point. @param {Run[]} runs */
 export function csvOf(runs) {
   const quoted = (/** @type {unknown} */ value) => (/[",\n;]/.test(String(value ?? "")) ? `"${String(value).replaceAll('"', '""')}"` : String(value ?? ""));
   const names = ["began", "ended", "cs", "program", "how", "text", "parts", "parts_done", "took_s", "last_part_s", "place_program", "place_line", "waits_s", "alarms", "id"];

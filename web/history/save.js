@@ -1,8 +1,8 @@
-// Gives the person a file.
+// Saves a file on the computer of the browser.
 
 import { h } from "../dom.js";
 
-/** How long the browser may take to begin with it, ms. */
+/** Time in which the browser begins to save the file, ms. */
 const TAKEN_MS = 10_000;
 
 /** @param {string} name @param {string} text CSV */

@@ -7,16 +7,16 @@ import { reasonWord, stateWord } from "../sentence.js";
 /** @typedef {"moving" | "waiting" | "asked" | "held" | "stopped"} Kind */
 
 /**
- * A stretch of a run in which one thing happens.
+ * A section of a run with one activity.
  * @typedef {object} Span
  * @property {Kind} kind
  * @property {number} from ms since 1970
  * @property {number} to
- * @property {string} says such as `M100`, or why it is held
- * @property {number | null} m the M code that is waited for
+ * @property {string} says such as `M100`, or the reason of a hold
+ * @property {number | null} m the awaited M code
  * @property {number | null} line of the program
- * @property {string} who the handler, where one has claimed it
- * @property {number | null} met the coordinate system that came later to the same M code, and so was waited for
+ * @property {string} who the handler that has claimed it
+ * @property {number | null} met the awaited coordinate system, which reached the same M code later
  */
 
 /**
@@ -30,7 +30,7 @@ import { reasonWord, stateWord } from "../sentence.js";
  * @property {Span[]} spans
  */
 
-/** Ends of waits for one M code that are so near to each other are one meeting, ms. */
+/** Waits for one M code that end within this time are one meeting, ms. */
 const MEETING_MS = 200;
 
 /**
@@ -69,7 +69,7 @@ export function timelineOf(lines, now) {
   return runs;
 }
 
-/** Times by the machine's running clock, which is not set, from the first line of each start of the runtime on. */
+/** Times by the machine's monotonic clock, from the first line of each start of the runtime on. */
 class Clock {
   #boot = "";
   #zero = 0;
@@ -121,7 +121,7 @@ class Going {
     else if (line.event === "resume") this.#held = this.#stopped = "";
   }
 
-  /** Whether a line makes the run do something else. @param {Line} line */
+  /** Returns whether a line changes the activity of the run. @param {Line} line */
   #changes({ event, verb, timing, seq }) {
     if (event === "command") return verb === "hold" && this.#held === "" && this.#stopped === "";
     if (event === "output") return timing === "after_motion" && !this.#outputs.has(Number(seq));
@@ -129,7 +129,7 @@ class Going {
     return event === "hold" || event === "stop" || event === "resume";
   }
 
-  /** Closes the stretch that has lasted until now. @param {number} at */
+  /** Ends the present section. @param {number} at */
   pause(at) {
     const [output] = this.#outputs.values();
     const last = this.run.spans.at(-1);
@@ -160,13 +160,13 @@ class Going {
 }
 
 
-/** How a run has ended. @param {string} outcome */
+/** Returns the end of a run as a text. @param {string} outcome */
 function outcomeWord(outcome) {
   if (outcome === "PROGRAM_COMPLETED") return t("timeline.completed");
   return outcome === "STOPPED" ? t("timeline.stopped") : stateWord(outcome);
 }
 
-/** Notes which coordinate system was waited for where two of them met at one M code. @param {Run[]} runs */
+/** Records the awaited coordinate system of each M code at which two of them met. @param {Run[]} runs */
 function findMeetings(runs) {
   const waits = runs.flatMap((run) => run.spans.filter(({ m }) => m !== null).map((span) => ({ run, span })));
   for (const { run, span } of waits) {

@@ -1,4 +1,4 @@
-// The timeline with what belongs to it: which run is shown, where the time went, and each wait as a row.
+// The timeline: the choice of the run, the shares of the time, and each wait as a row.
 
 import { button, fill, h, setAttr, setText } from "../dom.js";
 import { programName, timeOfDay } from "../format.js";
@@ -8,7 +8,7 @@ import { Chart } from "./chart.js";
 import { labelled, PAGE_LINES, picker } from "./journal.js";
 import { describe, losses, timelineOf } from "./timeline.js";
 
-/** How often the journal is read while the timeline is open, ms. */
+/** Interval at which the journal is read while the timeline is open, ms. */
 const AGAIN_MS = 2000;
 /** Runs to choose from, and waits listed. */
 const RUNS_SHOWN = 40;
@@ -34,7 +34,7 @@ export class TimelineView {
   #lines = [];
   /** @type {Run[]} */
   #runs = [];
-  /** How many lines before the newest page were read. */
+  /** Number of lines that were read before the newest page. */
   #further = 0;
   #timer;
   #drawn = "";
@@ -102,7 +102,7 @@ export class TimelineView {
     if (value === ALL) return { runs, from: runs[0]?.from ?? now - 1000, to: Math.max(...runs.map(({ to }) => to), now - 1000) };
     const run = runs.findLast((one) => (value === LATEST ? one.program > 0 : nameOf(one) === value)) ?? runs.at(-1);
     if (!run) return { runs, from: now - 60_000, to: now };
-    // who runs at the same time belongs to it
+    // coordinate systems that run at the same time are shown as well
     const together = runs.filter((one) => one.from < run.to && one.to > run.from && one.program > 0);
     return { runs, from: Math.min(run.from, ...together.map(({ from }) => from)), to: Math.max(run.to, ...together.map(({ to }) => to)) };
   }

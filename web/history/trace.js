@@ -1,6 +1,6 @@
 // Axis motion of the last minute, as recorded by the servo: the first request returns all, later ones the new part.
 
-/** Samples that are drawn at the most: those that the machine keeps. */
+/** Most samples that are drawn, which is the number that the machine keeps. */
 export const SAMPLES_MAX = 6000;
 /** Samples that are further apart are not joined by a line, ms. */
 export const GAP_MS = 100;
@@ -16,19 +16,19 @@ const OF_AXIS = { error: "following_error", position: "position", velocity: "vel
 const FACTORS = { velocity: 60 };
 
 export class Trace {
-  /** When each sample was taken, ms since 1970 by the machine's clock. @type {number[]} */
+  /** Time of each sample, ms since 1970 by the machine's clock. @type {number[]} */
   times = [];
-  /** Values by quantity and axis, such as `velocity X`, and of the whole, such as `feedrate`. @type {Map<string, number[]>} */
+  /** Values by quantity and axis, such as `velocity X`, and values of the coordinate system, such as `feedrate`. @type {Map<string, number[]>} */
   #columns = new Map();
   #next = 0;
   #cs = 0;
 
-  /** The number of the sample that is asked for next. */
+  /** Number of the next requested sample. */
   get next() {
     return this.#next;
   }
 
-  /** Of this coordinate system from now on. @param {number} cs */
+  /** Selects the coordinate system. @param {number} cs */
   show(cs) {
     if (cs === this.#cs) return;
     this.#cs = cs;
@@ -75,7 +75,7 @@ export class Trace {
   }
 }
 
-/** The oldest go when there are too many; not at each sample, since that moves all of them. @param {number[]} column @param {number[]} values */
+/** Appends values. Removes the oldest in blocks, because each removal moves all of them. @param {number[]} column @param {number[]} values */
 function append(column, values) {
   column.push(...values);
   if (column.length > SAMPLES_MAX * 1.1) column.splice(0, column.length - SAMPLES_MAX);
@@ -92,7 +92,7 @@ export function csvOf(times, curves) {
   return `${[head, ...times.map((time, at) => [written((time - first) / 1000), ...curves.map(({ values }) => written(values[at]))].join())].join("\n")}\n`;
 }
 
-/** Points of a picture of one curve: where there are more than pixels, the least and the most of each. @param {number[]} xs @param {number[]} values @returns {number[]} their places */
+/** Returns the points of a curve: if several samples share a pixel, their lowest and highest value. @param {number[]} xs @param {number[]} values @returns {number[]} their places */
 export function drawn(xs, values) {
   if (xs.length < 2 || xs.length < 3 * ((xs.at(-1) ?? 0) - (xs[0] ?? 0))) return values.map((_, at) => at);
   /** @type {number[]} */

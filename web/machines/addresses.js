@@ -1,10 +1,10 @@
 // Addresses of the machines on the page: this one first, then those that were typed in, which this browser remembers.
 
 const KEY = "tandem-machines";
-/** Machines on one page. */
+/** Most machines on one page. */
 export const MACHINES_MAX = 32;
 
-/** Addresses of others, in the order in which they were added. @returns {string[]} */
+/** Addresses of other machines, in the order in which they were added. @returns {string[]} */
 export function others() {
   try {
     const known = JSON.parse(localStorage.getItem(KEY) ?? "[]");
@@ -23,7 +23,7 @@ export function keepOthers(addresses) {
   }
 }
 
-/** The address of a machine as it is typed, such as `mill-2:8080`; null: it is none. @param {string} typed */
+/** Returns the address of a machine from typed text, such as `mill-2:8080`; null if the text is no address. @param {string} typed */
 export function addressOf(typed) {
   const text = typed.trim();
   if (text === "") return null;
@@ -36,7 +36,7 @@ export function addressOf(typed) {
   }
 }
 
-/** The token for a machine, until this window is closed; for this one it is that of its HMI. @param {string} address */
+/** Returns the token for a machine, kept until this window is closed; for this machine the token of its HMI. @param {string} address */
 export function tokenOf(address) {
   return sessionStorage.getItem(keyOf(address));
 }

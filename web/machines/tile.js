@@ -10,11 +10,11 @@ import { Watched } from "./watched.js";
 
 /** @typedef {Watched | import("./told.js").Told} Machine */
 
-/** Tones of a machine of several coordinate systems, the first that one of them has: what asks for a person, then what runs. */
+/** Order of tones: a machine shows the first that one of its coordinate systems has; attention is before motion. */
 const URGENCY = ["alarm", "attention", "wait", "active", "ended", "done", "ready"];
 /** Link states in which the tile is stale, and no action here can help. */
 const AWAY = ["silent", "offline", "unheard"];
-/** Characters of the sentence. */
+/** Most characters of the sentence. */
 const SENTENCE_CHARS = 110;
 
 /**
@@ -26,7 +26,7 @@ const TROUBLES = {
   offline: "machines.offline", unheard: "machines.unheard",
 };
 
-/** @param {Machine} machine @param {(() => void) | null} remove null: it stays */
+/** @param {Machine} machine @param {(() => void) | null} remove null: the tile cannot be removed */
 export function tile(machine, remove) {
   const isTold = !(machine instanceof Watched);
   const name = h("a", { class: "machine-open" });

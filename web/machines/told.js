@@ -5,10 +5,10 @@ import { STALE_MS } from "../model.js";
 export class Told {
   /** @type {import("./watched.js").LinkState} */
   link = "connecting";
-  /** Address of its own screen, if it publishes one. @type {string | null} */
+  /** Address of the screen of the machine, if published. @type {string | null} */
   address = null;
   name;
-  /** When its newest heartbeat arrived, on the clock of `performance`; before the first one, when it was first told of. */
+  /** Time of the newest heartbeat, on the clock of `performance`; before the first heartbeat, time of the first report. */
   #heardAt = performance.now();
   alarmCount = 0;
   /** @type {import("../types.d.ts").AlarmRecord[]} */
@@ -42,7 +42,7 @@ export class Told {
     return ageMs > STALE_MS ? ageMs : 0;
   }
 
-  /** Times of another clock are not told. */
+  /** Times are unknown, because the clock of that machine may differ. */
   get ageMs() {
     return null;
   }
@@ -52,7 +52,7 @@ export class Told {
   }
 }
 
-/** As the sentence reads it. @param {import("../types.d.ts").CoordinateSystemSeen} told */
+/** Converts a report to the input of the sentence. @param {import("../types.d.ts").CoordinateSystemSeen} told */
 function systemOf({ number, state, waiting_on: output, left_s, progress, start_conditions: startConditions }) {
   /** @type {any} */
   const system = { info: { number }, state, pending: { outputs: output ? [output] : [] }, place: null, lastRun: null, interlock: null, position: null, timeLeft: { run_id: state?.run_id ?? null, left_s, progress }, startConditions };

@@ -13,7 +13,7 @@ export class ToldMachines {
   #ask;
   #changed;
 
-  /** @param {() => Promise<import("../types.d.ts").MachineList | null>} ask null: this machine does not answer @param {() => void} changed */
+  /** @param {() => Promise<import("../types.d.ts").MachineList | null>} ask null while this machine does not answer @param {() => void} changed */
   constructor(ask, changed) {
     this.#ask = ask;
     this.#changed = changed;

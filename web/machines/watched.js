@@ -4,7 +4,7 @@ import { MACHINE_TOPICS, Model } from "../model.js";
 import { Refusal, Tandem } from "../tandem.js";
 import { keepToken, tokenOf } from "./addresses.js";
 
-/** How often it is looked why there is no connection, ms, and how long an answer may take. */
+/** Interval of requests for the reason of a missing connection, ms, and their time limit. */
 const LOOK_MS = 3000;
 const ANSWER_MS = 4000;
 const CS_TOPICS = ["state", "program", "m_code/pending", "input/interlock/state", "time_left", "start_conditions"];
@@ -52,7 +52,7 @@ export class Watched {
     void this.look();
   }
 
-  /** Its name; null until it has published it. */
+  /** Name of the machine; null until it is published. */
   get name() {
     return this.model.birth?.machine ?? null;
   }
@@ -83,14 +83,14 @@ export class Watched {
   }
 
   /**
-   * Returns the other machines that its runtime knows; null if it does not answer.
+   * Returns the other machines that the runtime of this machine knows; null without an answer.
    * @returns {Promise<import("../types.d.ts").MachineList | null>}
    */
   async knows() {
     return this.link === "online" ? this.#tandem.get("/machines").catch(() => null) : null;
   }
 
-  /** Takes it off the page. */
+  /** Removes the machine from the page. */
   close() {
     clearInterval(this.#timer);
     this.#tandem.close();
@@ -106,7 +106,7 @@ export class Watched {
     this.#tandem.retryNow();
   }
 
-  /** Looks why there is no connection, and connects where there can be one. */
+  /** Finds the reason of the missing connection, and connects if that is possible. */
   async look() {
     if (this.link === "online" || this.#isLooking) return;
     this.#isLooking = true;

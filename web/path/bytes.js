@@ -1,5 +1,5 @@
-// A planned path as the runtime sends it: see "Planned path and rehearsal" in the book. Nothing is copied: vertices stay where
-// they are in the answer, and go to the graphics card as they are.
+// A planned path as the runtime sends it: see "Planned path and rehearsal" in the book. Nothing is copied: vertices stay at their place
+// in the answer, and are uploaded to the graphics card unchanged.
 
 import { t } from "../language.js";
 import { VERTEX_BYTES } from "./vertex.js";
@@ -16,17 +16,17 @@ const LINE_MASK = 2 ** LINE_BITS - 1;
  * @property {[number, number, number]} high
  * @property {number} from s
  * @property {number} to s
- * @property {(Piece | null)[]} levels the finest first; null: not here
+ * @property {(Piece | null)[]} levels the finest first; null: not received
  */
 
 /**
  * @typedef {object} Answer
  * @property {boolean} complete
  * @property {boolean} cut
- * @property {string | null} runId the run under way that it is the plan of
+ * @property {string | null} runId the active run to which the plan belongs
  * @property {string | null} hash of the main program
  * @property {number[]} tolerances of the levels, mm
- * @property {number} first chunk whose lines are here
+ * @property {number} first chunk whose lines were received
  * @property {number} count of these
  * @property {number} end planned time, s
  * @property {number} dependsAt s; Infinity: never
@@ -72,12 +72,12 @@ export function readPath(bytes) {
   };
 }
 
-/** The program and line of a word. @param {number} word @param {number[]} programs */
+/** Returns the program and line of a word. @param {number} word @param {number[]} programs */
 export function placeOf(word, programs) {
   return { program: programs[(word >>> LINE_BITS) & 31] ?? 0, line: word & LINE_MASK };
 }
 
-/** The word of a program and line; -1: the path has none of this program. @param {number} program @param {number} line @param {number[]} programs */
+/** Returns the word of a program and line; -1 if the path has no line of this program. @param {number} program @param {number} line @param {number[]} programs */
 export function wordOf(program, line, programs) {
   const place = programs.indexOf(program);
   return place < 0 ? -1 : ((place << LINE_BITS) | line) >>> 0;

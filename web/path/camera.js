@@ -1,4 +1,4 @@
-// From where the path is seen: a parallel projection, so that lengths are right in every view.
+// Viewpoint of the path: a parallel projection, so that lengths are to scale in every view.
 
 /** @typedef {[number, number, number]} Point */
 
@@ -32,7 +32,7 @@ export class Camera {
   height = 1;
   /** @type {ViewName | ""} */
   view = "XY";
-  /** The fitted content is shown; the user has not moved the view since. */
+  /** True while the fitted content is shown, until the user moves the view. */
   isFitted = true;
 
   /** @param {ViewName} view */
@@ -47,14 +47,14 @@ export class Camera {
     return [[ct, st, 0], [-st * sp, ct * sp, cp], [st * cp, -ct * cp, sp]];
   }
 
-  /** A point in the picture, px from its left upper corner. @param {ArrayLike<number>} at @returns {[number, number]} */
+  /** Returns a point in the picture, px from its upper left corner. @param {ArrayLike<number>} at @returns {[number, number]} */
   project(at) {
     const [right, up] = this.axes;
     const off = /** @type {Point} */ ([0, 1, 2].map((i) => (at[i] ?? 0) - /** @type {number} */ (this.centre[i])));
     return [this.width / 2 + dot(off, right) * this.scale, this.height / 2 - dot(off, up) * this.scale];
   }
 
-  /** The matrix of the projection, by columns. */
+  /** Returns the matrix of the projection, by columns. */
   get matrix() {
     const [right, up, eye] = this.axes;
     const [x, y] = [(2 * this.scale) / this.width, (2 * this.scale) / this.height];
@@ -64,7 +64,7 @@ export class Camera {
     return new Float32Array([0, 1, 2].flatMap((i) => [...rows.map((row) => /** @type {number} */ (row[i])), 0]).concat([...shift, 1]));
   }
 
-  /** Box of the projected corners of a box, px. @param {Point} low @param {Point} high */
+  /** Returns the bounds of a projected box, px. @param {Point} low @param {Point} high */
   boxOf(low, high) {
     const box = { left: Infinity, right: -Infinity, top: Infinity, bottom: -Infinity };
     for (let corner = 0; corner < 8; corner += 1) {
@@ -77,7 +77,7 @@ export class Camera {
     return box;
   }
 
-  /** True when something of the box is in the picture. @param {Point} low @param {Point} high */
+  /** Returns true if a part of the box is in the picture. @param {Point} low @param {Point} high */
   sees(low, high) {
     const { left, right, top, bottom } = this.boxOf(low, high);
     return right >= 0 && left <= this.width && bottom >= 0 && top <= this.height;
@@ -110,7 +110,7 @@ export class Camera {
     this.centre = /** @type {Point} */ (this.centre.map((at, i) => at - (/** @type {number} */ (right[i]) * dx - /** @type {number} */ (up[i]) * dy) / this.scale));
   }
 
-  /** The point of the picture stays where it is. @param {number} factor @param {number} x px @param {number} y px */
+  /** Zooms about a point of the picture. @param {number} factor @param {number} x px @param {number} y px */
   zoom(factor, x, y) {
     const before = this.scale;
     this.scale = clamp(this.scale * factor);

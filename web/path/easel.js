@@ -26,13 +26,13 @@ export class Easel {
     else this.#drawHere();
   }
 
-  /** Has it drawn. @param {Order} order */
+  /** Orders a drawing. @param {Order} order */
   order(order) {
     this.#waiting = this.#waiting ? both(this.#waiting, order) : order;
     this.#send();
   }
 
-  /** Nothing is drawn any more. */
+  /** Ends drawing. */
   end() {
     this.#worker?.terminate();
     [this.#take, this.#idle, this.#waiting] = [null, null, null];
@@ -42,7 +42,7 @@ export class Easel {
   #drawThere(worker) {
     worker.onerror = (event) => {
       if (this.#take) return;
-      // a page may forbid its workers: it draws itself then
+      // a page may forbid workers: the page then draws
       event.preventDefault();
       worker.terminate();
       this.#drawHere();

@@ -8,10 +8,10 @@ import { VERTEX_WORDS, wordAt } from "./vertex.js";
 /** Flag of a rapid in a word. */
 const RAPID = 0x80000000;
 
-/** Boxes of pieces that were looked through. @type {WeakMap<import("./vertex.js").Piece, Box | null>} */
+/** Boxes of pieces, cached. @type {WeakMap<import("./vertex.js").Piece, Box | null>} */
 const known = new WeakMap();
 
-/** Corners of all that a path does at a feedrate; of its rapids where there is nothing else. @param {import("./bytes.js").Answer} path @returns {Point[]} */
+/** Returns the bounds of the feed motion of a path; of its rapids if it has no feed motion. @param {import("./bytes.js").Answer} path @returns {Point[]} */
 export function corners(path) {
   const feeds = path.chunks.flatMap((chunk) => {
     const piece = chunk.levels.findLast((one) => one);
@@ -20,7 +20,7 @@ export function corners(path) {
   return feeds.length > 0 ? feeds : path.chunks.flatMap(({ low, high }) => [low, high]);
 }
 
-/** The box of the lines of a piece that are no rapids; null: it has none. @param {import("./vertex.js").Piece} piece */
+/** Returns the box of the lines of a piece that are no rapids; null without such lines. @param {import("./vertex.js").Piece} piece */
 function feedBox(piece) {
   const found = known.get(piece);
   if (found !== undefined) return found;

@@ -9,7 +9,7 @@ import { firstFrom, linesBetween, PLACE_MASK, timeOf, VERTEX_WORDS, wordAt } fro
 /** Distance from the planned path within which a machine is on it, mm, in addition to the level's tolerance. */
 const ON_PATH_MM = 0.05;
 
-/** The finest level of a chunk that is here. @param {import("./bytes.js").Chunk} chunk @returns {Piece | null} */
+/** Returns the finest received level of a chunk. @param {import("./bytes.js").Chunk} chunk @returns {Piece | null} */
 export function finest(chunk) {
   return chunk.levels.find((piece) => piece) ?? null;
 }
@@ -20,7 +20,7 @@ function at(piece, i) {
   return [piece.floats[k] ?? 0, piece.floats[k + 1] ?? 0, piece.floats[k + 2] ?? 0];
 }
 
-/** Where the path is at a time, and the word of that line. @param {Answer} path @param {number} time @returns {{at: Point, word: number} | null} */
+/** Returns the point of the path at a time, and the word of its line. @param {Answer} path @param {number} time @returns {{at: Point, word: number} | null} */
 export function atTime(path, time) {
   const chunk = path.chunks.find((one) => one.to >= time) ?? path.chunks.at(-1);
   const piece = chunk && finest(chunk);
@@ -33,9 +33,9 @@ export function atTime(path, time) {
 }
 
 /**
- * When the path passes a machine position: of several times within the tolerance the first one from `after` on.
+ * Returns the time at which the path passes a machine position: the first time from `after` on within the tolerance.
  * @param {Answer} path @param {ArrayLike<number>} point @param {number} from s @param {number} to s
- * @returns {number | null} null: it does not
+ * @returns {number | null} null: it does not pass there
  */
 export function passedAt(path, point, from, to) {
   let best = /** @type {{off: number, time: number} | null} */ (null);
@@ -61,8 +61,8 @@ export function passedAt(path, point, from, to) {
 }
 
 /**
- * The word of the line nearest to a point of the picture, if one is near: at first among the lines that are exact to the pixel,
- * then among those that they stand for.
+ * Returns the word of the line nearest to a point of the picture, if one is near: first among the lines that are exact to the pixel,
+ * then among the finer lines that these replace.
  * @param {Answer} path @param {import("./camera.js").Camera} camera @param {number} x px @param {number} y px @param {number} within px
  * @param {number} level that is exact to the pixel
  */
@@ -84,7 +84,7 @@ export function pick(path, camera, x, y, within, level) {
 }
 
 /**
- * The line of a piece nearest to a point of the picture. Ten thousands are looked through, so no point is made an object.
+ * Returns the line of a piece nearest to a point of the picture. Ten thousands are compared, so no point becomes an object.
  * @param {Piece} piece @param {number} from @param {number} count of lines @param {import("./camera.js").Camera} camera @param {number} x px @param {number} y px
  */
 function nearestSeen(piece, from, count, camera, x, y) {
@@ -119,7 +119,7 @@ function nearestSeen(piece, from, count, camera, x, y) {
   return best;
 }
 
-/** When the path first has a line with this place, and its box; null: it has none. @param {Answer} path @param {number} place */
+/** Returns the first time of a line of this block, and its box; null if the path has no such line. @param {Answer} path @param {number} place */
 export function findPlace(path, place) {
   for (const chunk of path.chunks) {
     const piece = finest(chunk);
@@ -136,7 +136,7 @@ function between(a, b, share) {
   return [a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share, a[2] + (b[2] - a[2]) * share];
 }
 
-/** Distance of a point from a line, and where on it is nearest. @param {Point} from @param {Point} to @param {ArrayLike<number>} point */
+/** Returns the distance of a point from a line, and the nearest position on the line. @param {Point} from @param {Point} to @param {ArrayLike<number>} point */
 function nearest(from, to, point) {
   const [wx, wy, wz] = [to[0] - from[0], to[1] - from[1], to[2] - from[2]];
   const [x, y, z] = [(point[0] ?? 0) - from[0], (point[1] ?? 0) - from[1], (point[2] ?? 0) - from[2]];

@@ -71,7 +71,7 @@ const WIDTHS = [1.5, 0.8, 0.7, 2.6];
  * @property {Record<"done" | "rest" | "rapid" | "picked", number[]>} colours
  */
 
-/** Why the card draws nothing: the browser has no WebGL, gives no shader, or refuses ours. @typedef {{of: "webgl" | "shader" | "shaders", log: string}} Trouble */
+/** Reason why the card draws nothing: no WebGL, no shader object, or refused shaders. @typedef {{of: "webgl" | "shader" | "shaders", log: string}} Trouble */
 
 const UNIFORMS = /** @type {const} */ (["matrix", "shift", "size", "words", "first", "now", "since", "dependsAt", "selected", "done", "rest", "rapid", "picked", "widths"]);
 
@@ -109,7 +109,7 @@ export class Lines {
   }
 
   /**
-   * Sets the view and time of the following drawing; of the done part, only that after `since` is drawn.
+   * Sets the view and time of the following drawing; the done part is drawn from `since` on only.
    * @param {View} view @param {number} now s @param {number} [since] s
    */
   begin({ matrix, ratio }, now, since = -1) {

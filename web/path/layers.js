@@ -7,14 +7,14 @@ import { lengthOf, linesBetween } from "./vertex.js";
 /** @typedef {import("./vertex.js").Piece} Piece */
 /** @typedef {import("./gl.js").View} View */
 
-/** Cost limits of one frame, in lines of zero length: at first, at least, and with a fast card. */
+/** Cost limits of one frame, in lines of zero length: initial, lowest, highest. */
 const BUDGET = { first: 4_000, least: 1_000, most: 4_000_000 };
-/** A card that needs less time than this for a frame gets more work; one that needs more gets less, ms. */
+/** A card that needs less than `FAST_MS` for a frame gets more work; above `SLOW_MS` it gets less. */
 const FAST_MS = 26;
 const SLOW_MS = 40;
 /** Time after which a card without a response is no longer queried, ms. */
 const SILENT_MS = 2_000;
-/** A line of this length in px costs as much as two lines of zero length. */
+/** Length in canvas pixels that costs as much as a line of zero length: a line costs 1 + length / this. */
 const PX_OF_A_LINE = 25;
 
 /**
@@ -32,10 +32,10 @@ const PX_OF_A_LINE = 25;
  * A scene that is drawn, or is being drawn.
  * @typedef {object} Drawn
  * @property {Scene} scene
- * @property {boolean} isFine a coarse picture is shown, so it is abandoned when another scene is needed
+ * @property {boolean} isFine a coarse picture of the scene is shown, so this drawing is abandoned when another scene is needed
  * @property {Piece[]} pieces
- * @property {number} piece the next one to draw, and
- * @property {number} line its next line
+ * @property {number} piece index of the next piece, and
+ * @property {number} line of its next line
  * @property {number} lines drawn so far
  */
 
@@ -50,7 +50,7 @@ export class Layers {
   #spent = 0;
   /** Size of the canvas. */
   #size = "";
-  /** Lines over the path. */
+  /** Number of lines over the path. */
   #over = 0;
   #gl;
   #lines;
@@ -93,7 +93,7 @@ export class Layers {
     return (this.shown?.lines ?? 0) + this.#over;
   }
 
-  /** @param {Scene} scene @param {boolean} isFine whether a coarse picture of it is shown */
+  /** @param {Scene} scene @param {boolean} isFine whether a coarse picture of the scene is shown */
   #begin(scene, isFine) {
     this.#spent = 0;
     const isCheap = isFine || scene.wanted.reduce((sum, piece) => sum + costOf(piece, scene.view), 0) <= this.#budget;
@@ -166,7 +166,7 @@ export class Layers {
     this.#asked = fence && { fence, at: performance.now(), cost: this.#spent };
   }
 
-  /** Returns true while the card draws; the time taken decides how much it gets next. */
+  /** Returns true while the card draws; the time taken sets the next budget. */
   #isBusy() {
     const gl = this.#gl;
     if (!this.#asked) return false;

@@ -4,7 +4,7 @@
 
 import { atTime, passedAt } from "./find.js";
 
-/** How far ahead of the last place the path is searched first, s. */
+/** Time ahead of the last place in which the path is searched first, s. */
 const AHEAD_S = 3;
 /** Longest time between two messages that is bridged, ms. */
 const BRIDGE_MS = 400;
@@ -14,7 +14,7 @@ export class Live {
   #run = null;
   /** Planned times of the last two positions; null: off the plan. @type {[number | null, number | null]} */
   #times = [null, null];
-  /** When the last position came, and how long after the one before, ms. */
+  /** Time of the last position, and time since the position before, ms. */
   #came = 0;
   #interval = 100;
   /** @type {unknown} */
@@ -27,8 +27,8 @@ export class Live {
 
   /**
    * Takes a position of a run of the planned program.
-   * @param {import("./bytes.js").Answer | null} path @param {string | null} run null: none is under way
-   * @param {unknown} message of the position, so that each counts once @param {[number, number, number]} at @param {number} now ms
+   * @param {import("./bytes.js").Answer | null} path @param {string | null} run null: no run is active
+   * @param {unknown} message id of the message, so that each position is used once @param {[number, number, number]} at @param {number} now ms
    */
   take(path, run, message, at, now) {
     if (run !== this.#run) {
@@ -57,13 +57,13 @@ export class Live {
     return from + (to - from) * Math.min(1, (now - this.#came) / this.#interval);
   }
 
-  /** True while the drawn place is on its way to the last position. @param {number} now ms */
+  /** Returns true until the drawn place has reached the last position. @param {number} now ms */
   isMoving(now) {
     const [from, to] = this.#times;
     return from !== null && to !== null && to > from && now - this.#came < this.#interval + 50;
   }
 
-  /** Where the tool is drawn; null: off the plan. @param {import("./bytes.js").Answer} path @param {number} now ms */
+  /** Returns the drawn position of the tool; null off the plan. @param {import("./bytes.js").Answer} path @param {number} now ms */
   at(path, now) {
     const time = this.time(now);
     return time === null ? null : (atTime(path, time)?.at ?? null);

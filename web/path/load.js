@@ -1,12 +1,12 @@
-// Reads the planned path of a program: the coarsest level first, the finer ones of the chunks that are looked at when they are.
+// Reads the planned path of a program: first the coarsest level, then finer levels of the chunks that become visible.
 
 import { readPath } from "./bytes.js";
 
-/** Chunks asked for at once: less than a megabyte. */
+/** Chunks of one request: less than a megabyte. */
 const CHUNKS_AT_ONCE = 8;
-/** A path of so few chunks is read as a whole. */
+/** Number of chunks up to which a path is read as a whole. */
 const CHUNKS_OF_SHORT = 8;
-/** How often an incomplete plan is looked at again, ms. */
+/** Request interval for an incomplete plan, ms. */
 const AGAIN_MS = 400;
 /** Request interval for a complete path, which is planned again when its inputs change. */
 const STILL_MS = 2000;
@@ -18,7 +18,7 @@ const COARSEST_MM = 0.64;
 export class PathLoader {
   /** @type {Answer | null} */
   path = null;
-  /** Why there is none. */
+  /** Reason why no path exists. */
   error = "";
   /** Whether this path belongs to the current run and text; if not, a newer one is requested often. */
   isCurrent = true;
@@ -28,9 +28,9 @@ export class PathLoader {
   #cs = 0;
   #tag = "";
   #timer = 0;
-  /** Which request counts. */
+  /** Number of the newest request; answers to earlier ones are discarded. */
   #turn = 0;
-  /** @type {Set<number>} chunks whose finer levels are on their way */
+  /** @type {Set<number>} chunks whose finer levels are requested */
   #asked = new Set();
   /** @type {() => void} */
   #changed;
@@ -42,7 +42,7 @@ export class PathLoader {
     this.#changed = changed;
   }
 
-  /** Shows the path of this program; 0: of none. @param {number} program @param {number} cs */
+  /** Selects the program whose path is read; 0: none. @param {number} program @param {number} cs */
   show(program, cs) {
     if (program === this.#program && cs === this.#cs) return;
     this.#program = program;
@@ -52,12 +52,12 @@ export class PathLoader {
     void this.#read();
   }
 
-  /** Looks again at once: something has changed. */
+  /** Requests the plan at once, because an input has changed. */
   again() {
     void this.#read();
   }
 
-  /** Finer levels of a chunk are needed. @param {number} index */
+  /** Requests finer levels of a chunk. @param {number} index */
   refine(index) {
     const { path } = this;
     if (!path?.complete || this.#asked.has(index)) return;
@@ -105,12 +105,12 @@ export class PathLoader {
     this.#timer = setTimeout(() => void this.#read(), isWaited ? AGAIN_MS : STILL_MS);
   }
 
-  /** @param {{bytes: ArrayBuffer, tag: string}} answer @param {number} known chunks that were not asked for again */
+  /** @param {{bytes: ArrayBuffer, tag: string}} answer @param {number} known chunks that were not requested again */
   #accept({ bytes, tag }, known) {
     const path = readPath(bytes);
     const isSame = identity(tag) === identity(this.#tag);
     if (!isSame && known > 0) {
-      // another plan has begun: all of it
+      // another plan has begun: read all of it
       this.#tag = "";
       this.path = null;
       void this.#read();
@@ -136,7 +136,7 @@ export class PathLoader {
     });
   }
 
-  /** Null: it is as the tag says. @param {string} query @param {string} tag @returns {Promise<{bytes: ArrayBuffer, tag: string} | null>} */
+  /** Returns null if the answer is unchanged since the tag. @param {string} query @param {string} tag @returns {Promise<{bytes: ArrayBuffer, tag: string} | null>} */
   async #fetch(query, tag) {
     const headers = tag === "" ? undefined : { "If-None-Match": tag };
     const response = await this.#tandem.request("GET", `/programs/${this.#program}/path?cs=${this.#cs}&${query}`, { headers });

@@ -1,5 +1,5 @@
-// Draws the pictures that are ordered: in a worker, so that the page never waits for the card, or in the page where the browser
-// has no such worker. It keeps the vertices that it was given under the number that they came with.
+// Draws the pictures that are ordered: in a worker, so that the page never waits for the card, or in the page if the browser
+// has no such worker. It keeps received vertices under their id.
 
 import { Lines, trouble } from "./gl.js";
 import { Layers } from "./layers.js";
@@ -13,10 +13,10 @@ import { VERTEX_BYTES } from "./vertex.js";
 const PIECE_NUMBERS = 3;
 
 /**
- * Lines of one's own.
+ * Lines that the page makes, in addition to the path.
  * @typedef {object} Placed
  * @property {number} id of their vertices
- * @property {ArrayLike<number>} at where their origin is, mm
+ * @property {ArrayLike<number>} at their origin, mm
  * @property {number[] | undefined} colour
  */
 
@@ -24,8 +24,8 @@ const PIECE_NUMBERS = 3;
  * A drawing to make, with the necessary data.
  * @typedef {object} Order
  * @property {[number, number]} size of the canvas
- * @property {{id: number, bytes: ArrayBuffer}[]} added vertices that come for the first time
- * @property {number[]} forgotten vertices that are needed no longer
+ * @property {{id: number, bytes: ArrayBuffer}[]} added vertices that are sent for the first time
+ * @property {number[]} forgotten vertices that are no longer needed
  * @property {{wanted: Uint32Array, coarse: Uint32Array} | null} pieces see `Scene` of the layers, in triples of numbers; null: as before
  * @property {string} key see `Scene` of the layers
  * @property {import("./gl.js").View} view
@@ -41,7 +41,7 @@ const PIECE_NUMBERS = 3;
  * @property {Trouble | null} trouble
  * @property {number} frames
  * @property {number} calls of the last frame
- * @property {number} lines that are seen
+ * @property {number} lines that are visible
  * @property {number} uploaded bytes
  * @property {number} kept sets of vertices on the card
  */
@@ -86,7 +86,7 @@ export class Painter {
     this.#request();
   }
 
-  /** Draws that from the next frame on. @param {Order} order */
+  /** Draws an order from the next frame on. @param {Order} order */
   take(order) {
     for (const { id, bytes } of order.added) this.#vertices.set(id, new Vertices(bytes));
     if (order.pieces) this.#pieces = { wanted: this.#piecesOf(order.pieces.wanted), coarse: this.#piecesOf(order.pieces.coarse) };
@@ -151,7 +151,7 @@ export class Painter {
   }
 }
 
-/** Vertices that came together, and the pieces of them that were asked for. */
+/** Vertices of one answer, and their requested pieces. */
 class Vertices {
   /** @type {Map<number, Piece>} by their first byte */
   #pieces = new Map();
@@ -163,7 +163,7 @@ class Vertices {
     this.words = new Uint32Array(bytes);
   }
 
-  /** The same piece each time. @param {number} offset byte @param {number} count of vertices @returns {Piece} */
+  /** Returns a piece, the same object for the same place. @param {number} offset byte @param {number} count of vertices @returns {Piece} */
   piece(offset, count) {
     const known = this.#pieces.get(offset);
     if (known) return known;

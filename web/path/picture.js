@@ -64,7 +64,7 @@ export class Picture {
   #pieces = { wanted: [], coarse: [] };
 
   /** @param {HTMLCanvasElement} canvas @param {HTMLCanvasElement} back @param {HTMLElement} box @param {() => void}
-   * changed called when a trouble appears or disappears */
+   * changed called when a problem appears or disappears */
   constructor(canvas, back, box, changed) {
     this.#canvas = canvas;
     this.element = box;

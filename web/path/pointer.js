@@ -1,12 +1,12 @@
 // Mouse, touch and keys on the picture: orbit, pan, zoom, and a click.
 
-/** Way after which a press is no click, px. */
+/** Distance after which a press is not a click, px. */
 const CLICK_PX = 5;
-/** How far the arrow keys move the picture, px. */
+/** Distance by which an arrow key moves the picture, px. */
 const KEY_PX = 40;
 
 /**
- * One finger or the left button turns the picture, in a view of a plane it moves it; two fingers, another button or Shift move it; the
+ * One finger or the left button turns the picture; in the view of a plane it moves the picture. Two fingers, another button or Shift move the picture; the
  * wheel and two fingers zoom.
  * @param {HTMLElement} element
  * @param {import("./camera.js").Camera} camera

@@ -10,7 +10,7 @@ import { lastRuns } from "./runs.js";
 import { isShown, runsProgram } from "./shown.js";
 import { scaleOf } from "../units.js";
 
-/** How often the time left is asked for while a program runs, and the rehearsal while it is planned, ms. */
+/** Request intervals: of the time left while a program runs, and of the rehearsal while it is planned, ms. */
 const AGAIN_MS = 1000;
 /** M codes listed. */
 const M_CODES_SHOWN = 100;
@@ -18,7 +18,7 @@ const M_CODES_SHOWN = 100;
 /** @typedef {import("../types.d.ts").Rehearsal} Rehearsal */
 
 export class Rehearse {
-  /** Planned time that the slider shows; null: it shows where the machine is. @type {number | null} */
+  /** Planned time that the slider shows; null: it shows the position of the machine. @type {number | null} */
   time = null;
   #summary = h("span", { class: "path-summary" });
   #away = h("span", { class: "path-away", hidden: true }, t("rehearse.the_tool_is_outside_of"));
@@ -31,7 +31,7 @@ export class Rehearse {
   #app;
   /** @type {Rehearsal | null} */
   #rehearsal = null;
-  /** The path that it was asked for. @type {import("./bytes.js").Answer | null} */
+  /** The path to which the rehearsal belongs. @type {import("./bytes.js").Answer | null} */
   #of = null;
   #key = "";
   #askedAt = 0;
@@ -81,7 +81,7 @@ export class Rehearse {
     if (this.#slider.max !== end) this.#slider.max = end;
   }
 
-  /** Whether the tool is outside of the picture. @param {boolean} isAway */
+  /** Shows whether the tool is outside of the picture. @param {boolean} isAway */
   outside(isAway) {
     setAttr(this.#away, "hidden", !isAway);
   }
@@ -134,7 +134,7 @@ export class Rehearse {
     this.#askedAt = Date.now();
     const key = this.#key;
     try {
-      // the connection says where the machine is not there
+      // the connection banner reports an unreachable machine
       const answer = await machine.get(`/programs/${program}/rehearsal?cs=${cs}`).catch(() => null);
       if (key === this.#key) this.#rehearsal = answer;
     } finally {
@@ -162,7 +162,7 @@ function time(s) {
   return s < 60 ? seconds(s, 1) : duration(s * 1000);
 }
 
-/** Why the rehearsed run does not get to its end, and where. @param {Rehearsal} rehearsal */
+/** Returns the reason and the place at which the rehearsed run ends early. @param {Rehearsal} rehearsal */
 function ending({ text, at }) {
   return at ? t("rehearse.text_at", { text, line: at.line }) : text;
 }

@@ -1,18 +1,18 @@
-// The last runs of a program: how long they took, how they ended, for which M codes they waited; and its parts.
+// The last runs of a program: durations, ends, waits for M codes; and its parts.
 
 import { h } from "../dom.js";
 import { duration, seconds, timeOfDay } from "../format.js";
 import { listed, t } from "../language.js";
 import { machine } from "../machine.js";
 
-/** Runs that are looked through, of all programs. */
+/** Number of runs that are searched, of all programs. */
 const RUNS = 200;
 /** Runs listed. */
 const RUNS_SHOWN = 10;
 
 /** @typedef {import("../types.d.ts").Run} Run */
 
-/** How a run ends, in words. @type {Record<import("../types.d.ts").RunEndedHow, import("../language.js").Key>} */
+/** Texts for the ends of a run. @type {Record<import("../types.d.ts").RunEndedHow, import("../language.js").Key>} */
 export const ENDS = {
   completed: "runs.end_completed", stopped: "runs.end_stopped", aborted: "runs.end_aborted", reset: "runs.end_reset", alarm: "runs.end_alarm",
   lease_lost: "runs.end_lease_lost", replaced: "runs.end_replaced", refused: "runs.end_refused", restarted: "runs.end_restarted",

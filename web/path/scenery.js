@@ -14,12 +14,12 @@ const ZERO_PX = 22;
 const TOOL_PX = 6;
 const CIRCLE = 48;
 const RAPID_FLAG = 0x80000000;
-/** Later than anything: a line that is never done is thin. */
+/** A time after every run: a line with this time is never done, so it is thin. */
 const THIN = 1e30;
 
-/** Names of a unit of lengths, and mm in one of it. @typedef {Pick<import("../units.js").Scale, "unit" | "size">} Lengths */
+/** A unit of lengths: its name, and its size in mm. @typedef {Pick<import("../units.js").Scale, "unit" | "size">} Lengths */
 
-/** 1, 2 or 5 times a power of ten, so that lines are at least GRID_MIN_PX apart. @param {number} scale px per unit of lengths */
+/** Returns 1, 2 or 5 times a power of ten, so that lines are at least GRID_MIN_PX apart. @param {number} scale px per unit of lengths */
 export function gridStep(scale) {
   const least = GRID_MIN_PX / scale;
   const power = 10 ** Math.floor(Math.log10(least));
@@ -33,10 +33,10 @@ const TOOL = [
 ];
 
 /**
- * Lines of one's own in the form of the runtime's.
+ * Returns own lines in the format of the runtime.
  * @param {ArrayLike<number>[]} points x y z
  * @param {(i: number) => number} [word] of the line that ends there
- * @param {number} [time] wide from then on, s
+ * @param {number} [time] time from which on the line is wide, s
  */
 function ownLines(points, word = () => 0, time = 0) {
   const bytes = new ArrayBuffer(points.length * VERTEX_BYTES);
@@ -49,19 +49,19 @@ function ownLines(points, word = () => 0, time = 0) {
   return bytes;
 }
 
-/** Edges of a box, one behind another. @param {Point} low @param {Point} high */
+/** Returns the edges of a box, in one sequence. @param {Point} low @param {Point} high */
 export function boxLines(low, high) {
   const corner = (/** @type {number} */ n) => [0, 1, 2].map((i) => /** @type {number} */ ((n >> i) & 1 ? high[i] : low[i]));
   return ownLines([0, 1, 3, 2, 0, 4, 5, 7, 6, 4, 5, 1, 3, 7, 6, 2].map(corner), () => 0, THIN);
 }
 
-/** The way travelled. @param {{at: Record<string, number>, rapid: boolean}[]} points */
+/** Returns the travelled path. @param {{at: Record<string, number>, rapid: boolean}[]} points */
 export function trailLines(points) {
   const at = points.map(({ at: { X = 0, Y = 0, Z = 0 } }) => [X, Y, Z]);
   return ownLines(at, (i) => (points[i]?.rapid ? RAPID_FLAG : 0));
 }
 
-/** A tool of this radius in mm, or of a size in the picture, around the origin. @param {number} radius @param {import("./camera.js").Camera} camera */
+/** Returns a tool around the origin, of a radius in mm or of a size in the picture. @param {number} radius @param {import("./camera.js").Camera} camera */
 export function toolLines(radius, camera) {
   const inPlane = radius > 0;
   const size = Math.max(radius, TOOL_PX / camera.scale);
@@ -133,7 +133,7 @@ export class Backdrop {
     c.fillText(`${"XYZ"[h]} ${unit}`, width - 6, height - 4);
   }
 
-  /** In a view without a grid: the axes, and how long something is. @param {import("./camera.js").Camera} camera @param {Record<string, string>} colours @param {Lengths} lengths */
+  /** Draws the axes and a scale in a view without a grid. @param {import("./camera.js").Camera} camera @param {Record<string, string>} colours @param {Lengths} lengths */
   #scale({ scale, height, axes: [right, up] }, colours, { unit, size }) {
     const c = /** @type {CanvasRenderingContext2D} */ (this.#context);
     const shown = gridStep(scale * size);

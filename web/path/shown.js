@@ -1,4 +1,4 @@
-// Whether a plan may be shown: of a run under way only the plan of that run, else the plan of the text that a start would run.
+// Decides whether a plan may be shown: during a run only the plan of that run, else the plan of the text that a start would run.
 
 /** @typedef {import("../types.d.ts").StateMessage} StateMessage */
 

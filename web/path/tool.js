@@ -4,7 +4,7 @@ import { machine } from "../machine.js";
 
 let known = { key: "", radius: 0 };
 
-/** mm; 0 as long as it is not known. @param {import("../main.js").App} app @param {import("../model.js").CoordinateSystem} system */
+/** Returns the radius in mm; 0 if it is unknown. @param {import("../main.js").App} app @param {import("../model.js").CoordinateSystem} system */
 export function toolRadius({ model, invalidate }, { info, modal, state }) {
   const id = modal?.tool ?? 0;
   const key = [model.bootId, info.number, id, state?.run_id].join();

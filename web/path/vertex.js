@@ -15,7 +15,7 @@ export const PLACE_MASK = 0x7fffffff;
  * @property {number} count of vertices
  * @property {Float32Array} floats the answer from its first vertex on
  * @property {Uint32Array} words the same
- * @property {number} first place of the first vertex in both, in words of 4 bytes
+ * @property {number} first index of the first vertex in both, in words of 4 bytes
  */
 
 /** @param {Piece} piece @param {number} i */
@@ -28,7 +28,7 @@ export function wordAt(piece, i) {
   return piece.words[piece.first + i * VERTEX_WORDS + 3] ?? 0;
 }
 
-/** The first vertex that is reached at this time or later. @param {Piece} piece @param {number} time */
+/** Returns the first vertex that is reached at this time or later. @param {Piece} piece @param {number} time */
 export function firstFrom(piece, time) {
   let [low, high] = [0, piece.count];
   while (low < high) {
@@ -39,7 +39,7 @@ export function firstFrom(piece, time) {
   return low;
 }
 
-/** Lines of a piece that are under way between two times. @param {Piece} piece @param {number} from s @param {number} to s */
+/** Returns the lines of a piece that are passed between two times. @param {Piece} piece @param {number} from s @param {number} to s */
 export function linesBetween(piece, from, to) {
   const first = Math.max(0, firstFrom(piece, from) - 1);
   return { first, count: Math.min(firstFrom(piece, to), piece.count - 1) - first };
@@ -48,7 +48,7 @@ export function linesBetween(piece, from, to) {
 /** Lengths of pieces that were measured, mm. @type {WeakMap<Piece, number>} */
 const lengths = new WeakMap();
 
-/** Length of the lines of a piece, mm. @param {Piece} piece */
+/** Returns the length of the lines of a piece, mm. @param {Piece} piece */
 export function lengthOf(piece) {
   const known = lengths.get(piece);
   if (known !== undefined) return known;

@@ -1,5 +1,5 @@
-// Probe cycles as NC text: pure functions of where the tool stands and of what the operator asks for. Each touch is a G31, which ends
-// where the skip input comes; the ways between go at the feedrate, and by distances alone, so that no work offset counts.
+// Probe cycles as NC text: pure functions of the position of the tool and the operator's inputs. Each touch is a G31, which ends
+// when the skip input turns on. Motions between touches use the feedrate and incremental distances, so that no work offset has an effect.
 
 /** @typedef {"X" | "Y" | "Z"} Letter */
 /** @typedef {Record<Letter, number>} Place */
@@ -9,7 +9,7 @@
  * Inputs of a cycle, mm and mm/min.
  * @typedef {object} Asked
  * @property {Letter} axis of an edge
- * @property {1 | -1} x where the part lies, seen from the tool
+ * @property {1 | -1} x direction of the part, seen from the tool
  * @property {1 | -1} y the same
  * @property {number} distance the longest path of a touch
  * @property {number} feed of the paths in between
@@ -25,17 +25,17 @@
  * @typedef {object} Cycle
  * @property {string} text
  * @property {string} whole the text as if each touch went its full path, for planning
- * @property {{axis: Letter, line: number, sign: 1 | -1, from: number}[]} touches in their order: line, direction, and where they begin
+ * @property {{axis: Letter, line: number, sign: 1 | -1, from: number}[]} touches in their order: line, direction, and start
  */
 
-/** A path without touch ends nearer to its target than this; a touch before it moved less than this, mm. */
+/** A motion that ends nearer to its target than this had no touch; a touch within this distance was present before, mm. */
 export const NEAR_MM = 0.0005;
 /** Start of a cycle: millimetres and incremental distances, and no rotation, scaling, mirroring or compensation. */
 const HEAD = ["G21 G17 G40 G49", "G50 G50.1 G69 G91"];
 
-/** A line of the text, and whether it is only for what does not touch. @typedef {{text: string, isGuard: boolean}} Line */
+/** A line of the text, and whether it is only for a missing touch. @typedef {{text: string, isGuard: boolean}} Line */
 
-/** As a program writes it. @param {number} value */
+/** Formats a number as NC text. @param {number} value */
 const written = (value) => String(Math.round(value * 1e6) / 1e6);
 
 class Writer {
@@ -59,7 +59,7 @@ class Writer {
     this.#lines.push({ text, isGuard });
   }
 
-  /** A way of known length. @param {Letter} axis @param {number} way */
+  /** A motion of known length. @param {Letter} axis @param {number} way */
   move(axis, way) {
     if (Math.abs(way) < NEAR_MM) return;
     this.#line(`G01 ${axis}${written(way)} F${this.#feed}`);
@@ -67,7 +67,7 @@ class Writer {
   }
 
   /**
-   * Touches, and goes back to where it began. Without a touch the cycle ends there, after the ways out.
+   * Touches, and returns to the start. Without a touch the cycle ends at the start, after the retract motions.
    * @param {Letter} axis @param {number} way @param {[Letter, number][]} [out]
    * @returns {string} the variable that keeps the captured position
    */
@@ -86,7 +86,7 @@ class Writer {
     return kept;
   }
 
-  /** To the middle of two captured positions. @param {Letter} axis @param {string} one @param {string} other */
+  /** A motion to the middle of two captured positions. @param {Letter} axis @param {string} one @param {string} other */
   toMiddle(axis, one, other) {
     const way = `L${this.touches.length + 20}`;
     this.#line(`${way} = (${one} + ${other}) / 2 - ${written(this.#at[axis])}`);
@@ -144,7 +144,7 @@ export const AXES = { edge: ["X", "Y"], corner: ["X", "Y"], bore: ["X", "Y"], bo
 /**
  * The text of a cycle.
  * @param {Kind} kind @param {Place} start machine position of the tool @param {Asked} asked
- * @param {Partial<Record<Letter, number>>} numbers of captured positions by axis: places of their motors, ascending by number
+ * @param {Partial<Record<Letter, number>>} numbers of captured positions by axis: indexes of their motors, ascending by number
  */
 export function cycleOf(kind, start, asked, numbers) {
   const writer = new Writer(start, numbers, asked.feed);

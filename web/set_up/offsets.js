@@ -1,4 +1,4 @@
-// Work offsets: their values, and zero set where the tool stands, or where it has touched.
+// Work offsets: their values, and setting of zero at the position of the tool or of a touch.
 
 import { button, h, setAttr, setText } from "../dom.js";
 import { position } from "../format.js";
@@ -131,20 +131,20 @@ class Offsets {
     return { axis, render, forget };
   }
 
-  /** Zero is set at rest. */
+  /** Returns the reason why zero cannot be set: only at rest. */
   #whyNotStanding() {
     const execution = this.app.model.current?.state?.execution ?? "";
     return ["ACTIVE", "WAIT"].includes(execution) ? t("offsets.a_run_is_on_zero") : null;
   }
 
-  /** Zero is set where positions are the machine's but for an offset. */
+  /** Returns the reason why zero cannot be set: positions must differ from machine positions by an offset only. */
   #whyNotStraight() {
     const { modal } = this.app.model.current ?? {};
     const turn = TURNS.find(({ group, code }) => modal?.g[group] === code);
     return turn ? t("offsets.turned", turn) : null;
   }
 
-  /** Whether positions count from elsewhere than the offset in force says. */
+  /** Returns a text if positions have another zero than that of the offset in force; otherwise an empty text. */
   #elsewhere() {
     const { position: at, modal, info } = this.app.model.current ?? {};
     const values = this.#values[modal?.work_offset ?? ""];
@@ -167,7 +167,7 @@ class Offsets {
     const code = current?.modal?.g["08"] ?? "G49";
     if (code === "G49") return null;
     const tool = this.#tools.find(({ id }) => id === current?.modal?.tool);
-    // other dialects name a length by a number of its own
+    // other dialects name a length by a separate number
     if (!tool || current?.info.dialect !== "nj") return undefined;
     return { code, tool: tool.id, adds: code === "G44" ? -tool.length : tool.length };
   }
@@ -185,7 +185,7 @@ class Offsets {
     return t("offsets.length_is_not_known", { code: this.app.model.current?.modal?.g["08"] });
   }
 
-  /** The point where the tool stands gets a work position. @param {string} axis @param {number} value */
+  /** Sets the work position of the present position of the tool. @param {string} axis @param {number} value */
   async #touch(axis, value) {
     await this.read();
     const offset = this.#offsetFor(axis, value);

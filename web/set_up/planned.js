@@ -5,14 +5,14 @@ import { seconds } from "../format.js";
 import { sentences, t } from "../language.js";
 import { readPath } from "../path/bytes.js";
 
-/** How often a plan that is not complete is asked for again, ms, and how often at the most. */
+/** Interval of the requests for an incomplete plan, ms, and their highest number. */
 const AGAIN_MS = 200;
 const ASKED_MAX = 75;
 
 export class Planned {
   /** @type {import("./cycles.js").Cycle | null} */
   cycle = null;
-  /** Why it cannot run; empty: it can. */
+  /** Reason why the cycle cannot run; empty if it can. */
   trouble = "";
   isAsked = false;
   #key = "";
@@ -35,7 +35,7 @@ export class Planned {
     this.app.model.preview = null;
   }
 
-  /** Why a cycle may not run now. */
+  /** Returns the reason why a cycle may not run now. */
   whyNot() {
     if (this.cycle === null || this.isAsked) return t("probe.look_first");
     return this.trouble || null;
@@ -48,7 +48,7 @@ export class Planned {
   }
 
   /**
-   * Plans a cycle as if each touch went its whole way.
+   * Plans a cycle with each touch over its longest distance.
    * @param {string} key @param {import("./cycles.js").Cycle} cycle
    */
   async plan(key, cycle) {

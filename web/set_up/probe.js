@@ -1,4 +1,4 @@
-// Touches with a probe: edges, corners, bores, bosses, the top of a part, tool lengths. Each is a cycle that is looked at before it runs.
+// Touches with a probe: edges, corners, bores, bosses, the top of a part, tool lengths. Each is a cycle with a preview before it runs.
 
 import { button, fill, h, setAttr, setText } from "../dom.js";
 import { position, readNumber } from "../format.js";
@@ -27,7 +27,7 @@ const VALUES = {
   surface: ["distance", "tip", "feed"],
   length: ["distance", "setter", "feed"],
 };
-/** Their names, and what they do. @type {Record<Kind, [string, string]>} */
+/** Names and descriptions of the cycles. @type {Record<Kind, [string, string]>} */
 const TEXTS = {
   edge: [t("probe.edge"), t("probe.edge_about")],
   corner: [t("probe.corner"), t("probe.corner_about")],
@@ -50,14 +50,14 @@ const LABELS = {
 const KINDS = /** @type {Kind[]} */ (Object.keys(VALUES));
 /** Inputs that must be greater than 0. */
 const POSITIVE = new Set(["distance", "feed", "size", "depth"]);
-/** Those that may be on either side of 0. */
+/** Inputs that may be negative. */
 const SIGNED = new Set(["setter"]);
 /** Inputs used by manual touches. @type {Set<Value>} */
 const BY_HAND = new Set(["ball", "tip", "setter"]);
 /** Typed values that are larger are rejected, mm or mm/min. */
 const VALUE_MAX = 100_000;
 
-/** Values at first, mm and mm/min. @type {Record<Value, number>} */
+/** Initial values, mm and mm/min. @type {Record<Value, number>} */
 const FIRST = { distance: 20, feed: 500, ball: 4, clearance: 5, size: 30, depth: 5, tip: 0, setter: 0 };
 
 /** Directions in which the part lies. @type {Partial<Record<Kind, [string, Letter, 1 | -1, 1 | -1][]>>} */
@@ -76,12 +76,12 @@ class Probe {
   #offset = "G54";
   #values = stored();
   #shown = "";
-  /** Why the last cycle found nothing, and what it found. */
+  /** Reason why the last cycle has no result, and the result. */
   #trouble = "";
   /** @type {import("./cycles.js").Found | null} */
   #found = null;
   #runs = false;
-  /** Machine positions of the touches by hand that were taken, in the order of the cycle's. @type {number[]} */
+  /** Machine positions of the manual touches, in the order of the cycle. @type {number[]} */
   #taken = [];
   #planned;
   #undo;
@@ -210,7 +210,7 @@ class Probe {
     return JSON.stringify([model.bootId, model.selected, this.#kind, this.#asked(), machine]);
   }
 
-  /** Why there is nothing to look at. */
+  /** Returns the reason why no preview is possible. */
   #whyNot() {
     const { model } = this.app;
     if (this.#runs) return t("probe.runs");
@@ -269,7 +269,7 @@ class Probe {
     return whyNotNow(model) ?? (["ACTIVE", "WAIT"].includes(model.current?.state?.execution ?? "") ? t("offsets.a_run_is_on_zero") : null);
   }
 
-  /** Which touch by hand is the next. */
+  /** Returns the text for the next manual touch. */
   #aboutTouch() {
     const touches = this.#cycle()?.touches ?? [];
     const next = touches[this.#taken.length];
@@ -278,7 +278,7 @@ class Probe {
     return t("probe.by_hand", { number: this.#taken.length + 1, count: touches.length, way });
   }
 
-  /** By hand: the tool touches where it stands, the next of the cycle's touches. */
+  /** Records the position of the tool as the next manual touch of the cycle. */
   #touchesNow() {
     const cycle = this.#cycle();
     if (!cycle) return;

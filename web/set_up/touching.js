@@ -1,4 +1,4 @@
-// Runs a probe cycle as manual data input, and gathers what its touches have captured.
+// Runs a probe cycle as manual data input, and collects the captured positions.
 
 import { api, diagnosticsOf } from "../api.js";
 import { t } from "../language.js";
@@ -6,14 +6,14 @@ import { machine } from "../machine.js";
 import { Refusal } from "../tandem.js";
 import { NEAR_MM } from "./cycles.js";
 
-/** How often the state is looked at, ms. */
+/** Interval at which the state is checked, ms. */
 const LOOK_MS = 50;
 const AT_REST = ["READY", "PROGRAM_COMPLETED", "STOPPED"];
 
 /** @typedef {import("../types.d.ts").CapturedMessage} Captured */
 
 /**
- * Runs a cycle to its end, holds and waits included; gives the captured machine positions in the order of its touches.
+ * Runs a cycle to its end, holds and waits included; returns the captured machine positions in the order of its touches.
  * @param {import("../main.js").App} app @param {import("./cycles.js").Cycle} cycle
  * @returns {Promise<number[]>}
  */
@@ -42,7 +42,7 @@ export async function runCycle(app, cycle) {
   }
 }
 
-/** The state in which the run that came after another one has ended. @param {import("../main.js").App} app @param {number} cs @param {string | null} before */
+/** Returns the state at the end of the run that follows another run. @param {import("../main.js").App} app @param {number} cs @param {string | null} before */
 async function ended(app, cs, before) {
   for (;;) {
     await new Promise((resolve) => setTimeout(resolve, LOOK_MS));

@@ -1,4 +1,4 @@
-// Fields of values that are stored when they are left or Enter is pressed, and the way back from the last change.
+// Fields whose values are stored when the field loses the focus or Enter is pressed, and the undo of changes.
 
 import { button, h, isRemoved, setAttr } from "../dom.js";
 import { readNumber } from "../format.js";
@@ -24,10 +24,10 @@ export function numberField(app, label, store) {
   let scale = UNITLESS;
   const input = h("input", { type: "text", inputmode: "decimal", class: "input value", "aria-label": label, autocomplete: "off" });
   let shown = "";
-  // it stays while the field is disabled, which takes its focus
+  // typed text stays while the field is disabled, which removes its focus
   let isTyped = false;
   const leave = () => {
-    // a row that is taken away or disabled stores no half of a number
+    // a row that is removed or disabled does not store a half-typed number
     if (isRemoved() || input.disabled) return;
     isTyped = false;
     const text = input.value.trim();
@@ -50,11 +50,11 @@ export function numberField(app, label, store) {
   });
   return {
     element: input,
-    /** Discards typed text: from now on the field shows another value. */
+    /** Discards typed text, because the field shows another value from now on. */
     forget() {
       isTyped = false;
     },
-    /** Shows a value, unless another is being typed. @param {string} text @param {import("../units.js").Scale} [of] its unit */
+    /** Shows a value, unless a value is being typed. @param {string} text @param {import("../units.js").Scale} [of] its unit */
     show(text, of = UNITLESS) {
       const isUnstored = isTyped && input.value !== shown;
       if (isUnstored && of.unit === scale.unit) return;
@@ -68,12 +68,12 @@ export function numberField(app, label, store) {
   };
 }
 
-/** Changes that can be taken back, the last first. Each is a name, and what to do. */
+/** Changes that can be undone, the last first: a name, and the undo. */
 export class Undo {
   /** @type {{says: string, back: () => Promise<void>}[]} */
   #changes = [];
 
-  /** @param {import("../main.js").App} app @param {() => void} read after a change is taken back */
+  /** @param {import("../main.js").App} app @param {() => void} read after a change was undone */
   constructor(app, read) {
     this.app = app;
     this.read = read;

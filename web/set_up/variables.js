@@ -1,4 +1,4 @@
-// P and Q variables: a part of them, to be looked at and changed.
+// P and Q variables: a range of them, to be read and changed.
 
 import { arrange, button, h, setAttr } from "../dom.js";
 import { plain } from "../format.js";
@@ -8,7 +8,7 @@ import { numberField, Undo } from "./values.js";
 
 /** Variables shown at once. */
 const SHOWN = 50;
-/** Read at once, when only those with a value are shown. */
+/** Variables of one request, when only those with a value are shown. */
 const READ_MAX = 1000;
 
 /** @type {import("./values.js").Section} */

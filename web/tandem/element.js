@@ -21,8 +21,8 @@ const TICK_MS = 250;
 const machines = new Map();
 
 /**
- * The machine at an address, for all elements with it; its connection begins with the first one, or here.
- * @param {import("../tandem.js").Options} [options] only those of the first caller are used
+ * Returns the machine at an address, shared by all its elements; the connection begins with the first element, or here.
+ * @param {import("../tandem.js").Options} [options] only the options of the first caller are used
  * @returns {Tandem}
  */
 export function machineAt(options = {}) {
@@ -118,7 +118,7 @@ export class TandemElement extends HTMLElement {
     return this.#of.model;
   }
 
-  /** Number of the coordinate system; 0: none is known yet. */
+  /** Number of the coordinate system; 0 until one is known. */
   get cs() {
     return Number(this.getAttribute("cs")) || (this.system?.info.number ?? 0);
   }
@@ -133,12 +133,12 @@ export class TandemElement extends HTMLElement {
   /** Shows the current data. @param {CoordinateSystem} _system */
   render(_system) {}
 
-  /** Draws it in the next frame. */
+  /** Draws the element in the next frame. */
   redraw() {
     this.#draw();
   }
 
-  /** Tells a refusal: the event `tandem-refused` with its text. @param {() => Promise<unknown>} work */
+  /** Reports a refusal by the event `tandem-refused` with its text. @param {() => Promise<unknown>} work */
   async attempt(work) {
     try {
       await work();

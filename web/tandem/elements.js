@@ -1,4 +1,4 @@
-// Elements that show a machine, for pages of one's own: <tandem-state>, <tandem-dro>, <tandem-m-codes> and <tandem-path>. Each has the
+// Elements that show a machine, for third-party pages: <tandem-state>, <tandem-dro>, <tandem-m-codes> and <tandem-path>. Each has the
 // attributes `cs` (coordinate system, without it the first one) and `url` (of the machine, without it the server of the page).
 
 import { fill, h, setAttr, setText } from "../dom.js";
@@ -73,7 +73,7 @@ class TandemDro extends TandemElement {
   }
 }
 
-/** Open M codes: what they wait for, what their handlers say and ask. With `answers` the operator answers here. */
+/** Open M codes, with progress and questions of their handlers. With `answers` the operator answers here. */
 class TandemMCodes extends TandemElement {
   #list = h("ul", { "aria-label": t("elements.open_m_codes") });
   #none = h("p", { class: "muted" }, t("elements.no_m_code_is_open"));

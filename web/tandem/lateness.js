@@ -1,4 +1,4 @@
-// How late the page handles what a person does: while it is suspended or busy, a press waits in the browser. Requests that belong to
+// Lateness with which the page handles a press: while the page is suspended or busy, a press waits in the browser. Requests of
 // such a press carry the age of the press, not of its handling.
 
 /** Requests within this time after a press was handled belong to it, ms. */

@@ -3,7 +3,7 @@
 /** Delay before the next attempt: doubles from the first to the longest, with jitter so that screens do not reconnect at once. */
 const RETRY_FIRST_MS = 250;
 const RETRY_LONGEST_MS = 5000;
-/** Silence after which the machine is probed, and how long the answer may take. */
+/** Silence after which the machine is probed, and time limit of the answer. */
 const SILENCE_MS = 4000;
 const PROBE_MS = 3000;
 const WATCH_MS = 1000;
@@ -13,8 +13,8 @@ const WATCH_MS = 1000;
  * @property {() => {url: string, protocols: string[]}} address
  * @property {string} health a route that answers when the server is online
  * @property {(topic: string, message: any) => void} message a message of the machine
- * @property {(text: string) => void} refused the machine did not understand what this page asked
- * @property {(online: boolean, retryAt: number | null) => void} phase connected, or not and when the next try is (ms, local clock)
+ * @property {(text: string) => void} refused the machine did not accept a frame of this page
+ * @property {(online: boolean, retryAt: number | null) => void} phase whether the page is connected, and the time of the next try (ms, local clock)
  */
 
 export class Link {
@@ -22,7 +22,7 @@ export class Link {
   #socket = null;
   /** @type {Set<string>} */
   #topics = new Set();
-  /** Asked for since the last frame. @type {Set<string>} */
+  /** Topics requested since the last frame. @type {Set<string>} */
   #asked = new Set();
   #retryMs = RETRY_FIRST_MS;
   /** @type {ReturnType<typeof setTimeout> | undefined} */
@@ -50,7 +50,7 @@ export class Link {
     if (this.#isOpen) return;
     this.#isOpen = true;
     this.#watchTimer = setInterval(() => void this.#watch(), WATCH_MS);
-    // outside of a browser there is neither
+    // these exist in a browser only
     globalThis.addEventListener?.("online", this.#online);
     globalThis.document?.addEventListener("visibilitychange", this.#seen);
     this.#connect();
@@ -69,7 +69,7 @@ export class Link {
     this.#ends.phase(false, null);
   }
 
-  /** Subscribes, now and after each new connection: of a state its value comes at once, also where it is subscribed already. @param {string} topic */
+  /** Subscribes, now and after each new connection. The value of a state arrives at once, also if it is subscribed already. @param {string} topic */
   subscribe(topic) {
     this.#topics.add(topic);
     if (this.#asked.size === 0) {
@@ -135,7 +135,7 @@ export class Link {
     this.#retryTimer = setTimeout(() => this.#connect(), wait);
   }
 
-  // An unplugged cable closes no socket: there is only silence. But a machine at rest may be silent, too, so it is probed.
+  // An unplugged cable closes no socket, but messages stop. A machine at rest may also send nothing, so it is probed.
   async #watch() {
     const socket = this.#socket;
     if (socket && performance.now() > this.#presentUntil) {

@@ -1,4 +1,4 @@
-// <tandem-path>: the planned path of the loaded program, with the tool where the machine is. `view` is XY, XZ, YZ or ISO; dragging
+// <tandem-path>: the planned path of the loaded program, with the tool at the position of the machine. `view` is XY, XZ, YZ or ISO; dragging
 // turns it, the wheel and two fingers zoom.
 
 import { h, setAttr, setText } from "../dom.js";
@@ -120,7 +120,7 @@ export class TandemPath extends TandemElement {
     }
   }
 
-  /** Another program, view or size shows all of it. @param {import("./element.js").CoordinateSystem} system @param {import("../path/camera.js").Camera} camera @param {import("../path/bytes.js").Answer | null} path @param {Point} tool */
+  /** After a change of program, view or size, the whole path is shown. @param {import("./element.js").CoordinateSystem} system @param {import("../path/camera.js").Camera} camera @param {import("../path/bytes.js").Answer | null} path @param {Point} tool */
   #fit(system, camera, path, tool) {
     const view = VIEW_NAMES.find((name) => name === this.getAttribute("view")) ?? "ISO";
     const key = [view, system.state?.program, path?.complete, path?.chunks.length, camera.width, camera.height].join();

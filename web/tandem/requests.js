@@ -1,4 +1,4 @@
-// Requests to the machine over REST. A refused one throws a Refusal with the machine's text.
+// Requests to the machine over REST. A refused request throws a Refusal with the machine's text.
 
 import { t } from "../language.js";
 
@@ -7,7 +7,7 @@ export const TIMEOUT_MS = 15000;
 
 /** Time after the newest heartbeat within which a request of a person takes effect, ms; later, the machine rejects it. */
 export const NOT_AFTER_MS = 1000;
-/** Time limit of the answer to such a request: it takes no effect any more then. */
+/** Time limit of the answer to such a request, after which the request can no longer take effect. */
 export const PERSON_TIMEOUT_MS = 1500;
 
 /**
@@ -26,11 +26,11 @@ export function canMove(method, path) {
   return method !== "GET" && MOVING.test(path);
 }
 
-/** The machine has refused something, or has not answered. */
+/** A refusal of the machine, or a missing answer. */
 export class Refusal extends Error {
   /**
    * @param {string} text a sentence for people
-   * @param {Partial<import("../types.d.ts").Problem>} problem what the machine said; empty: it has not answered
+   * @param {Partial<import("../types.d.ts").Problem>} problem the machine's problem document; empty: no answer
    */
   constructor(text, problem = {}) {
     super(text);
@@ -41,11 +41,11 @@ export class Refusal extends Error {
 
 /**
  * @typedef {object} Asked
- * @property {object | string | Blob} [body] text as it is, anything else as JSON
+ * @property {object | string | Blob} [body] text unchanged, all other values as JSON
  * @property {Record<string, string>} [headers]
  * @property {number} [timeoutMs]
  * @property {boolean} [keepalive] also when the page closes
- * @property {string} [unanswered] what a refusal says where no answer comes
+ * @property {string} [unanswered] text of the refusal if no answer arrives
  */
 
 /**

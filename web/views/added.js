@@ -1,11 +1,11 @@
-// The panel Machine: buttons and cards that the machine builder has added in the configuration; without any there is no panel.
+// The panel Machine: buttons and cards that the machine builder has added in the configuration; without them the panel is not shown.
 
 import { fill, h } from "../dom.js";
 import { addedButton } from "../added/button.js";
 import { addedCard } from "../added/card.js";
 import { t } from "../language.js";
 
-/** How long an answer that has not come is waited for, ms. */
+/** Time limit of a missing answer, ms. */
 const AGAIN_MS = 3000;
 
 /** @type {import("../main.js").View} */

@@ -17,7 +17,7 @@ import { handUnitOf, isRotary } from "../units.js";
 import { disableFor, whyNot } from "../why_not.js";
 import { dryRunSwitch, lockSwitch } from "./switches.js";
 
-/** Places of the cross: which axis, its direction, column and row. @type {[number, 1 | -1, number, number][]} */
+/** Buttons of the cross: axis, direction, column and row. @type {[number, 1 | -1, number, number][]} */
 const CROSS = [[1, 1, 2, 1], [0, -1, 1, 2], [0, 1, 3, 2], [1, -1, 2, 3], [2, 1, 4, 1], [2, -1, 4, 3]];
 
 /** @type {import("../main.js").View} */

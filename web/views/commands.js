@@ -1,5 +1,5 @@
-// Start, hold, resume, stop, reset, abort. Start begins, and goes on after a pause, as on every control; each other button
-// always means the same.
+// Start, hold, resume, stop, reset, abort. Start begins a run, and resumes after a pause, as on every control; each other button
+// always has the same meaning.
 
 import { button, h } from "../dom.js";
 import { programName } from "../format.js";
@@ -17,7 +17,7 @@ const COMMANDS = [
   { verb: "reset", label: t("commands.reset"), icon: "reset", says: t("commands.ends_the_run_cancels_open") },
   { verb: "abort", label: t("commands.abort"), icon: "abort", says: t("commands.brakes_each_motor_at_once") },
 ];
-/** States in which a reset throws a run away. */
+/** States in which a reset ends a run. */
 const IN_RUN = new Set(["WAIT", "FEED_HOLD", "PROGRAM_STOPPED", "OPTIONAL_STOP", "INTERRUPTED"]);
 
 /** @type {import("../main.js").View} */

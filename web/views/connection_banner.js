@@ -1,4 +1,4 @@
-// A banner that says that the connection is lost and the values are outdated.
+// A banner that reports a lost connection and stale values.
 
 import { button, h, setAttr, setText } from "../dom.js";
 import { seconds } from "../format.js";
@@ -31,7 +31,7 @@ export const connectionBanner = {
         setText(text, t("connection.stale", { seconds: seconds(staleMs / 1000, 1) }));
         return;
       }
-      // the first connection takes a moment, which is normal
+      // the banner is not shown before the first connection, which takes a moment
       setAttr(element, "hidden", online || Date.now() - since < 400);
       const left = retryAt === null || asked ? 0 : Math.ceil((retryAt - Date.now()) / 1000);
       const next = left > 0 ? t("connection.again_in", { seconds: left }) : t("connection.again_now");

@@ -1,4 +1,4 @@
-// The screen as it is read from three metres: state, sentence, positions, program; its frame has the colour of the state.
+// The screen for reading from three metres: state, sentence, positions, program; its frame has the colour of the state.
 
 import { fill, h, setAttr, setText } from "../dom.js";
 import { position, programName } from "../format.js";
@@ -8,7 +8,7 @@ import { brief, look, sentence } from "../sentence.js";
 import { scaleOf } from "../units.js";
 import { axesOf } from "../model.js";
 
-/** Characters of the sentence. */
+/** Most characters of the sentence. */
 const SENTENCE_CHARS = 110;
 
 /** @type {import("../main.js").View} */

@@ -22,7 +22,7 @@ export const mCodes = {
     const render = () => {
       const { model } = app;
       const waited = model.current?.state?.waiting_on?.seq;
-      // the one that the program waits for comes first
+      // the awaited output is first
       const outputs = [...(model.current?.pending?.outputs ?? [])].sort((a, b) => Number(b.seq === waited) - Number(a.seq === waited) || a.seq - b.seq);
       const keys = outputs.map((output) => `${model.bootId} ${model.selected} ${output.seq}`);
       if (keys.join() !== [...shown.keys()].join()) {
@@ -160,7 +160,7 @@ function responsible({ lost, handler_id }) {
 }
 
 /**
- * Asks, whatever the state of the output: the program continues and axes can move, whether the machine has finished or not.
+ * Asks in every state of the output, because the program then continues and axes can move, also if the machine has not finished.
  * @param {import("../main.js").App} app @param {import("../types.d.ts").PendingOutput | null} output
  */
 async function confirmByHand(app, output) {

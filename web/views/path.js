@@ -1,5 +1,5 @@
-// The path of the loaded program in space, drawn before anything moves, with the tool where the machine is; the way travelled where
-// there is no plan (manual data input, jogs).
+// The path of the loaded program in space, drawn before anything moves, with the tool at the position of the machine; the travelled path if
+// no plan exists (manual data input, jogs).
 
 import { button, card, h, setAttr, setText } from "../dom.js";
 import { position } from "../format.js";
@@ -45,11 +45,11 @@ class PathView {
   /** The unit of lengths that the picture names. */
   #unit = "";
   #frame = 0;
-  /** Coordinate system, program and hash that the plan is of. */
+  /** Coordinate system, program and hash of the plan. */
   #of = "";
   /** @type {import("../path/picture.js").Shown | null} */
   #shown = null;
-  /** The block looked for last. */
+  /** The last searched block. */
   #place = { key: "", place: 0 };
   element;
 
@@ -62,7 +62,7 @@ class PathView {
     this.#clear = button({ class: "icon-button", "aria-label": t("path.clear"), title: t("path.clear"), onclick: () => this.#forgetTrail() }, icon("trash"));
     const tools = h("div", { class: "path-views", role: "group", "aria-label": t("path.view_of_the_path") }, ...this.#views, fit);
     this.element = card("path-card", t("path.path"), [this.#clear, tools], this.#box, this.#rehearse.element);
-    // what tests and the console may ask
+    // for tests and the console
     Object.assign(this.#canvas, { statistics: () => this.#picture.statistics });
     follow(this.#canvas, this.#picture.camera, { changed: () => this.#changed(), click: (x, y) => this.#click(x, y), fit: () => this.#fit() });
     new ResizeObserver(() => this.#changed()).observe(this.#box);
@@ -90,7 +90,7 @@ class PathView {
     this.#request();
   }
 
-  /** The planned path, if it is of the run under way, or of the text that a start would run. */
+  /** Returns the planned path, if it belongs to the active run, or to the text that a start would run. */
   get #plan() {
     const { path: plan } = this.#loader;
     return isShown(this.app.model.current?.state, plan) ? plan : null;
@@ -209,14 +209,14 @@ class PathView {
     };
   }
 
-  /** The place of a block on the path, looked for once. @param {import("../path/bytes.js").Answer} plan @param {{program: number, line: number}} chosen */
+  /** Returns the place of a block on the path, searched once. @param {import("../path/bytes.js").Answer} plan @param {{program: number, line: number}} chosen */
   #placeOf(plan, { program, line }) {
     const key = [this.#loader.revision, program, line].join();
     if (key !== this.#place.key) this.#place = { key, place: this.#picture.placeOf(plan, program, line) };
     return this.#place.place;
   }
 
-  /** A picture that shows another program, or none, shows all of it. @param {import("../model.js").CoordinateSystem} system @param {import("../path/picture.js").Shown} shown */
+  /** Fits the whole path when the picture shows another program, or none. @param {import("../model.js").CoordinateSystem} system @param {import("../path/picture.js").Shown} shown */
   #fitFirst(system, shown) {
     const size = shown.path?.complete ? "all" : shown.path?.chunks.length ? "some" : "none";
     const { camera } = this.#picture;
@@ -254,7 +254,7 @@ class PathView {
     this.app.invalidate();
   }
 
-  /** A line of the path is chosen: the program shows its block. @param {number} x @param {number} y */
+  /** Selects the line of the path at a point: the program shows its block. @param {number} x @param {number} y */
   #click(x, y) {
     if (this.#preview()) return;
     const plan = this.#plan;
@@ -269,14 +269,14 @@ function point(values) {
   return [values?.X ?? 0, values?.Y ?? 0, values?.Z ?? 0];
 }
 
-/** The view in which the machine has two axes. @param {import("../model.js").CoordinateSystem} system */
+/** Returns the view of the two axes of the machine. @param {import("../model.js").CoordinateSystem} system */
 function planeOf({ info }) {
   const [x, y, z] = ["X", "Y", "Z"].map((letter) => letter in info.axes);
   if (x && y) return z ? "ISO" : "XY";
   return y ? "YZ" : "XZ";
 }
 
-/** Corners of what the soft limits leave. @param {import("../model.js").CoordinateSystem} system @param {import("../types.d.ts").MotorInfo[]} motors @returns {[Point, Point] | null} */
+/** Returns the corners of the space within the soft limits. @param {import("../model.js").CoordinateSystem} system @param {import("../types.d.ts").MotorInfo[]} motors @returns {[Point, Point] | null} */
 function limitsOf({ info }, motors) {
   const of = ["X", "Y", "Z"].map((letter) => motors.find((motor) => motor.number === info.axes[letter])?.soft_limits ?? null);
   if (of.every((limits) => limits === null)) return null;

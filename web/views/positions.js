@@ -1,5 +1,5 @@
-// The axes: work position in large digits, machine position and distance to go. All of them are seen at every size: the digits
-// follow the room that there is.
+// The axes: work position in large digits, machine position and distance to go. All axes are visible at every size: the digits
+// use the available space.
 
 import { card, fill, h, setAttr, setText } from "../dom.js";
 import { position } from "../format.js";
@@ -8,7 +8,7 @@ import { t } from "../language.js";
 import { axesOf } from "../model.js";
 import { scaleOf } from "../units.js";
 
-/** A longer position is set in smaller digits. */
+/** Longest position in large digits, characters. */
 const LONG_POSITION = 8;
 
 /** @type {import("../main.js").View} */

@@ -38,16 +38,16 @@ class ProgramView {
 
   /** The last requested text, and the result. @type {{key: string, text: NcText | null, error: string}} */
   #loaded = { key: "", text: null, error: "" };
-  /** When to try again to read a text, ms of the local clock. */
+  /** Time of the next try to read a text, ms of the local clock. */
   #againAt = Number.POSITIVE_INFINITY;
   #following = true;
   /** Position of the last automatic scroll, px. */
   #scrolledTo = -1;
   /** The program whose text is shown. */
   #number = 0;
-  /** The block chosen last, as it is shown. @type {import("../model.js").Model["chosen"]} */
+  /** The shown block of the last choice. @type {import("../model.js").Model["chosen"]} */
   #chosen = null;
-  /** The block at which a start is offered. @type {{program: number, line: number} | null} */
+  /** The block at which the view offers a start. @type {{program: number, line: number} | null} */
   #from = null;
   /** Height of the view when it was drawn, px. */
   #height = -1;
@@ -122,7 +122,7 @@ class ProgramView {
     const line = this.#from?.line ?? 0;
     const isOffered = !runs && line !== 0;
     setAttr(this.#start, "hidden", !isOffered);
-    // both have no room on a narrow screen
+    // a narrow screen has no space for both
     setAttr(this.#hash, "hidden", isOffered);
     setText(this.#start, `${t(here ? "start_line.title" : "start_line.cut_short", { line })}…`);
     disableFor(this.#start, whyNot(this.app.model, "start"), here ? t("program.shows_what_is_in_force") : t("start_line.where_cut_short", { line }));
@@ -224,7 +224,7 @@ function row(number, text, running, interpreted, chosen) {
   );
 }
 
-/** Its name, with the number that the text gives itself. @param {number | null} number @param {number | null | undefined} o */
+/** Returns the name of the program, with the number in its text. @param {number | null} number @param {number | null | undefined} o */
 function own(number, o) {
   return o === null || o === undefined ? programName(number) : t("program.own", { program: programName(number), o });
 }

@@ -1,4 +1,4 @@
-// Programs of the store: found, sorted, loaded, edited, downloaded, deleted; files are dropped anywhere on the screen.
+// Programs of the store: search, sort, load, edit, download, delete; files can be dropped anywhere on the screen.
 
 import { diagnosticsOf } from "../api.js";
 import { button, fill, h, setAttr, setText } from "../dom.js";
@@ -138,7 +138,7 @@ async function remove(app, { number, title, hash }) {
   await app.readPrograms();
 }
 
-/** A file of this computer into the editor. @param {import("../main.js").App} app @param {File} file */
+/** Opens a file of this computer in the editor. @param {import("../main.js").App} app @param {File} file */
 async function openFile(app, file) {
   try {
     await openEditor(app, { number: numberFor(file.name, app.model.programs ?? []), text: await file.text() });
@@ -147,7 +147,7 @@ async function openFile(app, file) {
   }
 }
 
-/** One file that is dropped is opened; several are stored, each under its number. @param {import("../main.js").App} app */
+/** Opens a dropped file; stores several dropped files, each under its number. @param {import("../main.js").App} app */
 function takeDrops(app) {
   const hasFiles = (/** @type {DragEvent} */ event) => event.dataTransfer?.types.includes("Files") ?? false;
   document.addEventListener("dragover", (event) => {

@@ -8,9 +8,9 @@ import { t } from "../language.js";
 import { partsSaid } from "../order.js";
 import { announcement, asked, brief, look, sentence } from "../sentence.js";
 
-/** A longer state is set in smaller letters. */
+/** Longest state in large letters, characters. */
 const LONG_WORD = 10;
-/** Characters of a program's title; the list of programs shows more of it. */
+/** Most characters of a program's title; the list of programs shows more. */
 const TITLE_CHARS = 40;
 
 /** @type {import("../main.js").View} */

@@ -1,4 +1,4 @@
-// The question about stored files that do not fit together: what does not fit, and the person's decision.
+// The question about stored files that do not fit together: the affected parts, and the person's decision.
 
 import { button, h, setAttr, setText } from "../dom.js";
 import { listed, t } from "../language.js";

@@ -32,11 +32,11 @@ export const switches = {
   },
 };
 
-/** Block skips of a dialect that has fewer. @type {Record<string, number>} */
+/** Block skips of a dialect with fewer than nine. @type {Record<string, number>} */
 const SKIPS = { dgshape: 1 };
 
 /**
- * A lock that this screen can switch; it also shows what others have set.
+ * A lock that this screen can switch; it also shows the sources of other clients.
  * @param {import("../main.js").App} app
  * @param {"interlock" | "start_lock"} input
  * @param {string} says

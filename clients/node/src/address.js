@@ -9,7 +9,7 @@ const NODES_MAX = 16;
  * @property {{host: string, port: number}[]} nodes of the broker, at least one
  * @property {boolean} tls
  * @property {string} root of the machine's topics, without a slash at the end
- * @property {string} shown as given, without user and password
+ * @property {string} shown the given address, without user and password
  * @property {string} [user]
  * @property {string} [password]
  */
@@ -50,7 +50,7 @@ export function parseAddress(text) {
 function parseNode(text, port, wrong) {
   const [, bracketed, plain, given] = /^(?:\[([^\]]*)\]|([^:[\]]*))(?::(.*))?$/.exec(text) ?? [];
   const host = bracketed ?? plain;
-  if (host === undefined) throw wrong(`${JSON.stringify(text)} is not host:port; an IPv6 address stands in [ ]`);
+  if (host === undefined) throw wrong(`${JSON.stringify(text)} is not host:port; write an IPv6 address in [ ]`);
   if (host === "") throw wrong("it names no host; write mqtt://host:port/machine");
   if (given === undefined) return { host, port };
   if (!/^\d{1,5}$/.test(given) || Number(given) < 1 || Number(given) > 65_535) throw wrong("its port is not a number; / @ and : of a password are written %2F, %40 and %3A");

@@ -1,6 +1,6 @@
 // Waiting for a signal from another part of the program, for a time, or for an abort.
 
-/** A signal from one part of the program to another; it stays set until it is muted. */
+/** A signal from one part of the program to another. The signal stays set until it is muted. */
 export class Bell {
   #isRung = false;
   /** @type {Set<() => void>} */
@@ -22,7 +22,7 @@ export class Bell {
   }
 
   /**
-   * Waits until it is rung; returns false if the time is over or the signal was aborted first.
+   * Waits until the bell is rung; returns false if the time limit passes or the signal is aborted first.
    * @param {{timeoutMs?: number, signal?: AbortSignal}} [until]
    */
   async rung({ timeoutMs, signal } = {}) {
@@ -41,7 +41,7 @@ export class Bell {
   }
 }
 
-/** Waits for a time, or until the signal. @param {number} ms @param {AbortSignal} [signal] */
+/** Waits for a time, or until the signal is aborted. @param {number} ms @param {AbortSignal} [signal] */
 export async function sleep(ms, signal) {
   await new Bell().rung({ timeoutMs: ms, signal });
 }

@@ -19,7 +19,7 @@ export function numberOf(value) {
 /** @typedef {{variables: readonly {from: number, values: readonly unknown[]}[]}} Published */
 
 /**
- * Returns the values of variables; undefined if not all of them are published.
+ * Returns the values of variables, or undefined if not all of them are published.
  * @param {Published} published @param {number} first @param {number} count
  */
 export function valuesOf({ variables }, first, count) {
@@ -33,7 +33,7 @@ export function valuesOf({ variables }, first, count) {
 }
 
 /**
- * Yields the values of variables published on a topic: first the current ones, then after each change.
+ * Yields the values of variables published on a topic: first the current values, then all values after each change.
  * @param {import("./plc.js").Plc} plc @param {string} path @param {"P" | "Q"} kind @param {number} first @param {number} count
  * @returns {AsyncGenerator<number[], void>}
  */

@@ -64,7 +64,7 @@ export class Connection {
   hub = new Hub();
   /** Distinguishes this process from others with the same handler id; unchanged over all connections. */
   instance = randomBytes(16).toString("hex");
-  /** Begins with the user, because a broker's access rules tie the topics of a client to its user. */
+  /** The client id. It begins with the user, because access rules of a broker bind the topics of a client to its user. */
   clientId;
   /** The client in topics: the user, or the client id if there is no user. */
   #topicId;
@@ -94,7 +94,7 @@ export class Connection {
   #news = new Set();
   /** Time of the last presence message, in ms; restarted with each connection. */
   #heardAt = 0;
-  /** No presence arrived within `expires_ms`. */
+  /** True if no presence arrived within `expires_ms`. */
   #isMissed = false;
   #mustReconnect = false;
 
@@ -122,12 +122,12 @@ export class Connection {
     return this.#isPresent && this.bootId !== null;
   }
 
-  /** Aborted when this is closed. @returns {AbortSignal} */
+  /** A signal that is aborted when this connection is closed. @returns {AbortSignal} */
   get stopped() {
     return this.#stopped.signal;
   }
 
-  /** Connects, and waits for the machine. Throws a `ConnectError` if it is not online in time or the broker refuses this
+  /** Connects, and waits for the machine. Throws a `ConnectError` if the machine is not online in time or the broker refuses this
    * client. */
   async start() {
     const timeoutMs = this.#options.timeoutMs ?? PRESENT_TIMEOUT_MS;
@@ -135,7 +135,7 @@ export class Connection {
     const isThere = () => this.isConnected && this.hub.last("birth") !== undefined;
     await this.until(() => isThere() || this.#refused.isRung, AbortSignal.timeout(timeoutMs)).catch(() => {});
     if (isThere()) return;
-    const why = this.#link === null ? this.#trouble : "the broker is there, and no machine of this name is online";
+    const why = this.#link === null ? this.#trouble : "the broker answers, but no machine of this name is online";
     await this.stop();
     throw new ConnectError(this.#refused.isRung ? why : `no connection to ${this.address.shown}: ${why}`);
   }
@@ -212,7 +212,7 @@ export class Connection {
       this.#isMissed = this.#mustReconnect = false;
       link.subscribe(this.#filters().map((path) => `${this.address.root}/${path}`));
       age = setInterval(() => {
-        if (this.#mustReconnect) void link.close("the machine was missed and is heard again");
+        if (this.#mustReconnect) void link.close("the presence of the machine had expired, and is received again");
         link.lookAtSilence();
         this.#lookAtAge();
       }, limits.lookMs);
@@ -259,7 +259,7 @@ export class Connection {
     const presence = this.hub.last("presence");
     if (!presence?.online || typeof presence.expires_ms !== "number") return;
     if (performance.now() - this.#heardAt < presence.expires_ms) return;
-    this.log.warn("the machine has not said in time that it is still there: it counts as offline");
+    this.log.warn("the machine has not renewed its presence in time: it is treated as offline");
     this.#isMissed = true;
     this.#take("presence", "presence", { ...presence, online: false });
   }
@@ -282,7 +282,7 @@ export class Connection {
       wrong = sentence(error);
     }
     if (wrong !== null) {
-      this.log.warn(`a message on ${topic} is not of its form: ${wrong}`);
+      this.log.warn(`a message on ${topic} does not have the form of its topic: ${wrong}`);
       return;
     }
     if (pattern === "presence" && !isRetained) {
@@ -326,7 +326,7 @@ export class Connection {
       // a late answer to a claim, from a machine without `of` in its results; an output that is reset leaves `pending`
       // first
       if (result.of === undefined && asked.kind === "reset" && result.status === "accepted" && this.#isOpen(path, result.seq)) continue;
-      if (result.status === "refused") request.reject(new Refused("invalid", result.text ?? "it is not right"));
+      if (result.status === "refused") request.reject(new Refused("invalid", result.text ?? "invalid message"));
       else request.resolve(result);
     }
   }

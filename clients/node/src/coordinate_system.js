@@ -21,8 +21,9 @@ const MOTION_TIMEOUT_MS = 600_000;
 /** @typedef {import("./messages.d.ts").CommandReplyMessage} CommandReply */
 
 /**
- * Commands return after their effect. All throw `Refused` (nothing has changed), `CommandFailed` (it was accepted, but
- * could not take effect), `NotConnected` (nothing was sent) or `NoAnswer` (the effect is unknown).
+ * One coordinate system of a machine. Commands return after their effect. All throw `Refused` (nothing has changed),
+ * `CommandFailed` (the command was accepted, but could not take effect), `NotConnected` (nothing was sent) or `NoAnswer`
+ * (the effect is unknown).
  */
 export class CoordinateSystem {
   #plc;
@@ -78,9 +79,9 @@ export class CoordinateSystem {
   /**
    * Runs lines of NC text to their end, then READY; 1 h is the limit.
    * @param {string} text
-   * @param {CommandOptions & {macro?: boolean}} [options] macro: the text is generated; its numbers count in the
-   * configured unit and as positions, and at its end, however it ends, the machine restores the modal state, the feedrate
-   * and the selected offsets that were in force before
+   * @param {CommandOptions & {macro?: boolean}} [options] macro: for a text that a program generates. It starts
+   * with the configured unit and absolute positions (G90) in force. At its end, also after an alarm or a stop, the machine
+   * restores the modal state, the feedrate and the selected offsets that were in force before
    */
   async mdi(text, { macro = false, ...options } = {}) {
     return this.command("mdi", macro ? { text, macro } : { text }, { timeoutMs: MDI_TIMEOUT_MS, ...options });
@@ -97,10 +98,10 @@ export class CoordinateSystem {
   /**
    * Jogs one axis as long as this is called again with the same `refreshId` at least every 200 ms. The first call returns when the jog
    * has ended, the others at once. A distance up to `jog_step_max` of `[hmi]` (10 by default) needs one call only. A
-   * `CommandFailed` has the distance covered if the motion ended before it.
-   * @param {string} axis its letter @param {number} velocity mm/min or deg/min; the sign is the direction
+   * `CommandFailed` contains the distance covered if the motion ended before the whole distance.
+   * @param {string} axis letter of the axis @param {number} velocity mm/min or deg/min; the sign is the direction
    * @param {string} refreshId names the jog, 1 to 128 characters
-   * @param {CommandOptions & {distance?: number}} [options] distance: where it ends, mm or degrees from its start; without it, at the soft limit
+   * @param {CommandOptions & {distance?: number}} [options] distance: length of the motion, mm or degrees; by default up to the soft limit
    */
   async jog(axis, velocity, refreshId, { distance, ...options } = {}) {
     const way = distance === undefined ? {} : { distance };
@@ -113,7 +114,7 @@ export class CoordinateSystem {
   }
 
   /**
-   * Records that an alarm has been seen, and by which user; it stays active until a reset.
+   * Records that a user has seen an alarm, with the name of the user; the alarm stays active until a reset.
    * @param {number} id @param {CommandOptions} [options]
    */
   async acknowledgeAlarm(id, options) {
@@ -134,7 +135,7 @@ export class CoordinateSystem {
   /**
    * Loads a program if one is given, and runs it once for each part; returns the run. Each further part begins only
    * after PROGRAM_COMPLETED; the interlock and the start lock delay it.
-   * @param {number | null} [program] null: the loaded one @param {{parts?: number} & CommandOptions} [options]
+   * @param {number | null} [program] null: the loaded program @param {{parts?: number} & CommandOptions} [options]
    */
   async run(program = null, { parts = 1, ...options } = {}) {
     const reply = await this.command("run", program === null ? { parts } : { program, parts }, options);
@@ -145,17 +146,17 @@ export class CoordinateSystem {
 
   /**
    * Takes or renews the control lease: until it ends, only commands of this connection start motion. Throws `Refused`
-   * while another client holds it. Returns its number, which this connection sends with each of its commands.
+   * while another client holds it. Returns the number of the lease, which this connection sends with each of its commands.
    * @param {string} holder @param {{ttlMs?: number}} [options]
    */
   async takeLease(holder, { ttlMs = 5_000 } = {}) {
     const { lease } = await this.#plc.ask(`cs/${this.number}/lease/take`, { holder, ttl_ms: ttlMs, ...this.#fence() });
-    if (lease === undefined) throw new Refused("unavailable", "the machine did not say which lease it has given");
+    if (lease === undefined) throw new Refused("unavailable", "the answer of the machine does not contain the lease");
     this.#plc.fences.set(this.number, lease.fence);
     return lease.fence;
   }
 
-  /** Releases the control lease; without one, nothing changes. */
+  /** Releases the control lease; no effect if this connection has no lease. */
   async releaseLease() {
     const fence = this.#fence();
     this.#plc.fences.delete(this.number);
@@ -190,7 +191,7 @@ export class CoordinateSystem {
   }
 
   /**
-   * Sets a source of the interlock: while any source is on, motion is held and none starts; the text is the reason. A
+   * Sets a source of the interlock: while any source is on, no motion runs or starts; the text is the reason. A
    * program that serves the machine owns its sources: they are written again on each connection and at each boot, and
    * no other client can clear them. If the machine is offline, the program waits for it. Throws `Refused` if another
    * handler owns the source.
@@ -201,7 +202,7 @@ export class CoordinateSystem {
   }
 
   /**
-   * Sets a source of the start lock, as `setInterlock`: while any is on, no program starts.
+   * Sets a source of the start lock, as `setInterlock`: while any source is on, no program starts.
    * @param {boolean} value @param {string} [text] @param {{source?: string}} [options]
    */
   async setStartLock(value, text = "", { source = "default" } = {}) {
@@ -216,7 +217,7 @@ export class CoordinateSystem {
     await this.#set("override/set", percent);
   }
 
-  /** Sets the tool in the spindle; 0: none. @param {number} id */
+  /** Sets the number of the tool in the spindle; 0 means that the spindle is empty. @param {number} id */
   async selectTool(id) {
     await this.#set("tool/set", { id });
   }
@@ -239,7 +240,7 @@ export class CoordinateSystem {
     return this.#plc.readVariables(this.number, "Q", first, count);
   }
 
-  /** Writes Q variables, up to 1024, all or none. @param {number} first @param {readonly number[]} values */
+  /** Writes up to 1024 Q variables, all or none. @param {number} first @param {readonly number[]} values */
   async writeQ(first, values) {
     await this.#plc.writeVariables(this.number, "Q", first, values);
   }
@@ -249,7 +250,7 @@ export class CoordinateSystem {
    * @param {PendingOutput} output @param {string} choice
    */
   async answer({ m, seq, question }, choice) {
-    if (question === undefined) throw new Refused("not_found", `M${m} asks nothing`);
+    if (question === undefined) throw new Refused("not_found", `M${m} has no question`);
     const { bootId, connection } = this.#plc;
     const answer = { boot_id: bootId, seq, question_id: question.id, choice, client_id: connection.clientId };
     await this.#set(`m_code/${m}/answer`, answer);
@@ -262,7 +263,7 @@ export class CoordinateSystem {
 
   // --- readings
 
-  /** State word, reason, and the output that the program waits for. @returns {State} */
+  /** State word, reason, and the output for which the program waits. @returns {State} */
   get state() {
     return this.#last("state");
   }
@@ -307,7 +308,7 @@ export class CoordinateSystem {
     return this.#last("m_code/pending").outputs;
   }
 
-  /** Yields the current state, then each new one. @returns {AsyncIterableIterator<State>} */
+  /** Yields the current state, then each new state. @returns {AsyncIterableIterator<State>} */
   states() {
     return this.#plc.connection.hub.follow(`cs/${this.number}/state`);
   }
@@ -318,8 +319,8 @@ export class CoordinateSystem {
   }
 
   /**
-   * Yields the work offsets `G54` to `G59`, each by axis letter, mm or degrees: the current ones, then after each
-   * change.
+   * Yields the work offsets `G54` to `G59`, each by axis letter, mm or degrees: the current offsets, then all
+   * offsets after each change.
    * @returns {AsyncGenerator<Record<string, Record<string, number>>, void>}
    */
   async *workOffsetChanges() {
@@ -335,7 +336,7 @@ export class CoordinateSystem {
   }
 
   /**
-   * Waits for a state that fits, and returns it.
+   * Waits for a state for which `fits` is true, and returns it.
    * @param {(state: State) => boolean} fits @param {{signal?: AbortSignal}} [options] @returns {Promise<State>}
    */
   async waitFor(fits, { signal } = {}) {
@@ -348,7 +349,7 @@ export class CoordinateSystem {
   /** @param {string} name @returns {any} */
   #last(name) {
     const message = this.#plc.connection.hub.last(`cs/${this.number}/${name}`);
-    if (message === undefined) throw new Refused("not_found", `coordinate system ${this.number} does not exist, or has no ${name} yet`);
+    if (message === undefined) throw new Refused("not_found", `coordinate system ${this.number} does not exist, or has not published its ${name} yet`);
     return message;
   }
 }
@@ -367,7 +368,7 @@ export class Run {
   }
 
   /**
-   * Waits until all parts are made or the run ends otherwise; `end.how` of the result is the reason. Throws a
+   * Waits until all parts are completed or the run ends for another reason; `end.how` of the result is the reason. Throws a
    * `CommandFailed` if a later run replaced this one before its end was received.
    * @param {{signal?: AbortSignal}} [options] @returns {Promise<EndedRun>}
    */
@@ -375,7 +376,7 @@ export class Run {
     let isSeen = false;
     const look = (/** @type {import("./messages.d.ts").RunStateMessage} */ { run }) => {
       const isIt = run?.id === this.id;
-      if (isSeen && !isIt) throw new CommandFailed("run", "lost", `run ${this.id} is not the one of the machine any more`);
+      if (isSeen && !isIt) throw new CommandFailed("run", "lost", `run ${this.id} is no longer the current run`);
       isSeen ||= isIt;
       return run && isIt && run.end ? /** @type {EndedRun} */ (run) : undefined;
     };

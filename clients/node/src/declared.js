@@ -17,7 +17,7 @@ export class Declared {
     this.params = params;
     checkLength("name", name, NAME_MAX);
     for (const [letter, param] of Object.entries(params ?? {})) {
-      if (!LETTERS.some((known) => known === letter)) throw new ProgramError(`${JSON.stringify(letter)} is no parameter; write "A" to "H"`);
+      if (!LETTERS.some((known) => known === letter)) throw new ProgramError(`${JSON.stringify(letter)} is not a parameter; write "A" to "H"`);
       checkLength(`V${letter}: name`, param.name, NAME_MAX);
       checkLength(`V${letter}: unit`, param.unit, UNIT_MAX);
       const { min, max } = param;
@@ -88,7 +88,7 @@ function range({ min, max, whole, unit: named }) {
   return whole ? `a whole number, ${limits}` : limits;
 }
 
-/** Name and range. @param {Param} param */
+/** Returns the name and the range of a parameter. @param {Param} param */
 function text(param) {
   return [param.name, range(param)].filter(Boolean).join(", ") + (param.optional ? "; may be left out" : "");
 }

@@ -1,9 +1,9 @@
 // Errors between a program and a machine.
 
-/** First alarm number of sequence programs: a number is this plus the code. */
+/** First alarm number of sequence programs: the number of an alarm is this base plus the code. */
 const USER_ALARM_BASE = 10_000;
 export const CODE_MAX = 9_999;
-/** Maximum number of characters of an alarm's text; a longer one is cut. */
+/** Maximum number of characters of an alarm's text; a longer text is cut. */
 export const TEXT_MAX = 1_000;
 
 /** Code of the alarm that a `TandemError` in a handler becomes. */
@@ -21,7 +21,7 @@ export class Alarm extends Error {
   /** @param {number} code 0 to 9999 @param {string} text for the operator; cut after 1000 characters */
   constructor(code, text) {
     if (!Number.isInteger(code) || code < 0 || code > CODE_MAX) throw new RangeError(`alarm code ${code}: write 0 to ${CODE_MAX}`);
-    if (text === "") throw new RangeError("an alarm needs a text: say what has happened, in the operator's words");
+    if (text === "") throw new RangeError("an alarm needs a text: describe the fault for the operator");
     super(cut(text, TEXT_MAX));
     this.name = "Alarm";
     this.code = code;
@@ -53,7 +53,7 @@ export class AddressError extends TandemError {}
 /** A sequence program has a mistake, such as two handlers for one M code. */
 export class ProgramError extends TandemError {}
 
-/** Another process with this handler id serves the machine: this one has ended, or was refused. */
+/** Another process with this handler id serves the machine: this process has ended, or was refused. */
 export class TakenOver extends TandemError {}
 
 /** The machine was not found in time, or the broker refuses this client for good. */
@@ -72,7 +72,7 @@ export class Refused extends TandemError {
   }
 }
 
-/** A command was accepted, but something prevented its effect. */
+/** A command was accepted, but its effect was prevented. */
 export class CommandFailed extends TandemError {
   /** @param {string} verb @param {string} code @param {string} text @param {Record<string, number>} [moved] */
   constructor(verb, code, text, moved = {}) {
@@ -93,7 +93,7 @@ export class CommandFailed extends TandemError {
 export class NoAnswer extends TandemError {
   /** @param {string} what @param {number} timeoutMs @param {string | undefined} commandId */
   constructor(what, timeoutMs, commandId) {
-    super(`${what}: no answer within ${timeoutMs / 1000} s; whether it has had its effect is not known`);
+    super(`${what}: no answer within ${timeoutMs / 1000} s; its effect is unknown`);
     /** Id of the command; undefined if the request was not a command. */
     this.commandId = commandId;
   }

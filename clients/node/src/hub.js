@@ -1,6 +1,6 @@
 // Last message of each topic, and the followers of each topic.
 
-/** Maximum number of topics kept; the one without messages for the longest time is evicted. */
+/** Maximum number of stored topics; the topic without messages for the longest time is evicted. */
 export const TOPICS_MAX = 4_096;
 /** Maximum number of messages that wait for one follower; the oldest are dropped. */
 export const BACKLOG_MAX = 256;
@@ -44,7 +44,7 @@ export class Hub {
   }
 
   /**
-   * Passes the last message of a topic and each later one to a listener; the returned function ends it.
+   * Passes the last message of a topic and each later message to a listener; the returned function ends this.
    * @param {string} path @param {Listener} listener
    */
   listen(path, listener) {
@@ -82,7 +82,7 @@ export class Hub {
   }
 
   /**
-   * Yields the last message of a topic, then each later one, until the connection ends. If messages arrive faster than
+   * Yields the last message of a topic, then each later message, until the connection ends. If messages arrive faster than
    * they are read, the oldest are dropped.
    * @param {string} path @returns {AsyncIterableIterator<any>}
    */

@@ -19,30 +19,30 @@ export class Io {
     this.name = name;
   }
 
-  /** Its topic, below the machine's root. */
+  /** Topic of the input or output, below the machine's root. */
   get path() {
     return `io/${this.side}/${this.name}`;
   }
 
   /**
-   * Its value with its owner, and whether it is forced. Throws `Refused` if the configuration does not declare it, or
-   * the machine has not published it yet.
+   * State: the value, the owner, and whether the value is forced. Throws `Refused` if the configuration does not declare
+   * the input or output, or the machine has not published it yet.
    * @returns {IoState}
    */
   get state() {
     const state = this.#told();
     if (state !== undefined) return state;
     this.#check();
-    throw new Refused("not_found", `${this.path}: the machine has not told of it yet`);
+    throw new Refused("not_found", `${this.path}: the machine has not published its state yet`);
   }
 
-  /** Current value: the forced value, else the value written by its owner, else its safe value. @returns {IoValue} */
+  /** Current value: the forced value, otherwise the value that the owner has written, otherwise the safe value. @returns {IoValue} */
   get value() {
     return this.state.value;
   }
 
   /**
-   * Yields the current value, then each different one, until the connection ends.
+   * Yields the current value, then each changed value, until the connection ends.
    * @returns {AsyncGenerator<IoValue, void>}
    */
   async *values() {
@@ -56,7 +56,8 @@ export class Io {
   }
 
   /**
-   * Waits for a value that fits, and returns it: until it is on, or a condition such as `(value) => value > 12.5`.
+   * Waits for a value for which `fits` is true, such as `(value) => value > 12.5`, and returns it; by default until the
+   * value is on.
    * @param {(value: IoValue) => boolean} [fits] @param {{signal?: AbortSignal}} [options] @returns {Promise<IoValue>}
    */
   async waitUntil(fits = (value) => value === true, { signal } = {}) {
@@ -68,12 +69,13 @@ export class Io {
   }
 
   /**
-   * Writes it. A program that serves the machine owns each output that it writes: the value is written again on each
-   * connection and at each boot, and no other client writes it while the program is online. After that it gets its safe
-   * value. If the machine is offline, the program waits for it. A client without handlers writes outputs that no
+   * Writes a value. A program that serves the machine owns each output that it writes: the value is written again on
+   * each connection and at each boot, and no other client writes it while the program is online. After that the output
+   * gets its safe value. If the machine is offline, the program waits for it. A client without handlers writes outputs that no
    * handler owns.
    *
-   * Throws `Refused` if it is not declared, the value has the wrong kind or range, or another handler owns it.
+   * Throws `Refused` if the output is not declared, the value has the wrong kind or range, or another handler owns the
+   * output.
    * @param {IoValue} value
    */
   async set(value) {
@@ -88,7 +90,7 @@ export class Io {
     await this.#putInPlace(value);
   }
 
-  /** Removes the forced value: the value written by its owner applies again. */
+  /** Removes the forced value: the value that the owner has written applies again. */
   async release() {
     this.#check();
     await this.#putInPlace(null);
@@ -126,13 +128,13 @@ export class Io {
     const state = this.#told();
     const { owner } = this.#plc.levels;
     if (state === undefined || state.owner === null || state.owner === owner || (state.lost && owner !== null)) return;
-    const whose = state.lost ? `it waits for handler ${state.owner}` : `it is handler ${state.owner}'s`;
-    throw new Refused("not_allowed", `${this.path}: ${whose}; an operator puts a value in its place by force`);
+    const whose = state.lost ? `it waits for handler ${state.owner}` : `handler ${state.owner} owns it`;
+    throw new Refused("not_allowed", `${this.path}: ${whose}; an operator can force a value`);
   }
 }
 
 /**
- * Returns why it cannot have a value; null if it can.
+ * Returns why the input or output cannot have a value; null if it can.
  * @param {import("./messages.d.ts").IoDeclaration} declared @param {IoValue} value
  */
 function whatIsWrong({ kind, min = -Infinity, max = Infinity }, value) {

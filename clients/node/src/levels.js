@@ -27,7 +27,7 @@ export function lockLevel({ cs, kind, source }, value, text) {
   return { name: `${kind} ${source} of coordinate system ${cs}`, topic: `cs/${cs}/input/${kind}/set`, payload: { value, text, source } };
 }
 
-/** The wanted values and their owner. */
+/** Values that the program has set, and their owner. */
 export class Levels {
   #connection;
   /** @type {Map<string, Wanted>} */
@@ -36,7 +36,7 @@ export class Levels {
   #dirty = new Set();
   #announced = new Bell();
   #work = new Bell();
-  /** The handler that owns them; it must be registered before they are written. @type {string | null} */
+  /** The handler that owns the levels; it must be registered before they are written. @type {string | null} */
   owner = null;
 
   /** @param {import("./connection.js").Connection} connection */

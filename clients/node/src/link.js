@@ -9,16 +9,16 @@ const CLOSE_TIMEOUT_MS = 500;
 const KEEP_ALIVE_S = 5;
 export const limits = {
   /**
-   * A broker that acknowledges nothing for this time, although messages wait for it, is left for the next node. A
-   * cluster node that has lost the others may accept messages and never acknowledge them, even after it has rejoined.
+   * Time limit for acknowledgements: if messages wait and the broker acknowledges none, the client connects to the next
+   * node. A node that has lost its cluster may accept messages and never acknowledge them, even after it has rejoined.
    */
   silenceMs: 10_000,
   /** Interval of the checks of the machine's presence and of missing acknowledgements. */
   lookMs: 1_000,
 };
-/** Maximum bytes of one message; longer ones are not read. */
+/** Maximum bytes of one message; longer messages are not read. */
 const PAYLOAD_MAX = 1 << 20;
-/** Maximum number of unacknowledged messages; further ones are refused. */
+/** Maximum number of unacknowledged messages; further messages are refused. */
 const UNACKNOWLEDGED_MAX = 2_048;
 /** CONNACK codes: client identifier refused, wrong password, or user not permitted. */
 const REFUSED_FOR_GOOD = [2, 4, 5];
@@ -42,7 +42,7 @@ const REFUSED_FOR_GOOD = [2, 4, 5];
  * @property {{topic: string, payload: string} | null} will the last will, retained
  */
 
-/** A connection from `open` to its loss, which `lost` reports. It is not reused. */
+/** A connection from `open` to its loss, which `lost` reports. A link is not reused. */
 export class Link {
   #options;
   #onMessage;
@@ -66,7 +66,7 @@ export class Link {
   }
 
   /**
-   * Connects, and waits until the broker has accepted; throws a `ConnectError` if it refuses permanently.
+   * Connects, and waits until the broker has accepted; throws a `ConnectError` if the broker refuses permanently.
    * @param {string} host @param {number} port
    */
   async open(host, port) {

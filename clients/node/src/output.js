@@ -29,9 +29,9 @@ export function checkMaySend() {
 /** @typedef {{handler_id: string, instance?: string}} Identity */
 
 /**
- * An auxiliary function output: an M code with its parameters, on which a handler works. When it is cancelled, `signal`
- * is aborted: pass it to every wait of the handler. A cancelled handler has 5 s to clean up; after that, anything that
- * it sends through any `Plc` is refused with an `Ended`, and does not reach the machine.
+ * An auxiliary function output: an M code with its parameters, on which a handler works. If the output is cancelled,
+ * `signal` is aborted: pass it to every wait of the handler. A cancelled handler has 5 s to clean up; after that, any
+ * message that it sends through any `Plc` is refused with an `Ended`, and does not reach the machine.
  */
 export class Output {
   /**
@@ -63,9 +63,9 @@ export class Output {
     this.#connection = connection;
     this.#identity = identity;
     this.#notice = notice;
-    /** The boot of the runtime that issued it. */
+    /** The boot of the runtime that issued the output. */
     this.bootId = bootId;
-    /** Coordinate system that issued it. */
+    /** Coordinate system that issued the output. */
     this.cs = cs;
     this.params = new Params(notice.params);
     this.redelivered = redelivered;
@@ -83,12 +83,12 @@ export class Output {
     return this.#notice.id;
   }
 
-  /** Identifies it within boot and coordinate system. */
+  /** Sequence number: identifies this output within boot and coordinate system. */
   get seq() {
     return this.#notice.seq;
   }
 
-  /** Number of its program. */
+  /** Number of the NC program that issued the output. */
   get program() {
     return this.#notice.program;
   }
@@ -98,17 +98,17 @@ export class Output {
     return this.#notice.line;
   }
 
-  /** The program run that issued it. */
+  /** Id of the program run that issued the output. */
   get runId() {
     return this.#notice.run_id;
   }
 
-  /** True once it is cancelled. */
+  /** True once the output is cancelled. */
   get cancelled() {
     return this.signal.aborted;
   }
 
-  /** Reason of the cancellation; null if it is not cancelled, or if the reason was lost with a connection. */
+  /** Reason of the cancellation; null without a cancellation, or if the reason was lost with a connection. */
   get cancelReason() {
     return this.signal.reason instanceof Ended ? this.signal.reason.reason : null;
   }
@@ -118,8 +118,8 @@ export class Output {
   }
 
   /**
-   * Reports the current step of the handler; panels show it while the program waits. It is sent again after a loss of
-   * the connection, and has no effect once the output no longer belongs to this handler.
+   * Reports the current step of the handler; panels show it while the program waits. The report is sent again after a
+   * loss of the connection, and has no effect if this handler no longer owns the output.
    * @param {string} text cut after 200 characters @param {number} [percent] 0 to 100
    */
   progress(text, percent) {
@@ -128,22 +128,22 @@ export class Output {
     this.#tell("progress", this.#progress);
   }
 
-  /** The last `checkpoint` of a previous handler of this output; undefined if there is none. */
+  /** The last `checkpoint` of a previous handler of this output; undefined if no checkpoint was stored. */
   get lastCheckpoint() {
     return this.#notice.checkpoint;
   }
 
   /**
-   * Stores how far the work has come, and replaces the previous checkpoint. If this handler is lost, the next one finds
-   * it in `lastCheckpoint`. The machine keeps it until the output ends. It is sent again after a loss of the
-   * connection, and has no effect once the output no longer belongs to this handler. Throws a `RangeError` if it is too
-   * long.
+   * Stores a checkpoint that records the progress of the work; it replaces the previous checkpoint. If this handler is
+   * lost, the next handler finds the checkpoint in `lastCheckpoint`. The machine keeps it until the output ends. It is
+   * sent again after a loss of the connection, and has no effect if this handler no longer owns the output. Throws a
+   * `RangeError` if it is too long.
    * @param {unknown} value at most 4096 bytes as JSON; null removes the checkpoint
    */
   checkpoint(value) {
     const size = Buffer.byteLength(JSON.stringify(value) ?? "");
     if (size === 0) throw new TypeError("a checkpoint is a value that can be written as JSON");
-    if (size > CHECKPOINT_MAX) throw new RangeError(`a checkpoint has at most ${CHECKPOINT_MAX} bytes as JSON, and this one has ${size}`);
+    if (size > CHECKPOINT_MAX) throw new RangeError(`a checkpoint has at most ${CHECKPOINT_MAX} bytes as JSON, but this checkpoint has ${size}`);
     this.#checkpoint = { ...this.named(), checkpoint: value };
     this.#tell("checkpoint", this.#checkpoint);
   }
@@ -189,7 +189,7 @@ export class Output {
     while (!over.aborted && !stopped.aborted) {
       await isHidden.rung({ signal: over });
       if (over.aborted) return;
-      // without an answer it is asked again
+      // without an answer the question is asked again
       await this.#connection.request(this.path("ask"), question, { timeoutMs: ASK_TIMEOUT_MS }).catch(() => {});
       await sleep(RETRY_MS, over);
     }
@@ -200,7 +200,7 @@ export class Output {
     const look = (/** @type {import("./messages.d.ts").PendingMessage} */ pending) => {
       if (pending.boot_id !== this.bootId) return undefined;
       const output = pending.outputs.find(({ seq }) => seq === this.seq);
-      if (output === undefined) throw new Ended(`M${this.m} has ended before it was answered`, null);
+      if (output === undefined) throw new Ended(`M${this.m} ended before the question was answered`, null);
       if (output.question?.id === id) isHidden.mute();
       else isHidden.ring();
       return output.question?.id === id ? output.question.answer : undefined;
@@ -215,7 +215,7 @@ export class Output {
     return `cs/${this.cs}/m_code/${this.m}/${what}`;
   }
 
-  /** Returns the members that identify it in a message. @internal */
+  /** Returns the members that identify this output in a message. @internal */
   named() {
     return { boot_id: this.bootId, seq: this.seq, ...this.#identity };
   }
@@ -255,7 +255,7 @@ export class Output {
 
   /** @param {import("./messages.d.ts").CancelReason | null} reason */
   #whyCancelled(reason) {
-    return reason === null ? "it is no longer this handler's" : `reason: ${reason}`;
+    return reason === null ? "it no longer belongs to this handler" : `reason: ${reason}`;
   }
 }
 
@@ -264,5 +264,5 @@ function checkQuestion(text, choices) {
   if (text.length < 1 || text.length > QUESTION_MAX) throw new RangeError(`a question has 1 to ${QUESTION_MAX} characters`);
   if (choices.length < 1 || choices.length > CHOICES_MAX) throw new RangeError(`a question has 1 to ${CHOICES_MAX} choices`);
   if (choices.some((choice) => choice.length < 1 || choice.length > CHOICE_MAX)) throw new RangeError(`a choice has 1 to ${CHOICE_MAX} characters`);
-  if (new Set(choices).size !== choices.length) throw new RangeError("a choice stands twice");
+  if (new Set(choices).size !== choices.length) throw new RangeError("a choice occurs twice");
 }

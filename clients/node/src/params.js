@@ -37,7 +37,7 @@ export class Params {
    * @param {string} what name with its unit, such as "the clamping force, kN": a part of the alarm's text
    */
   real(letter, low, high, what) {
-    if (!LETTERS.includes(letter)) throw new RangeError(`${JSON.stringify(letter)} is no parameter; write "A" to "H"`);
+    if (!LETTERS.includes(letter)) throw new RangeError(`${JSON.stringify(letter)} is not a parameter; write "A" to "H"`);
     const value = this[letter];
     if (value === undefined) throw new Alarm(CODE_OF_PARAMETER, `V${letter} is missing: write ${what}, ${low} to ${high}`);
     if (!(low <= value && value <= high)) throw new Alarm(CODE_OF_PARAMETER, `V${letter} is ${value}: write ${what}, ${low} to ${high}`);

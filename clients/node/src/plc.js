@@ -31,7 +31,7 @@ export class Plc {
   }
 
   /**
-   * Connects to a machine. Of several broker nodes, the first that answers is used until it is lost. Throws an
+   * Connects to a machine. If the address names several nodes, the first one that answers is used until it is lost. Throws an
    * `AddressError`, or a `ConnectError` if no broker answers, the broker refuses the user, or no machine of that name
    * is online.
    * @param {string} address `mqtt://[user:password@]host[:port][,host[:port]..]/[prefix/]machine`, `mqtts://` with TLS
@@ -49,9 +49,10 @@ export class Plc {
   }
 
   /**
-   * Returns a handle for requests that a person has just made: they expire 1 s after the newest heartbeat that this
-   * connection has received. The machine then rejects them as `expired`, regardless of their time in transit. Take a
-   * new handle for each press of a button. Sequence programs need none, because their requests follow from an output.
+   * Returns a handle for a request that a person makes at this moment, such as by pressing a button. Requests of this
+   * handle expire 1 s after the newest heartbeat that this connection has received: the machine then rejects them as
+   * `expired`. Take a new handle for each press of a button. Sequence programs do not need such a handle, because an
+   * output causes their requests.
    * Throws `NotConnected` if no heartbeat has been received.
    * @param {{withinMs?: number}} [options] at most 60,000
    */
@@ -148,16 +149,16 @@ export class Plc {
 
   /**
    * Yields P variables: their current values, then after each change by any writer. A machine publishes the variables
-   * listed in `[[variables.published]]` of its configuration, at most 10 times a second; if values change faster, the
-   * latest. A program writes a variable when its block is interpreted, ahead of the motion. Throws `Refused` if not all
-   * of them are published.
+   * listed in `[[variables.published]]` of its configuration, at most 10 times a second; if values change faster,
+   * only the latest. An NC program writes a variable when the block is interpreted, ahead of the motion. Throws
+   * `Refused` if not all of them are published.
    * @param {number} first @param {number} [count] @returns {AsyncGenerator<number[], void>}
    */
   pChanges(first, count = 1) {
     return changesOf(this, "variables", "P", first, count);
   }
 
-  /** Yields the tool table, ascending by number: the current one, then after each change. @returns {AsyncGenerator<ToolData[], void>} */
+  /** Yields the tool table, ascending by number: the current table, then each changed table. @returns {AsyncGenerator<ToolData[], void>} */
   async *toolChanges() {
     for await (const { tools } of this.connection.hub.follow("tools")) yield tools;
   }

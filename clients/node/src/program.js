@@ -33,20 +33,20 @@ const REDELIVERIES = ["ask", "redo", "verify"];
 
 /**
  * @typedef {object} HandlerOptions
- * @property {number} [cs] its coordinate system; without it, all that have no own handler for the M code
- * @property {Check} [validate] checks parameters when a program is loaded: one for which it throws an `Alarm` is not loaded
- * @property {Redelivery} [redelivery] how to treat an output that this program may have begun before it was lost: `ask`
+ * @property {number} [cs] the coordinate system; by default all that have no separate handler for the M code
+ * @property {Check} [validate] checks parameters when an NC program is loaded; if it throws an `Alarm`, the program is not loaded
+ * @property {Redelivery} [redelivery] treatment of outputs on which this program may have worked before it was lost: `ask`
  * (an operator decides), `redo` (the handler runs again), `verify` (it runs with `output.redelivered` true); by
  * default, the setting of the program
- * @property {string} [name] what the M codes do, such as "clamp", for alarms and panels
+ * @property {string} [name] function of the M codes, such as "clamp", for alarms and panels
  * @property {Partial<Record<import("./params.js").Letter, import("./declared.js").Param>>} [params] their parameters,
  * such as `{ A: { name: "force", unit: "kN", min: 1, max: 20 } }`. A program with other parameters is not loaded, and
- * the handler is not started with others. `{}`: no parameters
+ * the handler is not started with them. `{}`: no parameters
  */
 
 /**
  * @typedef {object} ServeOptions
- * @property {boolean} [takeOver] replace another process of the same name, which ends; by default this one is refused
+ * @property {boolean} [takeOver] replace another process of the same name, which ends; by default this process is refused
  */
 
 /**
@@ -69,7 +69,7 @@ export class Level {
   }
 
   /**
-   * Sets it. The machine receives it as soon as it is connected, and again on each connection and at each boot.
+   * Sets the level. It is sent once the machine is connected, and again on each connection and at each boot.
    * @param {boolean} value @param {string} [text]
    */
   set(value, text = this.text) {
@@ -78,7 +78,7 @@ export class Level {
     this.#changed(this);
   }
 
-  /** Calls a function with the current level and each later one. @internal @param {(level: Level) => void} changed */
+  /** Calls a function with the current level and each later level. @internal @param {(level: Level) => void} changed */
   follow(changed) {
     this.#changed = changed;
     changed(this);
@@ -94,7 +94,7 @@ export class Serving {
   constructor(plc, ended, runner, close) {
     /** The machine. */
     this.plc = plc;
-    /** Ends when this is closed; rejects when a task of the program fails, or the machine refuses the program. */
+    /** Resolves when this is closed; rejects when a task of the program fails, or the machine refuses the program. */
     this.ended = ended;
     this.#runner = runner;
     this.#close = close;
@@ -102,8 +102,8 @@ export class Serving {
 
   /**
    * Accepts no further output, and closes when all running handlers have ended. Tasks run until then. The machine is
-   * notified that the program will return: until then its M codes are treated as served, and NC programs wait at them. Throws
-   * the error that ended the program in the meantime.
+   * notified that the program will return. Until the return its M codes are treated as served, and NC programs wait at
+   * them. Throws the error that ended the program in the meantime.
    * @param {LeaveOptions} [options]
    */
   async leave({ returnsWithinMs = RETURNS_WITHIN_MS, endsWithinMs } = {}) {
@@ -123,11 +123,11 @@ export class Serving {
 }
 
 /**
- * Serves M codes of a machine under one name:
+ * A sequence program: serves M codes of a machine under one name:
  * `new SequenceProgram("changer").on(6, async (output, plc) => { .. }).run("mqtt://127.0.0.1:1883/mill-1")`.
  *
- * If a handler returns, its output is reset and the NC program continues. An `Alarm` stops the NC program with its
- * text; so does any other exception.
+ * If a handler returns, its output is reset and the NC program continues. If it throws an `Alarm`, the NC program stops
+ * with the text of the alarm; any other exception also stops it with an alarm.
  */
 export class SequenceProgram {
   /** @type {Map<string, import("./runner.js").Entry>} */
@@ -144,8 +144,8 @@ export class SequenceProgram {
 
   /**
    * @param {string} handlerId 1 to 64 characters without `/ + #`, always the same, so that the machine recognizes it
-   * @param {{redelivery?: Redelivery}} [options] how to treat outputs that this program may have begun before it was
-   * lost, unless `on` sets it. The stricter of this and the machine's configuration applies; if neither is set, an
+   * @param {{redelivery?: Redelivery}} [options] treatment of outputs on which this program may have worked
+   * before it was lost, unless `on` sets it. The stricter of this and the machine's configuration applies; if neither is set, an
    * operator decides
    */
   constructor(handlerId, { redelivery } = {}) {
@@ -165,7 +165,7 @@ export class SequenceProgram {
    */
   on(codes, handler, { cs, validate, redelivery = this.#redelivery, name, params } = {}) {
     const numbers = numbersOf(codes);
-    if (typeof handler !== "function") throw new ProgramError(`M${numbers[0]}: the handler is no function; write async (output, plc) => {}`);
+    if (typeof handler !== "function") throw new ProgramError(`M${numbers[0]}: the handler is not a function; write async (output, plc) => {}`);
     checkRedelivery(redelivery);
     const declared = new Declared(name, params);
     for (const m of numbers) {
@@ -205,8 +205,8 @@ export class SequenceProgram {
 
   /**
    * Owns a source of the interlock, which holds motion, such as a door or the air pressure.
-   * @param {number} cs @param {string} source its name, such as one of `[input.interlock.source.NAME]`
-   * @param {string} text the reason for the operator @param {{value?: boolean}} [options] on until it is set
+   * @param {number} cs @param {string} source name of the source, such as one that `[input.interlock.source.NAME]` declares
+   * @param {string} text the reason for the operator @param {{value?: boolean}} [options] level until the program sets it; on by default
    */
   interlock(cs, source, text, { value = true } = {}) {
     return this.#addLevel(new Level({ cs, kind: "interlock", source }, text, value));
@@ -224,14 +224,14 @@ export class SequenceProgram {
   #addLevel(level) {
     const { cs, kind, source } = level.place;
     const isThere = this.#levels.some(({ place: other }) => other.cs === cs && other.kind === kind && other.source === source);
-    if (isThere) throw new ProgramError(`${kind} ${source} of coordinate system ${cs} stands twice`);
+    if (isThere) throw new ProgramError(`${kind} ${source} of coordinate system ${cs} is declared twice`);
     this.#levels.push(level);
     return level;
   }
 
   /**
-   * Registers a task that runs in parallel to the handlers. It begins after the machine has accepted the handlers, so
-   * that it may start a program, and continues after losses of the connection. If it throws, the program ends with that
+   * Registers a task that runs in parallel to the handlers. The task begins after the machine has accepted the handlers,
+   * so that it may start a program, and continues after losses of the connection. If it throws, the program ends with that
    * error.
    * @param {Task} task
    */
@@ -241,8 +241,9 @@ export class SequenceProgram {
   }
 
   /**
-   * Returns its declarations as a file for `[machine] served` of a configuration, so that `tandem check`, `tandem
-   * explain` and editors know its M codes while it is not running. `await writeFile("served.json", program.served())`
+   * Returns the declarations of the program as a file for `[machine] served` of a configuration, so that `tandem check`,
+   * `tandem explain` and editors know the M codes while the program does not run:
+   * `await writeFile("served.json", program.served())`.
    */
   served() {
     const entries = [...this.#handlers.values()].sort((one, other) => one.m - other.m || (one.cs ?? 0) - (other.cs ?? 0));
@@ -316,7 +317,7 @@ export class SequenceProgram {
     if (runner.announced.isRung) for (const task of this.#tasks) jobs.push(forever(task, plc, stopped.signal));
     const closed = new Bell();
     const ended = Promise.race([Promise.all(jobs), closed.rung()]).then(() => {});
-    // a caller that does not await it calls `close`
+    // a caller that does not await `ended` calls `close`
     ended.catch(() => {});
     /** @type {Promise<void> | null} */
     let closing = null;
@@ -349,7 +350,7 @@ async function forever(task, plc, signal) {
 }
 
 /**
- * Returns a signal that Ctrl-C or SIGTERM (systemd and others) aborts; the next one ends the process at once.
+ * Returns a signal that Ctrl-C or SIGTERM (such as from systemd) aborts; the next such signal ends the process at once.
  * @returns {AbortSignal}
  */
 export function stopSignal() {
@@ -379,7 +380,7 @@ function numbersOf(codes) {
   const numbers = typeof codes === "number" ? [codes] : [...codes];
   for (const m of numbers) {
     if (!Number.isInteger(m) || m < 0 || m > M_CODE_MAX) throw new ProgramError(`M${m}: M codes are 0 to ${M_CODE_MAX}`);
-    if (RUNTIME_M_CODES.includes(m)) throw new ProgramError(`M${m}: the runtime handles it itself, leave it out`);
+    if (RUNTIME_M_CODES.includes(m)) throw new ProgramError(`M${m}: the runtime handles this M code itself; remove it`);
   }
   if (numbers.length === 0) throw new ProgramError("no M code is named");
   return numbers;

@@ -6,11 +6,11 @@ import { Output } from "./output.js";
 import { Params } from "./params.js";
 import { numberAt } from "./topics.js";
 
-/** The machine considers the handlers lost after this time without a presence; one is published every third of it. */
+/** The machine treats the handlers as lost after this time without a presence. A presence is published three times in it. */
 const PRESENCE_EXPIRES_MS = 15_000;
 const REFRESH_MS = PRESENCE_EXPIRES_MS / 3;
 const RETRY_MS = 500;
-/** Maximum number of outputs remembered as begun; a stale `pending` is behind by far fewer. */
+/** Largest number of remembered outputs that were begun; a stale `pending` is older by far fewer outputs. */
 const BEGUN_MAX = 4_096;
 const CLEAN_UP_MS = 5_000;
 const LEAVE_TIMEOUT_MS = 1_000;
@@ -36,7 +36,7 @@ const STRICTEST_FIRST = ["ask", "verify", "redo"];
  * A handler of the table.
  * @typedef {object} Entry
  * @property {number} m
- * @property {number | undefined} cs undefined: all that have no own handler for the M code
+ * @property {number | undefined} cs undefined: all that have no separate handler for the M code
  * @property {(output: Output, plc: import("./plc.js").Plc) => unknown} call
  * @property {Redelivery | undefined} redelivery undefined: the machine's configuration applies
  * @property {import("./declared.js").Declared} declared
@@ -46,7 +46,7 @@ const STRICTEST_FIRST = ["ask", "verify", "redo"];
  * @typedef {object} Running
  * @property {Output} output
  * @property {string} boot
- * @property {boolean} isAnswering its reset was sent, so it is no longer cancelled
+ * @property {boolean} isAnswering true if the reset was sent, so the output is no longer cancelled
  * @property {boolean} isReclaiming
  * @property {Promise<void>} ended
  */
@@ -85,7 +85,7 @@ export class Runner {
   #begun = new Set();
   #mustAnnounce = new Bell();
   #hasAnnounced = false;
-  /** The machine has not answered the last registration. */
+  /** True while the machine has not answered the last registration. */
   #awaitsAcceptance = false;
   /** @type {number[]} */
   #announcedSystems = [];
@@ -125,7 +125,7 @@ export class Runner {
       if (this.#ended !== null) throw this.#ended;
       if (signal.aborted) return;
       if (!must) {
-        if (this.#awaitsAcceptance) this.#connection.log.warn("the machine has not said yet that it knows the handlers");
+        if (this.#awaitsAcceptance) this.#connection.log.warn("the machine has not accepted the handlers yet");
         if (this.#hasAnnounced) this.#connection.post(this.#presencePath, this.#online(), true);
         continue;
       }
@@ -135,7 +135,7 @@ export class Runner {
       } catch (error) {
         if (!(error instanceof NotConnected || error instanceof NoAnswer)) throw error;
         if (signal.aborted || this.#connection.stopped.aborted) return;
-        this.#connection.log.warn(`the machine does not know the handlers yet: ${error.message}`);
+        this.#connection.log.warn(`the machine has not accepted the handlers yet: ${error.message}`);
         await sleep(RETRY_MS, signal);
         this.#mustAnnounce.ring();
       }
@@ -165,7 +165,7 @@ export class Runner {
     if (!this.#connection.isConnected) return;
     const gone = { ...this.#offline(), ...(this.returnsWithinMs > 0 ? { returns_within_ms: this.returnsWithinMs } : {}) };
     await this.#connection.request(this.#presencePath, gone, { retain: true, timeoutMs: LEAVE_TIMEOUT_MS }).catch((error) => {
-      this.#connection.log.warn(`the machine was not told that the handlers have gone: ${error.message}`);
+      this.#connection.log.warn(`the machine was not notified that the handlers are offline: ${error.message}`);
     });
   }
 
@@ -245,7 +245,7 @@ export class Runner {
   #onResult({ status, text }) {
     if (status === "accepted") this.#onAccepted();
     else if (status === "confirm") {
-      // another process wants the name, and the machine asks whether this one is still online
+      // another process requests the name, and the machine asks whether this process is still online
       this.#mustAnnounce.ring();
     } else if (status === "refused" && this.#refusals < REFUSALS_MAX) {
       // the previous process may be about to end
@@ -378,7 +378,7 @@ export class Runner {
       if (isLost) await this.#register();
       const claimed = await this.#untilAnswered(output, "claim", {});
       if (claimed === null || claimed.status !== "accepted" || output.cancelled) {
-        log.debug(`${output} is left to others`, claimed);
+        log.debug(`${output} is not claimed by this handler`, claimed);
         return;
       }
       if (claimed.how !== undefined) output.redelivered = claimed.how === "verify";
@@ -388,9 +388,9 @@ export class Runner {
     running.isAnswering = true;
     const reset = alarm === null ? { result: "ok" } : { result: "fault", code: alarm.code, text: alarm.text };
     const answer = await this.#untilAnswered(output, "reset", reset);
-    // a duplicate is this reset itself, sent twice because its answer was late
+    // `duplicate` means that this reset was sent twice, because its answer was late
     if (answer === null || (answer.status !== "accepted" && answer.status !== "duplicate")) {
-      log.warn(`the reset of ${output} did not count: ${answer?.status ?? "it was refused"}`);
+      log.warn(`the machine did not accept the reset of ${output}: ${answer?.status ?? "refused"}`);
     }
   }
 

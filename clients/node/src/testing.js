@@ -45,7 +45,7 @@ const PROGRAM = 9_000;
 /**
  * A run that has ended.
  * @typedef {object} Ended
- * @property {boolean} completed the program has reached its end
+ * @property {boolean} completed true if the program has reached its end
  * @property {string} execution `PROGRAM_COMPLETED` or `STOPPED`
  * @property {string | null} reason
  * @property {string[]} alarms texts of the active alarms at its end
@@ -67,9 +67,9 @@ export class Machine {
   }
 
   /**
-   * Starts `tandem serve`: the command in `TANDEM_BIN`, else `tandem` in PATH. If it does not start, throws with its
-   * output.
-   * @param {{config?: string}} [options] a configuration; free ports are added if it sets none
+   * Starts `tandem serve`: the command in `TANDEM_BIN`, else `tandem` in PATH. If the command does not start, throws with
+   * its output.
+   * @param {{config?: string}} [options] a configuration; free ports are added if it sets no ports
    */
   static async start({ config = DEFAULT_CONFIG } = {}) {
     const machine = new Machine(await mkdtemp(join(tmpdir(), "tandem-")));
@@ -154,7 +154,7 @@ export class Machine {
 
   // --- programs
 
-  /** Stores NC text, and loads it; throws `Refused` with the line where it has errors. @param {string} text @param {{cs?: number}} [options] */
+  /** Stores NC text, and loads it; throws `Refused` with the line if the text has errors. @param {string} text @param {{cs?: number}} [options] */
   async load(text, { cs = 1 } = {}) {
     await this.rest("PUT", `/programs/${PROGRAM + cs}`, text);
     await this.rest("POST", `/cs/${cs}/load?wait=1`, { program: PROGRAM + cs });
@@ -191,7 +191,7 @@ export class Machine {
   }
 
   /**
-   * Waits for a state that fits, and returns it; throws with the last state after the time limit.
+   * Waits for a state for which `fits` is true, and returns it; throws with the last state after the time limit.
    * @param {(state: State) => boolean} fits @param {{cs?: number, timeoutMs?: number}} [options]
    */
   async waitFor(fits, { cs = 1, timeoutMs = WAIT_TIMEOUT_MS } = {}) {

@@ -77,7 +77,7 @@ export function patternOf(path) {
 }
 
 /**
- * Returns the first mistake of a message as a sentence; null if there is none.
+ * Returns the first mistake of a message as a sentence; null if the message is valid.
  * @param {string} pattern @param {unknown} message
  */
 export function whatIsWrong(pattern, message) {
@@ -90,13 +90,13 @@ function lookAt(form, value, where) {
     const isOptional = form.endsWith("?");
     if (isOptional && (value === undefined || value === null)) return null;
     const type = isOptional ? form.slice(0, -1) : form;
-    return type.split("|").includes(typeof value) ? null : `${where} is no ${type.replace("|", " or ")}`;
+    return type.split("|").includes(typeof value) ? null : `${where} is not a ${type.replace("|", " or ")}`;
   }
   if (form instanceof ListOf) {
-    if (!Array.isArray(value)) return `${where} is no list`;
+    if (!Array.isArray(value)) return `${where} is not a list`;
     return first(value.map((entry, at) => [form.form, entry, `${where}[${at}]`]));
   }
-  if (typeof value !== "object" || value === null || Array.isArray(value)) return `${where} is no object`;
+  if (typeof value !== "object" || value === null || Array.isArray(value)) return `${where} is not an object`;
   const given = /** @type {Record<string, unknown>} */ (value);
   return first(Object.entries(form).map(([member, of]) => [of, given[member], `${where}.${member}`]));
 }

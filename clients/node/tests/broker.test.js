@@ -55,7 +55,7 @@ test("what a missed machine said is read anew when it is heard again", async () 
   said.length = 0;
   const broker = await FakeBroker.open({ acknowledges: true, accepts: true, expiresMs: 300 });
   const serving = await program().serve(`mqtt://${broker.node}/mill-1`, { log });
-  while (!said.some((words) => words.includes("counts as offline"))) await delay(10);
+  while (!said.some((words) => words.includes("treated as offline"))) await delay(10);
   broker.sayPresence();
   while (broker.connections < 2) await delay(10);
   assert.equal(broker.goodbyes, 1, "without one its last will would lose the handler's outputs");

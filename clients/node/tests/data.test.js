@@ -96,18 +96,18 @@ test("mistakes of a program are said in a sentence", () => {
   const mistakes = [
     [() => program.on(21, handler), /M21 has two handlers/],
     [() => program.on(6, handler, { cs: 2 }), /M6 in coordinate system 2 has two handlers/],
-    [() => program.on(30, handler), /M30: the runtime handles it itself/],
+    [() => program.on(30, handler), /M30: the runtime handles this M code itself/],
     [() => program.on(192, handler), /M192: M codes are 0 to 191/],
     [() => program.on([], handler), /no M code is named/],
     // @ts-expect-error: no function
-    [() => program.on(8, "clamp"), /the handler is no function/],
+    [() => program.on(8, "clamp"), /the handler is not a function/],
     // @ts-expect-error: no redelivery
     [() => program.on(8, handler, { redelivery: "twice" }), /redelivery "twice": write ask, redo, verify/],
     [() => new SequenceProgram("a/b"), /write 1 to 64 characters/],
-    [() => program.on(9, handler, { params: /** @type {object} */ ({ VA: {} }) }), /"VA" is no parameter/],
+    [() => program.on(9, handler, { params: /** @type {object} */ ({ VA: {} }) }), /"VA" is not a parameter/],
     [() => program.on(9, handler, { params: { A: { min: 2, max: 1 } } }), /VA: min 2 is above max 1/],
     [() => program.on(9, handler, { params: { A: { unit: "" } } }), /VA: unit "": write 1 to 16 characters/],
-    [() => void (program.interlock(1, "door", "open"), program.interlock(1, "door", "open")), /interlock door of coordinate system 1 stands twice/],
+    [() => void (program.interlock(1, "door", "open"), program.interlock(1, "door", "open")), /interlock door of coordinate system 1 is declared twice/],
   ];
   for (const [mistake, says] of mistakes) assert.throws(mistake, (error) => error instanceof ProgramError && says.test(error.message));
 });
@@ -165,10 +165,10 @@ test("what is not of its form is said with the place", () => {
   const pending = (/** @type {object} */ more) => ({ boot_id: "b", outputs: [{ ...output, ...more }] });
   const look = (/** @type {unknown} */ message) => whatIsWrong("cs/+/m_code/pending", message);
   assert.equal(look(pending({})), null);
-  assert.equal(look(pending({ params: { A: "5" } })), "the message.outputs[0].params.A is no number");
-  assert.equal(look(pending({ seq: null })), "the message.outputs[0].seq is no number");
-  assert.equal(look({ boot_id: "b", outputs: {} }), "the message.outputs is no list");
-  for (const none of [null, 1, "x", []]) assert.equal(look(none), "the message is no object");
+  assert.equal(look(pending({ params: { A: "5" } })), "the message.outputs[0].params.A is not a number");
+  assert.equal(look(pending({ seq: null })), "the message.outputs[0].seq is not a number");
+  assert.equal(look({ boot_id: "b", outputs: {} }), "the message.outputs is not a list");
+  for (const none of [null, 1, "x", []]) assert.equal(look(none), "the message is not an object");
 });
 
 test("topics that this package does not use have no form", () => {

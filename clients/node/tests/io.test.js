@@ -36,7 +36,7 @@ test("a handler opens a valve and waits for the input; the valve is its, and saf
     const ran = machine.run("M08\nM30");
     await plc.ioOut("valve").waitUntil();
     assert.equal(plc.ioOut("valve").state.owner, "cell");
-    await assert.rejects(plc.ioOut("valve").set(false), /it is handler cell's/);
+    await assert.rejects(plc.ioOut("valve").set(false), /handler cell owns it/);
     await plc.ioIn("flows").set(true);
     assert.ok((await ran).completed);
     await served.close();

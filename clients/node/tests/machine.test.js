@@ -448,7 +448,7 @@ test("without a machine, connecting says what is not there", async () => {
 
 test("without a machine of that name, connecting says that the broker is there", async () => {
   const nobody = Plc.connect(`${machine.mqtt}0`, { timeoutMs: 300 });
-  await assert.rejects(nobody, /mill-10: the broker is there, and no machine of this name is online/);
+  await assert.rejects(nobody, /mill-10: the broker answers, but no machine of this name is online/);
 });
 
 test("without a connection nothing is sent, and what waits ends when it is closed", async () => {

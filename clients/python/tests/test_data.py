@@ -85,7 +85,7 @@ def test_mistakes_of_a_program_are_said_in_a_sentence() -> None:
     program.on(6, cs=2)(handler)
     mistakes: list[tuple[Callable[[], object], str]] = [
         (lambda: program.on(21)(handler), "M21 has two handlers"),
-        (lambda: program.on(30)(handler), "M30: the runtime handles it itself"),
+        (lambda: program.on(30)(handler), "M30: the runtime handles this M code itself"),
         (lambda: program.on(192)(handler), "M192: M codes are 0 to 191"),
         (lambda: program.on(range(0))(handler), "no M code is named"),
         (lambda: program.on(8)(lambda output: None), "is not async: write `async def"),  # type: ignore[type-var]

@@ -118,7 +118,7 @@ def test_what_a_program_serves_is_known_without_it_by_its_file(tmp_path: Path) -
 def test_a_declaration_of_what_cannot_be_is_a_mistake() -> None:
     program = SequenceProgram("clamp")
     for params, message in [
-        ({"VA": Param()}, "is no parameter; write 'A' to 'H'"),
+        ({"VA": Param()}, "is not a parameter; write 'A' to 'H'"),
         ({"A": Param(min=2, max=1)}, "VA: min 2 is above max 1"),
         ({"A": Param(unit="")}, "VA: unit '': write 1 to 16 characters"),
     ]:

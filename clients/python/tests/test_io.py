@@ -86,7 +86,7 @@ def test_nobody_writes_what_is_another_handlers(tandem_machine: Machine, in_loop
         async with cell.serving(tandem_machine.mqtt) as serving, Plc.connect(tandem_machine.mqtt) as plc:
             await serving.plc.io_out("valve").set(True)
             await plc.until(lambda: plc.io_out("valve").value is True)
-            with pytest.raises(Refused, match="it is handler cell's") as refused:
+            with pytest.raises(Refused, match="handler cell owns it") as refused:
                 await plc.io_out("valve").set(False)
             assert refused.value.code == "not_allowed"
 

@@ -1,4 +1,4 @@
-//! The derive macro of plc-api, which re-exports it as `plc_api::Params`.
+//! The derive macro of plc-api; plc-api re-exports it as `plc_api::Params`.
 
 use proc_macro::TokenStream;
 use quote::quote;
@@ -11,18 +11,19 @@ use syn::{
 /// Attributes of the parameters, VA to VH.
 const LETTERS: [&str; 8] = ["va", "vb", "vc", "vd", "ve", "vf", "vg", "vh"];
 
-/// What an attribute takes.
+/// Error text with the allowed contents of an attribute.
 const FORM: &str = "write a range such as 1..=20, a unit such as \"kN\", and name = \"...\" where the field has another name";
 
-/// Parameters of an M code as a struct, which a handler takes as an argument. Each field has one of `#[va]` to `#[vh]`, which
-/// takes, each where it is needed:
+/// Derives an extractor for a struct: a handler takes the parameters of an M code as one argument. Each field
+/// has one of the attributes `#[va]` to `#[vh]`. An attribute may contain:
 ///
-/// - the range of its numbers, with both ends or one: `1..=20`, `0.5..`, `..=3`,
-/// - its unit: `"kN"`,
-/// - its name, if it is not that of the field: `name = "clamping force"`.
+/// - the range of the numbers, with both ends or one end: `1..=20`, `0.5..`, `..=3`,
+/// - the unit: `"kN"`,
+/// - the name, if it differs from the name of the field: `name = "clamping force"`.
 ///
-/// A field of type `f64`, an integer of up to 32 bits, `bool`, a unit or your own `ParamValue` must be programmed; a field of
-/// an `Option` of one may be left out. The M code takes no other parameters. Example: the page of `plc_api::extract`.
+/// A parameter must be programmed if its field has the type `f64`, an integer of up to 32 bits, `bool`, a
+/// unit or your own `ParamValue`. If the type of the field is an `Option` of these, the parameter may be left
+/// out. The M code takes no other parameters. For an example see `plc_api::extract`.
 #[proc_macro_derive(Params, attributes(va, vb, vc, vd, ve, vf, vg, vh))]
 pub fn params(input: TokenStream) -> TokenStream {
     let input = syn::parse_macro_input!(input as DeriveInput);
@@ -49,7 +50,7 @@ fn write(input: &DeriveInput) -> Result<proc_macro2::TokenStream> {
     let params = fields.into_iter().map(Param::of).collect::<Result<Vec<_>>>()?;
     for (index, param) in params.iter().enumerate() {
         if params[..index].iter().any(|other| other.letter == param.letter) {
-            let text = format!("V{} stands twice", param.letter);
+            let text = format!("V{} is declared twice", param.letter);
             return Err(syn::Error::new(param.field.span(), text));
         }
     }
@@ -79,7 +80,7 @@ fn no_struct(name: &Ident) -> syn::Error {
     )
 }
 
-/// A field.
+/// A field of the struct.
 struct Param<'a> {
     field: &'a Ident,
     of: &'a syn::Type,
@@ -150,14 +151,14 @@ impl<'a> Param<'a> {
     }
 }
 
-/// The letter of an attribute of a parameter.
+/// Returns the letter of an attribute, or `None` if the attribute is not one of `#[va]` to `#[vh]`.
 fn letter(attribute: &Attribute) -> Option<Ident> {
     let name = LETTERS.iter().find(|name| attribute.path().is_ident(name))?;
     let letter = name[1..].to_uppercase();
     Some(Ident::new(&letter, attribute.path().get_ident()?.span()))
 }
 
-/// What an attribute says.
+/// Contents of an attribute.
 #[derive(Default)]
 struct Form {
     range: Option<ExprRange>,
@@ -180,7 +181,7 @@ impl Form {
             if is_second {
                 return Err(syn::Error::new_spanned(
                     attribute,
-                    format!("this stands twice: {FORM}"),
+                    format!("this occurs twice: {FORM}"),
                 ));
             }
         }
@@ -188,7 +189,7 @@ impl Form {
     }
 }
 
-/// One of the things in an attribute.
+/// One element of an attribute.
 enum Part {
     Range(ExprRange),
     Unit(LitStr),

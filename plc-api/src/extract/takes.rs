@@ -1,10 +1,10 @@
-//! What the arguments of a handler take.
+//! Parameters and states that the arguments of a handler take.
 
 use std::any::TypeId;
 
 use crate::types::m_code::{DeclaredParams, ParamDeclaration, ParamLetter};
 
-/// What the arguments of a handler take: parameters, and state of the sequence program.
+/// Parameters of the M code and states of the sequence program that the arguments of a handler take.
 #[derive(Debug, Default)]
 pub struct Takes {
     pub(crate) params: Option<DeclaredParams>,
@@ -13,7 +13,7 @@ pub struct Takes {
 }
 
 impl Takes {
-    /// A parameter.
+    /// Adds a parameter.
     pub fn param(&mut self, letter: ParamLetter, declaration: ParamDeclaration) {
         let params = self.params.get_or_insert_default();
         if params.insert(letter, declaration).is_some() {
@@ -22,12 +22,12 @@ impl Takes {
         }
     }
 
-    /// No parameters but those of other arguments.
+    /// Declares that the M code has no parameters except those that other arguments declare.
     pub fn no_other_params(&mut self) {
         self.params.get_or_insert_default();
     }
 
-    /// State of this type.
+    /// Adds a state of this type.
     pub fn state<T: 'static>(&mut self) {
         self.states.push((TypeId::of::<T>(), std::any::type_name::<T>()));
     }

@@ -14,7 +14,7 @@ use crate::units::{Bar, KiloNewton, Whole};
 
 const CLAMP: MCode = MCode::new(12, "clamp");
 
-/// What handlers were given.
+/// Arguments that handlers received.
 type Seen = Arc<Mutex<Vec<String>>>;
 
 #[derive(crate::Params)]
@@ -50,7 +50,7 @@ async fn serve(fake: &FakePort, program: SequenceProgram) -> JoinHandle<Result<(
     task
 }
 
-/// How M12 with these parameters ends, and what its handler saw.
+/// Returns how M12 with these parameters ends, and the arguments that its handler received.
 async fn end_of(params: Params) -> (Option<Closed>, Vec<String>) {
     let (fake, seen) = (FakePort::new([1]), Seen::default());
     let program = SequenceProgram::new().on(CLAMP, clamp).state(Arc::clone(&seen));
@@ -135,7 +135,7 @@ async fn what_a_handler_declares_is_in_its_presence() {
     assert_eq!(json, expected);
     let name = |cs, m| presence.declaration(cs, m).and_then(|said| said.name.clone());
     assert_eq!(name(1, 15).as_deref(), Some("turn table"));
-    assert_eq!(name(2, 15), None, "its own handler says nothing of it");
+    assert_eq!(name(2, 15), None, "its own handler declares nothing");
     assert_eq!(name(1, 16), None, "it is served in 2 only");
     let served: Vec<_> = presence
         .served("cell")
@@ -170,12 +170,12 @@ async fn a_value_that_a_type_does_not_have_is_an_alarm() {
     );
     fake.settle().await;
     assert_eq!(fake.closed(1, three), Some(Closed::Reset));
-    let alarm = Alarm::user(Alarm::CODE_OF_PARAMS, "M12: VA is 4, which is none of its values");
+    let alarm = Alarm::user(Alarm::CODE_OF_PARAMS, "M12: VA is 4, which is not allowed");
     assert_eq!(fake.closed(1, four), Some(Closed::Failed { alarm }));
 }
 
 #[test]
-fn state_that_is_missing_or_there_twice_and_parameters_taken_twice_are_mistakes() {
+fn missing_or_duplicate_state_and_duplicate_parameters_are_errors() {
     async fn twice(Va(_force): Va<KiloNewton<20, 1>>, _clamp: Clamp) -> std::result::Result<(), Alarm> {
         Ok(())
     }
@@ -193,7 +193,7 @@ fn state_that_is_missing_or_there_twice_and_parameters_taken_twice_are_mistakes(
         "which the program does not have: add it by state(..)",
         "M13 twice: two arguments of its handler take VA",
         "M14: name: write 1 to 40 characters",
-        "state() got two of type u8",
+        "state() got two states of type u8",
     ] {
         assert!(mistakes.contains(mistake), "{mistake} in {mistakes}");
     }

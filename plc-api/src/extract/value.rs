@@ -1,8 +1,8 @@
-//! One parameter with its type.
+//! Types of parameters.
 
 use super::{FromOutput, Takes};
 use crate::alarm::Alarm;
-use crate::handlers::AuxOutput;
+use crate::aux_output::AuxOutput;
 use crate::plc::Plc;
 use crate::types::m_code::{ParamDeclaration, ParamLetter};
 
@@ -12,7 +12,7 @@ use crate::types::m_code::{ParamDeclaration, ParamLetter};
 /// use plc_api::extract::ParamValue;
 /// use plc_api::types::m_code::ParamDeclaration;
 ///
-/// /// VA1 is left, VA2 is right.
+/// /// VA1 means left, VA2 means right.
 /// #[derive(Debug, PartialEq)]
 /// enum Side { Left, Right }
 ///
@@ -32,11 +32,11 @@ use crate::types::m_code::{ParamDeclaration, ParamLetter};
     note = "write `f64`, `u16` or another integer of up to 32 bits, `bool`, a unit such as `KiloNewton<1, 20>`, or an `Option` of one"
 )]
 pub trait ParamValue: Sized + Send + 'static {
-    /// Unit and bounds.
+    /// Returns the declaration of the parameter: unit and bounds.
     fn declaration() -> ParamDeclaration;
 
-    /// The value of a number that is as declared; `None` is a parameter that is not programmed. When it gives `None`, the
-    /// handler is not begun, and an alarm names the parameter.
+    /// Converts a number that matches the declaration to a value. `number` is `None` if the parameter is not
+    /// programmed. If the result is `None`, the handler is not started, and an alarm names the parameter.
     fn of(number: Option<f64>) -> Option<Self>;
 }
 
@@ -99,17 +99,17 @@ macro_rules! whole {
 
 whole!(u8 u16 u32 i8 i16 i32);
 
-/// A parameter of an output as a type.
+/// Returns a parameter of an output as a typed value.
 ///
 /// # Errors
-/// The parameter is not what the type takes.
+/// Returns an alarm if the type does not accept the parameter.
 pub fn param<T: ParamValue>(output: &AuxOutput, letter: ParamLetter) -> Result<T, Alarm> {
     let number = letter.of(output.params());
     T::of(number).ok_or_else(|| {
         let m = output.m();
         let text = match number {
             None => format!("M{m:02} needs {letter}"),
-            Some(number) => format!("M{m:02}: {letter} is {number}, which is none of its values"),
+            Some(number) => format!("M{m:02}: {letter} is {number}, which is not allowed"),
         };
         Alarm::user(Alarm::CODE_OF_PARAMS, text)
     })

@@ -11,23 +11,24 @@ use crate::types::request::{Refusal, RefusalCode};
 use crate::types::topic::Topic;
 use crate::types::{CoordinateSystemNumber, Timestamp};
 
-/// Number of the alarm of an output that timed out, as on a machine (D36).
+/// Number of the alarm for an output that timed out, as on a machine (D36).
 const TIMED_OUT: u16 = 301;
 
-/// The alarm of an output that failed or timed out.
+/// Returns the alarm for an output that failed or timed out.
 pub(super) fn of(m: u16, how: &Closed) -> Option<Alarm> {
     match how {
         Closed::Failed { alarm } => Some(alarm.clone()),
         Closed::TimedOut => Some(Alarm {
             number: TIMED_OUT,
-            text: format!("M{m:02} was not reset in its time"),
+            text: format!("M{m:02} was not reset within its time limit"),
         }),
         Closed::Reset | Closed::Cancelled(_) => None,
     }
 }
 
 impl FakePort {
-    /// Raises an alarm, which ends the run of its coordinate system, or all runs.
+    /// Raises an alarm, which ends the run of its coordinate system; an alarm of the whole machine ends all
+    /// runs.
     pub(super) fn raise_alarm(&self, inner: &mut Inner, cs: Option<CoordinateSystemNumber>, alarm: Alarm) {
         let record = AlarmRecord {
             id: inner.alarms.len() as u64 + 1,
@@ -50,7 +51,7 @@ impl FakePort {
     }
 
     /// # Errors
-    /// There is no such coordinate system, or code or text is out of its limits.
+    /// Fails if the coordinate system does not exist, or code or text is out of its limits.
     pub(super) fn on_raise(&self, raise: &AlarmRaise) -> Result<(), Refusal> {
         let alarm = raise.alarm()?;
         let mut inner = lock(&self.inner);
@@ -83,7 +84,7 @@ impl FakePort {
     }
 
     /// # Errors
-    /// There is no such active alarm.
+    /// Fails if no active alarm has this id.
     pub(super) fn acknowledge(&self, inner: &mut Inner, id: u64, by: &str) -> Result<(), Refusal> {
         let mut active = inner.alarms.iter_mut().filter(|alarm| alarm.cleared_at.is_none());
         let Some(alarm) = active.find(|alarm| alarm.id == id) else {

@@ -47,12 +47,12 @@ impl Data {
         }
     }
 
-    /// Publishes these variables, too, from now on.
+    /// Adds these variables to the published ones.
     pub(super) fn publish(&mut self, area: VariableArea, from: u32, count: u32) {
         self.published.push((area, from, count));
     }
 
-    /// All that is published of it, for these coordinate systems.
+    /// Returns all published data for these coordinate systems.
     pub(super) fn messages(&self, systems: &[CoordinateSystemNumber]) -> Vec<(Topic, Payload)> {
         let mut messages = vec![
             (Topic::Variables, self.published_variables(VariableArea::Global)),

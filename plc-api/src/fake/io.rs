@@ -25,7 +25,7 @@ impl FakePort {
         Ok(Answer::Done)
     }
 
-    /// A handler has left.
+    /// Handles the departure of a handler.
     pub(super) fn leave_io(&self, inner: &mut Inner, handler_id: &str, departure: Departure) {
         for lost in inner.io.leave(handler_id, departure) {
             self.publish_io(inner, lost.point, lost.state);
@@ -33,7 +33,7 @@ impl FakePort {
         self.expire_io(inner);
     }
 
-    /// Ends the time of handlers that left and did not come back.
+    /// Ends the waiting time of handlers that left and did not return.
     pub(super) fn expire_io(&self, inner: &mut Inner) {
         for lost in inner.io.expire(inner.now_s, |_| false) {
             self.publish_io(inner, lost.point, lost.state);

@@ -36,7 +36,7 @@ impl FakePort {
         }
     }
 
-    /// Rejects a request that is too old, on the clock of the scripted machine.
+    /// Rejects a request whose age limit has passed on the clock of the scripted machine.
     pub(super) fn check_age(&self, not_after: &NotAfter, request: &Request) -> Result<(), Refusal> {
         let now_ms = Duration::try_from_secs_f64(lock(&self.inner).now_s).unwrap_or_default();
         let age_ms = now_ms.as_millis().saturating_sub(not_after.heartbeat.into());
@@ -102,7 +102,7 @@ impl FakePort {
         }
     }
 
-    /// Changes variables, tools or offsets, and tells of what is new.
+    /// Changes variables, tools or offsets, and publishes the changes.
     fn change_data(
         &self,
         change: impl FnOnce(&mut Data) -> Result<Answer, Refusal>,
@@ -147,7 +147,7 @@ impl FakePort {
         Ok(Answer::Done)
     }
 
-    /// Carries out a command at once, as far as a machine without motion can.
+    /// Executes a command at once, as far as a machine without motion can.
     fn command(
         &self,
         cs: CoordinateSystemNumber,
@@ -171,7 +171,7 @@ impl FakePort {
         Ok(Answer::Command(inner.done(meta)))
     }
 
-    /// Puts out what a pause has held back (D18).
+    /// Issues the outputs that a pause has held back (D18).
     fn put_out_queued(&self, inner: &mut Inner, cs: CoordinateSystemNumber) {
         let system = inner.systems.get(&cs).filter(|system| !system.is_paused());
         let open = system.map(|system| system.ledger.open()).unwrap_or_default();
@@ -260,7 +260,7 @@ impl FakePort {
 
 impl Inner {
     /// # Errors
-    /// There is no such coordinate system.
+    /// Fails if the coordinate system does not exist.
     pub(super) fn system(&mut self, cs: CoordinateSystemNumber) -> Result<&mut System, Refusal> {
         self.systems.get_mut(&cs).ok_or_else(|| missing(cs))
     }
@@ -287,7 +287,7 @@ impl Inner {
         })
     }
 
-    /// Grants every lease, each with its own fence.
+    /// Grants every requested lease, each with its own fence.
     fn granted(&mut self, request: LeaseRequest, meta: &CommandMeta) -> Option<Lease> {
         let LeaseRequest::Take(take) = request else {
             return None;
@@ -302,9 +302,10 @@ impl Inner {
     }
 }
 
-/// The scripted machine does what sequence programs need in unit tests, and says of anything else that it does not.
+/// Refuses a request that the scripted machine does not support. It supports the requests that sequence
+/// programs need in unit tests.
 fn unsupported() -> Result<Answer, Refusal> {
-    let text = "the scripted machine (FakePort) does not do this; test with tandem_runtime::test";
+    let text = "the scripted machine (FakePort) does not support this; test with tandem_runtime::test";
     Err(Refusal::new(RefusalCode::NotSupported, text))
 }
 

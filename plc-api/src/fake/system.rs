@@ -1,4 +1,4 @@
-//! State word and inputs of a scripted coordinate system, which follow from its outputs and from commands.
+//! State word and inputs of a scripted coordinate system; they result from its outputs and from commands.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -22,15 +22,15 @@ type Word = (Execution, Option<Reason>);
 #[derive(Debug)]
 pub(super) struct System {
     pub(super) ledger: Ledger,
-    /// Of the machine's start and this coordinate system.
+    /// Prefix of the run ids of this boot and coordinate system.
     runs_of: String,
-    /// How outputs ended.
+    /// How each output ended, by `seq`.
     pub(super) closed: BTreeMap<u64, Closed>,
     runs: u32,
     run: Option<Run>,
-    /// State word without a run.
+    /// State word while no run is active.
     idle: Word,
-    /// The published state, without the fields that [`System::state`] adds.
+    /// Published state, without the fields that [`System::state`] adds.
     shown: State,
     interlock: LockInput,
     start_lock: LockInput,
@@ -40,12 +40,12 @@ pub(super) struct System {
 #[derive(Debug, Default)]
 struct Run {
     paused: Option<Word>,
-    /// The end of the program: it waits for open outputs.
+    /// True once the end of the program is reached; the end waits for open outputs.
     at_end: bool,
 }
 
 impl System {
-    /// READY, with program 1.
+    /// Creates a coordinate system that is READY, with program 1.
     pub(super) fn new(boot: u32, cs: CoordinateSystemNumber) -> Self {
         Self {
             ledger: Ledger::new(boot_id(boot), cs, OPEN_OUTPUTS_MAX),
@@ -64,7 +64,7 @@ impl System {
         }
     }
 
-    /// After a restart of the runtime.
+    /// Creates a coordinate system after a restart of the runtime.
     pub(super) fn restarted(boot: u32, cs: CoordinateSystemNumber) -> Self {
         Self {
             idle: (Execution::Stopped, Some(Reason::Restarted)),
@@ -76,12 +76,12 @@ impl System {
         format!("{}-{}", self.runs_of, self.runs)
     }
 
-    /// The loaded program; 1 if the test started a run without one.
+    /// Returns the number of the loaded program; 1 if the test started a run without a program.
     pub(super) fn program(&self) -> u16 {
         self.shown.program.unwrap_or(1)
     }
 
-    /// The run, which starts if there is none.
+    /// Returns the run, and starts one if no run is active.
     fn run(&mut self) -> &mut Run {
         self.runs += u32::from(self.run.is_none());
         self.run.get_or_insert_default()
@@ -96,7 +96,7 @@ impl System {
         self.idle = word;
     }
 
-    /// Puts the end of the program.
+    /// Adds the end of the program.
     pub(super) fn put_end(&mut self) {
         self.run().at_end = true;
     }
@@ -105,7 +105,7 @@ impl System {
         self.run.as_ref().is_some_and(|run| run.paused.is_some())
     }
 
-    /// Takes over a state that the test publishes.
+    /// Adopts a state that the test publishes.
     pub(super) fn take_over(&mut self, state: &State) {
         use Execution::{ProgramCompleted, Ready, Stopped};
         let word = (state.execution, state.reason);
@@ -117,7 +117,7 @@ impl System {
         }
     }
 
-    /// The output that a run waits for.
+    /// Returns the output for which the run waits.
     fn awaited(&self) -> Option<&OpenOutput> {
         self.run.as_ref().and_then(|_| self.ledger.open().first())
     }
@@ -144,10 +144,11 @@ impl System {
         }
     }
 
-    /// Executes a command if it is allowed. Returns the reason to cancel outputs, if they are to be cancelled.
+    /// Executes a command if it is allowed. Returns the reason to cancel outputs, if they are to be
+    /// cancelled.
     ///
     /// # Errors
-    /// Not allowed now, or a lock is on.
+    /// Fails if the command is not allowed now, or a lock is on.
     pub(super) fn command(
         &mut self,
         command: &Command,
@@ -160,7 +161,7 @@ impl System {
         };
         let verb = command.verb();
         if let Command::JogEnd { .. } = command {
-            // a jog is at its end as soon as it begins
+            // a jog ends as soon as it begins
             return Ok(None);
         }
         situation.judge(verb)?;
@@ -196,7 +197,7 @@ impl System {
         self.shown.last_command_id = Some(id.to_owned());
     }
 
-    /// No effect on a paused program and without a run.
+    /// Pauses the run. No effect if the run is already paused or no run is active.
     fn hold(&mut self, word: Word) {
         if let Some(run) = &mut self.run {
             run.paused.get_or_insert(word);
@@ -204,7 +205,8 @@ impl System {
     }
 
     /// # Errors
-    /// A source of a lock is another's. `judge_writer` says whether an instance writes for a handler.
+    /// Fails if another handler owns the source of the lock. `judge_writer` validates the instance that
+    /// writes for a handler.
     pub(super) fn set_input(
         &mut self,
         input: Input,
@@ -236,7 +238,7 @@ impl System {
         Ok(())
     }
 
-    /// A handler has left.
+    /// Handles the departure of a handler.
     pub(super) fn leave(&mut self, handler_id: &str, departure: Departure, now_s: f64) {
         for input in [&mut self.interlock, &mut self.start_lock] {
             input.leave(handler_id, departure);
@@ -244,14 +246,14 @@ impl System {
         self.expire_locks(now_s);
     }
 
-    /// A handler is online.
+    /// Handles the arrival of a handler.
     pub(super) fn come(&mut self, handler_id: &str) {
         for input in [&mut self.interlock, &mut self.start_lock] {
             input.come(handler_id);
         }
     }
 
-    /// Ends the time of handlers that left and did not come back.
+    /// Ends the waiting time of handlers that left and did not return.
     pub(super) fn expire_locks(&mut self, now_s: f64) {
         for input in [&mut self.interlock, &mut self.start_lock] {
             input.expire(now_s, |_| false);
@@ -259,7 +261,7 @@ impl System {
         self.follow_interlock();
     }
 
-    /// When that has to be done next.
+    /// Returns the time of the next [`expire_locks`](Self::expire_locks).
     pub(super) fn next_lock_deadline_s(&self) -> Option<f64> {
         let deadlines = [&self.interlock, &self.start_lock].into_iter();
         deadlines.filter_map(LockInput::next_deadline_s).reduce(f64::min)
@@ -271,7 +273,8 @@ impl System {
         }
     }
 
-    /// Ends the program if its end is put, no output is open and nothing holds it. Returns what is published then.
+    /// Ends the program if its end is reached, no output is open and the run is not paused. Returns the
+    /// messages to publish.
     pub(super) fn follow(&mut self, alarm_count: u32) -> [(CsTopic, Payload); 8] {
         let ends = |run: &Run| run.at_end && run.paused.is_none() && self.ledger.is_empty();
         if self.run.as_ref().is_some_and(ends) {
@@ -296,7 +299,7 @@ impl System {
         ]
     }
 
-    /// Refuses to start or move while a lock is on.
+    /// Refuses a start or a motion while a lock is on.
     fn judge_locks(&self, verb: Verb) -> Result<(), Refusal> {
         let begins = matches!(verb, Verb::Start | Verb::Run | Verb::Mdi);
         let moves = begins || matches!(verb, Verb::Resume | Verb::Jog | Verb::Home);
@@ -325,7 +328,7 @@ fn waiting_on(open: &OpenOutput) -> WaitingOn {
     }
 }
 
-/// The state word after a cancel; `None`: the run continues.
+/// Returns the state word after a cancellation, or `None` if the run continues.
 pub(super) fn word_of(reason: CancelReason) -> Option<Word> {
     use CancelReason::{Abort, Alarm, Operator, Reset, Shutdown, Stop, Timeout};
     Some(match reason {

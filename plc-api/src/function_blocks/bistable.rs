@@ -1,38 +1,38 @@
 //! Bistable elements: IEC 61131-3, table "Standard bistable function blocks".
 
-/// `SR`: a flag that is set and reset; set wins.
+/// `SR`: a flag with a set input and a reset input; set has priority.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SetDominant {
     q1: bool,
 }
 
 impl SetDominant {
-    /// Takes `S1` and `R`; gives `Q1`.
+    /// Updates the block with the inputs `S1` and `R`; returns `Q1`.
     pub fn update(&mut self, set: bool, reset: bool) -> bool {
         self.q1 = set || (!reset && self.q1);
         self.q1
     }
 
-    /// `Q1` of the last call.
+    /// Returns `Q1` of the last call.
     pub fn q(&self) -> bool {
         self.q1
     }
 }
 
-/// `RS`: a flag that is set and reset; reset wins.
+/// `RS`: a flag with a set input and a reset input; reset has priority.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ResetDominant {
     q1: bool,
 }
 
 impl ResetDominant {
-    /// Takes `S` and `R1`; gives `Q1`.
+    /// Updates the block with the inputs `S` and `R1`; returns `Q1`.
     pub fn update(&mut self, set: bool, reset: bool) -> bool {
         self.q1 = !reset && (set || self.q1);
         self.q1
     }
 
-    /// `Q1` of the last call.
+    /// Returns `Q1` of the last call.
     pub fn q(&self) -> bool {
         self.q1
     }
@@ -42,7 +42,7 @@ impl ResetDominant {
 mod tests {
     use super::*;
 
-    /// Set, reset, the output before, and that of SR and of RS.
+    /// Set, reset, the previous output, and the resulting outputs of SR and of RS.
     const TRUTH: [(bool, bool, bool, bool, bool); 8] = [
         (false, false, false, false, false),
         (false, false, true, true, true),

@@ -1,10 +1,11 @@
 //! Counters: IEC 61131-3, table "Standard counter function blocks".
 //!
-//! They count rising edges. A value stays within those of `i64`, as the standard's within `PVmin` and `PVmax`.
+//! The counters count rising edges. Their value stays within the range of `i64`, as the standard requires for
+//! `PVmin` and `PVmax`.
 
 use super::edge::RisingEdge;
 
-/// `CTU`: counts up, and is on from its preset value on.
+/// `CTU`: counts up. Its output is on while the value is at least the preset value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct UpCounter {
     up: RisingEdge,
@@ -13,7 +14,7 @@ pub struct UpCounter {
 }
 
 impl UpCounter {
-    /// At 0, with this `PV`.
+    /// Creates a counter at 0 with this `PV`.
     pub const fn new(preset: i64) -> Self {
         Self {
             up: RisingEdge::NEW,
@@ -22,7 +23,8 @@ impl UpCounter {
         }
     }
 
-    /// Takes `CU`, whose rising edges count, and `R`, which sets the value to 0; gives `Q`.
+    /// Updates the counter with the inputs `CU`, which counts rising edges, and `R`, which sets the value to
+    /// 0; returns `Q`.
     pub fn update(&mut self, up: bool, reset: bool) -> bool {
         let up = self.up.update(up);
         if reset {
@@ -33,12 +35,12 @@ impl UpCounter {
         self.q()
     }
 
-    /// `Q`: the value is at least the preset value.
+    /// Returns `Q`: true if the value is at least the preset value.
     pub fn q(&self) -> bool {
         self.value >= self.preset
     }
 
-    /// `CV`: the value.
+    /// Returns `CV`, the value.
     pub fn value(&self) -> i64 {
         self.value
     }
@@ -49,7 +51,7 @@ impl UpCounter {
     }
 }
 
-/// `CTD`: counts down from its preset value, and is on from 0 on.
+/// `CTD`: counts down from its preset value. Its output is on while the value is 0 or less.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DownCounter {
     down: RisingEdge,
@@ -58,7 +60,7 @@ pub struct DownCounter {
 }
 
 impl DownCounter {
-    /// At 0, thus on, until it is loaded with this `PV`.
+    /// Creates a counter with this `PV`. The value is 0, and thus the output on, until the first load.
     pub const fn new(preset: i64) -> Self {
         Self {
             down: RisingEdge::NEW,
@@ -67,7 +69,8 @@ impl DownCounter {
         }
     }
 
-    /// Takes `CD`, whose rising edges count, and `LD`, which sets the value to the preset value; gives `Q`.
+    /// Updates the counter with the inputs `CD`, which counts rising edges, and `LD`, which sets the value to
+    /// the preset value; returns `Q`.
     pub fn update(&mut self, down: bool, load: bool) -> bool {
         let down = self.down.update(down);
         if load {
@@ -78,17 +81,17 @@ impl DownCounter {
         self.q()
     }
 
-    /// `Q`: the value is 0 or less.
+    /// Returns `Q`: true if the value is 0 or less.
     pub fn q(&self) -> bool {
         self.value <= 0
     }
 
-    /// `CV`: the value.
+    /// Returns `CV`, the value.
     pub fn value(&self) -> i64 {
         self.value
     }
 
-    /// Sets `PV`, which counts at the next load.
+    /// Sets `PV`, which applies from the next load on.
     pub fn set_preset(&mut self, preset: i64) {
         self.preset = preset;
     }
@@ -104,7 +107,7 @@ pub struct UpDownCounter {
 }
 
 impl UpDownCounter {
-    /// At 0, with this `PV`.
+    /// Creates a counter at 0 with this `PV`.
     pub const fn new(preset: i64) -> Self {
         Self {
             up: RisingEdge::NEW,
@@ -114,8 +117,9 @@ impl UpDownCounter {
         }
     }
 
-    /// Takes `CU`, `CD`, `R` and `LD`. Edges of both inputs in one call do not count; the reset comes before the load, and both
-    /// before the edges.
+    /// Updates the counter with the inputs `CU`, `CD`, `R` and `LD`. If `CU` and `CD` have an edge in the
+    /// same call, the value does not change. `R` has priority over `LD`, and both have priority over the
+    /// edges.
     #[expect(
         clippy::fn_params_excessive_bools,
         reason = "the inputs of the standard, in its order"
@@ -131,17 +135,17 @@ impl UpDownCounter {
         };
     }
 
-    /// `QU`: the value is at least the preset value.
+    /// Returns `QU`: true if the value is at least the preset value.
     pub fn q_up(&self) -> bool {
         self.value >= self.preset
     }
 
-    /// `QD`: the value is 0 or less.
+    /// Returns `QD`: true if the value is 0 or less.
     pub fn q_down(&self) -> bool {
         self.value <= 0
     }
 
-    /// `CV`: the value.
+    /// Returns `CV`, the value.
     pub fn value(&self) -> i64 {
         self.value
     }

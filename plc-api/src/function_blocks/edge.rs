@@ -1,9 +1,10 @@
 //! Edges: IEC 61131-3, table "Standard edge detection function blocks".
 
-/// `R_TRIG`: on for one call when its input comes on. An input that is on at the first call has come on, as the standard says.
+/// `R_TRIG`: on for one call when its input turns on. An input that is on at the first call causes an
+/// edge, as in the standard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct RisingEdge {
-    /// The input of the call before: `M`.
+    /// The input at the previous call: `M`.
     was: bool,
     q: bool,
 }
@@ -11,37 +12,37 @@ pub struct RisingEdge {
 impl RisingEdge {
     pub(super) const NEW: Self = Self { was: false, q: false };
 
-    /// Takes `CLK`; gives `Q`.
+    /// Updates the block with the input `CLK`; returns `Q`.
     pub fn update(&mut self, input: bool) -> bool {
         self.q = input && !self.was;
         self.was = input;
         self.q
     }
 
-    /// `Q` of the last call.
+    /// Returns `Q` of the last call.
     pub fn q(&self) -> bool {
         self.q
     }
 }
 
-/// `F_TRIG`: on for one call when its input goes off. An input that is off at the first call has gone off, as the standard
-/// says; what must not begin with an edge calls it once before.
+/// `F_TRIG`: on for one call when its input turns off. An input that is off at the first call causes an
+/// edge, as in the standard. To ignore this first edge, call `update` once before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FallingEdge {
-    /// The input of the call before was off: `M`.
+    /// True if the input was off at the previous call: `M`.
     was_off: bool,
     q: bool,
 }
 
 impl FallingEdge {
-    /// Takes `CLK`; gives `Q`.
+    /// Updates the block with the input `CLK`; returns `Q`.
     pub fn update(&mut self, input: bool) -> bool {
         self.q = !input && !self.was_off;
         self.was_off = !input;
         self.q
     }
 
-    /// `Q` of the last call.
+    /// Returns `Q` of the last call.
     pub fn q(&self) -> bool {
         self.q
     }
@@ -70,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn r_trig_whose_input_is_on_at_a_cold_restart_is_on_after_the_first_call_only() {
+    fn r_trig_with_input_on_at_cold_restart_is_on_after_first_call_only() {
         let mut edge = RisingEdge::default();
         assert_eq!(outputs(|clk| edge.update(clk), [ON, ON, ON]), [ON, OFF, OFF]);
     }
@@ -87,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn f_trig_whose_input_is_off_at_a_cold_restart_is_on_after_the_first_call_only() {
+    fn f_trig_with_input_off_at_cold_restart_is_on_after_first_call_only() {
         let mut edge = FallingEdge::default();
         assert_eq!(outputs(|clk| edge.update(clk), [OFF, OFF, OFF]), [ON, OFF, OFF]);
     }

@@ -1,15 +1,15 @@
 //! Timers: IEC 61131-3, table "Standard timer function blocks" and its timing diagrams.
 //!
-//! Each call is given the time of the scan. A time before that of an earlier call counts as the same time. A preset time that is
-//! changed counts from the next call on, also for a time that runs.
+//! Each call receives the time of the scan. If that time is before the start of a running timer, its elapsed
+//! time is 0. A changed preset time applies from the next call on, also to a running timer.
 
 use std::time::Duration;
 
-/// A time that runs up to its preset time.
+/// A time that increases up to its preset time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Running {
     preset: Duration,
-    /// When it began.
+    /// Start of the running time.
     since: Option<Duration>,
     elapsed: Duration,
 }
@@ -23,7 +23,7 @@ impl Running {
         }
     }
 
-    /// Begins or goes on; true once the preset time is over.
+    /// Starts or continues the time; returns true once the preset time has passed.
     fn run(&mut self, now: Duration) -> bool {
         let since = *self.since.get_or_insert(now);
         self.elapsed = now.saturating_sub(since).min(self.preset);
@@ -35,16 +35,16 @@ impl Running {
     }
 }
 
-/// `TON`: on once its input has been on for the preset time.
+/// `TON`: turns on when its input has been on for the preset time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct OnDelay {
-    /// Since the input came on.
+    /// Time since the input turned on.
     time: Running,
     q: bool,
 }
 
 impl OnDelay {
-    /// With this `PT`.
+    /// Creates a timer with this `PT`.
     pub const fn new(preset: Duration) -> Self {
         Self {
             time: Running::new(preset),
@@ -52,7 +52,7 @@ impl OnDelay {
         }
     }
 
-    /// Takes `IN` and the time of the scan; gives `Q`.
+    /// Updates the timer with the input `IN` and the time of the scan; returns `Q`.
     pub fn update(&mut self, input: bool, now: Duration) -> bool {
         self.q = if input {
             self.time.run(now)
@@ -63,12 +63,12 @@ impl OnDelay {
         self.q
     }
 
-    /// `Q` of the last call.
+    /// Returns `Q` of the last call.
     pub fn q(&self) -> bool {
         self.q
     }
 
-    /// `ET`: how long the input has been on, at most the preset time.
+    /// Returns `ET`: the time since the input turned on, at most the preset time.
     pub fn elapsed(&self) -> Duration {
         self.time.elapsed
     }
@@ -79,16 +79,16 @@ impl OnDelay {
     }
 }
 
-/// `TOF`: off once its input has been off for the preset time.
+/// `TOF`: turns off when its input has been off for the preset time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct OffDelay {
-    /// Since the input went off.
+    /// Time since the input turned off.
     time: Running,
     q: bool,
 }
 
 impl OffDelay {
-    /// With this `PT`; off until its input has been on.
+    /// Creates a timer with this `PT`. The output is off until the input has been on.
     pub const fn new(preset: Duration) -> Self {
         Self {
             time: Running::new(preset),
@@ -96,7 +96,7 @@ impl OffDelay {
         }
     }
 
-    /// Takes `IN` and the time of the scan; gives `Q`.
+    /// Updates the timer with the input `IN` and the time of the scan; returns `Q`.
     pub fn update(&mut self, input: bool, now: Duration) -> bool {
         if input {
             self.time.clear();
@@ -107,12 +107,13 @@ impl OffDelay {
         self.q
     }
 
-    /// `Q` of the last call.
+    /// Returns `Q` of the last call.
     pub fn q(&self) -> bool {
         self.q
     }
 
-    /// `ET`: how long the input has been off, at most the preset time; it keeps its value until the input comes on.
+    /// Returns `ET`: the time since the input turned off, at most the preset time. The value is kept until
+    /// the input turns on.
     pub fn elapsed(&self) -> Duration {
         self.time.elapsed
     }
@@ -123,16 +124,16 @@ impl OffDelay {
     }
 }
 
-/// `TP`: on for the preset time after its input comes on, whatever the input does meanwhile.
+/// `TP`: on for the preset time after its input turns on, independent of the input meanwhile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pulse {
-    /// Since the pulse began; it may be over, with the input still on.
+    /// Time since the start of the pulse. The pulse may have ended while the input is still on.
     time: Running,
     q: bool,
 }
 
 impl Pulse {
-    /// With this `PT`.
+    /// Creates a timer with this `PT`.
     pub const fn new(preset: Duration) -> Self {
         Self {
             time: Running::new(preset),
@@ -140,7 +141,7 @@ impl Pulse {
         }
     }
 
-    /// Takes `IN` and the time of the scan; gives `Q`.
+    /// Updates the timer with the input `IN` and the time of the scan; returns `Q`.
     pub fn update(&mut self, input: bool, now: Duration) -> bool {
         if input || self.q {
             self.q = !self.time.run(now);
@@ -151,12 +152,13 @@ impl Pulse {
         self.q
     }
 
-    /// `Q` of the last call.
+    /// Returns `Q` of the last call.
     pub fn q(&self) -> bool {
         self.q
     }
 
-    /// `ET`: how long the pulse has been on, at most the preset time; it keeps its value until the input goes off.
+    /// Returns `ET`: the time since the start of the pulse, at most the preset time. The value is kept until
+    /// the input turns off.
     pub fn elapsed(&self) -> Duration {
         self.time.elapsed
     }
@@ -173,7 +175,8 @@ mod tests {
 
     const PRESET: Duration = Duration::from_millis(50);
 
-    /// `Q` and `ET`, ms, of calls every 10 ms; `_` and `#` are the input, as in a timing diagram.
+    /// Returns `Q` and `ET`, ms, of calls every 10 ms. `_` (off) and `#` (on) are the input, as in a timing
+    /// diagram.
     fn diagram(
         input: &str,
         mut update: impl FnMut(bool, Duration) -> (bool, Duration),
@@ -251,12 +254,12 @@ mod tests {
         let (q, _) = pulse("#_#_###__#_");
         assert_eq!(
             q, "#####____##",
-            "an input that came on before the end makes no second pulse"
+            "an input that turned on before the end starts no second pulse"
         );
     }
 
     #[test]
-    fn with_a_preset_time_of_0_ton_and_tof_follow_their_input_and_tp_is_never_on() {
+    fn with_preset_time_0_ton_and_tof_follow_the_input_and_tp_stays_off() {
         let now = Duration::from_secs(1);
         let (mut on, mut off, mut pulse) = (
             OnDelay::new(Duration::ZERO),

@@ -1,5 +1,5 @@
-//! The parts of a program that serve no M code: alarms that follow a level, and tasks. They restart at each boot of the
-//! machine.
+//! Parts of a sequence program that serve no M code: alarms that follow a level, and tasks. They restart at
+//! each boot of the machine.
 
 use std::future::{Future, pending};
 use std::panic::AssertUnwindSafe;
@@ -21,10 +21,11 @@ use crate::types::topic::Topic;
 use crate::types::{BootId, CoordinateSystemNumber};
 
 impl<Scope> SequenceProgram<Scope> {
-    /// Raises an alarm while a level is true: of the whole machine, or within
-    /// [`in_coordinate_system`](SequenceProgram::in_coordinate_system) of that coordinate system. It is raised once. It stays after
-    /// the level until a reset; after a reset while the level is still true, or a start of the machine, it is raised again. It is also
-    /// raised when the sender of the level has gone.
+    /// Raises an alarm when a level turns true: an alarm of the whole machine, or within
+    /// [`in_coordinate_system`](SequenceProgram::in_coordinate_system) of that coordinate system. The alarm
+    /// stays active until a reset, even if the level turns false. If the level is still true after a reset,
+    /// or at a start of the machine, the alarm is raised again. The alarm is also raised if the sender of
+    /// `level` is dropped.
     ///
     /// ```
     /// # use plc_api::{Alarm, SequenceProgram, fake::FakePort};
@@ -42,7 +43,7 @@ impl<Scope> SequenceProgram<Scope> {
     /// # Ok(()) }
     /// ```
     ///
-    /// [`SequenceProgram::run`] refuses an alarm that is not of [`Alarm::user`], or without a text.
+    /// [`SequenceProgram::run`] refuses an alarm that was not created by [`Alarm::user`], or has no text.
     #[must_use]
     pub fn alarm_while(mut self, level: watch::Receiver<bool>, alarm: Alarm) -> Self {
         if alarm.user_code().is_none() || alarm.text.is_empty() {
@@ -61,13 +62,14 @@ impl<Scope> SequenceProgram<Scope> {
 }
 
 impl SequenceProgram {
-    /// Runs a task together with the handlers, such as one that reads a sensor. It starts when the machine knows this
-    /// program, and is dropped at its current await point when the machine or the program ends. At the next start of
-    /// the machine it starts again.
+    /// Adds a task that runs together with the handlers, such as a task that reads a sensor. The task starts
+    /// when the machine has accepted this program, and is dropped at its current await point when the machine
+    /// or the program ends. At the next start of the machine the task starts again.
     ///
-    /// `Ok` ends it until then. A temporary error of the connection is logged, and the task starts again after a
-    /// second. Any other error, or a panic, also ends the sequence program, so that the failure of a task is always
-    /// noticed. Sleep by [`Plc::sleep`], or [`Plc::interval`].
+    /// If the task returns `Ok`, it does not run again until the next start of the machine. A temporary error
+    /// of the connection is logged, and the task starts again after one second. Any other error, or a panic,
+    /// also ends the sequence program, so that the failure of a task is always noticed. To wait, use
+    /// [`Plc::sleep`] or [`Plc::interval`].
     ///
     /// ```
     /// # use plc_api::{SequenceProgram, fake::FakePort};
@@ -107,7 +109,7 @@ struct FollowedAlarm {
     alarm: Alarm,
 }
 
-/// What the machine says of its alarms.
+/// The online boot of the machine, and its active alarms.
 #[derive(Default)]
 struct Alarms {
     online: Option<BootId>,
@@ -127,10 +129,10 @@ impl Alarms {
 }
 
 impl FollowedAlarm {
-    /// Follows it forever.
+    /// Follows the level without end.
     ///
     /// # Errors
-    /// The machine refuses the alarm.
+    /// Fails if the machine refuses the alarm.
     async fn run(mut self, plc: Plc) -> Result<()> {
         let topics = vec![Topic::Presence, Topic::AlarmActive];
         let mut messages = plc.port().subscribe(Filter::Topics(topics));
@@ -145,7 +147,8 @@ impl FollowedAlarm {
             tokio::select! {
                 biased;
                 message = messages.next() => {
-                    // without messages the machine's side has ended, and so will the handlers
+                    // without messages the machine has ended the connection, and the handlers will end as
+                    // well
                     let Some(message) = message else { return pending().await };
                     if let Payload::Presence(presence) = &message.payload {
                         let online = presence.online.then(|| message.boot_id.clone());
@@ -163,11 +166,11 @@ impl FollowedAlarm {
     }
 
     /// # Errors
-    /// The machine refuses it.
+    /// Fails if the machine refuses the alarm.
     async fn raise(&self, plc: &Plc, is_sent: bool) -> Result<()> {
         let mut alarm = self.alarm.clone();
         if !is_sent {
-            alarm.text = format!("{}, or nobody watches it any more", alarm.text);
+            alarm.text = format!("{}, or unknown (the program no longer reports it)", alarm.text);
         }
         match plc.raise(self.cs, alarm).await {
             Err(error) if error.may_pass() => {
@@ -179,15 +182,15 @@ impl FollowedAlarm {
     }
 }
 
-/// A task beside the handlers.
+/// A task that runs together with the handlers.
 #[derive(Clone)]
 struct Task(Arc<dyn Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync>);
 
 impl Task {
-    /// Runs it in each boot of the machine.
+    /// Runs the task in each boot of the machine.
     ///
     /// # Errors
-    /// It has failed, or panicked.
+    /// Fails if the task returns an error that is not temporary, or panics.
     async fn run(self, plc: Plc) -> Result<()> {
         let mut presence = plc.port().subscribe(Filter::Topics(vec![Topic::Presence]));
         let mut boot: Option<BootId> = None;
@@ -207,17 +210,17 @@ impl Task {
         }
     }
 
-    /// Runs it until it has ended by itself.
+    /// Runs the task until it returns `Ok`.
     ///
     /// # Errors
-    /// It has failed, or panicked.
+    /// Fails if the task returns an error that is not temporary, or panics.
     async fn of_this_boot(&self, plc: &Plc, boot: &BootId) -> Result<()> {
         loop {
             plc.levels().announced(boot).await;
             let work = AssertUnwindSafe(async { (self.0)(plc.clone()).await });
             match work.catch_unwind().await {
                 Ok(Err(error)) if error.may_pass() => {
-                    tracing::warn!(%error, "a task of a sequence program begins anew");
+                    tracing::warn!(%error, "a task of a sequence program is started again");
                     plc.sleep(RETRY).await;
                 }
                 Ok(Err(error)) => {
@@ -233,7 +236,7 @@ impl Task {
     }
 }
 
-/// Waits until another boot than this one is online, or none.
+/// Waits until a boot other than `than` is online, or no boot is online.
 async fn another(presence: &mut Subscription, than: Option<&BootId>) -> Option<BootId> {
     while let Some(message) = presence.next().await {
         if let Payload::Presence(said) = &message.payload {
@@ -243,6 +246,6 @@ async fn another(presence: &mut Subscription, than: Option<&BootId>) -> Option<B
             }
         }
     }
-    // the machine's side has ended, and so will the handlers
+    // the machine has ended the connection, and the handlers will end as well
     pending().await
 }

@@ -1,4 +1,4 @@
-//! Handlers that are methods of a device and take turns.
+//! Handlers that are methods of one device; only one of them runs at a time.
 
 use std::future::Future;
 use std::sync::Arc;
@@ -6,13 +6,13 @@ use std::sync::Arc;
 use tokio::sync::Mutex;
 
 use super::SequenceProgram;
-use super::output::AuxOutput;
 use crate::alarm::Alarm;
+use crate::aux_output::AuxOutput;
 use crate::m_codes::{ByNumber, MCodes};
 use crate::plc::Plc;
 use crate::port::BoxFuture;
 
-/// An async method of a device: of `(&mut self, AuxOutput)` or `(&mut self, AuxOutput, Plc)`.
+/// An async method of a device with the arguments `(&mut self, AuxOutput)` or `(&mut self, AuxOutput, Plc)`.
 #[diagnostic::on_unimplemented(
     message = "this is no handler of the device `{D}`",
     label = "no method of `{D}` that handles an M code",
@@ -73,8 +73,9 @@ impl<D: Send + 'static, Scope> Device<D, Scope> {
 }
 
 impl<Scope> SequenceProgram<Scope> {
-    /// Adds a device of the machine, such as a magazine: it owns its state, and its methods are the handlers of its M codes. They
-    /// take turns, in the order in which they are begun: while one is at work, another waits.
+    /// Adds a device of the machine, such as a magazine. The device owns its state, and its methods are the
+    /// handlers of its M codes. Only one method of a device runs at a time: further calls wait in the order
+    /// in which they were started.
     ///
     /// ```
     /// # use std::time::Duration;
@@ -104,7 +105,8 @@ impl<Scope> SequenceProgram<Scope> {
     /// # assert_eq!(program.check(), Ok(()));
     /// ```
     ///
-    /// A method that is cancelled ends where it waits, and the next one finds the device as it left it.
+    /// If the output of a method is cancelled, the method ends at its current await point. The next method
+    /// receives the device in the state in which the cancelled method left it.
     #[must_use]
     pub fn device<D: Send + 'static>(
         self,

@@ -1,4 +1,4 @@
-//! Interlocks and start locks that follow a level of a sequence program.
+//! Sources of interlocks and start locks that follow a level of a sequence program.
 
 use tokio::sync::watch;
 
@@ -8,7 +8,7 @@ use crate::plc::Plc;
 use crate::types::CoordinateSystemNumber;
 use crate::types::lock::LockSet;
 
-/// A level that a sequence program follows with a source of its own.
+/// A level, and the source of a lock that follows it.
 #[derive(Debug, Clone)]
 pub(super) struct Followed {
     pub(super) cs: CoordinateSystemNumber,
@@ -19,17 +19,18 @@ pub(super) struct Followed {
 }
 
 impl Followed {
-    /// Follows the level without end. If the sender of the level is dropped, the level is unknown and treated as on.
+    /// Follows the level without end. If the sender of the level is dropped, the level is unknown and treated
+    /// as on.
     ///
     /// # Errors
-    /// Fails if the machine refuses it.
+    /// Fails if the machine refuses the source.
     pub(super) async fn run(mut self, plc: Plc) -> Result<()> {
         loop {
             let value = *self.level.borrow_and_update();
             let text = if value { self.text.clone() } else { String::new() };
             self.set(&plc, value, text).await?;
             if self.level.changed().await.is_err() {
-                let text = format!("{}, or nobody watches it any more", self.text);
+                let text = format!("{}, or unknown (the program no longer reports it)", self.text);
                 self.set(&plc, true, text).await?;
                 return std::future::pending().await;
             }

@@ -5,12 +5,13 @@ use std::ops::RangeInclusive;
 use super::{Companion, SequenceProgram};
 
 impl SequenceProgram {
-    /// Adds another program, such as that of a part of the machine with a crate of its own: its handlers, checks, states, scans,
-    /// tasks and levels. [`SequenceProgram::run`] refuses two handlers of one M code, two states of one type, and two different
-    /// [`handler_id`](SequenceProgram::handler_id)s.
+    /// Adds all handlers, checks, states, scans, tasks and levels of another program, such as the program of
+    /// a part of the machine in a separate crate. [`SequenceProgram::run`] refuses two handlers of one M
+    /// code, two states of one type, and two different [`handler_id`](SequenceProgram::handler_id)s.
     ///
-    /// Of two answers to [`on_redelivery`](SequenceProgram::on_redelivery) the stricter counts, where a program that says nothing
-    /// says [`Redelivery::Ask`](crate::Redelivery::Ask); what is said after the last `merge` counts for all.
+    /// If one of the programs sets [`on_redelivery`](SequenceProgram::on_redelivery), the stricter setting of
+    /// both applies; a program without the setting has [`Redelivery::Ask`](crate::Redelivery::Ask). A call of
+    /// `on_redelivery` after the last `merge` sets it for all merged programs.
     ///
     /// ```
     /// # use plc_api::{Alarm, AuxOutput, SequenceProgram};
@@ -36,8 +37,9 @@ impl SequenceProgram {
         self
     }
 
-    /// Adds another program as [`merge`](SequenceProgram::merge) does, at M codes of this range: the lowest M code that it serves becomes the
-    /// first of the range, and the others follow at their distance. So a part that was written once serves two devices. It keeps its
+    /// Adds another program as [`merge`](SequenceProgram::merge) does, but moves its M codes into this range:
+    /// its lowest M code becomes the first of the range, and the others keep their distance to the lowest.
+    /// The program of one device can thus serve several devices of the same kind. The added part keeps its
     /// own [`state`](SequenceProgram::state)s and its own [`on_redelivery`](SequenceProgram::on_redelivery).
     ///
     /// ```
@@ -56,7 +58,7 @@ impl SequenceProgram {
     /// assert_eq!(codes, [10, 11, 20, 21]);
     /// ```
     ///
-    /// [`SequenceProgram::run`] refuses a part without handlers, and an M code that would be outside of the range.
+    /// [`SequenceProgram::run`] refuses a part without handlers, and a moved M code outside of the range.
     #[must_use]
     pub fn nest(mut self, codes: RangeInclusive<u16>, part: Self) -> Self {
         self.table.nest(&codes, part.table, part.how.on_redelivery);
@@ -68,7 +70,7 @@ impl SequenceProgram {
         if let (Some(id), Some(other)) = (&self.handler_id, &handler_id)
             && id != other
         {
-            self.mistake(format!("merge() got programs of two names, {id:?} and {other:?}"));
+            self.mistake(format!("merge() got two program names, {id:?} and {other:?}"));
         }
         self.companions.extend(companions);
         self.how.takes_over |= takes_over;

@@ -1,4 +1,4 @@
-//! The loop of a sequence program: it reads messages of the machine and starts handlers.
+//! The loop of a sequence program, which reads messages of the machine and starts handlers.
 
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -13,6 +13,7 @@ use futures_util::{FutureExt, StreamExt};
 use tracing::Instrument;
 
 use crate::alarm::Alarm;
+use crate::aux_output::{AuxOutput, Cancel};
 use crate::claim::{OutputId, taken_up, until_answered};
 use crate::error::Result;
 use crate::plc::Plc;
@@ -26,16 +27,18 @@ use crate::types::request::Request;
 use crate::types::topic::{CsTopic, Topic};
 use crate::types::{BootId, CoordinateSystemNumber};
 
-use super::output::{AuxOutput, Cancel};
 use super::table::{Boxed, Table};
 
-/// Outputs of a coordinate system remembered as begun; `pending` is old by far fewer.
+/// Largest number of started outputs of one coordinate system that are remembered. A stale `pending` is older
+/// by far fewer outputs.
 const BEGUN_MAX: usize = 4096;
 
-/// Coordinate systems of boots of which they are remembered: eight of each boot.
+/// Largest number of pairs of boot and coordinate system whose started outputs are remembered: up to eight of
+/// each boot.
 const BEGUN_IN_MAX: usize = 32;
 
-/// How long a program that stops waits until the machine knows that it takes nothing more.
+/// Time for which a stopping program waits until the machine knows that the program accepts no further
+/// output.
 const LEAVE_MAX: Duration = Duration::from_secs(2);
 
 struct Running {
@@ -48,7 +51,7 @@ struct Runner {
     table: Table,
     on_redelivery: Option<Redelivery>,
     running: HashMap<OutputId, Running>,
-    // outputs that this instance has taken up: an old `pending` may come again after their end
+    // outputs that this instance has started: a stale `pending` may arrive after their end
     begun: Begun,
     work: FuturesUnordered<BoxFuture<'static, OutputId>>,
     presence: Presence,
@@ -58,11 +61,12 @@ struct Runner {
     is_stopping: bool,
 }
 
-/// Outputs that were taken up, by the coordinate systems of boots.
+/// Started outputs, by boot and coordinate system.
 #[derive(Debug, Default)]
 struct Begun(VecDeque<(BootId, CoordinateSystemNumber, Latest)>);
 
-/// Outputs of one coordinate system of a boot, by `seq`; the one noted first is forgotten first, whatever its number.
+/// Started outputs of one boot and coordinate system, by `seq`. The output that was added first is forgotten
+/// first, whatever its number.
 #[derive(Debug, Default)]
 struct Latest {
     known: HashSet<u64>,
@@ -106,14 +110,14 @@ fn is_of(id: &OutputId, boot: &BootId, cs: CoordinateSystemNumber) -> bool {
     id.cs == cs && id.boot_id == *boot
 }
 
-/// How a sequence program comes and goes.
+/// Settings for the start and the end of a sequence program.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct How {
     pub(super) on_redelivery: Option<Redelivery>,
     pub(super) takes_over: bool,
-    /// Once it has been stopped; zero: it does not come back.
+    /// Time within which a stopped program returns; zero if it does not return.
     pub(super) returns_within: Duration,
-    /// Once it is to stop; `None`: its handlers have all the time that they need.
+    /// Time limit of the handlers after the stop; `None` means no limit.
     pub(super) ends_within: Option<Duration>,
 }
 
@@ -176,10 +180,10 @@ pub(super) async fn run<T>(
                 }
             }
             () = &mut late => {
-                tracing::warn!("{} handlers had not ended in time", runner.running.len());
+                tracing::warn!("{} handlers had not ended at the limit", runner.running.len());
                 break;
             }
-            // a machine that does not answer learns from the end of the connection
+            // if the machine does not answer, the end of the connection reports the end of the program
             () = plc.sleep(LEAVE_MAX), if runner.has_ended() => break,
         }
     }
@@ -198,7 +202,7 @@ impl Drop for Runner {
 }
 
 impl Runner {
-    /// Takes nothing more: from now on the machine claims nothing for it.
+    /// Accepts no further output: from now on the machine claims no output for this program.
     fn on_stop(&mut self) {
         self.is_stopping = true;
         self.presence.claim_by_message();
@@ -242,7 +246,7 @@ impl Runner {
         }
     }
 
-    /// A program with this M code is being loaded.
+    /// Checks the parameters of an M code in a program that is being loaded.
     fn on_validate(&mut self, cs: CoordinateSystemNumber, m: u16, asked: &Validate) {
         if !self.table.validates() || self.table.find(cs, m).is_none() {
             return;
@@ -266,7 +270,8 @@ impl Runner {
         }
     }
 
-    /// Ends handlers whose output is no longer open or is another handler's, and starts handlers of open outputs.
+    /// Ends handlers if their output is no longer open or another handler owns it, and starts handlers of
+    /// open outputs.
     fn look_at(&mut self, cs: CoordinateSystemNumber) {
         let Some(message) = self.presence.open.of(cs).filter(|_| self.is_known) else {
             return;
@@ -295,7 +300,7 @@ impl Runner {
         }
     }
 
-    /// True for an output that the machine has claimed for this instance (H20).
+    /// Returns true for an output that the machine has claimed for this instance (H20).
     fn is_claimed_for_us(&self, output: &PendingOutput) -> bool {
         let by = &self.presence.by;
         output.output.attempt == 1
@@ -303,12 +308,13 @@ impl Runner {
             && output.instance.as_deref() == Some(&*by.instance)
     }
 
-    /// False for an output that was taken up before.
+    /// Returns false for an output that this instance has started before.
     fn is_new(&self, id: &OutputId) -> bool {
         !self.running.contains_key(id) && !self.begun.knows(id)
     }
 
-    /// True for an output that was claimed for this instance, and of which it has never heard before (H20): it was lost on the way.
+    /// Returns true for an output that was claimed for this instance (H20) but that this instance has never
+    /// received: the message was lost.
     fn is_never_begun(&self, id: &OutputId, output: &PendingOutput) -> bool {
         output.lost_instance.as_deref() == Some(&*self.presence.by.instance) && self.is_new(id)
     }
@@ -370,8 +376,8 @@ impl Runner {
     }
 }
 
-/// Drops the future, and with it the handler, before its end is reported; a panic in its destructors ends no other. What a
-/// cancelled handler wants done then comes before the end.
+/// Drops the future of the handler before the end is reported. A panic in a destructor ends no other handler.
+/// The clean-ups of a cancelled handler run before the end is reported.
 async fn run_to_end(
     mut work: Pin<Box<Abortable<impl Future<Output = ()>>>>,
     id: OutputId,
@@ -389,15 +395,15 @@ async fn run_to_end(
     id
 }
 
-/// How an output is claimed that the machine has not claimed for this handler.
+/// Claim of an output that the machine has not claimed for this handler.
 struct Claiming {
     registration: Registration,
-    /// The connection of its handler was lost, and with it the registration.
+    /// True if the connection of the handler was lost, and with it the registration.
     is_lost: bool,
 }
 
 impl Claiming {
-    /// True if the machine has accepted the claim.
+    /// Claims the output; returns true if the machine has accepted the claim.
     async fn succeeds(&self, output: &AuxOutput) -> bool {
         let (m, seq) = (output.m(), output.seq());
         let claim = output.key().claim(m, output.by());
@@ -408,16 +414,17 @@ impl Claiming {
         };
         match answer {
             Ok(Some(HandshakeStatus::Accepted)) => return true,
-            Ok(status) => tracing::debug!(m, seq, ?status, "output left to others"),
+            Ok(status) => tracing::debug!(m, seq, ?status, "the output is not claimed by this handler"),
             Err(refusal) => {
-                tracing::warn!(m, seq, %refusal, "output left to others: the registration was refused");
+                tracing::warn!(m, seq, %refusal, "the output is not claimed: the registration was refused");
             }
         }
         false
     }
 }
 
-/// Claims the output where the machine has not, runs the handler, resets. Returns when nothing is left to do.
+/// Claims the output if the machine has not claimed it for this handler, runs the handler, and resets the
+/// output.
 async fn work(output: AuxOutput, handler: Boxed, claiming: Option<Claiming>) {
     let (plc, m, seq) = (output.plc(), output.m(), output.seq());
     if let Some(claiming) = claiming
@@ -429,12 +436,12 @@ async fn work(output: AuxOutput, handler: Boxed, claiming: Option<Claiming>) {
     output.set_answering();
     let reset = output.key().reset(m, output.by(), result.err());
     let status = until_answered(plc, reset).await;
-    // a duplicate is this reset itself, sent twice because its answer was late
+    // `duplicate` means that this reset was sent twice, because its answer was late
     if !matches!(
         status,
         Some(HandshakeStatus::Accepted | HandshakeStatus::Duplicate)
     ) {
-        tracing::warn!(m, seq, ?status, "the reset did not count");
+        tracing::warn!(m, seq, ?status, "the machine did not accept the reset");
     }
 }
 
@@ -466,8 +473,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn h20_what_was_taken_up_last_is_remembered_also_where_its_boot_or_coordinate_system_comes_first_in_order()
-     {
+    fn h20_last_started_outputs_are_remembered_at_any_boot_or_cs_order() {
         let id = |boot: &str, cs, seq| OutputId {
             boot_id: BootId(boot.into()),
             cs,
@@ -482,7 +488,7 @@ mod tests {
             assert!(begun.knows(&early));
         }
         assert!(!begun.knows(&id("f", 2, 1)) && begun.knows(&id("f", 2, 2)));
-        // an old output that is begun again is none of the oldest: those noted before it go first
+        // an output that is added again keeps its age: outputs that were added before it are forgotten first
         for again in [id("f", 2, 1), id("f", 2, 0)] {
             begun.note(&again);
         }

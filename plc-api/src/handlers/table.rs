@@ -8,24 +8,26 @@ use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
 
 use crate::alarm::Alarm;
-use crate::extract::{FromOutput, States, Takes};
+use crate::aux_output::AuxOutput;
+use crate::extract::{FromOutput, Takes};
 use crate::m_codes::{ByName, ByNumber, M_CODE_MAX, MCode, RUNTIME_M_CODES};
 use crate::plc::Plc;
 use crate::port::BoxFuture;
 use crate::presence::ServedCode;
+use crate::states::States;
 use crate::text::panic_text;
 use crate::types::CoordinateSystemNumber;
 use crate::types::alarm_text::AlarmText;
 use crate::types::m_code::MCodeDeclaration;
 use crate::types::output::{Params, Redelivery};
 
-use super::output::AuxOutput;
-
-/// A handler: an async function or closure of the output, or of the output and the machine; for an M code with a name
-/// ([`MCode`](crate::MCode)) one of up to six [extractors](crate::extract).
+/// A handler: an async function or closure with the output as its argument, or with the output and the
+/// machine. For an M code with a name ([`MCode`](crate::MCode)) it has up to six [extractors](crate::extract)
+/// as arguments.
 ///
-/// `Ok` resets the output, and the program continues. `Err` raises the alarm, which stops it; so does a panic. When the
-/// output is cancelled, the future is dropped where it waits.
+/// If the handler returns `Ok`, the output is reset and the NC program continues. If it returns `Err`, the
+/// alarm is raised, which stops the NC program; a panic also raises an alarm. If the output is cancelled, the
+/// future is dropped at its current await point.
 #[diagnostic::on_unimplemented(
     message = "this is no handler of an M code",
     label = "no handler of an M code",
@@ -37,7 +39,7 @@ pub trait Handler<Arguments, By = ByNumber>: Send + Sync + 'static {
     /// Starts the work.
     fn call(&self, output: AuxOutput, plc: Plc) -> BoxFuture<'static, Result<(), Alarm>>;
 
-    /// Returns the values that it takes of an output and of the sequence program.
+    /// Returns the parameters and states that the arguments of this handler take.
     fn takes(&self) -> Takes {
         Takes::default()
     }
@@ -100,8 +102,8 @@ by_name!(A a, B b, C c, D d);
 by_name!(A a, B b, C c, D d, E e);
 by_name!(A a, B b, C c, D d, E e, G g);
 
-/// Creates a handler with shared state: each call receives a clone of `shared`, such as an `Arc`. For an example see
-/// [parameters and shared state](crate#parameters-and-shared-state).
+/// Creates a handler with shared state: each call receives a clone of `shared`, such as an `Arc`. For an
+/// example see [parameters and shared state](crate#parameters-and-shared-state).
 pub fn with<S, F, Work>(
     shared: S,
     handler: F,
@@ -118,7 +120,7 @@ pub(super) type Check = Arc<dyn Fn(&Params) -> Result<(), Alarm> + Send + Sync>;
 
 pub(super) type Boxed = Arc<dyn Fn(AuxOutput, Plc) -> BoxFuture<'static, Result<(), Alarm>> + Send + Sync>;
 
-/// Returns the codes of a range; of those above the highest code only the first.
+/// Returns the codes of a range, with at most one code above the highest M code.
 fn within_limits(codes: RangeInclusive<u16>) -> impl Iterator<Item = u16> {
     let first_above = (M_CODE_MAX + 1).max(*codes.start());
     codes.take_while(move |m| *m <= first_above)
@@ -140,9 +142,9 @@ pub(super) struct Table {
     checks: BTreeMap<ServedCode, Check>,
     /// Treatment of lost outputs of single M codes.
     redeliveries: BTreeMap<ServedCode, Redelivery>,
-    /// Texts of its alarms, by their codes.
+    /// Texts of the alarms of the program, by their codes.
     pub(super) alarms: BTreeMap<u16, AlarmText>,
-    // of single calls
+    // mistakes in single calls
     pub(super) mistakes: Vec<String>,
 }
 
@@ -168,7 +170,7 @@ impl Table {
                 continue;
             }
             if RUNTIME_M_CODES.contains(&m) {
-                let mistake = format!("M{m}{place}: the runtime handles it itself, leave it out");
+                let mistake = format!("M{m}{place}: the runtime handles this M code itself; remove it");
                 self.mistakes.push(mistake);
                 continue;
             }
@@ -208,8 +210,8 @@ impl Table {
         Some(Alarm::user(Alarm::CODE_OF_PARAMS, fault.text))
     }
 
-    /// Returns the declarations of the M codes. A handler of one coordinate system without a declaration hides the one
-    /// for all.
+    /// Returns the declarations of the M codes. A handler for one coordinate system that has no declaration
+    /// hides the declaration for all coordinate systems.
     pub(super) fn declarations(&self) -> Vec<MCodeDeclaration> {
         let hidden = self.handlers.keys().filter(|(cs, m)| {
             let of_all = (None, *m);
@@ -229,13 +231,14 @@ impl Table {
         said.into_iter().map(of).collect()
     }
 
-    /// Returns the key of the handler of an M code: of the coordinate system, otherwise of all.
+    /// Returns the key of the handler of an M code: the handler for the coordinate system, otherwise the
+    /// handler for all.
     fn handler_place(&self, cs: Option<CoordinateSystemNumber>, m: u16) -> ServedCode {
         let has_its_own = self.handlers.contains_key(&(cs, m));
         (cs.filter(|_| has_its_own), m)
     }
 
-    /// Returns the treatment of a lost output of an M code, or `None` if that of all M codes applies.
+    /// Returns the treatment of a lost output of an M code, or `None` if the setting for all M codes applies.
     pub(super) fn redelivery(&self, cs: Option<CoordinateSystemNumber>, m: u16) -> Option<Redelivery> {
         let said = self.redeliveries.get(&(cs, m));
         said.or_else(|| self.redeliveries.get(&self.handler_place(cs, m)))
@@ -292,7 +295,7 @@ impl Table {
         }
     }
 
-    /// Adds the handlers of another program, at M codes of a range, with its own states.
+    /// Adds the handlers of another program, moved into a range of M codes, with the states of that program.
     pub(super) fn nest(
         &mut self,
         codes: &RangeInclusive<u16>,
@@ -313,7 +316,7 @@ impl Table {
             let place = place(cs);
             if !codes.contains(&there) || there > M_CODE_MAX || RUNTIME_M_CODES.contains(&there) {
                 self.mistakes.push(format!(
-                    "nest({first}..={last}): M{m}{place} of the part would be M{there}, which it may not serve there"
+                    "nest({first}..={last}): M{m}{place} of the part would be M{there}, which is not allowed there"
                 ));
                 continue;
             }
@@ -374,7 +377,7 @@ impl Table {
         !self.checks.is_empty()
     }
 
-    /// Checks parameters of an M code. A check that panics refuses them.
+    /// Checks parameters of an M code. If the check panics, the parameters are refused.
     pub(super) fn validate(&self, cs: CoordinateSystemNumber, m: u16, params: &Params) -> Result<(), Alarm> {
         let everywhere = || {
             self.checks
@@ -390,13 +393,14 @@ impl Table {
         })
     }
 
-    /// Returns the handler of an M code: one for the coordinate system, otherwise one for all.
+    /// Returns the handler of an M code: the handler for the coordinate system, otherwise the handler for
+    /// all.
     pub(super) fn find(&self, cs: CoordinateSystemNumber, m: u16) -> Option<&Boxed> {
         self.handlers.get(&self.handler_place(Some(cs), m))
     }
 
-    /// Returns the action for an output with these parameters: the handler's work, or the alarm that it does not accept
-    /// them.
+    /// Returns the action for an output with these parameters: the work of the handler, or an alarm if the
+    /// handler does not accept the parameters.
     pub(super) fn work(&self, cs: CoordinateSystemNumber, m: u16, params: &Params) -> Option<Boxed> {
         let handler = self.find(cs, m)?;
         Some(match self.refuses(cs, m, params) {

@@ -70,7 +70,7 @@ fn counted() -> (Arc<AtomicUsize>, SequenceProgram) {
 }
 
 #[tokio::test]
-async fn h20_what_the_machine_has_claimed_is_begun_without_a_claim_and_once_whatever_pending_says_later() {
+async fn h20_output_claimed_by_the_machine_starts_once_without_a_claim() {
     let fake = FakePort::new([1]);
     let (begun, program) = counted();
     let _task = serve(&fake, program).await;
@@ -178,7 +178,7 @@ async fn d34_a_cancel_drops_the_future_and_tells_why() {
 }
 
 #[tokio::test]
-async fn d34_the_reason_of_a_cancel_is_told_also_when_the_pending_topic_shows_it_first() {
+async fn d34_cancel_reason_is_reported_even_if_pending_shows_it_first() {
     let fake = FakePort::new([1]);
     let reason = Arc::new(Mutex::new(None));
     let told = Arc::clone(&reason);
@@ -327,7 +327,7 @@ async fn on_redelivery_redo_and_verify_take_it_up_at_once() {
 }
 
 #[tokio::test]
-async fn a_lost_output_is_withheld_from_a_handler_that_does_not_ask_whether_it_may() {
+async fn lost_output_is_withheld_from_its_handler_but_not_from_manual_reset() {
     let (fake, seq, _) = after_a_death(SequenceProgram::new()).await;
     let port = fake.plc();
     let claim = crate::types::output::Claim {
@@ -357,7 +357,7 @@ async fn a_lost_output_is_withheld_from_a_handler_that_does_not_ask_whether_it_m
 }
 
 #[tokio::test]
-async fn of_two_programs_of_one_name_the_second_is_refused_and_each_output_is_done_once() {
+async fn second_program_with_the_same_id_is_refused_and_outputs_run_once() {
     let fake = FakePort::new([1]);
     let done = Arc::new(Mutex::new(0));
     let program = || {
@@ -397,7 +397,7 @@ async fn of_two_programs_of_one_name_the_second_is_refused_and_each_output_is_do
 }
 
 #[tokio::test]
-async fn a_program_that_takes_over_ends_the_other_and_what_that_had_begun_is_withheld() {
+async fn take_over_ends_the_other_program_and_withholds_its_started_output() {
     let fake = FakePort::new([1]);
     let program = || SequenceProgram::new().handler_id("cell").on(100, slow);
     let first = serve(&fake, program()).await;

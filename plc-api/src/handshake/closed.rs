@@ -1,11 +1,12 @@
-//! Memory of closed outputs, so that a late claim or reset gets the right answer.
+//! Memory of closed outputs, so that a late claim or reset receives the right answer.
 
 use std::collections::VecDeque;
 
 use crate::types::output::HandshakeStatus;
 
-/// Number of closed outputs that are remembered. Reason: no sender still waits for a message that is this many outputs
-/// late. An older output is answered `stale`, which also means that nothing has changed.
+/// Number of closed outputs that are remembered. Reason: no sender still waits for the answer to a message
+/// that is this many outputs late. A message about an output that closed earlier is answered `stale`, which
+/// also means that nothing has changed.
 pub const CLOSED_REMEMBERED: usize = 4_096;
 
 /// How an output ended.
@@ -14,7 +15,7 @@ pub(super) enum Fate {
     Reset,
     /// Cancelled, failed or timed out.
     Ended,
-    /// Cancelled while queued: no handler ever saw it.
+    /// Cancelled while queued: no handler has received it.
     NeverMade,
 }
 
@@ -27,7 +28,8 @@ struct ClosedOutput {
 
 #[derive(Debug, Default)]
 pub(super) struct ClosedOutputs {
-    // ascending by seq: outputs end in about the order in which they were made, so that most go to the end
+    // ascending by seq: outputs end in about the order in which they were issued, so most are appended at the
+    // end
     by_seq: VecDeque<ClosedOutput>,
 }
 

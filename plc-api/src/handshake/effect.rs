@@ -42,39 +42,41 @@ pub struct OutputSpec {
     pub redelivery: Option<Redelivery>,
 }
 
-/// The queue is full: `open_outputs_max` outputs are open. Nothing has changed; try again when one has been closed.
+/// Error of a full ledger: `open_outputs_max` outputs are open. Nothing has changed; try again after an
+/// output has been closed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("as many outputs are open as open_outputs_max allows")]
+#[error("the limit of open outputs, open_outputs_max, is reached")]
 pub struct Full;
 
-/// An output that is queued, made or claimed.
+/// An output that is queued, published or claimed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OpenOutput {
     /// The notice that handlers receive.
     pub notice: OutputNotice,
-    /// Its state.
+    /// State of the output.
     pub state: OutputState,
-    /// Its owner, once claimed.
+    /// Owner of the output; `None` until an owner has claimed it.
     pub handler_id: Option<String>,
-    /// Instance of its owner, if it is known.
+    /// Instance of the owner, if it is known.
     pub instance: Option<String>,
-    /// Time when it entered this state.
+    /// Time at which the output entered this state.
     pub since: SystemTime,
-    /// True while it waits because its owner was lost (`HANDLER_LOST`).
+    /// True while the output waits because its owner was lost (`HANDLER_LOST`).
     pub lost: bool,
-    /// Handler and instance that lost it.
+    /// Handler and instance that owned the output when they were lost.
     pub lost_by: Option<(String, Option<String>)>,
-    /// `redelivery` of the configuration or, once it is lost, the stricter of that and its last owner's.
+    /// `redelivery` of the configuration. After a loss of the owner: the stricter of the configuration and
+    /// the setting of the last owner.
     pub redelivery: Option<Redelivery>,
     /// The decision of an operator on how to continue.
     pub how: Option<Redelivery>,
-    /// The last progress of its owner.
+    /// The last progress that the owner reported.
     pub progress: Option<Progress>,
-    /// Last checkpoint of its owner or of an earlier one.
+    /// Last checkpoint of the owner or of an earlier owner.
     pub checkpoint: Option<Value>,
-    /// The question of its owner to the operator.
+    /// The question of the owner to the operator.
     pub question: Option<Question>,
-    /// When it times out, seconds on the monotonic clock; none while queued.
+    /// Time at which the output times out, seconds on the monotonic clock; `None` while queued.
     pub deadline_s: Option<f64>,
     pub(super) timeout_s: Option<f64>,
 }
@@ -85,7 +87,7 @@ impl OpenOutput {
         (self.notice.seq, self.notice.m, self.state)
     }
 
-    /// Returns its entry in `m_code/pending`.
+    /// Returns the entry of the output in `m_code/pending`.
     pub fn to_pending(&self) -> PendingOutput {
         PendingOutput {
             output: self.notice.clone(),
@@ -107,7 +109,8 @@ impl OpenOutput {
 /// An action of the caller; actions are executed in this order.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Effect {
-    /// Publish [`Ledger::pending`](super::Ledger::pending). Comes before the output that it shows.
+    /// Publish [`Ledger::pending`](super::Ledger::pending). This effect precedes the output that `pending`
+    /// shows.
     PendingChanged,
     /// Publish on `m_code/{m}/output`.
     Output(OutputNotice),
@@ -131,7 +134,7 @@ pub enum Effect {
         seq: u64,
         /// M number.
         m: u16,
-        /// How it ended.
+        /// How the output ended.
         how: Closed,
     },
 }

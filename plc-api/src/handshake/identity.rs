@@ -1,4 +1,5 @@
-//! The instance that represents a handler, and the handlers that may claim an output after the loss of its owner.
+//! The instance that represents a handler, and the handlers that may claim an output after the loss of its
+//! owner.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;
@@ -9,14 +10,15 @@ use crate::types::{CoordinateSystemNumber, Timestamp};
 
 use super::effect::OpenOutput;
 
-/// Status of a rejection, and its reason in words if the status is not sufficient.
+/// Status of a rejection, and the reason in words if the status is not sufficient.
 pub(super) type Denied = (HandshakeStatus, Option<String>);
 
 /// A handler that is online.
 #[derive(Debug, Clone)]
 struct Live {
     instance: Option<String>,
-    /// M codes of the coordinate system that it serves, with the treatment of a lost output of each.
+    /// M codes of the coordinate system that the handler serves, with the treatment of a lost output of each
+    /// M code.
     serves: BTreeMap<u16, Option<Redelivery>>,
     /// Treatment of the lost outputs of all other M codes.
     redelivery: Option<Redelivery>,
@@ -58,7 +60,7 @@ impl LiveHandlers {
         self.0.get(id)?.instance.clone()
     }
 
-    /// Removes a handler, unless another instance of it has come online in the meantime.
+    /// Removes a handler, unless another instance of the handler has come online in the meantime.
     pub(super) fn go(&mut self, id: &str, instance: Option<&str>) {
         let goes = |live: &Live| instance.is_none() || live.instance.as_deref() == instance;
         if self.0.get(id).is_some_and(goes) {
@@ -80,7 +82,7 @@ impl LiveHandlers {
         live.serves.get(&m).copied().unwrap_or(live.redelivery)
     }
 
-    /// Returns the instance that sends a message: the online one, if the message names none.
+    /// Returns the instance that sends a message: the online instance if the message names no instance.
     ///
     /// # Errors
     /// Fails if another instance is online.
@@ -95,10 +97,12 @@ impl LiveHandlers {
         }
     }
 
-    /// Returns the instance that claims: it is registered, and named if the registration names one.
+    /// Returns the instance that claims. The instance must be registered; the claim must name the instance if
+    /// the registration names one.
     ///
     /// # Errors
-    /// Fails if the handler is not registered, another instance is registered, or the claim does not name its instance.
+    /// Fails if the handler is not registered, another instance is registered, or the claim does not name its
+    /// instance.
     pub(super) fn claimant(&self, id: &str, instance: Option<&String>) -> Result<Option<String>, Denied> {
         let Some(live) = self.0.get(id) else {
             let text = format!(
@@ -112,7 +116,8 @@ impl LiveHandlers {
         self.speaker(id, instance)
     }
 
-    /// Returns how a handler continues an output; `None` if no handler has worked on it, or this instance still does.
+    /// Returns how a handler continues an output; `None` if no handler has worked on the output, or this
+    /// instance still works on it.
     ///
     /// # Errors
     /// Fails if the output is withheld from this handler.
@@ -135,7 +140,7 @@ impl LiveHandlers {
                     .as_ref()
                     .map_or("its handler", |(id, _)| id.as_str());
                 let text = format!(
-                    "{owner} was lost while it worked on it: an operator decides, by redeliver with redo or verify, or by a reset"
+                    "{owner} was lost while it worked on this output: an operator decides, by redeliver with redo or verify, or by a reset"
                 );
                 Err((HandshakeStatus::Withheld, Some(text)))
             }
@@ -143,8 +148,8 @@ impl LiveHandlers {
         }
     }
 
-    /// Checks a reset without a claim in the same way. A sender that is neither an online handler nor the lost one
-    /// decides as an operator does.
+    /// Checks a reset without a claim as [`take_up`](Self::take_up) checks a claim. A sender that is neither
+    /// an online handler nor the lost handler decides as an operator does.
     pub(super) fn end(&self, output: &OpenOutput, id: &str, instance: Option<&String>) -> Result<(), Denied> {
         let is_lost_one = output.lost_by.as_ref().is_some_and(|(by, _)| by == id);
         if output.handler_id.is_some() || !(self.0.contains_key(id) || is_lost_one) {
@@ -155,8 +160,10 @@ impl LiveHandlers {
 }
 
 impl OpenOutput {
+    /// Checks that a handler and its instance own the output.
+    ///
     /// # Errors
-    /// Fails if the output has another owner, or none.
+    /// Fails if another handler or instance owns the output, or it has no owner.
     pub(super) fn check_owner(&self, handler_id: &str, instance: Option<&String>) -> Result<(), Denied> {
         if self.handler_id.as_deref() != Some(handler_id) {
             return Err((HandshakeStatus::NotOwner, None));
@@ -171,28 +178,30 @@ impl OpenOutput {
         }
     }
 
-    /// Returns true if the handler owns the output; `None` stands for any of its instances.
+    /// Returns true if the handler owns the output. If `instance` is `None`, any instance of the handler
+    /// matches.
     pub fn is_owned_by(&self, handler_id: &str, instance: Option<&str>) -> bool {
         let owner = self.instance.as_deref();
         self.handler_id.as_deref() == Some(handler_id)
             && (instance.is_none() || owner.is_none() || owner == instance)
     }
 
-    /// Returns true for the instance that lost it: the same process still works on it.
+    /// Returns true for the instance that owned the output when it was lost: the same process still works on
+    /// the output.
     fn is_lost_by(&self, handler_id: &str, instance: Option<&String>) -> bool {
         let named = instance.map(String::as_str);
         self.lost_instance().is_some_and(|by| Some(by) == named)
             && self.lost_by.as_ref().is_some_and(|(id, _)| id == handler_id)
     }
 
-    /// Returns the instance that lost it, if that instance named itself.
+    /// Returns the instance that owned the output when it was lost, if that instance named itself.
     pub(super) fn lost_instance(&self) -> Option<&str> {
         let (_, instance) = self.lost_by.as_ref()?;
         instance.as_deref().filter(|named| is_own_instance(named))
     }
 }
 
-/// Rejects a message that names no instance although the registered process has named its own.
+/// Rejects a message that names no instance although the registered process has named its instance.
 fn check_named(id: &str, there: Option<&str>) -> Result<(), Denied> {
     if there.is_none_or(|there| !is_own_instance(there)) {
         return Ok(());
@@ -200,10 +209,10 @@ fn check_named(id: &str, there: Option<&str>) -> Result<(), Denied> {
     Err((HandshakeStatus::NotOwner, Some(unnamed_text(id))))
 }
 
-/// Returns the text for a message that does not name its instance, with what to do.
+/// Returns the text for a message that does not name its instance, with the remedy.
 pub(crate) fn unnamed_text(id: &str) -> String {
     format!(
-        "this message does not say which process of handler {id} sends it: name the instance of its presence (instance)"
+        "this message does not name the process of handler {id} that sends it: name the instance of its presence (instance)"
     )
 }
 
@@ -212,7 +221,7 @@ pub(crate) fn strictest(one: Option<Redelivery>, other: Option<Redelivery>) -> O
     one.max(other)
 }
 
-/// Returns the text for another online instance of a handler, with what to do.
+/// Returns the text for another online instance of a handler, with the remedy.
 pub(crate) fn taken_text(
     handler_id: &str,
     there: Option<&str>,
@@ -224,8 +233,8 @@ pub(crate) fn taken_text(
         None => "a program without instance".to_owned(),
     };
     format!(
-        "handler_id {handler_id} is in use by {} since {}, and this is {}: end that program, give this one a handler_id of its \
-         own, or let it take over (take_over)",
+        "handler_id {handler_id} is in use by {} since {}, and this is {}: end that program, use a different handler_id for \
+         this program, or let it take over (take_over)",
         name(there),
         Timestamp::from_system_time(*since).to_the_second(),
         name(named.map(String::as_str)),

@@ -10,11 +10,13 @@ use crate::types::output::{CheckpointReport, HandshakeStatus, Progress, Progress
 use crate::types::question::{Ask, OperatorAnswer, Question};
 use crate::types::refusal::Refusal;
 
-/// Largest number of characters of a progress text; a longer text is cut. Reason: it is one line of a panel.
+/// Largest number of characters of a progress text; a longer text is cut. Reason: the text is one line of a
+/// panel.
 pub const PROGRESS_TEXT_MAX: usize = 200;
 
 impl Ledger {
-    /// Records the progress that the owner reports (H13). `not_owner` for any other sender, also if there is no owner.
+    /// Records the progress that the owner reports (H13). Returns `not_owner` for any other sender, also if
+    /// the output has no owner.
     pub fn progress(&mut self, _now: Now, m: Option<u16>, report: &ProgressReport) -> HandshakeStatus {
         status_of(&self.report(m, report))
     }
@@ -22,7 +24,7 @@ impl Ledger {
     /// Sets the text of the machine about the wait of an output that no handler serves; `None` removes it.
     pub fn note_wait(&mut self, seq: u64, text: Option<&str>) {
         let boot_id = self.boot_id.clone();
-        // an output that is closed waits for nothing
+        // a closed output has no wait that the text could describe
         let _ = self.change(&boot_id, seq, None, |output| {
             output.progress = text.map(|text| Progress {
                 text: text.to_owned(),
@@ -60,8 +62,9 @@ impl Ledger {
         }))
     }
 
-    /// Records a question of the owner to the operator, which replaces an earlier one. Without choices the owner
-    /// withdraws its question. The same id is the same question. `not_owner` for any other sender (H14).
+    /// Records a question of the owner to the operator, which replaces an earlier one. Without choices the
+    /// owner withdraws its question. A message with the same id repeats the same question. Returns
+    /// `not_owner` for any other sender (H14).
     ///
     /// # Errors
     /// Fails if the text or the choices are out of range.
@@ -94,8 +97,8 @@ impl Ledger {
         }))
     }
 
-    /// Records an operator's answer. `unknown` if the question or choice does not exist, `duplicate` if it has an
-    /// answer.
+    /// Records the answer of an operator. Returns `unknown` if the question or choice does not exist,
+    /// `duplicate` if the question has an answer.
     pub fn answer_question(&mut self, _now: Now, m: Option<u16>, answer: &OperatorAnswer) -> HandshakeStatus {
         status_of(&self.take_answer(m, answer))
     }

@@ -37,12 +37,13 @@ pub(super) fn result_of(
     }
 }
 
-/// Checks the code of a fault. The alarm number is 10000 + code: a code out of range would be another alarm's number.
+/// Checks the code of a fault. The alarm number is 10000 + code: a code out of range would give the number of
+/// another alarm.
 pub(super) fn check_code(reset: &Reset) -> Result<(), Refusal> {
     match reset.code {
         Some(code) if code > USER_CODE_MAX => Err(Refusal::new(
             RefusalCode::Invalid,
-            format!("reset: code {code} is not one of a handler's alarms; write 0 to {USER_CODE_MAX}"),
+            format!("reset: code {code} is not a code of a handler alarm; write 0 to {USER_CODE_MAX}"),
         )),
         _ => Ok(()),
     }

@@ -1,6 +1,6 @@
-//! The ledger under random schedules: messages lost, doubled, late and out of order, handlers that fail and return,
-//! questions asked, answered and withdrawn, cancels at every point. Each run is determined by its seed. The model of
-//! the ledger is a plain list of outputs.
+//! The ledger under random schedules: messages lost, doubled, late and out of order, handlers that fail and
+//! return, questions asked, answered and withdrawn, cancels at every point. Each run is determined by its
+//! seed. The model of the ledger is a plain list of outputs.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;
@@ -16,7 +16,7 @@ const HANDLERS: [&str; 3] = ["a", "b", "hmi"];
 const QUESTIONS: [&str; 2] = ["q1", "q2"];
 const CHOICES: [&str; 2] = ["yes", "no"];
 
-/// xorshift64*, so that a seed gives the same run on every machine.
+/// Random numbers by xorshift64*, so that a seed gives the same run on every machine.
 struct Random(u64);
 
 impl Random {
@@ -60,7 +60,7 @@ struct World {
     notices: BTreeMap<u64, u32>,
     asked: u32,
     answered: u32,
-    // handlers that are online: their instance, and whether they are exclusive
+    // online handlers: their instance, and whether they are exclusive
     there: BTreeMap<&'static str, (String, bool)>,
     instances: u32,
     claimed_at_once: u32,
@@ -245,8 +245,8 @@ impl World {
         self.messages.push(message);
     }
 
-    /// Sends a question or an answer about an output that was issued, mostly in the owner's name, so that a large part
-    /// is accepted.
+    /// Sends a question or an answer about an output that was issued, mostly in the owner's name, so that a
+    /// large part is accepted.
     fn send_about_a_question(&mut self) {
         let owned = self.known.iter().filter(|(_, known)| known.owner.is_some());
         let owned: Vec<u64> = owned.map(|(&seq, _)| seq).collect();
@@ -391,7 +391,8 @@ impl World {
         expected
     }
 
-    /// Delivers a question. Only the owner asks; a question replaces another one, and its repetition changes nothing.
+    /// Delivers a question. Only the owner asks; a question replaces another one, and its repetition changes
+    /// nothing.
     fn deliver_ask(&mut self, now: Now, m: Option<u16>, ask: Ask) {
         let mut expected = self.expected(&ask.boot_id, ask.seq, m, &ask.handler_id, false);
         let speaks = self.speaks(&ask.handler_id, ask.instance.as_ref());
@@ -468,8 +469,8 @@ impl World {
                 Effect::PendingChanged | Effect::Result { .. } | Effect::Cancel { .. } => {}
             }
         }
-        // nothing is lost: each open output is in pending, with its owner and question, and each output made was
-        // published
+        // nothing is lost: each open output is in pending, with its owner and question, and each issued
+        // output was published
         let pending = self.ledger.pending();
         let shown: Vec<_> = pending
             .outputs
@@ -517,7 +518,7 @@ impl World {
 }
 
 #[test]
-fn no_output_is_lost_none_ends_twice_none_frees_another_and_every_wait_can_be_ended() {
+fn no_output_is_lost_each_ends_once_frees_no_other_and_waits_can_end() {
     let (mut asked, mut answered, mut claimed_at_once) = (0, 0, 0);
     for seed in 1..=SEEDS {
         let mut world = World::new(seed);

@@ -41,7 +41,7 @@ fn made(ledger: &mut Ledger, m: u16) -> u64 {
     seq
 }
 
-/// Claims as the instance that is registered; registers a handler that is not, without M codes.
+/// Claims as the registered instance. If the handler is not registered, registers it first, without M codes.
 fn claim(ledger: &mut Ledger, seq: u64, handler_id: &str) -> HandshakeStatus {
     if ledger.handlers.claimant(handler_id, None).is_err() && ledger.handlers.instance(handler_id).is_none() {
         let presence = HandlerPresence {
@@ -83,7 +83,7 @@ fn h4_a_claim_needs_a_live_registration_and_its_instance() {
         assert_eq!(
             by(&mut ledger, instance),
             HandshakeStatus::NotOwner,
-            "nobody is registered"
+            "no handler is registered"
         );
     }
     ledger.handler_online(now(0.0), "cell", &exclusive(1, Some("a")));
@@ -105,7 +105,7 @@ fn h4_a_claim_needs_a_live_registration_and_its_instance() {
     assert_eq!(
         reset(&mut ledger, seq, "cell"),
         HandshakeStatus::NotOwner,
-        "it names no instance"
+        "the claim names no instance"
     );
     ledger.handler_lost(now(1.0), "cell", Some("a"));
     assert_eq!(
@@ -124,7 +124,7 @@ fn h4_a_claim_needs_a_live_registration_and_its_instance() {
     assert_eq!(
         by(&mut ledger, Some("a")),
         HandshakeStatus::Accepted,
-        "it still works on it"
+        "the instance still works on the output"
     );
 }
 
@@ -147,7 +147,7 @@ fn h7_pending_is_published_before_the_output_itself() {
 }
 
 #[test]
-fn d33_sequence_numbers_grow_and_an_old_reset_never_frees_a_later_output_of_the_same_m() {
+fn d33_seq_grows_and_stale_reset_never_frees_a_later_output_of_same_m() {
     let mut ledger = ledger();
     let first = made(&mut ledger, 100);
     assert_eq!(reset(&mut ledger, first, "h"), HandshakeStatus::Accepted);
@@ -234,7 +234,7 @@ fn h6_a_fault_is_an_alarm_10000_plus_code_with_the_text_unchanged() {
 }
 
 #[test]
-fn a_fault_whose_code_would_be_the_number_of_another_alarm_is_refused_and_the_output_stays() {
+fn fault_code_in_the_reserved_alarm_range_is_refused_and_output_stays() {
     let mut ledger = ledger();
     let seq = made(&mut ledger, 100);
     effects(&mut ledger);
@@ -461,7 +461,7 @@ fn h13_lost_output_keeps_its_progress_until_the_next_claim() {
 }
 
 #[test]
-fn h3_an_output_forgotten_after_the_limit_is_stale_and_one_within_it_a_duplicate() {
+fn h3_reset_beyond_the_closed_limit_is_stale_and_within_it_a_duplicate() {
     let mut ledger = ledger();
     let last = CLOSED_REMEMBERED as u64 + 1;
     for _ in 0..last {
@@ -495,7 +495,7 @@ fn owner(ledger: &Ledger, seq: u64) -> (OutputState, Option<String>, Option<Stri
 }
 
 #[test]
-fn h20_an_output_of_one_exclusive_handler_is_claimed_in_the_step_that_makes_it() {
+fn h20_output_of_one_exclusive_handler_is_claimed_when_issued() {
     let mut ledger = ledger();
     ledger.handler_online(now(0.0), "mill", &exclusive(100, Some("i1")));
     let seq = made(&mut ledger, 100);
@@ -521,7 +521,7 @@ fn h20_an_output_of_one_exclusive_handler_is_claimed_in_the_step_that_makes_it()
 }
 
 #[test]
-fn h20_a_handler_without_exclusive_without_an_instance_of_its_own_or_beside_another_claims_by_a_message() {
+fn h20_shared_uninstanced_or_duplicate_handler_claims_by_message() {
     let shared = HandlerPresence {
         exclusive: false,
         ..exclusive(100, Some("i1"))
@@ -547,7 +547,7 @@ fn h20_a_handler_without_exclusive_without_an_instance_of_its_own_or_beside_anot
 }
 
 #[test]
-fn h20_what_was_claimed_at_once_is_lost_with_its_handler_and_never_claimed_at_once_again() {
+fn h20_immediate_claim_is_lost_with_its_handler_and_never_repeated() {
     let mut ledger = ledger();
     let presence = exclusive(100, Some("i1"));
     ledger.handler_online(now(0.0), "mill", &presence);
@@ -558,18 +558,18 @@ fn h20_what_was_claimed_at_once_is_lost_with_its_handler_and_never_claimed_at_on
     assert_eq!(
         lost_instance.as_deref(),
         Some("i1"),
-        "it may begin when it is back"
+        "the instance may start when it has returned"
     );
     ledger.handler_online(now(2.0), "mill", &exclusive(100, Some("i2")));
     assert_eq!(owner(&ledger, seq), (OutputState::Output, None, None));
     assert_eq!(claim(&mut ledger, seq, "mill"), HandshakeStatus::Withheld);
     ledger.handler_lost(now(3.0), "mill", None);
     let later = made(&mut ledger, 100);
-    assert_eq!(owner(&ledger, later).0, OutputState::Output, "nobody is there");
+    assert_eq!(owner(&ledger, later).0, OutputState::Output, "none is online");
 }
 
 #[test]
-fn h11_what_a_handler_says_of_one_m_code_stands_in_place_of_what_it_says_of_all() {
+fn h11_redelivery_of_one_m_code_overrides_the_handler_default() {
     let of = |m, redelivery| MCodeDeclaration {
         m,
         redelivery: Some(redelivery),

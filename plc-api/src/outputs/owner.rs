@@ -13,10 +13,12 @@ use crate::lock::lock;
 use crate::plc::Plc;
 use crate::presence::{Event, Offline, Presence};
 
-/// Outputs in use; true while one is claimed and not answered.
+/// Outputs that exist as [`RawOutput`](super::RawOutput), each with true while it is claimed and not
+/// answered.
 type Held = Arc<Mutex<BTreeMap<OutputId, bool>>>;
 
-/// Shared by the queue and its outputs; the machine is told that the handler is offline when the last is dropped.
+/// The handler that the queue and its outputs share. When the last of them is dropped, the machine is
+/// notified that the handler is offline.
 #[derive(Debug)]
 pub(super) struct Owner {
     held: Held,
@@ -50,7 +52,7 @@ impl Owner {
         outcome.unwrap_or(Ok(()))
     }
 
-    /// Waits until the machine refuses the handler, or another has taken its place.
+    /// Waits until the machine refuses the handler, or another instance has taken over.
     pub(super) async fn refused(&self) -> Error {
         let mut known = self.known.clone();
         let outcome = known.wait_for(|known| matches!(known, Some(Err(_)))).await;
@@ -73,7 +75,7 @@ impl Owner {
         lock(&self.held).insert(id.clone(), claimed);
     }
 
-    /// Forgets an output; true if it was claimed and not answered.
+    /// Removes an output; returns true if the output was claimed and not answered.
     pub(super) fn forget(&self, id: &OutputId) -> bool {
         lock(&self.held).remove(id).unwrap_or(false)
     }

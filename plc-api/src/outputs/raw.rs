@@ -31,7 +31,7 @@ impl Drop for Inner {
             tracing::warn!(
                 m = self.notice.m,
                 seq = self.notice.seq,
-                "an output was claimed and dropped without an answer; it stays claimed while its queue is there"
+                "an output was claimed and dropped without an answer; it stays claimed while its queue exists"
             );
         }
     }
@@ -51,33 +51,35 @@ impl RawOutput {
         }
     }
 
-    /// Identifies this output permanently, across all starts of the runtime: note under it what must be done once. A redelivered
-    /// output has the same name.
+    /// Returns the permanent identifier of this output, unique across all starts of the runtime. If work must
+    /// be done only once, record the work under this identifier. A redelivered output has the same
+    /// identifier.
     pub fn id(&self) -> &str {
         &self.inner.notice.id
     }
 
-    /// Coordinate system that put it out.
+    /// Returns the coordinate system that issued this output.
     pub fn coordinate_system(&self) -> CoordinateSystemNumber {
         self.inner.id.cs
     }
 
-    /// M number, parameters, program and line.
+    /// Returns the M number, the parameters, the NC program and the line of this output.
     pub fn notice(&self) -> &OutputNotice {
         &self.inner.notice
     }
 
-    /// True if the work may have been started before, and `verify` was chosen: check the machine first. False on the
-    /// first delivery, and if `redo` was chosen.
+    /// Returns true if an earlier handler may have started the work, and the redelivery is `verify`: check
+    /// the machine first. Returns false on the first delivery, and if the redelivery is `redo`.
     pub fn redelivered(&self) -> bool {
         self.inner.verify
     }
 
-    /// Claims the output: from now on nobody else can reset it. A claim that was lost with the connection is repeated
-    /// automatically, unless somebody else has claimed the output.
+    /// Claims the output: from now on no other handler can reset the output. If the claim is lost with the
+    /// connection, it is repeated automatically, unless another handler has claimed the output meanwhile.
     ///
     /// # Errors
-    /// [`Error::Handshake`](crate::Error::Handshake) if another handler owns it, or it is closed.
+    /// [`Error::Handshake`](crate::Error::Handshake) if another handler owns the output, or the output is no
+    /// longer open.
     pub async fn claim(&self) -> Result<()> {
         let Inner {
             owner, id, notice, ..
@@ -85,7 +87,7 @@ impl RawOutput {
         self.send(id.claim(notice.m, owner.by()), true).await
     }
 
-    /// Resets the output: the program continues. No claim is needed before.
+    /// Resets the output: the NC program continues. The reset does not need a claim.
     ///
     /// # Errors
     /// [`Error::Handshake`](crate::Error::Handshake) if the reset is not accepted.
@@ -93,10 +95,10 @@ impl RawOutput {
         self.answer(None).await
     }
 
-    /// Fails the output: the alarm stops the program.
+    /// Ends the output as failed: the alarm stops the NC program.
     ///
     /// # Errors
-    /// [`Error::Handshake`](crate::Error::Handshake) if it is not accepted.
+    /// [`Error::Handshake`](crate::Error::Handshake) if the machine does not accept the message.
     pub async fn fail(&self, alarm: Alarm) -> Result<()> {
         self.answer(Some(alarm)).await
     }

@@ -1,4 +1,4 @@
-//! A question of a scan.
+//! A question that a scan program asks.
 
 use crate::types::question::check_question;
 use crate::types::refusal::{Refusal, RefusalCode};
@@ -12,7 +12,7 @@ pub(super) struct Asked {
 
 impl Asked {
     /// # Errors
-    /// Text or choices are out of range.
+    /// Fails if text or choices are out of range.
     pub(super) fn check(&self) -> Result<(), Refusal> {
         if self.choices.is_empty() {
             return Err(Refusal::new(RefusalCode::Invalid, "a question needs a choice"));

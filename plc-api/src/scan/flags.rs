@@ -25,7 +25,7 @@ struct Flag {
     output: AuxOutput,
     answer: oneshot::Sender<std::result::Result<(), Alarm>>,
     question: watch::Sender<Option<Asked>>,
-    /// What the operator has said to a question.
+    /// A question with the answer of the operator.
     said: Option<(Asked, String)>,
 }
 
@@ -37,7 +37,7 @@ fn key(output: &AuxOutput) -> (CoordinateSystemNumber, u64) {
 }
 
 impl Flags {
-    /// The handler of every output of a scan program: it is on until a scan answers.
+    /// Handles an output of a scan program: the output is on until a scan answers.
     pub(crate) async fn on(self, output: AuxOutput) -> std::result::Result<(), Alarm> {
         let (answer, mut answered) = oneshot::channel();
         let (question, mut asked) = watch::channel(None);
@@ -62,7 +62,7 @@ impl Flags {
         }
     }
 
-    /// Asks, notes the answer, and never ends: dropping it takes the question back.
+    /// Asks the operator and stores the answer. Never completes; dropping the future withdraws the question.
     async fn put_to_operator(&self, output: &AuxOutput, asks: Option<Asked>) {
         if let Some(asked) = asks {
             match output.ask(&*asked.text, &asked.choices).await {
@@ -81,7 +81,7 @@ impl Flags {
         std::future::pending::<()>().await;
     }
 
-    /// Asks about an output of the image from now on, or no longer.
+    /// Asks a question about an output of the image from now on; `None` withdraws the question.
     pub(super) fn ask(&self, output: &AuxOutput, asks: Option<Asked>) {
         let mut flags = self.on_now();
         let Some(flag) = flags.iter_mut().find(|flag| key(&flag.output) == key(output)) else {
@@ -95,7 +95,7 @@ impl Flags {
         });
     }
 
-    /// What operators have said to questions about these outputs.
+    /// Returns the answers of operators to questions about these outputs.
     pub(super) fn said(&self, shown: &BTreeMap<FlagPlace, AuxOutput>) -> Said {
         let mut said = Said::new();
         for flag in lock(&self.0).iter() {
@@ -110,8 +110,9 @@ impl Flags {
         said
     }
 
-    /// The outputs that are on, by coordinate system and M number: of several with the same number the oldest. Another one
-    /// than in the image `before` comes into the next image only: a flag is off in between.
+    /// Returns the outputs that are on, by coordinate system and M number. If several outputs have the same
+    /// number, the oldest is returned. An output that replaces an output of the image `before` is returned
+    /// only for the next image, so that the flag is off for one scan.
     pub(super) fn outputs(&self, before: &Shown) -> BTreeMap<FlagPlace, AuxOutput> {
         let mut on = BTreeMap::new();
         for Flag { output, .. } in self.on_now().iter() {
@@ -122,7 +123,7 @@ impl Flags {
         on
     }
 
-    /// Answers an output of the image, and no other.
+    /// Answers an output of the image.
     pub(super) fn answer(&self, output: &AuxOutput, how: std::result::Result<(), Alarm>) {
         let mut flags = self.on_now();
         if let Some(place) = flags.iter().position(|flag| key(&flag.output) == key(output)) {
@@ -131,7 +132,7 @@ impl Flags {
         }
     }
 
-    /// The flags without those whose handler has ended.
+    /// Removes the flags of handlers that have ended, and returns the rest.
     fn on_now(&self) -> MutexGuard<'_, Vec<Flag>> {
         let mut flags = lock(&self.0);
         flags.retain(|flag| !flag.answer.is_closed());

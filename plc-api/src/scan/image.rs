@@ -28,9 +28,10 @@ use crate::types::state::{
 };
 use crate::types::topic::{CsTopic, Topic};
 
-/// Positions and variables that a scan program reads: [`ScanProgram::reads`](super::ScanProgram::reads).
+/// Positions and variables that a scan program reads, returned by
+/// [`ScanProgram::reads`](super::ScanProgram::reads).
 ///
-/// Each is requested from the machine before each scan, so use few of them with a short period.
+/// Each of them is requested from the machine before each scan. With a short period, read only a few of them.
 ///
 /// ```
 /// use plc_api::scan::Reads;
@@ -43,21 +44,22 @@ pub struct Reads {
 }
 
 impl Reads {
-    /// Positions of a coordinate system.
+    /// Adds the positions of a coordinate system.
     #[must_use]
     pub fn position(mut self, cs: CoordinateSystemNumber) -> Self {
         self.positions.push(cs);
         self
     }
 
-    /// `count` P variables from `from` on, 1 to 1024, read at one moment.
+    /// Adds `count` P variables (1 to 1024) from number `from` on. All are read at one moment.
     #[must_use]
     pub fn p(mut self, from: u32, count: u32) -> Self {
         self.variables.push((VariableArea::Global, from, count));
         self
     }
 
-    /// `count` Q variables of a coordinate system from `from` on, 1 to 1024, read at one moment.
+    /// Adds `count` Q variables (1 to 1024) of a coordinate system from number `from` on. All are read at one
+    /// moment.
     #[must_use]
     pub fn q(mut self, cs: CoordinateSystemNumber, from: u32, count: u32) -> Self {
         self.variables
@@ -66,10 +68,11 @@ impl Reads {
     }
 }
 
-/// The machine for one scan, and the writes of that scan. Values that are read do not change during a scan; writes are
-/// carried out after it and can be read in a later one.
+/// State of the machine for one scan, and the writes of that scan. The values that a scan reads do not change
+/// during the scan. Writes are executed after the scan, and a later scan can read their effect.
 ///
-/// For a coordinate system that does not exist everything is off, and writes are refused ([`Image::refusals`]).
+/// For a coordinate system that does not exist, all flags are off, and writes are refused
+/// ([`Image::refusals`]).
 #[derive(Debug, Default)]
 pub struct Image {
     time_s: f64,
@@ -102,110 +105,115 @@ macro_rules! values {
 }
 
 values! {
-    /// State of a coordinate system.
+    /// Returns the state of a coordinate system.
     state: State as State -> State;
-    /// Modal G codes, F, S, ta, td, ts.
+    /// Returns the modal G codes, F, S, ta, td and ts.
     modal: Modal as Modal -> Modal;
-    /// Positions latched by the last G31; `None` before the first.
+    /// Returns the positions that the last G31 latched; `None` before the first G31.
     captured: Captured as Captured -> Captured;
-    /// Commanded spindle, r/min, and whether it is oriented; for its actual speed see [`Image::position`].
+    /// Returns the commanded spindle speed, r/min, and whether the spindle is oriented. For the actual speed
+    /// see [`Image::position`].
     spindle: Spindle as Spindle -> Spindle;
-    /// Overrides, percent.
+    /// Returns the overrides, percent.
     overrides: Override as Override -> Overrides;
-    /// Optional block skip inputs, and those that the interpreter uses now.
+    /// Returns the optional block skip inputs, and those that the interpreter uses now.
     optional_skip: OptionalSkip as OptionalSkip -> OptionalSkip;
-    /// Interlock input and its reason.
+    /// Returns the interlock input and its reason.
     interlock: Interlock as Lock -> Lock;
-    /// Start lock input and its reason.
+    /// Returns the start lock input and its reason.
     start_lock: StartLock as Lock -> Lock;
 }
 
-/// Values to read.
+/// Methods that read the image.
 impl Image {
-    /// Time of the image, seconds on the machine's clock.
+    /// Returns the time of the image, seconds on the machine's clock.
     pub fn time_s(&self) -> f64 {
         self.time_s
     }
 
-    /// The same as a duration, to the nanosecond: what [timers](crate::function_blocks) take.
+    /// Returns the time of the image as a duration with nanoseconds, for the
+    /// [timers](crate::function_blocks).
     pub fn now(&self) -> Duration {
         Duration::try_from_secs_f64(self.time_s).unwrap_or_default()
     }
 
-    /// Number of scans before this one.
+    /// Returns the number of scans before this one.
     pub fn scans(&self) -> u64 {
         self.scans
     }
 
-    /// Periods without a scan because the one before took too long.
+    /// Returns the number of periods without a scan because the previous scan took too long.
     pub fn overruns(&self) -> u64 {
         self.overruns
     }
 
-    /// How long the scan before took, seconds on the machine's clock, from its image to its last write.
+    /// Returns the duration of the previous scan, from its image to its last write, seconds on the machine's
+    /// clock.
     pub fn last_scan_s(&self) -> f64 {
         self.cycles.last_s
     }
 
-    /// The longest scan so far, seconds.
+    /// Returns the duration of the longest scan so far, seconds.
     pub fn longest_scan_s(&self) -> f64 {
         self.cycles.longest_s
     }
 
-    /// Scans so far that took longer than [`ScanProgram::cycle_limit`](super::ScanProgram::cycle_limit). They are logged.
-    /// A program for which a late scan is an alarm writes it: [`Image::set_alarm`].
+    /// Returns the number of late scans so far. A scan is late if it took longer than
+    /// [`ScanProgram::cycle_limit`](super::ScanProgram::cycle_limit). Late scans are logged. To raise an
+    /// alarm for a late scan, call [`Image::set_alarm`].
     pub fn late_scans(&self) -> u64 {
         self.cycles.late
     }
 
-    /// Refusals of writes of the scan before, and of reads for this one.
+    /// Returns the refusals of writes of the previous scan, and of reads for this scan.
     pub fn refusals(&self) -> &[Refusal] {
         &self.refusals
     }
 
-    /// True while an M code is put out and not answered. Only codes of this scan program are ever on. Between two outputs
-    /// of the same number it is off for at least one scan, so that each has a rising edge.
+    /// Returns true while an output of this M code is issued and not answered. Only M codes of this scan
+    /// program can be on. Between two outputs with the same number, the flag is off for at least one scan, so
+    /// that each output has a rising edge.
     pub fn is_on(&self, cs: CoordinateSystemNumber, m: u16) -> bool {
         self.output(cs, m).is_some()
     }
 
-    /// The output of an M code that is on, with program, line and redelivery.
+    /// Returns the output of an M code that is on, with NC program, line and redelivery.
     pub fn output(&self, cs: CoordinateSystemNumber, m: u16) -> Option<&AuxOutput> {
         self.on.get(&(cs, m))
     }
 
-    /// VA to VH of an M code that is on.
+    /// Returns the parameters VA to VH of an M code that is on.
     pub fn params(&self, cs: CoordinateSystemNumber, m: u16) -> Option<&Params> {
         self.output(cs, m).map(AuxOutput::params)
     }
 
-    /// State word; STOPPED if there is no such coordinate system.
+    /// Returns the state word, or STOPPED if the coordinate system does not exist.
     pub fn execution(&self, cs: CoordinateSystemNumber) -> Execution {
         self.state(cs).map(|state| state.execution).unwrap_or_default()
     }
 
-    /// True while an optional block skip input, 1 to 31, is on.
+    /// Returns true while an optional block skip input, 1 to 31, is on.
     pub fn is_optional_skip(&self, cs: CoordinateSystemNumber, number: u8) -> bool {
         let skip = self.optional_skip(cs);
         skip.is_some_and(|skip| skip.requested.contains(&number))
     }
 
-    /// True while the optional stop input is on.
+    /// Returns true while the optional stop input is on.
     pub fn is_optional_stop(&self, cs: CoordinateSystemNumber) -> bool {
         self.is_switch_on(cs, CsTopic::OptionalStop)
     }
 
-    /// True while the single block input is on.
+    /// Returns true while the single block input is on.
     pub fn is_single_block(&self, cs: CoordinateSystemNumber) -> bool {
         self.is_switch_on(cs, CsTopic::SingleBlock)
     }
 
-    /// True while the dry run input is on.
+    /// Returns true while the dry run input is on.
     pub fn is_dry_run(&self, cs: CoordinateSystemNumber) -> bool {
         self.is_switch_on(cs, CsTopic::DryRun)
     }
 
-    /// Number of the tool in the spindle; 0: none.
+    /// Returns the number of the tool in the spindle; 0 if the spindle is empty.
     pub fn tool(&self, cs: CoordinateSystemNumber) -> Option<u16> {
         match self.payload(cs, CsTopic::Tool)? {
             Payload::Tool(tool) => Some(tool.id),
@@ -213,7 +221,8 @@ impl Image {
         }
     }
 
-    /// Positions, mm or degrees, feedrate and spindle speed, if requested by [`Reads::position`].
+    /// Returns the positions (mm or degrees), the feedrate and the spindle speed, if [`Reads::position`]
+    /// requests them.
     pub fn position(&self, cs: CoordinateSystemNumber) -> Option<&Position> {
         match &self.positions.get(&cs)?.payload {
             Payload::Position(position) => Some(position),
@@ -221,7 +230,7 @@ impl Image {
         }
     }
 
-    /// Active alarms of the machine, ascending by id.
+    /// Returns the active alarms of the machine, ascending by id.
     pub fn alarms(&self) -> &[AlarmRecord] {
         match self
             .states
@@ -233,13 +242,13 @@ impl Image {
         }
     }
 
-    /// An input of the plant, `[io.in.NAME]`: `image.io_in("door_closed").is_on()`, `image.io_in("level") > 12.5`. Off for one
-    /// that the configuration does not declare.
+    /// Returns the value of an input of the plant, `[io.in.NAME]`: `image.io_in("door_closed").is_on()`,
+    /// `image.io_in("level") > 12.5`. An input that the configuration does not declare is off.
     pub fn io_in(&self, name: &str) -> IoValue {
         self.io_value(&IoPoint::input(name))
     }
 
-    /// An output of the plant, `[io.out.NAME]`, as [`Image::io_in`].
+    /// Returns the value of an output of the plant, `[io.out.NAME]`, as [`Image::io_in`] does for an input.
     pub fn io_out(&self, name: &str) -> IoValue {
         self.io_value(&IoPoint::output(name))
     }
@@ -248,7 +257,8 @@ impl Image {
         self.io(point).map(|state| state.value).unwrap_or_default()
     }
 
-    /// An input or output of the plant with its owner, and whether it is forced.
+    /// Returns the state of an input or output of the plant: the value, the owner, and whether the value is
+    /// forced.
     pub fn io(&self, point: &IoPoint) -> Option<&IoState> {
         match &self.states.get(&Topic::Io(point.clone()))?.payload {
             Payload::Io(state) => Some(state),
@@ -256,7 +266,7 @@ impl Image {
         }
     }
 
-    /// What the machine is.
+    /// Returns the description of the machine.
     pub(super) fn birth(&self) -> Option<&Birth> {
         match &self.states.get(&Topic::Birth)?.payload {
             Payload::Birth(birth) => Some(birth),
@@ -264,12 +274,12 @@ impl Image {
         }
     }
 
-    /// A P variable, if requested by [`Reads::p`].
+    /// Returns the value of a P variable, if [`Reads::p`] requests it.
     pub fn p(&self, number: u32) -> Option<f64> {
         self.variables.get(&(VariableArea::Global, number)).copied()
     }
 
-    /// A Q variable, if requested by [`Reads::q`].
+    /// Returns the value of a Q variable, if [`Reads::q`] requests it.
     pub fn q(&self, cs: CoordinateSystemNumber, number: u32) -> Option<f64> {
         let area = VariableArea::CoordinateSystem(cs);
         self.variables.get(&(area, number)).copied()
@@ -285,20 +295,22 @@ impl Image {
     }
 }
 
-/// Values to write. A flag of the machine keeps its value, even if others write it, as long as every scan writes it;
-/// other flags are left to others. Commands and variables are carried out each time that they are written.
+/// Methods that write the image. If every scan writes a flag of the machine, the flag keeps this value, even
+/// if another client writes the flag. The program does not change flags that it does not write. Commands and
+/// variables are executed each time that a scan writes them.
 impl Image {
-    /// Resets an M code: its program continues. No effect while it is off, so it may be written in every scan.
+    /// Resets an M code: its NC program continues. No effect while the M code is off, so a program may write
+    /// the reset in every scan.
     pub fn reset(&mut self, cs: CoordinateSystemNumber, m: u16) {
         self.answer(cs, m, Ok(()));
     }
 
-    /// Fails an M code: the alarm stops its program. No effect while it is off.
+    /// Ends an M code as failed: the alarm stops its NC program. No effect while the M code is off.
     pub fn fail(&mut self, cs: CoordinateSystemNumber, m: u16, alarm: Alarm) {
         self.answer(cs, m, Err(alarm));
     }
 
-    /// Reports progress of an M code: [`AuxOutput::progress`]. No effect while it is off.
+    /// Reports progress of an M code, as [`AuxOutput::progress`] does. No effect while the M code is off.
     pub fn progress(
         &mut self,
         cs: CoordinateSystemNumber,
@@ -312,12 +324,13 @@ impl Image {
         }
     }
 
-    /// Commands a coordinate system; write it in one scan only. The state shows whether it had its effect.
+    /// Sends a command to a coordinate system. Write a command in one scan only. The state shows whether the
+    /// command had its effect.
     pub fn command(&mut self, cs: CoordinateSystemNumber, command: Command) {
         self.writes.commands.push((cs, command));
     }
 
-    /// Sets the tool in the spindle; 0: none.
+    /// Sets the number of the tool in the spindle; 0 means that the spindle is empty.
     pub fn select_tool(&mut self, cs: CoordinateSystemNumber, id: u16) {
         self.set(Request::Tool(cs, id));
     }
@@ -342,18 +355,20 @@ impl Image {
         self.set_input(cs, Input::SingleBlock(value));
     }
 
-    /// Sets the interlock: while it is on, motion is held and none starts; `text` is the reason.
+    /// Sets the source `default` of the interlock. While the interlock is on, motion is held and no motion
+    /// starts; `text` is the reason.
     pub fn set_interlock(&mut self, cs: CoordinateSystemNumber, value: bool, text: impl Into<String>) {
         self.set_input(cs, Input::Interlock(LockSet::new(value, text)));
     }
 
-    /// Sets the start lock: while it is on, no program starts; `text` is the reason.
+    /// Sets the source `default` of the start lock. While the start lock is on, no program starts; `text` is
+    /// the reason.
     pub fn set_start_lock(&mut self, cs: CoordinateSystemNumber, value: bool, text: impl Into<String>) {
         self.set_input(cs, Input::StartLock(LockSet::new(value, text)));
     }
 
-    /// Sets a source of the interlock, such as one of `[input.interlock.source.NAME]`, beside [`Image::set_interlock`], which is the
-    /// source `default`.
+    /// Sets a source of the interlock by its name, such as a source that `[input.interlock.source.NAME]`
+    /// declares. [`Image::set_interlock`] sets the source `default`.
     pub fn set_interlock_source(
         &mut self,
         cs: CoordinateSystemNumber,
@@ -364,7 +379,8 @@ impl Image {
         self.set_input(cs, Input::Interlock(LockSet::new(value, text).of_source(source)));
     }
 
-    /// Sets a source of the start lock, as [`Image::set_interlock_source`].
+    /// Sets a source of the start lock by its name, as [`Image::set_interlock_source`] does for the
+    /// interlock.
     pub fn set_start_lock_source(
         &mut self,
         cs: CoordinateSystemNumber,
@@ -375,22 +391,24 @@ impl Image {
         self.set_input(cs, Input::StartLock(LockSet::new(value, text).of_source(source)));
     }
 
-    /// Sets overrides, percent; `None` leaves one unchanged.
+    /// Sets overrides, percent; `None` leaves an override unchanged.
     pub fn set_overrides(&mut self, cs: CoordinateSystemNumber, change: OverrideChange) {
         self.set_input(cs, Input::Override(change));
     }
 
-    /// Sets the skip input of a motor, by its CNC motor number: [`Plc::set_skip_input`].
+    /// Sets the skip input of a motor, by its CNC motor number, as [`Plc::set_skip_input`] does.
     pub fn set_skip_input(&mut self, motor: u16, value: bool) {
         self.set(Request::SkipInput(motor, value));
     }
 
-    /// Writes an output of the plant, which is this program's from then on: [`Io::set`](crate::Io::set).
+    /// Writes an output of the plant. This program owns the output from then on, see
+    /// [`Io::set`](crate::Io::set).
     pub fn set_io_out(&mut self, name: &str, value: impl Into<IoValue>) {
         self.set_io(IoPoint::output(name), value.into());
     }
 
-    /// Writes an input of the plant, as a gateway that reads it from a fieldbus: [`Image::set_io_out`].
+    /// Writes an input of the plant, for a gateway that reads the input from a fieldbus. Ownership is as for
+    /// [`Image::set_io_out`].
     pub fn set_io_in(&mut self, name: &str, value: impl Into<IoValue>) {
         self.set_io(IoPoint::input(name), value.into());
     }
@@ -403,20 +421,21 @@ impl Image {
         self.set(Request::WriteIo(point, set));
     }
 
-    /// Sets a P variable. Up to 1024 consecutive ones of one scan change together, between two blocks of any program.
+    /// Sets a P variable. Up to 1024 consecutive variables that one scan sets change together, between two
+    /// blocks of any NC program.
     pub fn set_p(&mut self, number: u32, value: f64) {
         self.writes
             .variables
             .insert((VariableArea::Global, number), value);
     }
 
-    /// Sets a Q variable of a coordinate system, as [`Image::set_p`].
+    /// Sets a Q variable of a coordinate system, as [`Image::set_p`] does for P variables.
     pub fn set_q(&mut self, cs: CoordinateSystemNumber, number: u32, value: f64) {
         let area = VariableArea::CoordinateSystem(cs);
         self.writes.variables.insert((area, number), value);
     }
 
-    /// Outputs that are on.
+    /// Returns the outputs that are on.
     pub(super) fn outputs(&self) -> impl Iterator<Item = (&(CoordinateSystemNumber, u16), &AuxOutput)> {
         self.on.iter()
     }
@@ -438,14 +457,14 @@ impl Image {
 
 type States = BTreeMap<Topic, Arc<Message>>;
 
-/// Makes images of the latest messages and of what is requested from the machine.
+/// Creator of images, from the latest messages and from values that it requests from the machine.
 #[derive(Debug)]
 pub(super) struct Camera {
     plc: Plc,
     reads: Reads,
     subscription: Subscription,
     states: Arc<States>,
-    /// Outputs of the image before.
+    /// Outputs of the previous image.
     shown: Shown,
 }
 
@@ -473,7 +492,7 @@ impl Camera {
             refusals,
             ..Image::default()
         };
-        // requests first, so that the rest is as new as possible
+        // requests first, so that the states from messages are as new as possible
         self.request_reads(&mut image).await;
         self.take_messages();
         image.states = Arc::clone(&self.states);
@@ -485,9 +504,9 @@ impl Camera {
         image
     }
 
-    /// Takes messages since the image before.
+    /// Receives the messages since the previous image.
     fn take_messages(&mut self) {
-        // the image before has been dropped, so this copies nothing
+        // the previous image has been dropped, so this copies nothing
         let states = Arc::make_mut(&mut self.states);
         while let Some(message) = self.subscription.try_next() {
             if message.topic.is_state() {

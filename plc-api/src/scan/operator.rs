@@ -1,15 +1,16 @@
-//! What a scan tells and asks the operator.
+//! Alarms and questions of a scan to the operator.
 
 use super::asked::Asked;
 use super::image::Image;
 use crate::alarm::Alarm;
 use crate::types::CoordinateSystemNumber;
 
-/// Alarms and questions, which are written in every scan while they count.
+/// Alarms and questions. Write each of them in every scan as long as it applies.
 impl Image {
-    /// Raises an alarm while a level is on, in a coordinate system or, with `None`, in the whole machine. Write it in every
-    /// scan. It is raised once; it stays after the level until a reset, and a reset while the level is on does not last: the alarm
-    /// comes again. One alarm of a code at a time in each place.
+    /// Raises an alarm when a level turns on, in a coordinate system or, with `None`, in the whole machine.
+    /// Write the level in every scan. The alarm stays active until a reset, even if the level turns off. If
+    /// the level is still on after a reset, the alarm is raised again. Each coordinate system, and the whole
+    /// machine, has at most one alarm of a code at a time.
     ///
     /// ```
     /// # use plc_api::{Alarm, SequenceProgram, fake::FakePort, scan::Image};
@@ -27,19 +28,20 @@ impl Image {
     /// # Ok(()) }
     /// ```
     ///
-    /// An alarm that is not of [`Alarm::user`], or without a text, is refused ([`Image::refusals`]).
+    /// An alarm that was not created by [`Alarm::user`], or has no text, is refused ([`Image::refusals`]).
     pub fn set_alarm(&mut self, cs: impl Into<Option<CoordinateSystemNumber>>, level: bool, alarm: Alarm) {
         self.writes
             .alarms
             .insert((cs.into(), alarm.number), (level, alarm));
     }
 
-    /// Asks the operator about an M code, and gives the answer once it is there: one of the choices. Write it in every scan until
-    /// then; a scan that does not write it takes the question back. While the M code is off it asks nothing. An M code has one
-    /// question at a time, the last that is written.
+    /// Asks the operator about an M code. Returns `None` until the operator answers, then the chosen choice.
+    /// Call this method in every scan until the answer arrives; a scan without the call withdraws the
+    /// question. No effect while the M code is off. An M code has one question at a time: the last question
+    /// that the scan writes.
     ///
-    /// `text` has 1 to 200 characters; there are 1 to 8 different choices of 1 to 40 characters. Others are refused
-    /// ([`Image::refusals`]).
+    /// `text` has 1 to 200 characters; there are 1 to 8 different choices of 1 to 40 characters. Other
+    /// questions are refused ([`Image::refusals`]).
     ///
     /// ```
     /// # use plc_api::{Alarm, Params, SequenceProgram, fake::FakePort, handshake::Closed, scan::Image};
@@ -51,7 +53,7 @@ impl Image {
     ///     match image.ask(1, 80, "Is the part clean?", ["yes", "no"]).as_deref() {
     ///         Some("yes") => image.reset(1, 80),
     ///         Some(_) => image.fail(1, 80, Alarm::user(3, "the operator says that the part is not clean")),
-    ///         None => {} // M80 is off, or nobody has answered yet
+    ///         None => {} // M80 is off, or the operator has not answered yet
     ///     }
     /// });
     /// # tokio::spawn(async move { program.run(&plc).await });

@@ -1,11 +1,12 @@
-//! The watch over how long scans take.
+//! Supervision of the duration of scans.
 
 use std::time::Duration;
 
-/// Time between two lines of the log about scans that take too long. Reason: a log of a fast scan would hold nothing else.
+/// Time between two lines of the log about scans that take too long. Reason: a fast scan could otherwise fill
+/// the log.
 const REPORT_EVERY_S: f64 = 10.0;
 
-/// How long scans have taken.
+/// Durations of scans.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct CycleTimes {
     pub(super) last_s: f64,
@@ -14,12 +15,12 @@ pub(super) struct CycleTimes {
     pub(super) late: u64,
 }
 
-/// Watches how long scans take, from the image to the last write.
+/// Supervisor of the duration of scans, from the image to the last write.
 #[derive(Debug)]
 pub(super) struct CycleWatch {
     limit: Duration,
     pub(super) times: CycleTimes,
-    /// When it was reported last, and how many had been late then.
+    /// Time of the last report, and the number of late scans at that time.
     reported: Option<(f64, u64)>,
 }
 
@@ -32,7 +33,8 @@ impl CycleWatch {
         }
     }
 
-    /// A scan has taken so long. Returns what is to be reported: the first at once, further ones together.
+    /// Records the duration of a scan. Returns the text of a report if one is due: the first late scan is
+    /// reported at once, further late scans together.
     pub(super) fn ended(&mut self, took_s: f64, now_s: f64) -> Option<String> {
         let CycleTimes {
             last_s,
@@ -41,7 +43,7 @@ impl CycleWatch {
         } = &mut self.times;
         *last_s = took_s;
         *longest_s = longest_s.max(took_s);
-        // of clocks that give nanoseconds as a float
+        // tolerance for clocks that return nanoseconds as a float
         let is_late = took_s - self.limit.as_secs_f64() > 1e-9;
         if is_late {
             *late += 1;
@@ -54,8 +56,8 @@ impl CycleWatch {
         let (last_ms, longest_ms) = (1e3 * took_s, 1e3 * *longest_s);
         self.reported = Some((now_s, *late));
         Some(format!(
-            "{news} scans took longer than {limit_ms} ms: the last {last_ms:.3} ms, the longest {longest_ms:.3} ms; \
-             {late} since the start"
+            "{news} scans took longer than {limit_ms} ms: the last took {last_ms:.3} ms, the longest {longest_ms:.3} ms; \
+             {late} late scans since the start"
         ))
     }
 }
@@ -67,7 +69,7 @@ mod tests {
     #[test]
     fn a_scan_that_takes_longer_than_the_limit_is_told_at_once_with_its_time() {
         let mut watch = CycleWatch::new(Duration::from_millis(10));
-        assert_eq!(watch.ended(0.010, 0.010), None, "at the limit it is in time");
+        assert_eq!(watch.ended(0.010, 0.010), None, "exactly the limit is not late");
         let told = watch.ended(0.0125, 0.5).unwrap();
         assert!(
             told.contains("longer than 10 ms") && told.contains("12.500 ms"),

@@ -18,14 +18,14 @@ use crate::types::data::{VARIABLES_AT_ONCE_MAX, VariableArea};
 use crate::types::request::{Input, Refusal, Request};
 use crate::types::state::{Lock, LockSet};
 
-/// Executes the writes of one scan after the other.
+/// Executor of the writes of scans, one scan after the other.
 #[derive(Debug, Default)]
 pub(super) struct Writer {
-    /// The last value of each flag that the machine accepted.
+    /// Last value of each flag that the machine accepted.
     written: Vec<Request>,
     /// Alarms that scans have written, by place and number.
     alarms: BTreeMap<(Option<CoordinateSystemNumber>, u16), AlarmLevel>,
-    /// Refusals after the scan before.
+    /// Refusals after the previous scan.
     refusals: Vec<Refusal>,
 }
 
@@ -34,19 +34,20 @@ impl Writer {
         take(&mut self.refusals)
     }
 
-    /// Executes variables, flags and commands, then answers, so that the block after an M code sees all writes.
+    /// Executes writes of variables, flags and commands first, and answers of M codes last, so that the block
+    /// after an M code sees all writes.
     pub(super) async fn carry_out(&mut self, plc: &Plc, flags: &Flags, mut image: Image) {
         let writes = take(&mut image.writes);
         for (output, text, percent) in writes.progress {
             if let Err(error) = output.progress(text, percent).await {
-                tracing::debug!(%error, m = output.m(), "progress of a scan program was not taken");
+                tracing::debug!(%error, m = output.m(), "the machine did not accept the progress of a scan program");
             }
         }
         for request in variable_requests(&writes.variables) {
             self.request(plc, request, &image).await;
         }
         for flag in writes.flags {
-            // written in the next scan, when the machine knows whose it is
+            // written in a later scan, after the machine has accepted the handler that owns the flag
             let Some(flag) = owned(flag, plc) else { continue };
             if self.written.contains(&flag) && is_so(&flag, &image) {
                 continue;
@@ -110,7 +111,7 @@ impl Writer {
         }
     }
 
-    /// Asks about an output from now on; without a question no longer.
+    /// Asks a question about an output from now on; `None` withdraws the question.
     fn ask(&mut self, flags: &Flags, output: &AuxOutput, asks: Option<Asked>, image: &Image) {
         let checked = asks.as_ref().map_or(Ok(()), Asked::check);
         let asks = asks.filter(|_| checked.is_ok());
@@ -120,7 +121,8 @@ impl Writer {
         flags.ask(output, asks);
     }
 
-    /// True if the machine has accepted it. A refusal is passed to the next scan, and logged if it is new.
+    /// Sends a request; returns true if the machine has accepted it. A refusal is reported to the next scan,
+    /// and logged if it is new.
     async fn request(&mut self, plc: &Plc, request: Request, image: &Image) -> bool {
         let Err(refusal) = plc.port().request_as(plc.name(), request).await else {
             return true;
@@ -137,7 +139,8 @@ impl Writer {
     }
 }
 
-/// Over a broker nobody answers a write of an input or output that is refused: what the machine has said tells it before.
+/// Validates a write of an input or output against the published messages before the write is sent, because a
+/// broker returns no answer to a refused write.
 fn judge_io(flag: &Request, image: &Image) -> Result<(), Refusal> {
     let Request::WriteIo(point, set) = flag else {
         return Ok(());
@@ -151,7 +154,8 @@ fn judge_io(flag: &Request, image: &Image) -> Result<(), Refusal> {
     })
 }
 
-/// A source of a lock, and an input or output, belongs to the handler of the scan program; `None` until the machine knows it.
+/// Adds the handler of the scan program as the owner to a write of a lock source, an input or an output.
+/// Returns `None` until the machine has accepted the handler.
 fn owned(mut flag: Request, plc: &Plc) -> Option<Request> {
     let (handler_id, instance) = match &mut flag {
         Request::Input(_, Input::Interlock(set) | Input::StartLock(set)) => {
@@ -165,7 +169,8 @@ fn owned(mut flag: Request, plc: &Plc) -> Option<Request> {
     Some(flag)
 }
 
-/// True if an input shows a source as it was set; one that is off is shown while it has an owner.
+/// Returns true if the state of a lock shows the source with the values that were set. A source that is off
+/// is shown only while it has an owner.
 fn shows(input: Option<&Lock>, set: &LockSet) -> bool {
     let mut sources = input.iter().flat_map(|input| &input.sources);
     let own = sources.find(|shown| shown.source == set.source() && shown.handler_id == set.handler_id);
@@ -177,7 +182,7 @@ fn shows(input: Option<&Lock>, set: &LockSet) -> bool {
     }
 }
 
-/// True if the machine shows the written value; skip inputs are not shown.
+/// Returns true if the machine already has the written value, or if its value is not published (skip inputs).
 fn is_so(flag: &Request, image: &Image) -> bool {
     let is_same = |wanted: f64, now: f64| wanted.total_cmp(&now).is_eq();
     match flag {
@@ -209,7 +214,7 @@ fn is_so(flag: &Request, image: &Image) -> bool {
     }
 }
 
-/// Consecutive variables are written by one request.
+/// Returns the requests that write the variables; consecutive variables share one request.
 fn variable_requests(variables: &BTreeMap<(VariableArea, u32), f64>) -> Vec<Request> {
     let mut ranges: Vec<(VariableArea, u32, Vec<f64>)> = Vec::new();
     for (&(area, number), &value) in variables {

@@ -12,7 +12,7 @@ use crate::types::command::Command;
 use crate::types::data::VariableArea;
 use crate::types::request::{Input, Request};
 
-/// What one scan has written.
+/// Values that one scan has written.
 #[derive(Debug, Default)]
 pub(super) struct Writes {
     /// Flags of the machine: inputs, spindle, tool and skip inputs, each as the request that sets it.
@@ -26,7 +26,7 @@ pub(super) struct Writes {
     pub(super) answers: BTreeMap<(CoordinateSystemNumber, u16), (AuxOutput, Result<(), Alarm>)>,
 }
 
-/// Puts a flag in place of an earlier value of the same flag.
+/// Adds a flag, and removes an earlier value of the same flag.
 pub(super) fn put(flags: &mut Vec<Request>, flag: Request) {
     match flags.iter_mut().find(|known| is_same_flag(known, &flag)) {
         Some(known) => *known = flag,

@@ -3,15 +3,15 @@
 use std::hash::{BuildHasher, RandomState};
 use std::time::Duration;
 
-/// First and longest wait; each wait doubles the last one.
+/// First and longest wait; each wait is twice the previous one.
 const FIRST: Duration = Duration::from_millis(100);
 const MAX: Duration = Duration::from_secs(5);
 
-/// The next wait.
+/// Generator of the waits between attempts to connect.
 #[derive(Debug)]
 pub struct Backoff {
     next: Duration,
-    /// What the jitter is drawn from.
+    /// State of the random generator for the jitter.
     random: u64,
 }
 
@@ -22,7 +22,7 @@ impl Default for Backoff {
 }
 
 impl Backoff {
-    /// The same waits for the same seed.
+    /// Creates a generator that returns the same waits for the same seed.
     pub fn seeded(seed: u64) -> Self {
         Self {
             next: FIRST,
@@ -30,21 +30,21 @@ impl Backoff {
         }
     }
 
-    /// After a connection: starts again with the first wait.
+    /// Starts again with the first wait, after a connection.
     pub fn reset(&mut self) {
         self.next = FIRST;
     }
 
-    /// The wait before the next attempt: 50 to 100 percent of 100 ms, doubled each time up to 5 s.
+    /// Returns the wait before the next attempt: 50 to 100 percent of 100 ms, doubled each time up to 5 s.
     pub fn next_wait(&mut self) -> Duration {
         let wait = self.jittered(self.next);
         self.next = (self.next * 2).min(MAX);
         wait
     }
 
-    /// 50 to 100 percent, so that not all clients reconnect at the same time.
+    /// Returns 50 to 100 percent of a wait, so that not all clients reconnect at the same time.
     fn jittered(&mut self, wait: Duration) -> Duration {
-        // Knuth's linear congruential generator; its high bits are the good ones
+        // Knuth's linear congruential generator; only its high bits are sufficiently random
         self.random = (self.random)
             .wrapping_mul(6_364_136_223_846_793_005)
             .wrapping_add(1_442_695_040_888_963_407);

@@ -1,5 +1,5 @@
-//! Common part of all clients: a [`Hub`] that a connection fills with messages of the machine, and a [`Port`] over
-//! it.
+//! Common part of all clients: a [`Hub`] that a connection fills with messages of the machine, and a [`Port`]
+//! over it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,19 +16,20 @@ use crate::types::not_after::NotAfter;
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::topic::Topic;
 
-/// How long connecting waits for the runtime.
+/// Time for which a new connection waits for the runtime.
 pub const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// How long a request waits for its end; then it is a `no_answer`, and may have counted or not.
+/// Time for which a request waits for its answer. After that the request fails with `no_answer`, and it is
+/// unknown whether it had its effect.
 pub const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// A connection to a machine, whatever the protocol.
+/// A connection to a machine, over any protocol.
 pub(super) struct Link {
     /// The address without user and password.
     pub(super) address: String,
     pub(super) hub: Hub,
     started: Instant,
-    /// There is something to send, or the port has been dropped.
+    /// Notified if a message must be sent, or the port has been dropped.
     pub(super) wake: Notify,
     closed: AtomicBool,
 }
@@ -44,7 +45,7 @@ impl Link {
         }
     }
 
-    /// True once the port has been dropped.
+    /// Returns true once the port has been dropped.
     pub(super) fn is_closed(&self) -> bool {
         self.closed.load(Ordering::Relaxed)
     }
@@ -55,7 +56,7 @@ impl Link {
             .is_some_and(|message| matches!(&message.payload, Payload::Presence(presence) if presence.online))
     }
 
-    /// The machine counts as offline until it is heard again: what is known of it may be out of date.
+    /// Treats the machine as offline until its next presence, because its known state may be stale.
     pub(super) fn set_offline(&self) {
         let Some(last) = self.hub.read(&Topic::Presence) else {
             return;
@@ -78,7 +79,7 @@ impl Link {
         }
     }
 
-    /// The answer, or `no_answer` when it does not come in time.
+    /// Returns the answer, or `no_answer` if no answer arrives within `patience`.
     pub(super) async fn within<T>(
         &self,
         patience: Duration,
@@ -94,14 +95,14 @@ impl Link {
     }
 }
 
-/// One protocol's side of a client.
+/// The part of a client that depends on the protocol.
 pub(super) trait Client: Send + Sync + 'static {
     fn link(&self) -> &Link;
 
     /// Keeps a connection until the link is closed.
     fn keep_connected(self: Arc<Self>) -> BoxFuture<'static, ()>;
 
-    /// Why no runtime is present.
+    /// Returns the reason why no runtime is online.
     fn trouble(&self) -> String;
 
     fn request(
@@ -115,10 +116,10 @@ pub(super) trait Client: Send + Sync + 'static {
     }
 }
 
-/// Connects, and waits until the runtime is present.
+/// Connects, and waits until the runtime is online.
 ///
 /// # Errors
-/// It is not within [`CONNECT_TIMEOUT`].
+/// Fails if the runtime is not online within [`CONNECT_TIMEOUT`].
 pub(super) async fn connect<C: Client>(client: C) -> Result<Arc<dyn Port>, Error> {
     let client = Arc::new(client);
     let port = ClientPort(Arc::clone(&client));
@@ -132,7 +133,7 @@ pub(super) async fn connect<C: Client>(client: C) -> Result<Arc<dyn Port>, Error
     }
 }
 
-/// The port over a connection, which ends with it.
+/// The port over a connection. The connection ends when the port is dropped.
 struct ClientPort<C: Client>(Arc<C>);
 
 impl<C: Client> Drop for ClientPort<C> {

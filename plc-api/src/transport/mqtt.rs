@@ -1,8 +1,8 @@
 //! A machine over MQTT 3.1.1.
 //!
-//! A request is a message that is sent until it is answered: by the `result` of a claim or reset, the `reply` of a
-//! command, else by the broker's acknowledgement. Unanswered ones are sent again on each new connection; receiving one
-//! twice does no harm.
+//! A request is a message that is repeated until it is answered: by the `result` of a claim or reset, by the
+//! `reply` of a command, otherwise by the acknowledgement of the broker. Unanswered requests are sent again
+//! on each new connection. If the machine receives a request twice, the second one has no effect.
 
 mod address;
 mod age;
@@ -37,18 +37,21 @@ use outbox::{Outbox, Outcome};
 
 pub use crate::transport::client::{ANSWER_TIMEOUT, CONNECT_TIMEOUT};
 
-/// How long a command may take: the longest are a hold in a long deceleration and the load of a large program.
+/// Time limit of a command. Reason: the longest commands are a hold with a long deceleration and the load of
+/// a large program.
 pub const COMMAND_DONE_TIMEOUT: Duration = Duration::from_mins(1);
 
-/// Characters of a user name that begins the client id. Reason: a client id has 64 characters at most.
+/// Largest number of characters of the user name at the beginning of the client id. Reason: a client id has
+/// at most 64 characters.
 const USER_MAX: usize = 46;
 
-/// Connects to the machine at `mqtt://[user[:password]@]host[:port]/[prefix/]machine`, with TLS `mqtts://...`, and
-/// waits until it is present. Of several nodes of a broker, `host[:port],host[:port]`, the first that answers is used until
-/// it is lost. The second value is the user name.
+/// Connects to the machine at `mqtt://[user[:password]@]host[:port]/[prefix/]machine`, with TLS
+/// `mqtts://...`, and waits until the runtime is online. If the address names several nodes of a broker,
+/// `host[:port],host[:port]`, the client uses the first node that answers until the connection to this node
+/// is lost. The second value of the result is the user name.
 ///
 /// # Errors
-/// The address or a TLS file is wrong, or the runtime is not online there within [`CONNECT_TIMEOUT`].
+/// Fails if the address or a TLS file is invalid, or the runtime is not online within [`CONNECT_TIMEOUT`].
 pub async fn connect(address: &str, options: MqttOptions) -> Result<(Arc<dyn Port>, Option<String>), Error> {
     let mut address = Address::parse(address)?;
     if let Some(username) = options.username {
@@ -89,7 +92,7 @@ pub async fn connect(address: &str, options: MqttOptions) -> Result<(Arc<dyn Por
     Ok((port.await?, user))
 }
 
-/// The transport of a connection to a broker over TLS.
+/// Returns the transport of a connection to a broker over TLS.
 pub fn mqtt_over(tls: ClientConfig) -> Transport {
     Transport::tls_with_config(TlsConfiguration::from(tls))
 }
@@ -100,7 +103,7 @@ struct Shared {
     address: Address,
     transport: Transport,
     client_id: String,
-    /// The client that its topics name: its user, or else its client id.
+    /// Name of the client in its topics: its user name, otherwise its client id.
     topic_id: String,
     presence_expires: Duration,
     is_connected: Notify,
@@ -111,19 +114,20 @@ struct Shared {
 struct ConnectionState {
     outbox: Outbox,
     connected: bool,
-    /// Since when messages wait for an acknowledgement and none has come.
+    /// Start of the time during which messages wait and no acknowledgement has arrived.
     silent_since: Option<Instant>,
-    /// Why there is no connection.
+    /// Reason why the connection does not exist.
     trouble: Option<String>,
-    /// Handler and instance that the broker reports offline when this connection breaks.
+    /// Handler and instance that the broker reports as offline if this connection breaks (last will).
     will: Option<(String, Option<String>)>,
-    /// True while that handler is online.
+    /// True while the handler of the last will is online.
     online: bool,
-    /// The will has changed: it takes effect with the next connection.
+    /// True if the last will has changed; it takes effect with the next connection.
     reconnect: bool,
-    /// The presence that is said again and again.
+    /// The presence that is published periodically.
     said: Option<(String, HandlerPresence)>,
-    /// Connections so far, and the one over which it was said last.
+    /// Number of connections so far; `said_over` is the number of the connection over which the presence was
+    /// last published.
     connections: u64,
     said_over: u64,
     machine: MachineAge,
@@ -160,7 +164,7 @@ impl Client for Shared {
 }
 
 impl Shared {
-    /// Makes the last will of the connection that of this handler.
+    /// Sets the last will of the connection to that of this handler.
     fn announce(&self, handler_id: &str, presence: &HandlerPresence) -> Result<(), Refusal> {
         let mut state = lock(&self.state);
         let will = Some((handler_id.to_owned(), presence.instance.clone()));
@@ -192,7 +196,7 @@ impl Shared {
         Ok(())
     }
 
-    /// Has the presence of the handler said again.
+    /// Publishes the presence of the handler again.
     fn refresh(&self) -> Option<oneshot::Receiver<Outcome>> {
         let mut state = lock(&self.state);
         let (id, mut presence) = state.said.clone()?;
@@ -205,7 +209,7 @@ impl Shared {
         state.outbox.put(outgoing).ok()
     }
 
-    /// The sender that the topic of a request names.
+    /// Returns the sender that the topic of a request names.
     fn speaker(&self, request: &Request) -> Speaker {
         let said = lock(&self.state).said.clone();
         let handler = said.map(|(id, _)| id);

@@ -4,17 +4,19 @@ use std::time::Duration;
 
 use super::tls::TlsFiles;
 
-/// Options that are not in an address, or should not be, since others may see a command line.
+/// Options that an address cannot contain, or should not contain because other users can see the command
+/// line.
 #[derive(Clone)]
 pub struct MqttOptions {
-    /// User name; takes precedence over one in the address.
+    /// User name; takes precedence over a user name in the address.
     pub username: Option<String>,
-    /// The user's password: its token.
+    /// Password of the user: the token.
     pub password: Option<String>,
     /// For `mqtts://` and `https://`: certificates and key.
     pub tls: TlsFiles,
-    /// Over MQTT the machine takes handlers for lost when it has not heard this program for so long, 300 ms to 1 h; it is told
-    /// at a third of it. Default: 15 s.
+    /// Validity of the presence over MQTT, 300 ms to 1 h. If the machine receives no presence of this program
+    /// for this time, it treats the handlers as lost. The program publishes its presence three times within
+    /// this time. Default: 15 s.
     pub presence_expires: Duration,
 }
 

@@ -1,8 +1,9 @@
 //! A machine over REST and WebSocket.
 //!
-//! The WebSocket carries messages of the machine, and presence and validations of handlers; all other requests are
-//! HTTP. A request whose answer is lost is sent again, and receiving it twice does no harm: a command has an
-//! `Idempotency-Key`, a claim or reset `boot_id` and `seq`, and an input is a value, not a toggle.
+//! The WebSocket carries messages of the machine, and presence and validations of handlers; all other
+//! requests are HTTP. If an answer is lost, the request is sent again. A request that the machine receives
+//! twice has no second effect: a command has an `Idempotency-Key`, a claim or reset has `boot_id` and `seq`,
+//! and an input sets a value and does not toggle it.
 
 mod address;
 mod session;
@@ -39,17 +40,17 @@ use address::Address;
 
 pub use crate::transport::client::{ANSWER_TIMEOUT, CONNECT_TIMEOUT};
 
-/// How long a command may take: as long as the server waits, plus the time of an answer.
+/// Time limit of a command: the time for which the server waits, plus the time of an answer.
 pub const COMMAND_DONE_TIMEOUT: Duration = Duration::from_secs(65);
 
 /// Pause before a request is sent again.
 const AGAIN_AFTER: Duration = Duration::from_millis(200);
 
-/// Connects to the machine at `http://[[user:]token@]host[:port]`, with TLS `https://...`, and waits until it is present. The second value is
-/// the user name.
+/// Connects to the machine at `http://[[user:]token@]host[:port]`, with TLS `https://...`, and waits until
+/// the runtime is online. The second value of the result is the user name.
 ///
 /// # Errors
-/// The address or a TLS file is wrong, or no runtime answers there within [`CONNECT_TIMEOUT`].
+/// Fails if the address or a TLS file is invalid, or no runtime answers within [`CONNECT_TIMEOUT`].
 pub async fn connect(address: &str, options: MqttOptions) -> Result<(Arc<dyn Port>, Option<String>), Error> {
     let mut address = Address::parse(address)?;
     address.user = options.username.or(address.user);
@@ -80,10 +81,11 @@ pub async fn connect(address: &str, options: MqttOptions) -> Result<(Arc<dyn Por
     Ok((port.await?, user))
 }
 
-/// Bytes of an answer; a longer one is an error. Reason: the longest program text, and some room.
+/// Largest number of bytes of an answer; a longer answer is an error. Reason: the longest program text, and a
+/// reserve.
 const BODY_MAX: usize = 65 * 1024 * 1024;
 
-/// Results of validations to send; more are refused.
+/// Largest number of unsent results of validations; a further result is refused.
 const VALIDATED_MAX: usize = 10_000;
 
 type HttpClient = Client<HttpsConnector<HttpConnector>, String>;
@@ -93,27 +95,27 @@ type BoxError = Box<dyn std::error::Error + Send + Sync>;
 struct Shared {
     link: Link,
     address: Address,
-    /// Of the WebSocket; the client has its own.
+    /// TLS configuration of the WebSocket; the HTTP client has its own configuration.
     tls: Arc<ClientConfig>,
     client: HttpClient,
     state: Mutex<ConnectionState>,
-    /// A handler has been refused.
+    /// Notified if the machine has refused a handler.
     refused: Notify,
 }
 
 #[derive(Debug, Default)]
 struct ConnectionState {
-    /// Why there is no connection.
+    /// Reason why the connection does not exist.
     trouble: Option<String>,
     /// Handlers of this process, announced on every new connection.
     handlers: BTreeMap<String, HandlerPresence>,
-    /// What is said of those that have gone.
+    /// Last presence of the handlers of this process that have left.
     gone: BTreeMap<String, HandlerPresence>,
-    /// Handlers whose presence is to be sent on this connection.
+    /// Handlers with a presence that must be sent on this connection.
     unsent: Vec<String>,
-    /// Handlers that the machine has refused, and why.
+    /// Handlers that the machine has refused, with the refusal.
     refused: BTreeMap<String, Refusal>,
-    /// Frames with results of validations, to be sent on this connection.
+    /// Frames with results of validations that must be sent on this connection.
     validated: Vec<ClientFrame>,
 }
 
@@ -142,7 +144,8 @@ impl TransportClient for Shared {
     fn read<'a>(&'a self, topic: &'a Topic) -> BoxFuture<'a, Option<Arc<Message>>> {
         Box::pin(async move {
             if let Topic::CoordinateSystem(_, CsTopic::Position) = topic {
-                // the WebSocket carries positions ten times a second; GET returns those of the last servo cycle
+                // the WebSocket carries positions ten times a second; GET returns those of the last servo
+                // cycle
                 if let Some(exchange) = read(topic)
                     && let Ok(Ok((200, _, body))) =
                         tokio::time::timeout(ANSWER_TIMEOUT, self.send(&exchange)).await
@@ -178,14 +181,14 @@ impl Shared {
             match self.send(exchange).await {
                 Ok((status, etag, body)) => return exchange.answer.decode(status, &etag, body),
                 Err(error) => {
-                    tracing::debug!(%error, path = %exchange.path, "no answer; asking again");
+                    tracing::debug!(%error, path = %exchange.path, "no answer; sending the request again");
                     tokio::time::sleep(AGAIN_AFTER).await;
                 }
             }
         }
     }
 
-    /// Status, `ETag` and body of the answer.
+    /// Sends a request; returns status, `ETag` and body of the answer.
     async fn send(&self, exchange: &Exchange) -> Result<(u16, String, Vec<u8>), BoxError> {
         let url = format!("{}{}", self.address.http, exchange.path);
         let mut request = http::Request::builder().method(exchange.method).uri(url);
@@ -214,7 +217,7 @@ impl Shared {
         let frame = websocket::encode(result)?;
         let mut state = lock(&self.state);
         if !self.link.is_online() || state.validated.len() >= VALIDATED_MAX {
-            let text = format!("{} takes no result of a validation now", self.link.address);
+            let text = format!("{} cannot accept a validation result now", self.link.address);
             return Err(Refusal::new(RefusalCode::Unavailable, text));
         }
         state.validated.push(frame);
@@ -223,7 +226,7 @@ impl Shared {
         Ok(Answer::Done)
     }
 
-    /// Announces a handler on this connection, and waits until the machine shows it.
+    /// Announces a handler on this connection, and waits until the machine publishes its presence.
     async fn announce(&self, id: String, presence: HandlerPresence) -> Result<Answer, Refusal> {
         let topic = Topic::HandlerPresence(id.clone());
         let mut messages = self.link.hub.subscribe(Filter::Topics(vec![topic.clone()]));

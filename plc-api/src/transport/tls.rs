@@ -1,4 +1,4 @@
-//! TLS of a client: trusted certificate authorities and our own certificate.
+//! TLS of a client: trusted certificate authorities and the certificate of the client.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -11,19 +11,21 @@ use rustls::{ClientConfig, ConfigBuilder, RootCertStore, WantsVerifier};
 /// Files of a TLS connection, each in PEM.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct TlsFiles {
-    /// Certificates of the authorities to trust. `None`: those of the system.
+    /// Certificates of the trusted authorities. `None` means the authorities of the system.
     pub ca_file: Option<PathBuf>,
-    /// Our certificate, with any intermediate ones. Requires `client_key_file`.
+    /// Certificate of the client, with any intermediate certificates. Requires `client_key_file`.
     pub client_cert_file: Option<PathBuf>,
-    /// Private key of our certificate.
+    /// Private key of the certificate of the client.
     pub client_key_file: Option<PathBuf>,
 }
 
 impl TlsFiles {
-    /// The TLS of a client, 1.2 and 1.3; the server's certificate must be valid for the host's name.
+    /// Returns the TLS configuration of a client, versions 1.2 and 1.3. The certificate of the server must be
+    /// valid for the name of the host.
     ///
     /// # Errors
-    /// A file cannot be read or used, certificate or key is missing, or the system trusts no authority.
+    /// Fails if a file cannot be read or used, the certificate or the key is missing, or the system trusts no
+    /// authority.
     pub fn client_config(&self) -> Result<ClientConfig, String> {
         let roots = self.roots()?;
         let builder = builder()?.with_root_certificates(roots);
@@ -59,7 +61,7 @@ impl TlsFiles {
     }
 }
 
-/// The TLS of a client that uses none.
+/// Returns the TLS configuration of a client that makes no TLS connection.
 #[cfg(feature = "rest")]
 pub(super) fn without_authorities() -> Result<ClientConfig, String> {
     Ok(builder()?

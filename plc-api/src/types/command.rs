@@ -36,8 +36,9 @@ pub enum Command {
     /// Starts a run at a line, with the state in force there: a start with `from_line`.
     #[cfg_attr(feature = "schema", schemars(skip))]
     StartFrom(LineStart),
-    /// Loads a program, if one is named, and starts it. It is started again after each `PROGRAM_COMPLETED` until all
-    /// parts are done, but not after an alarm, a stop, a reset, a lost lease or a restart.
+    /// Loads a program, if the order names one, and starts the program. The program is started again after
+    /// each `PROGRAM_COMPLETED` until all parts are done, but not after an alarm, a stop, a reset, a lost
+    /// lease or a restart.
     #[cfg_attr(feature = "schema", schemars(skip))]
     Run(RunOrder),
     /// Feed hold.
@@ -46,49 +47,51 @@ pub enum Command {
     Resume,
     /// Moves back along the passed path in a feed hold with G500, or forward again.
     BackTrace {
-        /// Whether to move back; otherwise forward again, as resume does.
+        /// True to move back; false to move forward again, as resume does.
         on: bool,
     },
     /// Decelerates on the path and ends the run.
     Stop,
-    /// Each motor brakes at once; ends the run.
+    /// Brakes each motor at once, and ends the run.
     Abort,
-    /// Cancels outputs, ends the run, clears alarms.
+    /// Cancels outputs, ends the run, and clears alarms.
     Reset,
     /// Acknowledges an alarm.
     AlarmAcknowledge {
         /// Id of the alarm.
         id: u64,
     },
-    /// Manual data input: runs lines of NC text, then READY. Its effect is reached when they have been run.
+    /// Manual data input: runs lines of NC text, then READY. The effect is reached when all lines have been
+    /// run.
     Mdi {
         /// One or several lines, at most 32 KiB; an end (M30) is not needed.
         text: String,
-        /// For text that a program or a button generates: its numbers are in the configured unit and are positions. At
-        /// its end, however it ends, the machine restores the modal state, the feedrate and the selected offsets that
-        /// were in force before.
+        /// For text that a program or a button generates: the text starts with the configured unit and
+        /// absolute positions (G90) in force. At its end, also after an alarm or a stop, the machine restores
+        /// the modal state, the feedrate and the selected offsets that were in force before.
         #[cfg_attr(feature = "schema", schemars(rename = "macro", with = "Option<bool>"))]
         is_macro: bool,
     },
-    /// Moves one axis by hand, then READY. A jog with the `refresh_id` of the running jog refreshes that jog and
-    /// changes nothing else; 200 ms after the last refresh the jog stops. A step, which is a jog with a `distance` of
-    /// at most `jog_step_max` of `[hmi]`, needs no refresh. A jog ends at the soft limit. With `end`, the command ends
-    /// the jog with this `refresh_id`. A jog with a distance is `done` if it has moved the whole distance, otherwise
-    /// `failed`.
+    /// Moves one axis by hand, then READY. A jog with the `refresh_id` of the running jog refreshes that jog
+    /// and changes nothing else; 200 ms after the last refresh the jog stops. A step, which is a jog with a
+    /// `distance` of at most `jog_step_max` of `[hmi]`, needs no refresh. A jog ends at the soft limit. With
+    /// `end`, the command ends the jog with this `refresh_id`. A jog with a distance is `done` if it has
+    /// moved the whole distance, otherwise `failed`.
     #[cfg_attr(feature = "schema", schemars(transform = jog_or_its_end))]
     Jog {
         /// Axis letter.
         axis: char,
-        /// mm/min or deg/min, not 0; the sign is the direction. Limited to the motor's maximum; the rapid override
-        /// applies.
+        /// mm/min or deg/min, not 0; the sign is the direction. Limited to the motor's maximum; the rapid
+        /// override applies.
         velocity: f64,
         /// Largest distance, mm or degrees, above 0; `None` moves up to the soft limit.
         distance: Option<f64>,
         /// Id of the jog, 1 to 128 characters. A jog that has ended cannot be started again with its id.
         refresh_id: String,
     },
-    /// Brakes the jog with this id at once, then READY: a jog with `end`. It needs no lease. Sent before or after its
-    /// jog or twice, it changes nothing else, and a later jog with this id is refused.
+    /// Brakes the jog with this id at once, then READY: a jog with `end`. This command needs no lease. If it
+    /// arrives before or after its jog, or twice, it changes nothing else, and a later jog with this id is
+    /// refused.
     #[cfg_attr(feature = "schema", schemars(skip))]
     JogEnd {
         /// Id of the jog.
@@ -96,7 +99,7 @@ pub enum Command {
     },
     /// Moves axes to their first reference points, each motor alone as G28 does, then READY.
     Home {
-        /// Axis letters; empty: all axes.
+        /// Axis letters; an empty list means all axes.
         #[cfg_attr(feature = "schema", schemars(with = "Option<Vec<char>>", length(min = 1)))]
         axes: Vec<char>,
     },
@@ -139,7 +142,8 @@ impl Command {
         }
     }
 
-    /// Returns true for hold, stop, abort and the end of a jog: they bypass every queue and need nothing else.
+    /// Returns true for hold, stop, abort and the end of a jog: these commands bypass every queue and have no
+    /// further condition.
     pub fn is_urgent(&self) -> bool {
         self.verb().is_urgent() || matches!(self, Command::JogEnd { .. })
     }
@@ -261,7 +265,7 @@ fn jog_or_its_end(schema: &mut schemars::Schema) {
     let Some(jog) = schema.pointer_mut("/properties/jog") else {
         return;
     };
-    let end = "True: ends the jog that `refresh_id` names, and needs nothing else.";
+    let end = "If true, ends the jog that `refresh_id` names; no other argument is needed.";
     jog["properties"]["end"] = json!({"type": ["boolean", "null"], "description": end});
     jog["required"] = json!(["refresh_id"]);
     jog["anyOf"] = json!([
@@ -274,27 +278,30 @@ fn jog_or_its_end(schema: &mut schemars::Schema) {
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CommandMeta {
-    /// Id of the command, 1 to 128 characters. A command with an id that was received in the last 10 minutes gets the
-    /// stored reply and is not executed again. If its verb, coordinate system or arguments differ from those of that
-    /// time, it is refused ([`RefusalCode::CommandIdReused`](crate::types::request::RefusalCode)); hold, stop and
-    /// abort, which wait for nothing, are executed.
+    /// Id of the command, 1 to 128 characters. A command with an id that was received in the last 10 minutes
+    /// gets the stored reply and is not executed again. If the verb, the coordinate system or the arguments
+    /// differ from those of the earlier command, the command is refused
+    /// ([`RefusalCode::CommandIdReused`](crate::types::request::RefusalCode)); hold, stop and abort are
+    /// executed nevertheless.
     pub command_id: String,
     /// Id of the sending client; replies go to `reply/{client_id}`. 1 to 64 characters without `/ + #`.
     pub client_id: String,
     /// Time when the command was issued; required with `ttl_ms`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub issued_at: Option<Timestamp>,
-    /// The command is refused if it is older than this, ms.
+    /// Age limit: the command is refused if it is older than this, ms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ttl_ms: Option<u64>,
     /// Conditions for the execution of the command.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expect: Option<Expect>,
-    /// The command is refused if it would take effect later than this. Without it, the command takes effect at any age.
+    /// The command is refused if it would take effect later than this. Without this field, the command takes
+    /// effect at any age.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub not_after: Option<NotAfter>,
-    /// Number of the control lease under which the command is sent. Required for load, start, resume, mdi, jog and home
-    /// while a client holds the lease; refused if that lease has ended.
+    /// Number of the control lease under which the command is sent. While a client holds the lease, load,
+    /// start, run, resume, back trace, mdi, jog and home need this number. They are refused if the lease with
+    /// this number has ended. Hold, stop, abort, reset and the end of a jog need no lease.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fence: Option<u64>,
     /// Key under which the runtime remembers the command. The runtime sets it; it is never transmitted.
@@ -303,7 +310,7 @@ pub struct CommandMeta {
 }
 
 impl CommandMeta {
-    /// Sets an age limit if there is none.
+    /// Sets an age limit if the command has none.
     #[must_use]
     pub fn limited(self, not_after: Option<NotAfter>) -> Self {
         let not_after = self.not_after.or(not_after);
@@ -314,7 +321,7 @@ impl CommandMeta {
 /// Key under which the runtime remembers a command.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct MemoryKey {
-    /// User of the command; without users its host or its transport.
+    /// User of the command; on a machine without users, its host or its transport.
     pub user: String,
     /// Id of the command among those of the user.
     pub command: String,
@@ -331,7 +338,8 @@ pub struct Expect {
     /// The revision of `state` that the sender knows.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub state_rev: Option<u64>,
-    /// Hash of the program: with a load that of the program to be loaded, otherwise that of the loaded program.
+    /// Hash of the program: for a load the hash of the program to be loaded, otherwise the hash of the loaded
+    /// program.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hash: Option<String>,
 }
@@ -343,18 +351,18 @@ explained! {
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
     #[non_exhaustive]
     pub enum CommandStatus {
-        /// It will be executed.
+        /// The command will be executed.
         Accepted = "accepted",
             "Wait for done or failed.";
-        /// It will not be executed; nothing changed.
+        /// The command will not be executed; nothing has changed.
         Rejected = "rejected",
-            "The code and the text say why and what to do.";
-        /// Its effect has been reached.
+            "The code and the text give the reason and the remedy.";
+        /// The effect of the command has been reached.
         Done = "done",
             "Nothing to do.";
-        /// It was accepted, but its effect was prevented.
+        /// The command was accepted, but its effect was prevented.
         Failed = "failed",
-            "The text says what prevented it, mostly an alarm or another command.";
+            "The text names the cause, in most cases an alarm or another command.";
     }
 }
 
@@ -384,8 +392,8 @@ pub struct CommandReply {
     /// Id of the run that was started; only for `start` and `run`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub run_id: Option<String>,
-    /// Signed distance from the start of the motion to its end, by axis letter, mm or degrees; only for a failed `jog`,
-    /// `mdi` or `home`. Axes that did not move are left out.
+    /// Signed distance from the start of the motion to its end, by axis letter, mm or degrees; only for a
+    /// failed `jog`, `mdi` or `home`. Axes that did not move are left out.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub moved: BTreeMap<char, f64>,
 }
@@ -448,7 +456,7 @@ mod tests {
     }
 
     #[test]
-    fn an_argument_that_a_verb_does_not_know_is_refused_but_for_what_brings_to_rest() {
+    fn unknown_arguments_are_refused_except_for_urgent_commands() {
         for verb in Command::VERBS {
             let known = Command::names_of_args(verb);
             let args = match verb {
@@ -541,6 +549,6 @@ mod tests {
         assert!(Command::parse("home", &json!({"axes": "X"})).is_err());
         assert!(Command::parse("home", &json!({"axes": ["XY"]})).is_err());
         let none = Command::parse("home", &json!({"axes": []}));
-        assert!(none.is_err(), "nothing chosen is not all");
+        assert!(none.is_err(), "an empty list does not mean all axes");
     }
 }

@@ -9,12 +9,12 @@ use super::execution::Execution;
 use super::output::PendingOutput;
 use super::{BootId, CoordinateSystemNumber, Timestamp};
 
-/// Largest number of variables of one read or write; more are refused as `too_large`. Reason: a message stays below 64
-/// KiB.
+/// Largest number of variables of one read or write; a request for more is refused as `too_large`. Reason: a
+/// message stays below 64 KiB.
 pub const VARIABLES_AT_ONCE_MAX: usize = 1024;
 
-/// A variable's number in JSON. Numbers that are not finite are strings: `"NaN"`, `"inf"` and `"-inf"`. Equality
-/// compares the bits, so NaN equals itself: a comparison of values that looks for changes does not report it.
+/// Value of a variable in JSON. Numbers that are not finite are strings: `"NaN"`, `"inf"` and `"-inf"`.
+/// Equality compares the bits, so NaN equals NaN: a comparison for changes does not report an unchanged NaN.
 #[derive(Debug, Clone, Copy)]
 pub struct Number(pub f64);
 
@@ -96,7 +96,7 @@ impl VariableArea {
         }
     }
 
-    /// Returns the coordinate system of Q variables, or `None` for those of the machine.
+    /// Returns the coordinate system of Q variables, or `None` for P variables.
     pub fn coordinate_system(self) -> Option<CoordinateSystemNumber> {
         match self {
             VariableArea::Global => None,
@@ -104,7 +104,7 @@ impl VariableArea {
         }
     }
 
-    /// Returns the letter of its variables.
+    /// Returns the letter of the variables.
     pub fn kind(self) -> VariableKind {
         match self {
             VariableArea::Global => VariableKind::P,
@@ -113,15 +113,16 @@ impl VariableArea {
     }
 }
 
-/// Values of consecutive variables, all at the same moment: in the reply to `variable/get`, and of `GET /variables/p`.
+/// Values of consecutive variables, all at the same moment: in the reply to `variable/get`, and of `GET
+/// /variables/p`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct VariableValues {
-    /// Their letter.
+    /// Letter of the variables.
     pub kind: VariableKind,
     /// Number of the first variable.
     pub from: u32,
-    /// Their values, ascending by number.
+    /// Values of the variables, ascending by number.
     pub values: Vec<Number>,
 }
 
@@ -138,17 +139,19 @@ impl VariableValues {
     }
 }
 
-/// The variables listed in `[[variables.published]]` of the configuration, all at the same moment: of the topics
-/// `variables` and `cs/{cs}/variables`.
+/// The variables listed in `[[variables.published]]` of the configuration, all at the same moment: of the
+/// topics `variables` and `cs/{cs}/variables`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PublishedVariables {
-    /// Ranges of consecutive variables, in the order of the configuration. A damaged value (warning 406) is `"NaN"`.
+    /// Ranges of consecutive variables, in the order of the configuration. A damaged value (warning 406) is
+    /// `"NaN"`.
     pub variables: Vec<VariableValues>,
 }
 
 impl PublishedVariables {
-    /// Returns the values of `count` variables starting at `from`, or `None` if not all of them are published.
+    /// Returns the values of `count` variables starting at `from`, or `None` if not all of them are
+    /// published.
     pub fn values(&self, from: u32, count: u32) -> Option<Vec<f64>> {
         let numbers = from..from.checked_add(count)?;
         numbers.map(|number| self.value(number)).collect()
@@ -180,7 +183,7 @@ pub struct ToolData {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ToolTable {
-    /// Its tools.
+    /// Tools of the table.
     pub tools: Vec<ToolData>,
 }
 
@@ -197,8 +200,9 @@ pub struct ToolChange {
     pub remove: Vec<u16>,
 }
 
-/// Work offsets of a coordinate system, mm or degrees: of `GET /cs/{n}/work_offsets`. As the body of `PUT` there it is
-/// a change: offsets and axes that it does not name do not change, and it is applied completely or not at all.
+/// Work offsets of a coordinate system, mm or degrees: of `GET /cs/{n}/work_offsets`. As the body of `PUT` on
+/// this route it is a change: offsets and axes that it does not name do not change, and the change is applied
+/// completely or not at all.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -224,7 +228,7 @@ pub struct JournalFilter {
     /// Time before which the lines were written, in the same format.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub until: Option<String>,
-    /// Lines of this coordinate system; 0 for those of the machine.
+    /// Lines of this coordinate system; 0 for lines of the machine.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cs: Option<CoordinateSystemNumber>,
     /// Lines about outputs of this M number, and about stops that it caused.
@@ -238,20 +242,20 @@ pub struct JournalFilter {
     pub run: Option<String>,
 }
 
-/// State of the last run of a coordinate system when an earlier start of the runtime ended, recorded at most 100 ms
-/// before that: of `GET /cs/{n}/last_run`.
+/// State of the last run of a coordinate system at the end of an earlier boot of the runtime, recorded at
+/// most 100 ms before this end: of `GET /cs/{n}/last_run`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LastRun {
-    /// The start of the runtime to which the run belongs.
+    /// The boot of the runtime to which the run belongs.
     pub boot_id: BootId,
-    /// Id of the run within that start.
+    /// Id of the run.
     pub run_id: String,
     /// Main program.
     pub program: Option<u16>,
     /// Program that runs, main or subprogram.
     pub running: Option<u16>,
-    /// Line whose motion runs, from 1.
+    /// Line of the block whose motion runs, from 1.
     pub line: u32,
     /// State word.
     pub execution: Execution,

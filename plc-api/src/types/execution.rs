@@ -12,32 +12,32 @@ explained! {
     pub enum Execution {
         /// A program is loaded, at line 1.
         Ready = "READY",
-            "Start runs the program from its head.";
+            "Start runs the program from its beginning.";
         /// A program, manual data input or a jog runs.
         Active = "ACTIVE",
-            "Hold holds it on its path, stop ends the run.";
+            "Hold holds the motion on its path, stop ends the run.";
         /// Waits for the reset of an auxiliary function output.
         Wait = "WAIT",
-            "The handler of the M code resets the output; waiting_on names it, and m_code/pending says who owns it. Stop ends the run.";
+            "The handler of the M code resets the output. waiting_on names the output, and m_code/pending names its owner. Stop ends the run.";
         /// Held by the operator.
         FeedHold = "FEED_HOLD",
-            "Resume continues from where it is; the reason, where there is one, says what to look at first.";
+            "Resume continues from the current position. If the state has a reason, its explanation names what to check first.";
         /// Stopped by M00.
         ProgramStopped = "PROGRAM_STOPPED",
-            "Resume continues behind M00.";
+            "Resume continues after M00.";
         /// Stopped by M01.
         OptionalStop = "OPTIONAL_STOP",
-            "Resume continues behind M01. Without the optional stop input M01 does nothing.";
+            "Resume continues after M01. If the optional stop input is off, M01 has no effect.";
         /// Stopped between blocks, or held by an input; see the reason.
         Interrupted = "INTERRUPTED",
-            "Single block: resume carries out the next block. Interlock: end it, then resume.";
+            "Single block: resume executes the next block. Interlock: remove its cause, then resume.";
         @default
-        /// Ended before its end; see the reason.
+        /// The run ended before the end of the program; see the reason.
         Stopped = "STOPPED",
-            "Reset, then start runs the program from its head. The reason says why it ended.";
+            "Reset, then start runs the program from its beginning. The reason shows why the run ended.";
         /// M02 or M30 has been reached and no output is open.
         ProgramCompleted = "PROGRAM_COMPLETED",
-            "Start runs it once more, load takes another one.";
+            "Start runs the program again, load loads another program.";
     }
 }
 
@@ -50,45 +50,46 @@ explained! {
     pub enum Reason {
         /// WAIT: the handler that owned the output was lost.
         HandlerLost = "HANDLER_LOST",
-            "Start the handler again and look at what it had done; then redeliver the M code, or reset it by hand. See alarm 302.";
+            "Start the handler again, and check how far its work had progressed. Then redeliver the M code, or reset it by hand. See alarm 302.";
         /// INTERRUPTED: single block.
         SingleBlock = "SINGLE_BLOCK",
-            "Resume carries out the next block; without the single block input the program runs on.";
+            "Resume executes the next block. If the single block input is off, the program continues.";
         /// INTERRUPTED: the interlock input is on.
         Interlock = "INTERLOCK",
-            "The text of the input says why. Whoever has set it ends it; then resume.";
-        /// `FEED_HOLD`: the connection to the MQTT broker was lost while the program waited for an output, or before.
+            "The text of the input gives the reason. The program or the operator that has set the interlock must clear it; then resume.";
+        /// `FEED_HOLD`: the connection to the MQTT broker was lost while the program waited for an output, or
+        /// before.
         BusLost = "BUS_LOST",
-            "Look at the broker and the network. When it is connected again, look at the open outputs, and resume.";
+            "Check the broker and the network. When the broker is connected again, check the open outputs, and resume.";
         /// `FEED_HOLD`: the servo was late while its motors moved.
         ServoLate = "SERVO_LATE",
-            "Look at what kept the processor busy, and at the machine; then resume. See alarm 209.";
+            "Find the process that kept the processor busy, and check the machine; then resume. See alarm 209.";
         /// `FEED_HOLD`: a watched client is no longer received.
         ClientLost = "CLIENT_LOST",
-            "Look at the client and its connection, and at the machine; then resume. See alarm 421.";
+            "Check the client, its connection and the machine; then resume. See alarm 421.";
         /// ACTIVE, `FEED_HOLD`: moving backward in a back trace.
         BackTrace = "BACK_TRACE",
-            "Hold stops on the way; ending the back trace goes forward again.";
+            "Hold stops the motion. The end of the back trace moves forward again.";
         /// `FEED_HOLD`: the back trace has reached the end of its path.
         BackTraceEnd = "BACK_TRACE_END",
-            "End the back trace, and resume goes forward again.";
+            "End the back trace; resume then moves forward again.";
         /// ACTIVE: an override of 0 percent stops the motion.
         OverrideZero = "OVERRIDE_ZERO",
-            "The override of the motion that runs is 0: the feed override at feedrate, the rapid override in a rapid motion. Raise it, and the motion goes on.";
+            "The override of the current motion is 0: the feed override at feedrate, the rapid override in a rapid motion. Raise this override, and the motion continues.";
         /// STOPPED: an alarm.
         Alarm = "ALARM",
-            "Look at the alarm; when its cause is removed, reset clears it.";
+            "Remove the cause of the alarm; then reset clears the alarm.";
         /// STOPPED: the stop command.
         Stop = "STOP",
-            "Reset, then start runs the program from its head.";
+            "Reset, then start runs the program from its beginning.";
         /// STOPPED: the abort command.
         Aborted = "ABORTED",
-            "The motors have braked each on its own and are off the path: look where they are, then reset.";
+            "Each motor has braked independently, and the axes have left the path: check their positions, then reset.";
         /// STOPPED: no program is loaded.
         NoProgram = "NO_PROGRAM",
             "Load a program.";
-        /// STOPPED: the runtime was started again; nothing goes on by itself.
+        /// STOPPED: the runtime was restarted; nothing continues automatically.
         Restarted = "RESTARTED",
-            "Look at the machine and at what was open (last_run), then reset. See alarm 401.";
+            "Check the machine and the outputs that were open (last_run), then reset. See alarm 401.";
     }
 }

@@ -1,4 +1,5 @@
-//! Words that people see, each with its meaning and what to do. Each row is next to the definition of its word.
+//! Words that people see, each with its meaning and what to do. Each row is next to the definition of its
+//! word.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub struct Explanation {
     /// The requested name.
     pub what: String,
-    /// Plain text; indented lines are to be shown unchanged.
+    /// Plain text; indented lines must be shown unchanged.
     pub text: String,
     /// File name of a picture of its example, below `/pictures/`.
     #[serde(default, skip_serializing_if = "Option::is_none")]

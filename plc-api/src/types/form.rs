@@ -31,7 +31,7 @@ pub trait HasForm {}
 impl<T> HasForm for T {}
 
 impl Form {
-    /// The form of this type.
+    /// Returns the form of this type.
     pub const fn of<T: HasForm>() -> Self {
         Self {
             #[cfg(feature = "schema")]
@@ -42,7 +42,7 @@ impl Form {
     }
 }
 
-// A payload in the envelope of every message; its description in a document is that of the payload.
+// A payload in the envelope of every message. Documents show the description of the payload.
 #[allow(
     missing_docs,
     reason = "a description of its own would go before that of the payload"

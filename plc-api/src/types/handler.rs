@@ -40,40 +40,42 @@ pub struct HandlerPresence {
     /// True if the handler answers `validate`.
     #[serde(default)]
     pub validates: bool,
-    /// Identifies one process among all that were started with this handler id: 1 to 64 characters without `/ + # ~`,
-    /// made at the start of the process and kept across reconnections. While one instance is online, another one is
-    /// refused. Without this field, the connection identifies the instance.
+    /// Identifies one process among all that were started with this handler id: 1 to 64 characters without
+    /// `/ + # ~`, made at the start of the process and kept across reconnections. While one instance is online,
+    /// another instance is refused. Without this field, the connection identifies the instance.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
     /// With `online`: replaces the instance that is online; that instance is notified.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub take_over: bool,
-    /// With `instance`: the handler begins work on an output as soon as `m_code/pending` shows it with this instance as
-    /// the owner. If no other handler serves the M code, the machine claims each output for this instance in the step
-    /// that makes the output, and no claim is sent (rule H20).
+    /// With `instance`: the handler begins work on an output as soon as `m_code/pending` shows it with this
+    /// instance as the owner. If no other handler serves the M code, the machine claims each output for this
+    /// instance in the step that makes the output, and no claim is sent (rule H20).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub exclusive: bool,
-    /// Treatment of an output that was claimed when its handler was lost. The stricter of this value and that in the
-    /// configuration of the M code applies; if neither is set, it is `ask`.
+    /// Treatment of an output that was claimed when its handler was lost. The stricter of this value and the
+    /// value in the configuration of the M code applies; if neither is set, `ask` applies.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub redelivery: Option<Redelivery>,
-    /// Declarations of the M codes: their names, their parameters, and the treatment of a lost output of each.
+    /// Declarations of the M codes: their names, their parameters, and the treatment of a lost output of
+    /// each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub m_codes: Vec<MCodeDeclaration>,
     /// Texts of the handler's alarms: remedies and languages.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub alarms: Vec<AlarmText>,
-    /// With `online`: validity of this presence, ms, 300 to 3,600,000. The handler repeats its presence well within
-    /// this time, preferably at a third of it. Otherwise the handler is treated as offline, as if its last will had
-    /// been received. Without this field, only the last will reports that the handler has left.
+    /// With `online`: validity of this presence, ms, 300 to 3,600,000. The handler repeats its presence well
+    /// within this time, preferably at a third of it. Otherwise the handler is treated as offline, as if its
+    /// last will had been received. Without this field, only the last will reports that the handler has left.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expires_ms: Option<u64>,
-    /// Without `online`: the handler will be back within this time, ms, 1 to 3,600,000. Until then its M codes are
-    /// treated as served, and their outputs wait for it; afterwards as if no handler were registered.
+    /// Without `online`: the handler will be back within this time, ms, 1 to 3,600,000. Until then its M
+    /// codes are treated as served, and their outputs wait for it; afterwards they are treated as if no
+    /// handler were registered.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub returns_within_ms: Option<u64>,
-    /// With `expires_ms`: counts the connections of this instance. A repeated presence without a change has no effect;
-    /// over a new connection it has: unclaimed outputs are published again.
+    /// With `expires_ms`: counts the connections of this instance. A repeated presence without a change has
+    /// no effect over the same connection. Over a new connection, unclaimed outputs are published again.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub connection: Option<u64>,
 }
@@ -98,14 +100,14 @@ impl HandlerPresence {
             .filter(|_| self.handles.contains(&HandledCode { cs, m }))
     }
 
-    /// Returns how the handler treats a claimed output of an M code after the loss of its handler, or `None` if it is
-    /// not declared.
+    /// Returns how the handler treats a claimed output of an M code after the loss of its handler, or `None`
+    /// if the handler does not declare this.
     pub fn redelivery_of(&self, cs: CoordinateSystemNumber, m: u16) -> Option<Redelivery> {
         let declared = self.declaration(cs, m).and_then(|said| said.redelivery);
         declared.or(self.redelivery)
     }
 
-    /// Returns the M codes that the handler serves, ascending; empty if it is offline.
+    /// Returns the M codes that the handler serves, ascending; empty if the handler is offline.
     pub fn served(&self, handler_id: &str) -> Vec<ServedMCode> {
         let handled = self.handles.iter().filter(|_| self.online);
         let handled: BTreeSet<_> = handled.map(|code| (code.m, code.cs)).collect();
@@ -129,12 +131,12 @@ impl HandlerPresence {
         all
     }
 
-    /// Checks that the presence can be sent by an HTTP request, which has no connection: it names its instance and its
-    /// validity.
+    /// Checks that the presence can be sent by an HTTP request, which has no connection: the presence must
+    /// name its instance and its validity.
     ///
     /// # Errors
-    /// Returns an error with the text to write if `instance` is not a name of the process itself, or if `online`
-    /// without `expires_ms`.
+    /// Returns an error with the text to write if `instance` is not a name of the process itself, or if
+    /// `online` without `expires_ms`.
     pub fn check_registration(&self) -> Result<(), String> {
         let names_itself = self.instance.as_deref().is_some_and(is_own_instance);
         if !names_itself {
@@ -142,8 +144,8 @@ impl HandlerPresence {
             return Err(text.to_owned());
         }
         if self.online && self.expires_ms.is_none() {
-            let text = "expires_ms: write 300 to 3600000, and send this again at a third of that time: nothing else shows that the \
-                        handler is there";
+            let text = "expires_ms: write 300 to 3600000, and send the presence again at a third of that time, because only the \
+                        presence shows that the handler is online";
             return Err(text.to_owned());
         }
         Ok(())
@@ -183,23 +185,23 @@ impl HandlerPresence {
 /// How a handler went offline. Times are seconds since the start.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Departure {
-    /// It announced that it will be back before this time (`returns_within_ms`).
+    /// The handler announced that it returns before this time (`returns_within_ms`).
     Announced {
         /// The announced time.
         until_s: f64,
     },
-    /// Its connection, its process or its presence ended without such an announcement.
+    /// The connection, the process or the presence of the handler ended without such an announcement.
     Unannounced {
         /// End of the grace time.
         until_s: f64,
     },
-    /// Another instance replaced it.
+    /// Another instance replaced the handler.
     TakenOver,
 }
 
 impl Departure {
-    /// Returns the time until which its M codes, outputs and levels wait for it, or `None` if another instance has
-    /// them.
+    /// Returns the time until which the M codes, outputs and levels wait for the handler, or `None` if
+    /// another instance has taken them over.
     pub fn until_s(self) -> Option<f64> {
         match self {
             Departure::Announced { until_s } | Departure::Unannounced { until_s } => Some(until_s),
@@ -231,17 +233,19 @@ pub struct HandledCode {
 pub enum HandlerStatus {
     /// The handler serves its M codes.
     Accepted,
-    /// The handler does not serve its M codes; `text` gives the reason, such as another online instance of this id.
+    /// The handler does not serve its M codes; `text` gives the reason, such as another online instance of
+    /// this id.
     Refused,
-    /// Another instance of this id wants to come online: the online instance repeats its presence within 2 s, or the
-    /// other instance replaces it.
+    /// Another instance of this id requests to come online. The online instance must repeat its presence
+    /// within 2 s; otherwise the other instance replaces it.
     Confirm,
-    /// Another instance has replaced this one: this instance ends its work, and stops sending claims and resets.
+    /// Another instance has replaced this one: this instance ends its work, and stops sending claims and
+    /// resets.
     TakenOver,
 }
 
-/// Payload of `handler/{id}/result`: the answer to an `online` presence, a request to confirm that the instance is
-/// still online, or the notice that another instance has replaced it.
+/// Payload of `handler/{id}/result`: the answer to an `online` presence, a request to confirm that the
+/// instance is still online, or the notice that another instance has replaced it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct HandlerResult {
@@ -255,7 +259,7 @@ pub struct HandlerResult {
     /// With `refused`: machine-readable reason.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub code: Option<RefusalCode>,
-    /// With `refused` and `taken_over`: the reason, and what to do.
+    /// With `refused` and `taken_over`: the reason and the remedy.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub text: Option<String>,
 }

@@ -1,32 +1,35 @@
-//! Heartbeats: of the servo, for clients that watch the machine, and of clients that the machine watches.
+//! Heartbeats of the servo, for clients that watch the machine, and heartbeats of clients that the machine
+//! watches.
 
 use serde::{Deserialize, Serialize};
 
 use super::CoordinateSystemNumber;
 use super::refusal::{Refusal, RefusalCode};
 
-/// Shortest time within which a watched client must send its next heartbeat, ms. Reason: a network and a busy computer
-/// need part of it.
+/// Shortest time within which a watched client must send its next heartbeat, ms. Reason: delays of the
+/// network and of a busy computer must fit into this time.
 pub const CLIENT_TTL_MIN_MS: u64 = 100;
 
 /// Longest time within which a watched client must send its next heartbeat, ms.
 pub const CLIENT_TTL_MAX_MS: u64 = 60_000;
 
-/// Payload of `heartbeat`, published 10 times a second while the servo is alive, and not while it stands still.
+/// Payload of `heartbeat`, published 10 times a second while the servo runs; not published while the servo is
+/// stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Heartbeat {
-    /// Servo cycles since the start, without the omitted ones.
+    /// Number of servo cycles since the start, without omitted cycles.
     pub cycle: u64,
 }
 
-/// Payload of `client/{id}/heartbeat`: asks the machine to watch this client. If the next heartbeat is late, every run
-/// is held: `FEED_HOLD`, reason `CLIENT_LOST`.
+/// Payload of `client/{id}/heartbeat`: requests that the machine watches this client. If the next heartbeat
+/// is late, every run is held: `FEED_HOLD`, reason `CLIENT_LOST`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ClientHeartbeat {
-    /// Time within which the next heartbeat must be received, ms: 100 to 60000. 0 ends the watch: the client leaves.
+    /// Time within which the next heartbeat must be received, ms: 100 to 60000. 0 ends the watch: the client
+    /// leaves.
     pub ttl_ms: u64,
     /// The coordinate system that is held; left out or null for all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -42,7 +45,7 @@ impl ClientHeartbeat {
             return Ok(());
         }
         let text = format!(
-            "ttl_ms {ttl_ms}: write {CLIENT_TTL_MIN_MS} to {CLIENT_TTL_MAX_MS}, or 0 to be watched no more"
+            "ttl_ms {ttl_ms}: write {CLIENT_TTL_MIN_MS} to {CLIENT_TTL_MAX_MS}, or 0 to end the watch"
         );
         Err(Refusal::new(RefusalCode::Invalid, text))
     }

@@ -8,8 +8,8 @@ pub const CLIENT_ID_MAX: usize = 64;
 /// Largest number of characters of a command id.
 pub const COMMAND_ID_MAX: usize = 128;
 
-/// Returns true for a valid id of a client or a handler: 1 to [`CLIENT_ID_MAX`] characters without `/ + #` and without
-/// NUL, because it is a level of MQTT topics.
+/// Returns true for a valid id of a client or a handler: 1 to [`CLIENT_ID_MAX`] characters without `/ + #`
+/// and without NUL, because it is a level of MQTT topics.
 pub fn is_client_id(id: &str) -> bool {
     has_length(id, CLIENT_ID_MAX) && !id.bytes().any(|byte| matches!(byte, b'/' | b'+' | b'#' | 0))
 }

@@ -9,7 +9,8 @@ use serde::{Deserialize, Deserializer, Serialize};
 use super::ids::{check_client_id, is_client_id};
 use super::refusal::{Refusal, RefusalCode};
 
-/// Largest number of inputs of a plant, and of outputs. Reason: their declarations are one message.
+/// Largest number of inputs of a plant, and largest number of outputs. Reason: all declarations are in one
+/// message.
 pub const IO_MAX: usize = 256;
 
 /// Direction of a signal, from the point of view of sequence programs.
@@ -27,7 +28,7 @@ impl IoSide {
     /// Both sides.
     pub const ALL: [IoSide; 2] = [IoSide::In, IoSide::Out];
 
-    /// Returns its level in topics and routes.
+    /// Returns the level of this side in topics and routes.
     pub fn wire_name(self) -> &'static str {
         match self {
             IoSide::In => "in",
@@ -41,12 +42,12 @@ impl IoSide {
     }
 }
 
-/// One input or output of the plant by its name. As text it is its topic, such as `io/in/door_closed`.
+/// One input or output of the plant, by its name. Its text form is the topic, such as `io/in/door_closed`.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct IoPoint {
     /// Input or output.
     pub side: IoSide,
-    /// 1 to 64 characters without `/ + #`.
+    /// Name in the configuration, 1 to 64 characters without `/ + #`.
     pub name: String,
 }
 
@@ -84,7 +85,7 @@ impl fmt::Display for IoPoint {
 pub enum IoValue {
     /// On or off.
     Bool(bool),
-    /// A number in the unit of its declaration.
+    /// A number in the declared unit.
     Number(f64),
 }
 
@@ -177,7 +178,7 @@ pub enum IoKind {
 pub enum IoLoss {
     /// A safe value, which also applies at a start.
     Value(IoValue),
-    /// The value that its owner wrote last.
+    /// The value that the owner wrote last.
     Keep(KeepWord),
 }
 
@@ -220,7 +221,7 @@ pub enum KeepWord {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged, expecting = "write true, false, a number or \"last\"")]
 pub enum IoStart {
-    /// This value.
+    /// A fixed value.
     Value(IoValue),
     /// The value that was written last before the start.
     Last(LastWord),
@@ -254,7 +255,8 @@ pub struct IoDeclaration {
     pub kind: IoKind,
     /// The value while its owner is lost: a safe value, which also applies at a start, or `keep`.
     pub on_loss: IoLoss,
-    /// With `on_loss` `keep`: the value at a start, or `last`, the value that was written last before the start.
+    /// With `on_loss` `keep`: the value at a start, or `last`, the value that was written last before the
+    /// start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_start: Option<IoStart>,
     /// Description for people; empty if the name is sufficient.
@@ -272,7 +274,7 @@ pub struct IoDeclaration {
 }
 
 impl IoDeclaration {
-    /// Creates a declaration of the kind of its safe value, without a range.
+    /// Creates a declaration with this safe value, which determines the kind, without a range.
     pub fn new(on_loss: impl Into<IoValue>) -> Self {
         let on_loss = on_loss.into();
         Self {
@@ -282,7 +284,8 @@ impl IoDeclaration {
         }
     }
 
-    /// Keeps the value of the last owner, and starts with this one.
+    /// Sets `on_loss` to `keep`: the value that the last owner wrote is kept. `at_start` is the value at a
+    /// start.
     #[must_use]
     pub fn kept(self, at_start: impl Into<IoStart>) -> Self {
         Self {
@@ -297,8 +300,8 @@ impl IoDeclaration {
         self.at_start == Some(IoStart::LAST)
     }
 
-    /// Returns the value at a start. If `last` is declared but no value is stored, it is off, or the allowed number
-    /// nearest to 0.
+    /// Returns the value at a start. If `last` is declared but no value is stored, the value is off, or the
+    /// allowed number nearest to 0.
     pub fn first_value(&self) -> IoValue {
         let zero = match self.kind {
             IoKind::Bool => IoValue::Bool(false),
@@ -391,33 +394,35 @@ impl IoDeclarations {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct IoState {
-    /// The value in force: the forced value, otherwise the written one.
+    /// The value in force: the forced value, otherwise the written value.
     pub value: IoValue,
-    /// The value that was written last; the start value before the first write, and the value of `on_loss` once its
-    /// owner is lost.
+    /// The value that was written last. Before the first write it is the start value; after the loss of the
+    /// owner it is the value of `on_loss`.
     pub written: IoValue,
-    /// The only handler that may write it; null if it has no owner: any client without presence may write it, or none
-    /// has yet.
+    /// The handler that owns the input or output: the last handler that wrote it. While the owner is not
+    /// lost, only the owner may write; after its loss (`lost`), any handler may. Null if no handler has
+    /// written it since the start: then any handler and any client without presence may write it.
     pub owner: Option<String>,
-    /// True once its owner is lost: it left without announcing its return and did not return within `grace_ms`, or it
-    /// did not return within the announced time. The value is that of `on_loss`.
+    /// True once the owner is lost. The owner of an output is lost if it left without an announcement and did
+    /// not return within `grace_ms`, or did not return within the announced time. The owner of an input is
+    /// also lost at once if it left without an announcement. The value is then that of `on_loss`.
     #[serde(default)]
     pub lost: bool,
-    /// True if the value that was written last before the start (`at_start = "last"`) is damaged: the previous value of
-    /// the output is unknown until it is written or forced.
+    /// True if the value that was written last before the start (`at_start = "last"`) is damaged: the
+    /// previous value of the output is unknown until a value is written or forced.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub unknown: bool,
-    /// The forced value that replaces the written one; null if none is forced.
+    /// The forced value that replaces the written value; null if no value is forced.
     pub forced: Option<IoForced>,
 }
 
-/// A forced value that replaces the written one.
+/// A forced value that replaces the written value.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct IoForced {
     /// The value.
     pub value: IoValue,
-    /// User or client that forced it.
+    /// User or client that forced the value.
     pub by: String,
 }
 
@@ -428,11 +433,11 @@ pub struct IoForced {
 pub struct IoSet {
     /// The value.
     pub value: IoValue,
-    /// The handler that owns it from now on; its presence must be online.
+    /// The handler that owns the input or output from now on; its presence must be online.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub handler_id: Option<String>,
-    /// With `handler_id`: the instance named in its presence. Required if the presence names one; another instance is
-    /// refused.
+    /// With `handler_id`: the instance that the presence of the handler names. Required if the presence names
+    /// an instance; another instance is refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
 }
@@ -442,11 +447,12 @@ pub struct IoSet {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct IoForce {
-    /// The value that is in force from now on; null ends the forcing, and the written value is in force again.
+    /// The value that is in force from now on; null ends the forcing, and the written value is in force
+    /// again.
     #[serde(deserialize_with = "null_or_value")]
     #[cfg_attr(feature = "schema", schemars(required, schema_with = "value_or_null"))]
     pub value: Option<IoValue>,
-    /// Name of the sender, if the machine does not know its user.
+    /// Name of the sender, if the machine does not know the user.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub by: Option<String>,
 }

@@ -7,10 +7,10 @@ use super::Timestamp;
 /// Shortest validity of a lease, ms.
 pub const LEASE_TTL_MIN_MS: u64 = 1_000;
 
-/// Longest validity of a lease, ms. Reason: a holder that is lost must not lock a machine for a shift.
+/// Longest validity of a lease, ms. Reason: a lost holder must not block a machine for a whole shift.
 pub const LEASE_TTL_MAX_MS: u64 = 600_000;
 
-/// Validity of a lease if the request names none, ms.
+/// Validity of a lease if the request does not contain a validity, ms.
 pub const LEASE_TTL_DEFAULT_MS: u64 = 30_000;
 
 /// Largest number of characters of a holder's name.
@@ -58,8 +58,8 @@ pub struct LeaseRelease {
 pub struct Lease {
     /// Name of the holder.
     pub holder: String,
-    /// Number of the lease, which commands carry. It increases with each lease of the coordinate system, and is never
-    /// reused.
+    /// Number of the lease; commands under the lease carry this number. It increases with each lease of the
+    /// coordinate system, and is never reused.
     pub fence: u64,
     /// Time when the lease ends unless it is renewed.
     pub expires_at: Timestamp,

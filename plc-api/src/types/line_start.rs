@@ -12,15 +12,15 @@ use super::state::{CallSite, Modal};
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct LineStart {
-    /// Line of its first block, from 1.
+    /// Line of the first block of the run, from 1.
     #[cfg_attr(feature = "schema", schemars(range(min = 1)))]
     pub from_line: u32,
     /// The program that contains the line, if it is a subprogram; null for the loaded program.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 9999)))]
     pub program: Option<u16>,
-    /// Which pass of the program over the line, from 1; required if the program reaches the line more than once, as in
-    /// loops and subprograms.
+    /// Which pass of the program over the line, from 1; required if the program reaches the line more than
+    /// once, as in loops and subprograms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "schema", schemars(range(min = 1)))]
     pub occurrence: Option<u32>,
@@ -30,7 +30,8 @@ pub struct LineStart {
 }
 
 impl LineStart {
-    /// Creates a start at a line of the loaded program that is reached once, with an approach in the plane first.
+    /// Creates a start at a line of the loaded program that is reached once, with an approach in the plane
+    /// first.
     pub fn line(from_line: u32) -> Self {
         Self {
             from_line,
@@ -41,8 +42,8 @@ impl LineStart {
     }
 }
 
-/// Order in which the axes approach the start of a run from a line, each at its maximum speed. The infeed axis is the
-/// one at right angles to the plane in force: Z in G17.
+/// Order in which the axes approach the start of a run from a line, each at its maximum speed. The infeed
+/// axis is the axis at right angles to the plane in force: Z in G17.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
@@ -80,7 +81,8 @@ pub struct LineState {
     pub approach: Vec<BTreeMap<String, f64>>,
     /// M codes that are issued before the approach, in order.
     pub restore: Vec<RestoredOutput>,
-    /// The latest output of each other M code that the program would have issued before; it is not issued.
+    /// The latest output of each other M code that the program would have issued before the line; these
+    /// outputs are not issued.
     pub not_restored: Vec<RestoredOutput>,
     /// P and Q variables that the program sets before the line, by name; the start sets them.
     pub variables: BTreeMap<String, f64>,
@@ -92,10 +94,10 @@ pub struct LineState {
 pub struct RestoredOutput {
     /// M number.
     pub m: u16,
-    /// Its parameters.
+    /// Parameters of the M code.
     pub params: Params,
-    /// The program that contains it.
+    /// The program that contains the M code.
     pub program: u16,
-    /// Its line.
+    /// Line of the M code.
     pub line: u32,
 }

@@ -5,10 +5,10 @@ use serde::{Deserialize, Serialize};
 use super::ids::{CLIENT_ID_MAX, check_client_id, is_client_id};
 use super::refusal::{Refusal, RefusalCode};
 
-/// The source of a message that names none.
+/// Name of the source that a message sets if it names no source.
 pub const DEFAULT_SOURCE: &str = "default";
 
-/// Largest number of characters of the reason of a lock. Reason: it is one line of a panel.
+/// Largest number of characters of the reason of a lock. Reason: the text is one line of a panel.
 pub const LOCK_TEXT_MAX: usize = 500;
 
 /// Payload of `input/interlock/state` and `input/start_lock/state`: an input with the reasons why it is on.
@@ -20,7 +20,8 @@ pub struct Lock {
     /// Reasons, as given by the sources that are on.
     #[serde(default)]
     pub text: String,
-    /// Its sources by name: those of the configuration, those that are on, and those that have an owner.
+    /// Sources of the input by name: those of the configuration, those that are on, and those that have an
+    /// owner.
     #[serde(default)]
     pub sources: Vec<LockSource>,
 }
@@ -29,19 +30,22 @@ pub struct Lock {
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LockSource {
-    /// Its name; `default` for messages that name none.
+    /// Name of the source; `default` if the message that set it named no source.
     pub source: String,
     /// On or off.
     pub value: bool,
     /// Reason, as given by the source.
     #[serde(default)]
     pub text: String,
-    /// The only handler that may clear it; null if clients without presence have set it, any of which may clear it.
+    /// The handler that owns the source: while it is not lost, only this handler and an operator (`force`)
+    /// may clear the source. Null if clients without presence have set the source, and any such client may
+    /// clear it; also null with `lost` if a source of the configuration has had no owner since the start.
     pub handler_id: Option<String>,
-    /// True once its owner is lost: the value is that of `on_loss`.
+    /// True once the owner of the source is lost, and for a source of the configuration until its first owner
+    /// sets it. The value is then that of `on_loss`.
     #[serde(default)]
     pub lost: bool,
-    /// The operator who set it instead of its owner, until the owner writes it again.
+    /// The operator who set the source instead of its owner, until the owner writes the source again.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub forced_by: Option<String>,
 }
@@ -59,12 +63,12 @@ pub struct LockSet {
     /// Name of the source, 1 to 64 characters without `/ + #`; `default` if left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub source: Option<String>,
-    /// The handler that owns the source from now on; its presence must be online. With `force`: the operator who
-    /// decides.
+    /// The handler that owns the source from now on; its presence must be online. With `force`: the operator
+    /// who decides.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub handler_id: Option<String>,
-    /// With `handler_id`: the instance named in its presence. Required if the presence names one; another instance is
-    /// refused.
+    /// With `handler_id`: the instance that the presence of the handler names. Required if the presence names
+    /// an instance; another instance is refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
     /// An operator's message: accepted for any owner of the source, and marked with the operator's name.
@@ -89,7 +93,7 @@ impl LockSet {
         self
     }
 
-    /// Returns the name of its source.
+    /// Returns the name of the source.
     pub fn source(&self) -> &str {
         self.source.as_deref().unwrap_or(DEFAULT_SOURCE)
     }
@@ -116,7 +120,7 @@ impl LockSet {
     }
 }
 
-/// Value of a source whose owner is lost.
+/// Value of a source after the loss of its owner.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]

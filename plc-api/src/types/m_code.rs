@@ -17,7 +17,8 @@ pub const DECLARED_NAME_MAX: usize = 40;
 /// Largest number of characters of a unit.
 pub const UNIT_MAX: usize = 16;
 
-/// Largest deviation from a whole number that is still accepted. Reason: numbers of a program are binary fractions.
+/// Largest deviation from a whole number that is still accepted. Reason: the numbers of a program are binary
+/// floating-point numbers.
 const WHOLE_TOLERANCE: f64 = 1e-9;
 
 /// One of VA to VH; in JSON `A` to `H`, as in `params` of an output.
@@ -121,8 +122,8 @@ impl ParamDeclaration {
         }
     }
 
-    /// Returns true if the parameter accepts this number. A whole number may deviate by the rounding of a program's
-    /// calculation, such as 0.1 * 30.
+    /// Returns true if the parameter accepts this number. A whole number may deviate by the rounding of a
+    /// program's calculation, such as 0.1 * 30.
     pub fn takes(&self, number: f64) -> bool {
         let meant = if self.whole { number.round() } else { number };
         meant.is_finite()
@@ -151,7 +152,7 @@ impl ParamDeclaration {
         }
     }
 
-    /// Returns its name and range.
+    /// Returns the name and the range of the parameter.
     pub fn text(&self) -> String {
         let optional = if self.optional { "; may be left out" } else { "" };
         match &self.name {
@@ -197,19 +198,20 @@ pub type DeclaredParams = BTreeMap<ParamLetter, ParamDeclaration>;
 pub struct MCodeDeclaration {
     /// M number.
     pub m: u16,
-    /// Coordinate system to which the declaration applies. Without it, it applies to all coordinate systems in which
-    /// the handler serves the M code without a declaration of their own.
+    /// Coordinate system to which the declaration applies. Without this field, the declaration applies to all
+    /// coordinate systems in which the handler serves the M code and which have no separate declaration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cs: Option<CoordinateSystemNumber>,
     /// Function of the M code, such as `clamp`: 1 to 40 characters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// Its parameters: a program with other parameters, or with numbers that they do not accept, is not loaded. Without
-    /// this field every parameter is accepted; an empty map accepts none.
+    /// Parameters of the M code: a program with other parameters, or with numbers that a parameter does not
+    /// accept, is not loaded. Without this field every parameter is accepted; an empty map accepts no
+    /// parameter.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub params: Option<DeclaredParams>,
-    /// Treatment of an output of this M code that was claimed when its handler was lost. It replaces the `redelivery`
-    /// of the whole presence.
+    /// Treatment of an output of this M code that was claimed when its handler was lost. This value replaces
+    /// the `redelivery` of the whole presence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub redelivery: Option<Redelivery>,
 }
@@ -261,7 +263,7 @@ impl MCodeDeclaration {
     /// Checks the parameters of an output against the declaration.
     ///
     /// # Errors
-    /// Returns an error with the first parameter that is not as declared, and what to write.
+    /// Returns an error with the first parameter that does not match the declaration, and what to write.
     pub fn check(&self, params: &Params) -> Result<(), ParamFault> {
         let Some(declared) = &self.params else {
             return Ok(());
@@ -274,7 +276,7 @@ impl MCodeDeclaration {
         Ok(())
     }
 
-    /// Returns all parameters, VA to VH, that are not as declared.
+    /// Returns all parameters, VA to VH, that do not match the declaration.
     pub fn faults(&self, given: [GivenParam; 8]) -> Vec<ParamFault> {
         let Some(declared) = &self.params else {
             return Vec::new();
@@ -355,28 +357,28 @@ impl MCodeDeclaration {
 pub struct ServedMCode {
     /// M number.
     pub m: u16,
-    /// Coordinate systems in which it is served, ascending.
+    /// Coordinate systems in which the M code is served, ascending.
     #[serde(default)]
     pub cs: Vec<CoordinateSystemNumber>,
     /// The handler; null for the stock sequence program of the runtime.
     #[serde(default)]
     pub handler_id: Option<String>,
-    /// Name that the handler declares, otherwise that of the configuration.
+    /// Name that the handler declares, otherwise the name in the configuration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// Parameters that the handler declares, otherwise those of the configuration; without them every parameter is
-    /// accepted.
+    /// Parameters that the handler declares, otherwise those of the configuration. If neither declares
+    /// parameters, every parameter is accepted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub params: Option<DeclaredParams>,
 }
 
 impl ServedMCode {
-    /// Returns true if it is served in this coordinate system.
+    /// Returns true if the M code is served in this coordinate system.
     pub fn is_in(&self, cs: CoordinateSystemNumber) -> bool {
         self.cs.is_empty() || self.cs.contains(&cs)
     }
 
-    /// Returns its declaration.
+    /// Returns the declaration of the M code.
     pub fn declaration(&self) -> MCodeDeclaration {
         MCodeDeclaration {
             m: self.m,
@@ -387,7 +389,7 @@ impl ServedMCode {
         }
     }
 
-    /// Returns the handler that serves it, in words.
+    /// Returns the handler that serves the M code, in words.
     pub fn by(&self) -> String {
         match &self.handler_id {
             Some(id) => format!("handler {id}"),
@@ -396,9 +398,9 @@ impl ServedMCode {
     }
 }
 
-/// M codes that a sequence program serves, in a file for checking NC programs without it: written by
-/// [`SequenceProgram::served`](crate::SequenceProgram::served), or the `birth` of a machine, whose other fields are
-/// ignored.
+/// M codes that a sequence program serves, in a file for checks of NC programs while the sequence program
+/// does not run. [`SequenceProgram::served`](crate::SequenceProgram::served) returns the contents of the
+/// file. The `birth` of a machine is also valid; its other fields are ignored.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Served {
     /// Ascending; at most 1000. An entry without `cs` applies to all coordinate systems.

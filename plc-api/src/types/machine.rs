@@ -25,8 +25,9 @@ pub struct Presence {
     /// connection.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub broker: Option<BrokerInUse>,
-    /// Validity of this presence, ms; the runtime publishes it again at a third of this time. A connected client that
-    /// has received no presence for this time may treat the runtime as offline. Absent if the presence is not repeated.
+    /// Validity of this presence, ms; the runtime publishes it again at a third of this time. A connected
+    /// client that has received no presence for this time may treat the runtime as offline. Absent if the
+    /// presence is not repeated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expires_ms: Option<u64>,
     /// Address of the HMI as other computers reach it, if the configuration sets it (`[http] public_url`).
@@ -38,7 +39,7 @@ pub struct Presence {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct BrokerInUse {
-    /// Its address, such as `mqtt://10.0.0.7:1883`.
+    /// Address of the broker, such as `mqtt://10.0.0.7:1883`.
     pub address: String,
     /// Time when the connection was established.
     pub since: Timestamp,
@@ -71,8 +72,8 @@ pub struct Birth {
     pub limits: Limits,
 }
 
-/// Data of a machine's nameplate: the table `[identification]` of its configuration. Entries that are not configured
-/// are absent.
+/// Data of a machine's nameplate: the table `[identification]` of its configuration. Entries that are not
+/// configured are absent.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Identification {
@@ -91,7 +92,7 @@ pub struct Identification {
     /// Location of the machine.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub location: Option<String>,
-    /// Year in which it was built.
+    /// Year in which the machine was built.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub year_of_construction: Option<u16>,
 }
@@ -100,7 +101,7 @@ pub struct Identification {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CoordinateSystemInfo {
-    /// Its number.
+    /// Number of the coordinate system.
     pub number: CoordinateSystemNumber,
     /// Motor number by axis letter.
     pub axes: BTreeMap<String, u16>,
@@ -130,16 +131,16 @@ pub struct MotorInfo {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MCodeInfo {
-    /// When it is issued.
+    /// Time at which the M code is issued.
     pub timing: Timing,
-    /// Time limit of its reset, ms.
+    /// Time limit of the reset, ms.
     pub timeout_ms: Option<u64>,
-    /// Text that `state` shows while the program waits for it.
+    /// Text that `state` shows while the program waits for the M code.
     pub wait_state: Option<String>,
-    /// Its name in the configuration.
+    /// Name of the M code in the configuration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// Its parameters in the configuration.
+    /// Parameters of the M code in the configuration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub params: Option<DeclaredParams>,
 }
@@ -160,9 +161,9 @@ pub struct Limits {
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum AlarmSeverity {
-    /// Worth knowing; nothing stops.
+    /// Information for the operator; nothing stops.
     Warning,
-    /// Stops its coordinate system.
+    /// Stops its coordinate system, or the whole machine.
     #[default]
     Alarm,
 }
@@ -171,7 +172,7 @@ pub enum AlarmSeverity {
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AlarmRecord {
-    /// Identifies this occurrence.
+    /// Id of this occurrence of the alarm.
     pub id: u64,
     /// Warning or alarm.
     pub severity: AlarmSeverity,
@@ -182,8 +183,8 @@ pub struct AlarmRecord {
     /// Remedy, if the alarm table, the configuration or the handler provides one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remedy: Option<String>,
-    /// Text and remedy in other languages, by language tag such as `de`, if the configuration or the handler provides
-    /// them.
+    /// Text and remedy in other languages, by language tag such as `de`, if the configuration or the handler
+    /// provides them.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub languages: BTreeMap<String, AlarmWords>,
     /// The coordinate system that the alarm stopped; null for all.
@@ -195,15 +196,16 @@ pub struct AlarmRecord {
     /// Column of the source line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub column: Option<u32>,
-    /// When it was raised.
+    /// Time at which the alarm was raised.
     pub raised_at: Timestamp,
-    /// When it was cleared.
+    /// Time at which the alarm was cleared; null while it is active.
     pub cleared_at: Option<Timestamp>,
-    /// Who acknowledged it.
+    /// Name of the operator who acknowledged the alarm; null if it is not acknowledged.
     pub acknowledged_by: Option<String>,
 }
 
-/// Payload of `alarm/raise`: an alarm of a sequence program that belongs to no output, such as low air pressure.
+/// Payload of `alarm/raise`: an alarm of a sequence program that belongs to no output, such as low air
+/// pressure.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]

@@ -40,7 +40,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
-/// Last second of the year 9999, since 1970: later times cannot be written.
+/// Last second of the year 9999, since 1970. Reason: the format cannot represent later times.
 const SECOND_MAX: u64 = 253_402_300_799;
 
 /// Number of a CNC coordinate system, from 1.
@@ -65,7 +65,8 @@ impl std::fmt::Display for BootId {
 pub struct Timestamp(pub String);
 
 impl Timestamp {
-    /// Returns the text of a system time, to the microsecond; a time before 1970 becomes the beginning of 1970.
+    /// Returns the text of a system time, to the microsecond; a time before 1970 becomes the beginning of
+    /// 1970.
     pub fn from_system_time(time: SystemTime) -> Self {
         Self(rfc3339_micros(time))
     }
@@ -85,8 +86,8 @@ impl Timestamp {
     }
 }
 
-/// Formats a time to the microsecond. The text of the second is cached, because consecutive messages mostly share it.
-/// This takes one allocation; `format!` takes three.
+/// Formats a time to the microsecond. The text of the second is cached, because consecutive messages mostly
+/// share it. This takes one allocation; `format!` takes three.
 fn rfc3339_micros(time: SystemTime) -> String {
     thread_local! {
         static SECOND: RefCell<(u64, String)> = const { RefCell::new((0, String::new())) };

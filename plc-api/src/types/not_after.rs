@@ -10,8 +10,9 @@ pub const NOT_AFTER_MS: u64 = 1000;
 /// Largest `within_ms`. Reason: the machine remembers the times of its heartbeats for this long.
 pub const NOT_AFTER_MAX_MS: u64 = 60_000;
 
-/// Limits the age of a request. The machine compares the age with its own real time when the request is about to take
-/// effect, and rejects an older request as `expired`. Hold, stop, abort and the end of a jog ignore the limit.
+/// Limits the age of a request. The machine compares the age with its own real time when the request is about
+/// to take effect, and rejects an older request as `expired`. Hold, stop, abort and the end of a jog ignore
+/// the limit.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]

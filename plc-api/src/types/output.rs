@@ -12,15 +12,15 @@ pub use super::handler::{HandledCode, HandlerPresence, HandlerResult, HandlerSta
 pub use super::params::Params;
 pub use super::redelivery::Redelivery;
 
-/// When an output is made (D30).
+/// Time at which an output is issued (D30).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Timing {
-    /// When motion before it has come to a stop in position; the next block waits for the reset.
+    /// After the motion of the earlier blocks has stopped in position; the next block waits for the reset.
     #[default]
     AfterMotion,
-    /// When the block is interpreted; the program continues, and the reset must still follow.
+    /// When the block is interpreted; the program continues, but the reset is still required.
     WithMotion,
 }
 
@@ -31,15 +31,15 @@ explained! {
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
     #[non_exhaustive]
     pub enum OutputState {
-        /// Not made yet, because the program is held (D18).
+        /// Not issued yet, because the program is held (D18).
         Queued = "QUEUED",
-            "It is made when the program is resumed.";
-        /// Made, and waiting for a handler to claim it.
+            "The output is issued when the program is resumed.";
+        /// Issued, and waiting for the claim of a handler.
         Output = "OUTPUT",
-            "A handler for its M code claims it; without one, start it or reset the output by hand.";
-        /// Owned by a handler, whose reset is awaited.
+            "A handler for the M code claims the output. If no such handler is online, start one, or reset the output by hand.";
+        /// Owned by a handler; the reset of this handler is pending.
         Claimed = "CLAIMED",
-            "Its handler resets it when the work is done; progress says how far it is.";
+            "The handler resets the output when the work is done; progress shows how far the work is.";
     }
 }
 
@@ -47,13 +47,13 @@ explained! {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct OutputNotice {
-    /// Identifies this output permanently, across all starts of the runtime. Use it to record work that must be done
-    /// once, such as counting a part. Empty if an older runtime has written it.
+    /// Identifies this output permanently, across all starts of the runtime. Use this id to record work that
+    /// must be done only once, such as counting a part. Empty if an older runtime has published the output.
     #[serde(default)]
     pub id: String,
     /// Sequence number: strictly increasing in its coordinate system, never reused within a boot.
     pub seq: u64,
-    /// The program run that made it; never reused, across all starts of the runtime.
+    /// Id of the program run that issued the output; never reused, across all starts of the runtime.
     pub run_id: String,
     /// M number, 0 to 191.
     pub m: u16,
@@ -65,10 +65,11 @@ pub struct OutputNotice {
     pub program: u16,
     /// Line of the source file, from 1.
     pub line: u32,
-    /// 1 for the first notice, increased by one each time it is published again.
+    /// 1 for the first notice, increased by one each time the output is published again.
     pub attempt: u32,
-    /// True if it was published before: its handler was lost (`lost` in `m_code/pending`), an operator requested it, a
-    /// handler for it came online, or the connection to the broker was restored.
+    /// True if the output was published before. It is published again after the loss of its handler (`lost`
+    /// in `m_code/pending`), at the request of an operator, when a handler for its M code comes online, and
+    /// when the connection to the broker is restored.
     pub redelivered: bool,
 }
 
@@ -81,22 +82,23 @@ pub struct PendingOutput {
     pub output: OutputNotice,
     /// State of the output.
     pub state: OutputState,
-    /// Its owner, once it is claimed.
+    /// Owner of the output; null until a handler has claimed it.
     pub handler_id: Option<String>,
-    /// Instance of its owner, if it is known.
+    /// Instance of the owner, if it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
-    /// Time when it entered this state.
+    /// Time at which the output entered this state.
     pub since: Timestamp,
-    /// True while it waits after the handler that had claimed it was lost: that handler may have worked on it.
+    /// True while the output waits because the handler that had claimed it was lost: that handler may have
+    /// worked on the output.
     #[serde(default)]
     pub lost: bool,
-    /// If `lost`: the instance that had claimed the output, if it named itself. Only this instance may claim the output
-    /// without a decision, and may begin work that it had never begun (H20).
+    /// If `lost`: the instance that had claimed the output, if it named itself. Only this instance may claim
+    /// the output without a decision, and may begin work that it had never begun (H20).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lost_instance: Option<String>,
-    /// If `lost`: the stricter of the values of the M code's configuration and of the lost handler. Together with the
-    /// value of another handler, it decides whether that handler may claim the output.
+    /// If `lost`: the stricter of the values of the M code's configuration and of the lost handler. Together
+    /// with the value of another handler, it decides whether that handler may claim the output.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub redelivery: Option<Redelivery>,
     /// Last progress report of the owner.
@@ -105,10 +107,10 @@ pub struct PendingOutput {
     /// Last checkpoint of an owner; it is kept when that owner is lost.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checkpoint: Option<Value>,
-    /// How an operator requested that work on it continues.
+    /// Decision of an operator on how the work on the output continues.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub how: Option<Redelivery>,
-    /// Question of the owner to the operator, with the answer once there is one.
+    /// Question of the owner to the operator, with the answer once the operator has answered.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub question: Option<Question>,
 }
@@ -117,7 +119,7 @@ pub struct PendingOutput {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Pending {
-    /// Empty when nothing is open.
+    /// Open outputs; empty if no output is open.
     pub outputs: Vec<PendingOutput>,
 }
 
@@ -132,39 +134,39 @@ pub struct Progress {
     pub percent: Option<f64>,
 }
 
-/// A handler takes an output.
+/// Payload of `m_code/{m}/claim`: a handler claims an output.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Claim {
-    /// Boot that made the output.
+    /// Boot that issued the output.
     pub boot_id: BootId,
     /// Sequence number of the output.
     pub seq: u64,
     /// Handler that claims.
     pub handler_id: String,
-    /// Identifies one process among all that were started with this `handler_id`: the id that the process made at its
-    /// start.
+    /// Identifies one process among all that were started with this `handler_id`: the id that the process
+    /// made at its start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
 }
 
-/// A handler or an operator resets an output.
+/// Payload of `m_code/{m}/reset`: a handler or an operator resets an output.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Reset {
-    /// Boot that made the output.
+    /// Boot that issued the output.
     pub boot_id: BootId,
     /// Sequence number of the output.
     pub seq: u64,
     /// Handler or operator that resets.
     pub handler_id: String,
-    /// Identifies one process among all that were started with this `handler_id`: the id that the process made at its
-    /// start.
+    /// Identifies one process among all that were started with this `handler_id`: the id that the process
+    /// made at its start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
-    /// Done, or failed.
+    /// Result of the work: done, or failed.
     pub result: ResetResult,
     /// With `fault`: the handler's alarm code, 0 to 9999.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -178,14 +180,14 @@ pub struct Reset {
     pub force: Option<bool>,
 }
 
-/// How a handler ended.
+/// Result of the work of a handler.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum ResetResult {
     /// The work is done; the program continues.
     Ok,
-    /// It failed; an alarm stops the program.
+    /// The work failed; an alarm stops the program.
     Fault,
 }
 
@@ -196,29 +198,29 @@ explained! {
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
     #[non_exhaustive]
     pub enum HandshakeStatus {
-        /// It is accepted.
+        /// The claim or reset is accepted.
         Accepted = "accepted",
             "Nothing to do.";
         /// The output was reset before; nothing changed.
         Duplicate = "duplicate",
-            "Nothing to do: the first reset counted, as after a message sent twice.";
+            "Nothing to do: the first reset was accepted, and this message was sent twice.";
         /// The output was cancelled, failed, timed out, or belongs to another boot; nothing changed.
         Stale = "stale",
-            "Forget the output; the work that was begun for it counts for nothing any more.";
-        /// This boot never made that output in that coordinate system with that M number.
+            "End the work for this output; its result is no longer needed.";
+        /// This boot has not issued that output in that coordinate system with that M number.
         Unknown = "unknown",
-            "Look at seq, coordinate system and M number; the handler may talk to another machine.";
+            "Check seq, coordinate system and M number; the handler may be connected to another machine.";
         /// Another handler owns the output, another instance of this handler is online, or the handler is not
-        /// registered; `text` says which.
+        /// registered; `text` gives the reason.
         NotOwner = "not_owner",
-            "Leave it to its owner; an operator may reset it with force.";
-        /// The handler that had claimed the output was lost and may have worked on it: no handler may claim it before a
-        /// decision.
+            "Leave the output to its owner; an operator may reset it with force.";
+        /// The handler that had claimed the output was lost and may have worked on it: no handler may claim
+        /// it before a decision.
         Withheld = "withheld",
-            "An operator looks at the machine and decides: redeliver with redo or verify, or a reset. The key redelivery of the M code and of the handler decide beforehand.";
-        /// The message itself is not valid, and `text` says why; nothing changed.
+            "An operator checks the machine and decides: redeliver with redo or verify, or a reset. If redelivery of the M code and of the handler is redo or verify, no decision is needed.";
+        /// The message is not valid; `text` gives the reason. Nothing has changed.
         Refused = "refused",
-            "Correct what the text says, and send it again.";
+            "Correct the mistake that the text names, and send the message again.";
     }
 }
 
@@ -253,16 +255,17 @@ pub struct HandshakeResult {
     pub handler_id: String,
     /// Result of the message.
     pub status: HandshakeStatus,
-    /// Kind of message that is answered. Left out by an older runtime.
+    /// Kind of the answered message. An older runtime omits this field.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub of: Option<OutputAct>,
-    /// The instance that sent it, as named in its message.
+    /// Instance of the sender, as named in the message.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
-    /// With an accepted claim of an output that may have been worked on before: whether to inspect the machine first.
+    /// With an accepted claim of an output on which a lost handler may have worked: whether the handler must
+    /// inspect the machine first.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub how: Option<Redelivery>,
-    /// Reason for a rejection, and what to do.
+    /// Reason for a rejection, and the remedy.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub text: Option<String>,
 }
@@ -300,16 +303,16 @@ explained! {
             "End the work for it, as far as that is safe.";
         /// An alarm of the coordinate system or of the whole machine.
         Alarm = "alarm",
-            "End the work for it, as far as that is safe; the alarm says what happened.";
+            "End the work for this output, as far as that is safe; see the alarm.";
         /// Not reset within its time limit (D36).
         Timeout = "timeout",
-            "End the work for it. Alarm 301 has stopped the run; raise timeout_ms if the work takes longer.";
-        /// An operator reset or failed it; sent to its owner.
+            "End the work for this output. Alarm 301 has stopped the run; raise timeout_ms if the work takes longer.";
+        /// An operator has reset the output or ended it as failed; sent to the owner.
         Operator = "operator",
-            "End the work for it: an operator has decided.";
-        /// The runtime ends, another boot of it is online, or the sequence program itself ends.
+            "End the work for this output: an operator has ended it.";
+        /// The runtime ends, another boot of the runtime is online, or the sequence program itself ends.
         Shutdown = "shutdown",
-            "End the work for it; after a new start outputs have another boot_id.";
+            "End the work for this output; after a restart, outputs have another boot_id.";
     }
 }
 
@@ -328,14 +331,14 @@ pub struct Cancel {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ProgressReport {
-    /// Boot that made the output.
+    /// Boot that issued the output.
     pub boot_id: BootId,
     /// Sequence number of the output.
     pub seq: u64,
     /// The owner.
     pub handler_id: String,
-    /// Identifies one process among all that were started with this `handler_id`: the id that the process made at its
-    /// start.
+    /// Identifies one process among all that were started with this `handler_id`: the id that the process
+    /// made at its start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
     /// Current step of the work, at most 200 characters.
@@ -345,22 +348,23 @@ pub struct ProgressReport {
     pub percent: Option<f64>,
 }
 
-/// Largest size of a checkpoint as JSON, bytes. Reason: `m_code/pending` contains those of all open outputs.
+/// Largest size of a checkpoint as JSON, bytes. Reason: `m_code/pending` contains the checkpoints of all open
+/// outputs.
 pub const CHECKPOINT_MAX: usize = 4096;
 
-/// Payload of `m_code/{m}/checkpoint`: progress of the work on an output, for the handler that continues it if the
-/// owner is lost.
+/// Payload of `m_code/{m}/checkpoint`: progress of the work on an output, for the handler that continues it
+/// if the owner is lost.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CheckpointReport {
-    /// Boot that made the output.
+    /// Boot that issued the output.
     pub boot_id: BootId,
     /// Sequence number of the output.
     pub seq: u64,
     /// The owner.
     pub handler_id: String,
-    /// Identifies one process among all that were started with this `handler_id`: the id that the process made at its
-    /// start.
+    /// Identifies one process among all that were started with this `handler_id`: the id that the process
+    /// made at its start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
     /// Any JSON of at most 4096 bytes; replaces the previous checkpoint. `null` removes it.
@@ -376,7 +380,7 @@ impl CheckpointReport {
             return Ok(());
         }
         let text =
-            format!("a checkpoint has at most {CHECKPOINT_MAX} bytes as JSON, and this one has {bytes}");
+            format!("a checkpoint has at most {CHECKPOINT_MAX} bytes as JSON, but this one has {bytes}");
         Err(Refusal::new(RefusalCode::Invalid, text))
     }
 }
@@ -386,10 +390,10 @@ impl CheckpointReport {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Redeliver {
-    /// Boot that made the output.
+    /// Boot that issued the output.
     pub boot_id: BootId,
     /// Sequence number of the output.
     pub seq: u64,
-    /// How the handler shall continue.
+    /// Decision on how the handler continues.
     pub how: Redelivery,
 }

@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-/// VA to VH of an output, in JSON `A` to `H`: numbers as the program gives them, without a unit (G20 and G21 do not
-/// change them); `None` if not programmed.
+/// VA to VH of an output, in JSON `A` to `H`: numbers as the program gives them, without a unit (G20 and G21
+/// do not change them); `None` if not programmed.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "UPPERCASE", default, deny_unknown_fields)]
@@ -39,7 +39,7 @@ macro_rules! readers {
     ($($name:ident)*) => {
         impl Params {
             $(
-                /// Returns the value, or `None` if it is not programmed.
+                /// Returns the value, or `None` if the parameter is not programmed.
                 pub fn $name(&self) -> Option<f64> {
                     self.$name
                 }

@@ -15,9 +15,11 @@ pub const PATH_HEADER_BYTES: usize = 128;
 /// Requested part of the planned path of a program, and its accuracy.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PathQuery {
-    /// The coordinate system that runs it; `None` for the first one in which it is loaded, otherwise the first of all.
+    /// The coordinate system that runs the program; `None` for the first coordinate system in which the
+    /// program is loaded, otherwise the first of all.
     pub cs: Option<CoordinateSystemNumber>,
-    /// Largest distance of a point of the path from the lines, mm; `None` for the accuracy with which the path is kept.
+    /// Largest distance of a point of the path from the lines, mm; `None` for the accuracy with which the
+    /// path is kept.
     pub tolerance: Option<f64>,
     /// First chunk of lines in the answer.
     pub from: u32,
@@ -40,10 +42,11 @@ pub struct ManualText {
 pub struct PlanIdentity {
     /// Hash of the main program.
     pub hash: String,
-    /// SHA-256 of the lines `number hash` of every program that it may call, ascending; null if it calls none.
+    /// SHA-256 of the lines `number hash` of every program that the main program may call, ascending; null if
+    /// it calls no program.
     pub called: Option<String>,
-    /// Revision of all other inputs: start position, line of the start, work offsets, tools, block skips, optional stop, dry
-    /// run, and the values of the P and Q variables that the program reads.
+    /// Revision of all other inputs: start position, line of the start, work offsets, tools, block skips,
+    /// optional stop, dry run, and the values of the P and Q variables that the program reads.
     pub inputs: String,
 }
 
@@ -100,14 +103,14 @@ impl PlannedPath {
     }
 }
 
-/// Predicted run of a program: planned with the conditions at the start of the run in progress, otherwise with the
-/// current ones. Times are those at 100 percent overrides.
+/// Predicted run of a program: planned with the conditions at the start of the run in progress, otherwise
+/// with the current ones. Times are those at 100 percent overrides.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Rehearsal {
     /// Program number.
     pub program: u16,
-    /// The coordinate system that runs it.
+    /// The coordinate system that runs the program.
     pub cs: CoordinateSystemNumber,
     /// Hash of the program.
     pub hash: String,
@@ -121,21 +124,24 @@ pub struct Rehearsal {
     pub revision: String,
     /// State of the planning.
     pub outcome: RehearsalOutcome,
-    /// The alarm that ends the run, or why planning ended early; empty with `planning` and `completed`.
+    /// The alarm that ends the run, or the reason why planning ended early; empty with `planning` and
+    /// `completed`.
     pub text: String,
-    /// Program and line of that event; null without one.
+    /// Program and line of the alarm or the early end; null without such an event.
     pub at: Option<PlannedPlace>,
     /// Time from start to end, including waits, s.
     pub cycle_time_s: f64,
-    /// Part of it at feedrate, s.
+    /// Part of the cycle time at feedrate, s.
     pub feed_s: f64,
-    /// Part of it in G00, s.
+    /// Part of the cycle time in G00, s.
     pub rapid_s: f64,
-    /// Part of it for dwells, threads and the time that motors need to come into position, s.
+    /// Part of the cycle time for dwells, threads and the time that motors need to come into position, s.
     pub fixed_s: f64,
-    /// Part of it for waits for M codes, as far as runs since the start of the runtime have shown their durations, s.
+    /// Part of the cycle time for waits for M codes, as far as their durations are known from runs since the
+    /// start of the runtime, s.
     pub wait_s: f64,
-    /// Place from which the path depends on events while the program runs; null if it does not depend on any.
+    /// Place from which the path depends on events while the program runs; null if the path depends on no
+    /// such event.
     pub depends: Option<RunTimeDependence>,
     /// The M codes in their order, at most 1000.
     pub m_codes: Vec<RehearsedMCode>,
@@ -143,8 +149,8 @@ pub struct Rehearsal {
     pub m_code_count: u64,
     /// Lowest and highest machine position of each axis, by letter.
     pub axes: BTreeMap<String, RehearsedAxis>,
-    /// Start times of blocks, ascending; of a large number of blocks an evenly spread selection. The path contains the
-    /// time of every line.
+    /// Start times of blocks, ascending. For a large number of blocks it is an evenly spread selection. The
+    /// path contains the time of every line.
     pub lines: Vec<RehearsedLine>,
     /// Progress of this program's run; null if no run is in progress or planning continues.
     pub run: Option<RehearsedRun>,
@@ -183,7 +189,7 @@ pub struct PlannedPlace {
 pub struct RunTimeDependence {
     /// Program number.
     pub program: u16,
-    /// Line of the first such block.
+    /// Line of the first block that depends on an event.
     pub line: u32,
     /// Time when that block begins, s.
     pub at_s: f64,
@@ -199,13 +205,13 @@ pub struct RehearsedMCode {
     pub m: u16,
     /// Program number.
     pub program: u16,
-    /// Its line.
+    /// Line of the M code.
     pub line: u32,
     /// Time when it is issued, s.
     pub at_s: f64,
-    /// Whether the program waits for its reset.
+    /// Whether the program waits for the reset of the M code.
     pub waits: bool,
-    /// Duration of the wait according to earlier runs, s; null if it is unknown.
+    /// Duration of the wait in earlier runs, s; null if it is unknown.
     pub wait_s: Option<f64>,
 }
 
@@ -259,8 +265,9 @@ pub struct RehearsedLine {
 pub struct RehearsedRun {
     /// The planned time of the block that runs now, s.
     pub at_s: f64,
-    /// Time to the end, s, with the current overrides, without holds and without future waits of unknown duration. Null
-    /// if it is unknown, because an override of 0 stops the rest or the program waits without a known end.
+    /// Time to the end, s, with the current overrides, without holds and without future waits of unknown
+    /// duration. Null if the time is unknown because an override of 0 stops the motion, or because the
+    /// program waits without a known end.
     pub left_s: Option<f64>,
     /// Completed share of the planned time, 0 to 1.
     pub progress: f64,

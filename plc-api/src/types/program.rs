@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Largest size of one program's text, bytes; more is refused as `too_large`.
+/// Largest size of the text of one program, bytes; a larger text is refused as `too_large`.
 pub const PROGRAM_BYTES_MAX: usize = 64 * 1024 * 1024;
 
 /// One program of the store.
@@ -19,22 +19,22 @@ pub struct ProgramInfo {
     pub errors: u32,
     /// Number of warnings found by the check.
     pub warnings: u32,
-    /// Identifies the text: SHA-256 of the bytes of its file, which are those of the text as sent, 64 hexadecimal
-    /// digits.
+    /// Hash of the text: SHA-256 of the bytes of its file, which are the bytes of the text as sent, 64
+    /// hexadecimal digits.
     #[serde(default)]
     pub hash: String,
-    /// State of its signature; null on a machine without `[programs] signed_by`, which checks no signatures.
+    /// State of the signature; null on a machine without `[programs] signed_by`, which checks no signatures.
     #[serde(default)]
     pub signature: Option<SignatureState>,
     /// NC dialect of the text: only coordinate systems of this dialect load it.
     #[serde(default)]
     pub dialect: String,
-    /// Number in the text, in dialects whose text contains one (`O12345678`). It is not `number`, under which the
-    /// program is stored, loaded and called.
+    /// Number in the text, in dialects whose text contains a number (`O12345678`). The program is stored,
+    /// loaded and called under `number`, not under this number.
     #[serde(default)]
     pub o_number: Option<u32>,
-    /// Folder of the program in lists, such as `parts/left`; empty for none. The program is loaded and called by its
-    /// number.
+    /// Folder of the program in lists, such as `parts/left`; empty for none. The program is loaded and called
+    /// by its number.
     #[serde(default)]
     pub folder: String,
 }
@@ -58,8 +58,8 @@ impl ProgramFolder {
     /// Returns the folder in the form that is stored: without spaces around names.
     ///
     /// # Errors
-    /// Returns an error with the text to write if the folder is too long or too deep, or a name is empty, `.` or `..`,
-    /// or contains a control character or a backslash.
+    /// Returns an error with the text to write if the folder is too long or too deep, or a name is empty, `.`
+    /// or `..`, or contains a control character or a backslash.
     pub fn checked(&self) -> Result<Self, String> {
         let names: Vec<&str> = self.folder.split('/').map(str::trim).collect();
         let is_name = |name: &&str| {
@@ -111,7 +111,7 @@ pub struct ProgramCheck {
     pub diagnostics: Vec<ProgramDiagnostic>,
     /// M codes that the program issues, ascending.
     pub m_codes: Vec<u16>,
-    /// Programs that it calls, ascending.
+    /// Programs that the program calls, ascending.
     pub programs: Vec<u16>,
     /// As in [`ProgramInfo::hash`].
     #[serde(default)]

@@ -6,10 +6,10 @@ use super::params::Params;
 use super::refusal::{Refusal, RefusalCode};
 use super::{BootId, Timestamp};
 
-/// Largest number of characters of a question: it takes one or two lines of a panel.
+/// Largest number of characters of a question. Reason: a question takes one or two lines of a panel.
 pub const QUESTION_TEXT_MAX: usize = 200;
 
-/// Largest number of choices of a question: they are buttons of a panel.
+/// Largest number of choices of a question. Reason: the choices are buttons of a panel.
 pub const CHOICES_MAX: usize = 8;
 
 /// Largest number of characters of a choice.
@@ -18,8 +18,8 @@ pub const CHOICE_TEXT_MAX: usize = 40;
 /// Largest number of characters of a question's id.
 pub const QUESTION_ID_MAX: usize = 64;
 
-/// A question that a handler asks the operator. It is shown with its output in `m_code/pending`, and in `state` while
-/// the program waits for that output and the question has no answer.
+/// A question that a handler asks the operator. `m_code/pending` shows the question with its output. `state`
+/// shows the question while the program waits for that output and the question has no answer.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Question {
@@ -29,29 +29,30 @@ pub struct Question {
     pub text: String,
     /// Possible answers: 1 to 8 different texts of 1 to 40 characters.
     pub choices: Vec<String>,
-    /// Time when it was asked.
+    /// Time at which the question was asked.
     pub since: Timestamp,
-    /// The answer, once there is one.
+    /// The answer; absent until the operator has answered.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub answer: Option<String>,
 }
 
-/// Payload of `m_code/{m}/ask`: the owner of an output asks the operator. Without choices it withdraws the question.
+/// Payload of `m_code/{m}/ask`: the owner of an output asks the operator a question. Without choices the
+/// message withdraws the question.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Ask {
-    /// Boot that made the output.
+    /// Boot that issued the output.
     pub boot_id: BootId,
     /// Sequence number of the output.
     pub seq: u64,
     /// The owner.
     pub handler_id: String,
-    /// Identifies one process among all that were started with this `handler_id`: the id that the process made at its
-    /// start.
+    /// Identifies one process among all that were started with this `handler_id`: the id that the process
+    /// made at its start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
-    /// Id of the question, 1 to 64 characters. A repeated message with the same id is the same question.
+    /// Id of the question, 1 to 64 characters. A message with the same id repeats the same question.
     pub question_id: String,
     /// Text of the question.
     #[serde(default)]
@@ -80,7 +81,8 @@ impl Ask {
 /// Checks a question with its choices.
 ///
 /// # Errors
-/// Fails if the question is empty or too long, has too many choices, or a choice is empty, too long or repeated.
+/// Fails if the question is empty or too long, has too many choices, or a choice is empty, too long or
+/// repeated.
 pub(crate) fn check_question(text: &str, choices: &[String]) -> Result<(), Refusal> {
     if !within(text, QUESTION_TEXT_MAX) {
         return invalid(format!("a question has 1 to {QUESTION_TEXT_MAX} characters"));
@@ -93,7 +95,7 @@ pub(crate) fn check_question(text: &str, choices: &[String]) -> Result<(), Refus
             return invalid(format!("a choice has 1 to {CHOICE_TEXT_MAX} characters"));
         }
         if choices.iter().skip(place + 1).any(|other| other == choice) {
-            return invalid(format!("the choice {choice:?} stands twice"));
+            return invalid(format!("the choice {choice:?} occurs twice"));
         }
     }
     Ok(())
@@ -104,21 +106,21 @@ pub(crate) fn check_question(text: &str, choices: &[String]) -> Result<(), Refus
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct OperatorAnswer {
-    /// Boot that made the output.
+    /// Boot that issued the output.
     pub boot_id: BootId,
     /// Sequence number of the output.
     pub seq: u64,
     /// Id of the question.
     pub question_id: String,
-    /// One of its choices.
+    /// One of the choices of the question.
     pub choice: String,
     /// Sender of the answer, for the journal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub client_id: Option<String>,
 }
 
-/// Payload of `m_code/{m}/validate`: asks, when a program is loaded, whether this M code may be issued with these
-/// parameters.
+/// Payload of `m_code/{m}/validate`: asks, when a program is loaded, whether this M code may be issued with
+/// these parameters.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Validate {
@@ -128,7 +130,7 @@ pub struct Validate {
     pub program: u16,
     /// Line of the source file, from 1.
     pub line: u32,
-    /// VA to VH as written.
+    /// VA to VH as written in the program.
     pub params: Params,
 }
 

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub enum Redelivery {
     /// Runs the handler again from its start.
     Redo,
-    /// Runs the handler with `output.redelivered()` true: it inspects the machine first.
+    /// Runs the handler with `output.redelivered()` true: the handler must inspect the machine first.
     Verify,
     /// Does nothing: an operator decides by `redeliver` or by a manual reset.
     #[default]

@@ -48,68 +48,69 @@ explained! {
     pub enum RefusalCode {
         /// The coordinate system, program, command, alarm or value does not exist (404).
         NotFound = "not_found",
-            "Look at the number or name; the text says what there is.";
-        /// The state does not allow it (409).
+            "Check the number or the name; the text names the existing ones.";
+        /// The state does not allow the request (409).
         NotAllowed = "not_allowed",
-            "The answer says the state and what is allowed in it: bring the machine there first.";
+            "The answer contains the state and the commands that this state allows: bring the machine into a state that allows the request.";
         /// The program runs (409).
         ProgramRuns = "program_runs",
             "Wait for the end of the run, or stop it.";
         /// A start lock or the interlock is on (409).
         StartLocked = "start_locked",
-            "Whoever has set the start lock or the interlock ends it; its text says why it is on.";
-        /// The user may not do this (403).
+            "The program or the operator that has set the start lock or the interlock must clear it; its text gives the reason.";
+        /// The user has no right for the request (403).
         Forbidden = "forbidden",
-            "Use a token whose role has the right, or ask the administrator for one.";
+            "Use a token with a role that has the right, or ask the administrator for such a token.";
         /// Another client holds the control lease (409).
         Busy = "busy",
-            "Wait until the holder of the control lease gives it back or it expires; an administrator can break it.";
-        /// The control lease under which it was sent has ended (409).
+            "Wait until the holder releases the control lease or the lease expires; an administrator can break the lease.";
+        /// The control lease under which the command was sent has ended (409).
         LeaseLost = "lease_lost",
-            "Take the control lease anew, look at the machine, and send the command with the new fence.";
+            "Take the control lease again, check the machine, and send the command with the new fence.";
         /// Another instance of the handler's id is online (409).
         HandlerTaken = "handler_taken",
-            "End the other program, or give this one a handler_id of its own; with take_over it takes the other's place, which is told so.";
-        /// No answer was received within the time limit: it is unknown whether the request was executed. Only clients
-        /// report this.
+            "End the other program, or give this program a different handler_id. With take_over, this program replaces the other program, which is notified.";
+        /// No answer was received within the time limit: it is unknown whether the request was executed. Only
+        /// clients report this.
         NoAnswer = "no_answer",
-            "Look at the state, or send it again: a command with the same command_id is never done twice.";
-        /// Its `command_id` is that of another command of the last 10 minutes (422).
+            "Check the state, or send the request again: a command with the same command_id is never executed twice.";
+        /// The `command_id` was used for a different command in the last 10 minutes (422).
         CommandIdReused = "command_id_reused",
-            "Give each command a command_id of its own; the same one is for sending the same command again.";
+            "Use a new command_id for each command. Use the same command_id only to send the same command again.";
         /// The condition of the command does not hold (412).
         PreconditionFailed = "precondition_failed",
-            "Read the state again and decide anew: it is not what the command expects.";
+            "The state differs from the state that the command expects: read the state, and decide again.";
         /// The program has errors (422).
         ProgramHasErrors = "program_has_errors",
-            "Correct what the diagnostics of the answer say, and store the program again.";
+            "Correct the errors that the diagnostics of the answer name, and store the program again.";
         /// The program is of another dialect than the coordinate system (422).
         WrongDialect = "wrong_dialect",
-            "Load it into a coordinate system of its dialect, or store it with the dialect that it is written in.";
-        /// The machine runs only signed programs, and this one has no valid signature (422).
+            "Load the program into a coordinate system of its dialect, or store it with the dialect in which it is written.";
+        /// The machine runs only signed programs, and this program has no valid signature (422).
         NotSigned = "not_signed",
             "Sign the program with a key of [programs] signed_by, and store it with its signature.";
         /// The program cannot start at that line (422).
         LineRefused = "line_refused",
-            "Choose a line whose state the text alone decides: outside of cutter compensation and fixed cycles, and before what a handler, a capture or an input decides.";
+            "Choose a line for which the program text alone determines the state: outside of cutter compensation and fixed cycles, and before the first block that depends on a handler, a capture or an input.";
         /// The request is not well-formed, or a value is out of its range (400).
         Invalid = "invalid",
-            "Correct what the text names; the page of routes or topics has the form.";
+            "Correct the mistake that the text names; the reference pages of routes and topics describe the form.";
         /// The request is larger than the limit (413).
         TooLarge = "too_large",
-            "Send less at a time, or delete what takes the room; the text says the limit.";
-        /// Known, but not implemented (501).
+            "Send less at a time, or delete stored data that need the space; the text names the limit.";
+        /// The request is known, but not implemented (501).
         NotSupported = "not_supported",
-            "Do without it; this version does not have it.";
+            "This version does not support the request: use another one.";
         /// A command over MQTT had the retain flag (refused only there).
         Retained = "retained",
             "Send commands without the retain flag: a broker would send them again to every new connection.";
         /// The request is older than its `not_after` or `ttl_ms` allows (412).
         Expired = "expired",
-            "Nothing has changed: look at the machine and decide anew. With ttl_ms, compare the clocks of both computers.";
-        /// The runtime cannot execute the request now: it stops, or its store fails (503).
+            "Nothing has changed: check the machine, and decide again. With ttl_ms, compare the clocks of both computers.";
+        /// The runtime cannot execute the request now, because it is shutting down or its store has failed
+        /// (503).
         Unavailable = "unavailable",
-            "Try again in a moment; alarms 402 to 405 say what cannot be written.";
+            "Try again after a short time; alarms 402 to 405 name the data that cannot be written.";
     }
 }
 
@@ -119,8 +120,8 @@ impl RefusalCode {
         matches!(self, RefusalCode::Unavailable | RefusalCode::NoAnswer)
     }
 
-    /// Returns true if the state, a lock or the control lease is the reason: such a refusal of a command contains the
-    /// state and the commands that it allows.
+    /// Returns true if the state, a lock or the control lease is the reason: such a refusal of a command
+    /// contains the state and the commands that it allows.
     pub fn is_of_state(self) -> bool {
         matches!(
             self,

@@ -27,14 +27,15 @@ use super::upload::{ProgramCondition, ProgramUpload};
 
 pub use super::refusal::{Refusal, RefusalCode};
 
-/// A request whose answer has a type: each type of [`typed`].
+/// A request with a typed answer: each type of [`typed`].
 pub trait TypedRequest: Into<Request> + Send {
     /// Type of the machine's answer. If it is an `Option`, a transport may omit the answer.
     type Answer: TryFrom<Answer, Error = Answer> + Send;
 }
 
-/// All requests, grouped by the part of the machine that executes them. Each becomes a variant of [`Request`], a
-/// variant of the enum of its group, and a type of the same name in [`typed`] with the type of its answer.
+/// All requests, grouped by the part of the machine that executes them. Each request becomes a variant of
+/// [`Request`], a variant of the enum of its group, and a type of the same name in [`typed`] with the type of
+/// its answer.
 macro_rules! requests {
     (
         output {$(
@@ -78,7 +79,8 @@ macro_rules! requests {
             $($(#[$p_doc])* $p($($p_type),*),)*
         }
 
-        /// A message about one output, executed by [`Ledger::carry_out`](crate::handshake::Ledger::carry_out).
+        /// A message about one output, executed by
+        /// [`Ledger::carry_out`](crate::handshake::Ledger::carry_out).
         #[derive(Debug, Clone, PartialEq)]
         pub enum OutputRequest {$($(#[$o_doc])* $o($o_type),)*}
 
@@ -87,7 +89,7 @@ macro_rules! requests {
         pub enum CoordinateSystemRequest {
             /// A message about an output, with its M number if the transport provides it.
             Output(Option<u16>, OutputRequest),
-            /// An instance of a handler is offline (id, instance, and how it left).
+            /// An instance of a handler is offline: id, instance, and kind of the departure.
             HandlerLeft(String, Option<String>, Departure),
             /// The connection to the broker was restored: open outputs without an owner are published again.
             Republish,
@@ -140,8 +142,8 @@ macro_rules! requests {
                 }
             }
 
-            /// Returns the coordinate system, the sequence number and the M number (if named) of a request about an
-            /// output.
+            /// Returns the coordinate system, the sequence number and the M number (if named) of a request
+            /// about an output.
             pub(crate) fn output_mut(&mut self) -> Option<(CoordinateSystemNumber, u64, &mut Option<u16>)> {
                 match self {
                     $(Request::$o(cs, m, said) => Some((*cs, said.seq, m)),)*
@@ -159,8 +161,8 @@ macro_rules! requests {
             }
         }
 
-        /// Requests as types: each corresponds to the [`Request`] of the same name and determines the type of its
-        /// answer.
+        /// Requests as types: each corresponds to the [`Request`] of the same name and determines the type of
+        /// its answer.
         pub mod typed {
             use super::*;
 
@@ -238,7 +240,7 @@ macro_rules! typed {
 }
 
 requests! {
-    // if the transport names `m`, it must be the M number of the output
+    // if the transport names `m`, this must be the M number of the output
     output {
         /// A handler claims an output.
         Claim(claim: output::Claim) -> HandshakeResult;
@@ -246,15 +248,15 @@ requests! {
         Reset(reset: output::Reset) -> HandshakeResult;
         /// The owner of an output reports its progress.
         Progress(report: ProgressReport) -> Option<HandshakeResult>;
-        /// The owner of an output stores a checkpoint of its work, for the handler that claims the output if this owner
-        /// is lost.
+        /// The owner of an output stores a checkpoint of its work, for the handler that claims the output if
+        /// this owner is lost.
         Checkpoint(report: CheckpointReport) -> Option<HandshakeResult>;
         /// An operator decides how the output of a lost handler continues.
         Redeliver(how: output::Redeliver) -> Option<HandshakeResult>;
-        /// The owner of an output asks the operator a question, or withdraws it.
+        /// The owner of an output asks the operator a question, or withdraws the question.
         Ask(ask: question::Ask) -> Option<HandshakeResult>;
-        /// An operator answers a question: `unknown` if the question or choice does not exist, `duplicate` if it has an
-        /// answer.
+        /// An operator answers a question. The result is `unknown` if the question or choice does not exist,
+        /// `duplicate` if the question has an answer.
         AnswerQuestion(answer: OperatorAnswer) -> Option<HandshakeResult>;
     }
     coordinate_system {
@@ -264,8 +266,8 @@ requests! {
             command: command::Command,
             /// Sender and conditions.
             meta: CommandMeta,
-            /// Whether to answer when the effect has been reached; otherwise the answer follows when the command is
-            /// accepted.
+            /// True to receive the answer when the effect has been reached, false to receive it when the
+            /// command is accepted.
             wait: bool,
         } -> CommandReply;
         /// Takes, releases or breaks the control lease.
@@ -275,7 +277,8 @@ requests! {
             /// Sender.
             meta: CommandMeta,
         } -> CommandReply;
-        /// A handler reports whether an M code of a program that is being loaded may be issued with its parameters.
+        /// A handler reports whether an M code of a program that is being loaded may be issued with its
+        /// parameters.
         ValidateResult(m: Option<u16>, result: question::ValidateResult) -> ();
         /// Sets an input.
         Input(input: crate::types::request::Input) -> ();
@@ -286,15 +289,16 @@ requests! {
     }
     // the machine executes these, and every coordinate system applies its part
     every_coordinate_system {
-        /// A handler comes online, changes what it serves, or leaves. A coordinate system receives this for online
-        /// handlers only.
+        /// A handler comes online, changes its M codes, or leaves. A coordinate system receives this request
+        /// for online handlers only.
         Handler(id: String, presence: HandlerPresence) -> ();
-        /// Heartbeat of a client that asks to be watched, or the end of its watch.
+        /// Heartbeat of a client that the machine watches, or the end of this watch.
         Heartbeat(id: String, beat: ClientHeartbeat) -> ();
-        /// Raises an alarm of a coordinate system, or of all.
+        /// Raises an alarm of a coordinate system, or of the whole machine.
         RaiseAlarm(raise: AlarmRaise) -> ();
-        /// Sets the skip input of a motor, by its CNC motor number; the input keeps the value. Not real time: G31
-        /// captures the position of the motor at which the servo receives the value.
+        /// Sets the skip input of a motor, by its CNC motor number; the input keeps the value. The
+        /// transmission is not real time: G31 captures the position of the motor at which the servo receives
+        /// the value.
         SkipInput(motor: u16, value: bool) -> ();
     }
     machine {
@@ -323,13 +327,14 @@ requests! {
             from: u32,
             /// Values, 1 to 1024.
             values: Vec<f64>,
-            /// Sender, if the answer is also published on `reply/{client_id}`. A command id that was received in the
-            /// last 10 minutes gets the stored reply, and nothing is written.
+            /// Sender, if the answer is also published on `reply/{client_id}`. A command id that was received
+            /// in the last 10 minutes gets the stored reply, and nothing is written.
             meta: Option<CommandMeta>,
         } -> Option<CommandReply>;
         /// Writes an input or output of the plant.
         WriteIo(point: IoPoint, set: IoSet) -> ();
-        /// Forces a value on an input or output of the plant, which replaces the written value, or ends the forcing.
+        /// Forces a value on an input or output of the plant, which replaces the written value, or ends the
+        /// forcing.
         ForceIo(point: IoPoint, force: IoForce) -> ();
         /// The tool table.
         Tools -> ToolTable;
@@ -341,7 +346,8 @@ requests! {
         WriteWorkOffsets(cs: CoordinateSystemNumber, change: WorkOffsetTable) -> ();
         /// State of the last run before this start of the runtime; `None` if there was no run.
         LastRun(cs: CoordinateSystemNumber) -> Option<data::LastRun>;
-        /// The newest `count` (1 to 1000) journal lines that match the filter, without the `from` newest of them.
+        /// Journal lines that match the filter: the newest `count` (1 to 1000) after skipping the `from`
+        /// newest lines.
         Journal {
             /// Number of newest lines to skip.
             from: u32,
@@ -371,7 +377,8 @@ requests! {
         Runs(query: run::RunQuery) -> run::Runs;
         /// Programs of the store.
         Programs -> Vec<ProgramInfo>;
-        /// Meaning of a name that people see: a diagnostic, an alarm, a code, a word of a state or a refusal, a key.
+        /// Meaning of a name in the HMI, in a message or in the configuration: a diagnostic, an alarm, a
+        /// code, a word of a state or a refusal, a key.
         Explain(what: String) -> Explanation;
     }
     program {
@@ -389,17 +396,17 @@ requests! {
         RemoveProgram(number: u16, condition: ProgramCondition) -> ();
         /// Checks a program of the store.
         CheckProgram(number: u16) -> ProgramCheck;
-        /// Checks a text as if it were this program, in a dialect. `None` stands for the dialect of the lowest
+        /// Checks a text as if it were this program, in a dialect. `None` means the dialect of the lowest
         /// coordinate system.
         CheckText(number: u16, dialect: Option<String>, text: String) -> ProgramCheck;
         /// Puts a program of the store into a folder.
         PutInFolder(number: u16, folder: ProgramFolder) -> ();
-        /// Intermediate code of a program of the store. Refused as `program_has_errors` with the diagnostics if it has
-        /// errors.
+        /// Intermediate code of a program of the store. If the program has errors, the request is refused as
+        /// `program_has_errors` with the diagnostics.
         IntermediateCode(number: u16) -> String;
-        /// Path of a program of the store as it would run now, as far as it is planned.
+        /// Path of a program of the store if it ran now, as far as it is planned.
         PlannedPath(number: u16, query: PathQuery) -> planned::PlannedPath;
-        /// Effects of a run of a program of the store as it would run now, as far as it is planned.
+        /// Effects of a program of the store if it ran now, as far as it is planned.
         Rehearsal(number: u16, cs: Option<CoordinateSystemNumber>) -> planned::Rehearsal;
     }
 }
@@ -508,8 +515,8 @@ answers! {
     WorkOffsets(WorkOffsetTable),
     /// State of the last run; `None` if there was no run.
     LastRun(Option<data::LastRun>),
-    /// Lines of the journal in time order: JSON objects with `ts`, `t_s` (seconds since the start of the runtime),
-    /// `cs`, `event` and the fields of that event.
+    /// Lines of the journal in time order: JSON objects with `ts`, `t_s` (seconds since the start of the
+    /// runtime), `cs`, `event` and the fields of that event.
     Journal(Vec<Value>),
     /// Programs of the store, ascending.
     Programs(Vec<ProgramInfo>),

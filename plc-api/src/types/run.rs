@@ -9,7 +9,7 @@ use super::{CoordinateSystemNumber, Timestamp};
 /// Largest number of parts of one run.
 pub const PARTS_MAX: u32 = 1_000_000;
 
-/// Number of runs that are kept, over all starts of the runtime; the oldest are removed.
+/// Number of stored runs, over all starts of the runtime; the oldest runs are removed.
 pub const RUNS_KEPT: usize = 10_000;
 
 /// Largest number of runs of one answer.
@@ -27,7 +27,7 @@ pub struct RunOrder {
     #[serde(default)]
     #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 9999)))]
     pub program: Option<u16>,
-    /// Number of parts: the program is run once for each.
+    /// Number of parts: the program is run once for each part.
     #[serde(default = "one")]
     #[cfg_attr(feature = "schema", schemars(default = "one", range(min = 1, max = PARTS_MAX)))]
     pub parts: u32,
@@ -51,35 +51,36 @@ impl RunOrder {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Run {
-    /// Id of the run, unique over all starts of the runtime: the `run_id` of `state`, of outputs and of the journal.
+    /// Id of the run, unique over all starts of the runtime: the `run_id` of `state`, of outputs and of the
+    /// journal.
     pub id: String,
-    /// Its coordinate system.
+    /// Coordinate system of the run.
     pub cs: CoordinateSystemNumber,
     /// Main program number.
     pub program: u16,
     /// The program's hash.
     #[serde(default)]
     pub hash: Option<String>,
-    /// The line at which it started, unless it started at the beginning.
+    /// The line at which the run started; null if it started at the beginning.
     #[serde(default)]
     pub from_line: Option<u32>,
     /// Number of ordered parts.
     pub parts: u32,
     /// Number of completed parts.
     pub parts_done: u32,
-    /// Time when it started.
+    /// Time at which the run started.
     pub began: Timestamp,
-    /// Its end; null if it has not ended.
+    /// End of the run; null if the run has not ended.
     #[serde(default)]
     pub end: Option<RunEnded>,
-    /// Duration from its start to the end of its last part, s.
+    /// Duration from the start of the run to the end of its last part, s.
     pub took_s: f64,
     /// Duration of the last completed part, s.
     #[serde(default)]
     pub last_part_s: Option<f64>,
     /// M codes for which the program waited, longest wait first, at most 20.
     pub waits: Vec<RunWait>,
-    /// Alarms of its coordinate system while it ran, at most 10.
+    /// Alarms of the coordinate system during the run, at most 10.
     pub alarms: Vec<RunAlarm>,
     /// Reason why the next part has not started yet, such as the text of the start lock.
     #[serde(default)]
@@ -90,7 +91,7 @@ pub struct Run {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RunState {
-    /// The run in progress, or the last one that ended; null if there was none.
+    /// The run in progress, otherwise the last run that ended; null if no run has started.
     pub run: Option<Run>,
 }
 
@@ -101,14 +102,14 @@ pub struct TimeLeft {
     /// The run; null if no program runs.
     #[serde(default)]
     pub run_id: Option<String>,
-    /// The plan of that run from which the time was computed; null if it is not planned yet.
+    /// The plan of the run from which the time was computed; null if the run is not planned yet.
     #[serde(default)]
     pub plan: Option<PlanIdentity>,
-    /// Time to the end, s, with the current overrides, without holds and without future waits of unknown duration. Null
-    /// if no program runs, it is not planned yet, or the time is unknown because an override of 0 stops the rest or the
-    /// program waits without a known end.
+    /// Time to the end, s, with the current overrides, without holds and without future waits of unknown
+    /// duration. Null if no program runs, the run is not planned yet, or the time is unknown because an
+    /// override of 0 stops the motion or the program waits without a known end.
     pub left_s: Option<f64>,
-    /// Completed share of the planned time, 0 to 1; null if no program runs, or it is not planned yet.
+    /// Completed share of the planned time, 0 to 1; null if no program runs, or the run is not planned yet.
     pub progress: Option<f64>,
 }
 
@@ -120,7 +121,7 @@ pub struct RunEnded {
     pub at: Timestamp,
     /// Kind of the end.
     pub how: RunEndedHow,
-    /// Explanation, such as why the next part was refused; otherwise empty.
+    /// Explanation, such as the reason why the next part was refused; otherwise empty.
     pub text: String,
     /// The block whose motion ran at an early end; null if the run was completed, or no block had run.
     #[serde(default)]
@@ -134,33 +135,34 @@ explained! {
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
     #[non_exhaustive]
     pub enum RunEndedHow {
-        /// All its parts are completed.
+        /// All parts of the run are completed.
         Completed = "completed",
             "Nothing to do.";
         /// The stop command.
         Stopped = "stopped",
-            "Reset, then start or order a run anew.";
+            "Reset, then start again, or order a new run.";
         /// The abort command.
         Aborted = "aborted",
-            "Reset, then start or order a run anew.";
+            "Reset, then start again, or order a new run.";
         /// The reset command.
         Reset = "reset",
-            "Start or order a run anew.";
+            "Start again, or order a new run.";
         /// An alarm.
         Alarm = "alarm",
-            "The run's `alarms` say which; mend the cause, reset, then start or order a run anew.";
-        /// Before its next part: the lease under which it was ordered has ended or belongs to another holder.
+            "`alarms` of the run lists the alarms; remove the cause, reset, then start again or order a new run.";
+        /// Before the next part: the lease under which the run was ordered has ended or belongs to another
+        /// holder.
         LeaseLost = "lease_lost",
-            "Take the control lease, and order the parts that are missing.";
-        /// Before its next part: another command replaced it, such as a load, a start or MDI.
+            "Take the control lease, and order the missing parts.";
+        /// Before the next part: another command replaced the run, such as a load, a start or MDI.
         Replaced = "replaced",
-            "Order the parts that are missing.";
-        /// Before its next part: its start was refused; the text gives the reason.
+            "Order the missing parts.";
+        /// Before the next part: the start of the part was refused; the text gives the reason.
         Refused = "refused",
-            "Mend what the text names, and order the parts that are missing.";
-        /// The runtime ended while it ran.
+            "Remove the cause that the text names, and order the missing parts.";
+        /// The runtime ended during the run.
         Restarted = "restarted",
-            "Look at the machine; `last_run` says where it was. Order the parts that are missing.";
+            "Check the machine; `last_run` contains the state at the end. Order the missing parts.";
     }
 }
 
@@ -182,7 +184,7 @@ pub struct RunWait {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RunAlarm {
-    /// Its number.
+    /// Number of the alarm.
     pub number: u16,
     /// Text of the alarm.
     pub text: String,
@@ -209,8 +211,8 @@ pub struct RunQuery {
 pub struct Runs {
     /// Runs.
     pub runs: Vec<Run>,
-    /// Counters of each program, for the requested coordinate systems, ascending. They continue over all starts of the
-    /// runtime.
+    /// Counters of each program, for the requested coordinate systems, ascending. They continue over all
+    /// starts of the runtime.
     pub production: Vec<Production>,
 }
 

@@ -8,8 +8,8 @@ use super::planned::PlannedPlace;
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct StartConditions {
-    /// Obstacles that prevent a start of the loaded program, or would end its run in an alarm, in the order in which to
-    /// remove them; empty if a start runs the program.
+    /// Obstacles that prevent a start of the loaded program, or would end its run by an alarm, in the order
+    /// in which to remove them; empty if a start runs the program.
     pub obstacles: Vec<StartObstacle>,
 }
 
@@ -19,17 +19,18 @@ pub struct StartConditions {
 pub struct StartObstacle {
     /// Kind of the obstacle.
     pub kind: StartObstacleKind,
-    /// Description, and what to do.
+    /// Description and remedy.
     pub text: String,
-    /// Part of the description from another source: text of the input, holder of the lease, or reason; otherwise empty.
+    /// Part of the description from another source: text of the input, holder of the lease, or reason;
+    /// otherwise empty.
     #[serde(default)]
     pub detail: String,
-    /// Whether a start is refused; otherwise it is accepted, and an alarm ends the run.
+    /// True if a start is refused; false if a start is accepted but an alarm ends the run.
     pub refuses: bool,
     /// With `m_code`: M numbers, ascending.
     #[serde(default)]
     pub m_codes: Vec<u16>,
-    /// With `prediction`: the block; null if there is none.
+    /// With `prediction`: the block that causes the alarm; null if the alarm has no block.
     #[serde(default)]
     pub at: Option<PlannedPlace>,
 }
@@ -48,15 +49,16 @@ pub enum StartObstacleKind {
     NoProgram,
     /// The coordinate system is STOPPED and needs a reset.
     Reset,
-    /// The interlock is on, such as by an open door.
+    /// The interlock is on, for example because a door is open.
     Interlock,
     /// The start lock is on.
     StartLock,
     /// A client holds the control lease, and only that client may start.
     Lease,
-    /// The program does not run here: it has errors, is not signed, is damaged, or was changed since it was loaded.
+    /// The program does not run here: it has errors, is not signed, is damaged, or was changed since it was
+    /// loaded.
     Program,
-    /// No handler is online for M codes that raise an alarm without one.
+    /// No handler is online for M codes that raise an alarm without a handler.
     MCode,
     /// The rehearsal ends in an alarm.
     Prediction,

@@ -13,7 +13,7 @@ pub use super::execution::{Execution, Reason};
 pub use super::lock::{Lock, LockSet, LockSource};
 
 explained! {
-    "way to another state"
+    "transition to another state"
     /// Transition to another state.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -21,19 +21,19 @@ explained! {
     pub enum Transition {
         /// A start was accepted.
         Starting = "STARTING",
-            "It becomes ACTIVE by itself.";
+            "The state becomes ACTIVE automatically.";
         /// Decelerating on the path to a feed hold.
         Holding = "HOLDING",
-            "It becomes FEED_HOLD when the machine rests; in a thread, when the tool is out of it.";
+            "The state becomes FEED_HOLD when the axes are at rest; in a thread, when the tool has left the thread.";
         /// Decelerating to a stop.
         Stopping = "STOPPING",
-            "It becomes STOPPED when the machine rests.";
+            "The state becomes STOPPED when the axes are at rest.";
         /// Leaving a pause.
         Resuming = "RESUMING",
-            "It becomes ACTIVE by itself.";
-        /// Being reset.
+            "The state becomes ACTIVE automatically.";
+        /// A reset is in progress.
         Resetting = "RESETTING",
-            "It becomes READY when the machine rests and what was open is cancelled.";
+            "The state becomes READY when the axes are at rest and the open outputs are cancelled.";
     }
 }
 
@@ -49,7 +49,7 @@ pub enum RunKind {
     Mdi,
     /// Axes move to their reference points.
     Home,
-    /// One axis is moved by hand.
+    /// An operator moves one axis.
     Jog,
 }
 
@@ -63,22 +63,24 @@ pub struct State {
     pub transition: Option<Transition>,
     /// Reason of the state, or null.
     pub reason: Option<Reason>,
-    /// `wait_state` setting of the M code while the program waits for it.
+    /// `wait_state` setting of the M code for which the program waits.
     pub wait_state: Option<String>,
-    /// The output that the program waits for.
+    /// The output for which the program waits.
     pub waiting_on: Option<WaitingOn>,
     /// The loaded main program.
     pub program: Option<u16>,
-    /// Hash of that program: during a run that of the text that runs, otherwise that of the text that a start would
-    /// run. SHA-256 of the bytes of its file, 64 hexadecimal digits; null without a program.
+    /// Hash of the loaded program: during a run the hash of the running text, otherwise the hash of the text
+    /// that a start would run. SHA-256 of the bytes of the file, 64 hexadecimal digits; null without a
+    /// program.
     #[serde(default)]
     pub hash: Option<String>,
-    /// Number that the text contains, in dialects whose text has one (`O12345678`); it is not `program`.
+    /// Number that the text contains, in dialects whose text contains a number (`O12345678`); this is not the
+    /// number `program`.
     #[serde(default)]
     pub o_number: Option<u32>,
     /// Id of the run; null before the first start.
     pub run_id: Option<String>,
-    /// Kind of the run, moving or paused; null if nothing runs.
+    /// Kind of the run, also while it is paused; null if no run is active.
     #[serde(default)]
     pub run_kind: Option<RunKind>,
     /// Single block input.
@@ -91,11 +93,11 @@ pub struct State {
     pub optional_skip: Vec<u8>,
     /// Active alarms of this coordinate system.
     pub alarm_count: u32,
-    /// Id of the command accepted last.
+    /// Id of the last accepted command.
     pub last_command_id: Option<String>,
 }
 
-/// The output that a program waits for.
+/// The output for which a program waits.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct WaitingOn {
@@ -105,10 +107,10 @@ pub struct WaitingOn {
     pub seq: u64,
     /// Time when the wait began.
     pub since: Timestamp,
-    /// Last progress report of its handler.
+    /// Last progress report of the handler.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub progress: Option<Progress>,
-    /// Question of its handler to the operator, while it has no answer.
+    /// Question of the handler to the operator, while the question has no answer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub question: Option<Box<Question>>,
 }
@@ -151,9 +153,9 @@ pub struct Position {
     pub work: BTreeMap<String, f64>,
     /// Actual machine position.
     pub actual: BTreeMap<String, f64>,
-    /// Whether the axis is homed: its position refers to the machine's zero, by an absolute encoder or since its drive
-    /// was homed. An axis that is not homed does not move (alarm 208), and its positions are meaningless. Empty if the
-    /// machine does not report it.
+    /// Whether each axis is homed: its position refers to the zero of the machine, by an absolute encoder or
+    /// because its drive has been homed. An axis that is not homed does not move (alarm 208), and its
+    /// positions are meaningless. Empty if the machine does not report this.
     #[serde(default)]
     pub homed: BTreeMap<String, bool>,
     /// Commanded minus actual.
@@ -183,12 +185,13 @@ pub struct Modal {
     /// Jerk time, ms. In JSON it is `ts_ms`, since `ts` is the time of every message.
     #[serde(rename = "ts_ms")]
     pub ts: f64,
-    /// Selected tool; 0 for none; null if it is unknown, because the stored value is damaged.
+    /// Selected tool; 0 for none; null if the tool is unknown because the stored value is damaged.
     pub tool: Option<u16>,
     /// `G54` to `G59`, or null.
     pub work_offset: Option<String>,
-    /// Codes in force at the beginning of the next manual data input that differ from those at start-up, such as G91 or
-    /// G20; empty for the start-up state. Codes of motion (group 01) and of the return level (group 10) are left out.
+    /// Codes in force at the beginning of the next manual data input that differ from those at start-up, such
+    /// as G91 or G20; empty for the start-up state. Codes of motion (group 01) and of the return level (group
+    /// 10) are left out.
     #[serde(default)]
     pub mdi: Vec<String>,
 }
@@ -205,7 +208,8 @@ pub struct Captured {
     pub motors: Vec<u16>,
     /// Captured machine positions, mm or degrees.
     pub positions: Vec<f64>,
-    /// By motor: false if the skip input was not received; the position is then where the motor stopped (D41).
+    /// By motor: false if the skip input was not received; the position is then where the motor stopped
+    /// (D41).
     pub captured: Vec<bool>,
 }
 

@@ -1,4 +1,4 @@
-//! Whether the stored files of a machine fit together, and the question about those that do not.
+//! Consistency of the stored files of a machine, and the question about inconsistent files.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,41 +8,41 @@ use super::Timestamp;
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct StoredData {
-    /// The question that a person must answer; `null`: the stored files fit together.
+    /// The question that a person must answer; `null` if the stored files are consistent.
     pub question: Option<StoredDataQuestion>,
 }
 
-/// Stored files that do not fit together. Until a person accepts or refuses them, their content is not used, and no program
-/// starts.
+/// Stored files that are inconsistent. Until a person accepts or refuses them, their content is not used, and
+/// no program starts.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct StoredDataQuestion {
-    /// When the start that found them began.
+    /// Time of the start of the runtime that found the inconsistent files.
     pub since: Timestamp,
-    /// Time of the newest entry of the journal at that start: what was stored up to then should be there. `null`: the journal
-    /// has no entry.
+    /// Time of the newest entry of the journal at that start: all data that were stored before this time
+    /// should exist. `null` if the journal has no entry.
     pub newest_journal_entry: Option<Timestamp>,
-    /// What does not fit.
+    /// Findings of inconsistency.
     pub findings: Vec<StoredDataFinding>,
 }
 
 impl StoredDataQuestion {
-    /// What does not fit, in words.
+    /// Returns the texts of all findings.
     pub fn texts(&self) -> Vec<String> {
         let findings = self.findings.iter();
         findings.map(|finding| finding.text.clone()).collect()
     }
 }
 
-/// A part of the stored data that does not fit the others.
+/// A part of the stored data that is inconsistent with the other parts.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct StoredDataFinding {
     /// The part.
     pub part: StoredDataPart,
-    /// How it does not fit.
+    /// Kind of the inconsistency.
     pub fault: StoredDataFault,
-    /// The same in words, with the files.
+    /// Description of the finding, with the files.
     pub text: String,
 }
 
@@ -61,27 +61,27 @@ pub enum StoredDataPart {
     Journal,
 }
 
-/// How a part of the stored data does not fit the others.
+/// Kind of inconsistency of a part of the stored data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum StoredDataFault {
-    /// It is an older copy: other files know a newer generation of it.
+    /// The part is an older copy: other files refer to a newer generation of the part.
     Older,
-    /// It belongs to a machine of another name.
+    /// The part belongs to a machine with another name.
     OtherMachine,
-    /// Its checksums are missing, damaged or those of another file.
+    /// The checksums of the part are missing, damaged or those of another file.
     NotVerified,
 }
 
-/// What a person decides about stored files that do not fit together.
+/// Decision of a person about inconsistent stored files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum StoredDataDecision {
-    /// They are used as they are.
+    /// The files are used as they are.
     Accept,
-    /// They are not used: their values count as lost.
+    /// The files are not used; their values are treated as lost.
     Refuse,
 }
 

@@ -96,8 +96,9 @@ pub enum Payload {
     StartConditions(StartConditions),
 }
 
-/// Topics of one coordinate system: each with its path, the variant and type of its payload, and its description. A
-/// state also has a REST route, which is empty if a request reads it. An event also has the M number of an output.
+/// Topics of one coordinate system: each with its path, the variant and type of its payload, and its
+/// description. A state also has a REST route, which is empty if a request reads it. An event also has the M
+/// number of an output.
 macro_rules! cs_topics {
     (
         states {$($state:ident $path:literal $route:literal $payload:ident($type:ident) $says:literal;)*}
@@ -151,7 +152,7 @@ macro_rules! cs_topics {
                 }
             }
 
-            /// Returns the form of its messages.
+            /// Returns the form of the messages.
             pub fn form(self) -> Form {
                 match self {
                     $(CsTopic::$state => Form::of::<Enveloped<'static, $type>>(),)*
@@ -181,15 +182,15 @@ macro_rules! cs_topics {
 cs_topics! {
     states {
         State "state" "state" State(State)
-            "State of a coordinate system: state word, reason, what is waited for, program, inputs; its ETag is the revision for If-Match.";
+            "State of a coordinate system: state word, reason, awaited output, program, inputs; its ETag is the revision for If-Match.";
         Program "program" "program" Program(ProgramPlace)
-            "Where the program is: line that runs, call stack; published at most 5 times a second.";
+            "Place in the program: line whose motion runs, call stack; published at most 5 times a second.";
         Position "position" "position" Position(Position)
-            "Positions of the last servo cycle, distance to go and feedrate; published 10 times a second, at rest, too.";
+            "Positions of the last servo cycle, distance to go and feedrate; published 10 times a second, also at rest.";
         Modal "modal" "modal" Modal(Modal)
-            "Modal state: G codes, F, S, ta, td; the jerk time is ts_ms, since ts is the time of every message.";
+            "Modal state: G codes, F, S, ta, td; the jerk time is ts_ms, because ts is the time of every message.";
         Pending "m_code/pending" "m_codes" Pending(Pending)
-            "Auxiliary function outputs that are open, with parameters, state and owner.";
+            "Open auxiliary function outputs, with parameters, state and owner.";
         Captured "captured" "captured" Captured(Captured)
             "Positions captured by the last G31.";
         OptionalSkip "input/optional_skip/state" "inputs/optional_skip" OptionalSkip(OptionalSkip)
@@ -211,27 +212,27 @@ cs_topics! {
         Override "override/state" "overrides" Override(Overrides)
             "Overrides, percent.";
         Lease "lease/state" "lease" Lease(LeaseState)
-            "Who holds the control lease; all null while nobody does.";
+            "Holder of the control lease; all fields are null while the lease is free.";
         Run "run" "run" Run(RunState)
-            "The run of the loaded program that goes on, or the last one that ended: parts, how it ended, waits and alarms.";
+            "The run of the loaded program that is in progress, or the last run that ended: parts, kind of the end, waits and alarms.";
         TimeLeft "time_left" "time_left" TimeLeft(TimeLeft)
-            "How long the program that runs takes to its end, and which share of it is done; once a second.";
+            "Remaining time of the running program, and its completed share; once a second.";
         StartConditions "start_conditions" "start_conditions" StartConditions(StartConditions)
-            "What prevents a start of the loaded program, or would end its run in an alarm; empty: a start runs it.";
+            "Obstacles that prevent a start of the loaded program, or would end its run by an alarm; empty if a start runs the program.";
         Variables "variables" "variables" Variables(PublishedVariables)
-            "The Q variables that the configuration names in [[variables.published]], whenever one has changed; at most 10 times a second.";
+            "The Q variables that the configuration names in [[variables.published]], whenever one of them has changed; at most 10 times a second.";
         WorkOffsets "work_offsets" "" WorkOffsets(WorkOffsetValues)
-            "Work offsets, whenever one has changed.";
+            "Work offsets, whenever one of them has changed.";
     }
     events {
         Output "output" Output(OutputNotice)
-            "An M code is put out, or published again.";
+            "An output of an M code is issued, or published again.";
         Result "result" Result(HandshakeResult)
-            "What became of a claim or reset, or why what was said of an output does not count; `of` says which.";
+            "Result of a claim or reset, or the reason why another message about an output is rejected; `of` names the kind of message.";
         Cancel "cancel" Cancel(Cancel)
-            "An output is cancelled, and why.";
+            "An output is cancelled, with the reason.";
         Validate "validate" Validate(Validate)
-            "Asks handlers at a load whether the M code may be put out with these parameters.";
+            "Asks handlers at a program load whether the M code may be issued with these parameters.";
     }
 }
 
@@ -244,40 +245,40 @@ impl Topic {
     /// Returns the description of the topic in one sentence.
     pub fn summary(&self) -> &'static str {
         match self {
-            Topic::Presence => "Whether the runtime is there, its version and since when it runs.",
-            Topic::Birth => "What the machine is: coordinate systems, axes, motors, M codes, limits.",
+            Topic::Presence => "Whether the runtime is online, its version and the time of its start.",
+            Topic::Birth => "Description of the machine: coordinate systems, axes, motors, M codes, limits.",
             Topic::Heartbeat => {
-                "Published 10 times a second while the servo is alive, and not while it stands still."
+                "Published 10 times a second while the servo runs; not published while the servo is stopped."
             }
             Topic::AlarmEvent => {
-                "An alarm is raised, with program and line, or it is acknowledged or cleared."
+                "An alarm is raised, with program and line, or an alarm is acknowledged or cleared."
             }
             Topic::AlarmActive => "Active alarms.",
-            Topic::Reply(_) => "How far a command is: accepted, done, failed, or rejected with a reason.",
-            Topic::HandlerPresence(_) => "Which M codes a handler serves.",
+            Topic::Reply(_) => "Status of a command: accepted, done, failed, or rejected with a reason.",
+            Topic::HandlerPresence(_) => "Presence of a handler, with the M codes that it serves.",
             Topic::HandlerResult(_) => {
-                "Whether a handler's presence counts, or another instance is there or has taken its place."
+                "Whether the presence of a handler is accepted, or another instance is online or has replaced it."
             }
             Topic::Io(point) => match point.side {
                 IoSide::In => {
-                    "An input of the plant: what a sensor tells, who owns it, and whether it is forced."
+                    "An input of the plant: value of a sensor, owner, and whether the value is forced."
                 }
                 IoSide::Out => {
-                    "An output of the plant: what sequence programs command, who owns it, and whether it is forced."
+                    "An output of the plant: value that sequence programs command, owner, and whether the value is forced."
                 }
             },
             Topic::Variables => {
-                "The P variables that the configuration names in [[variables.published]], whenever one has changed; at most 10 times a second."
+                "The P variables that the configuration names in [[variables.published]], whenever one of them has changed; at most 10 times a second."
             }
             Topic::Tools => "The tool table, whenever it has changed.",
             Topic::StoredData => {
-                "Whether the stored files fit together, and the question about those that do not."
+                "Whether the stored files are consistent, and the question about inconsistent files."
             }
             Topic::CoordinateSystem(_, topic) => topic.summary(),
         }
     }
 
-    /// Returns the form of its messages.
+    /// Returns the form of the messages.
     pub fn form(&self) -> Form {
         match self {
             Topic::Presence => Form::of::<Enveloped<'static, Presence>>(),
@@ -335,8 +336,8 @@ impl Topic {
         }
     }
 
-    /// Returns the topic of a path below the machine's root, or `None` for a path that the runtime never publishes,
-    /// such as `cs/01/state`: each topic has exactly one path.
+    /// Returns the topic of a path below the machine's root, or `None` for a path that the runtime never
+    /// publishes, such as `cs/01/state`: each topic has exactly one path.
     pub fn parse(path: &str) -> Option<Topic> {
         Self::read(path).filter(|topic| topic.path() == path)
     }
@@ -373,7 +374,8 @@ impl Topic {
         }
     }
 
-    /// Returns true for topics of a state: the last value replaces all previous ones. Returns false for events.
+    /// Returns true for topics of a state: the last value replaces all previous ones. Returns false for
+    /// events.
     pub fn is_state(&self) -> bool {
         match self {
             Topic::AlarmEvent | Topic::Reply(_) | Topic::HandlerResult(_) => false,
@@ -382,8 +384,8 @@ impl Topic {
         }
     }
 
-    /// Returns the state that an event explains. A client that receives both gets the event before any later value of
-    /// that state. A `cancel` explains why `m_code/pending` no longer shows an output.
+    /// Returns the state that an event explains. A client that receives both gets the event before any later
+    /// value of that state. A `cancel` explains why `m_code/pending` no longer shows an output.
     pub fn explains(&self) -> Option<Topic> {
         match self {
             Topic::CoordinateSystem(cs, CsTopic::Cancel(_)) => Some(Topic::cs(*cs, CsTopic::Pending)),
@@ -399,7 +401,8 @@ impl Topic {
         )
     }
 
-    /// Returns the retain flag on MQTT: true for every state except the position and the heartbeat, which are streams.
+    /// Returns the retain flag on MQTT: true for every state except the position and the heartbeat, which are
+    /// streams.
     pub fn is_retained(&self) -> bool {
         self.is_state() && !self.is_stream()
     }

@@ -6,17 +6,18 @@ use serde::{Deserialize, Serialize};
 
 use super::{CoordinateSystemNumber, Timestamp};
 
-/// Number of samples that are kept, and largest number of one answer.
+/// Number of stored samples, and largest number of samples of one answer.
 pub const TRACE_SAMPLES_MAX: u32 = 6000;
 
 /// Requested samples: of `GET /cs/{n}/trace`.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct TraceQuery {
-    /// Number of the first sample; if it is no longer kept, the answer starts at the oldest one.
+    /// Number of the first sample; if this sample is no longer stored, the answer starts at the oldest
+    /// sample.
     pub from: u32,
     /// Number of samples, 1 to 6000.
     pub count: u32,
-    /// Letters of the axes, such as `XZ`; empty: all.
+    /// Letters of the axes, such as `XZ`; empty for all axes.
     pub axes: String,
 }
 
@@ -36,7 +37,7 @@ pub struct Trace {
     pub now: Timestamp,
     /// Current time on the clock of the samples, s since the start of the runtime.
     pub now_s: f64,
-    /// When each sample was taken, s since the start of the runtime.
+    /// Time of each sample, s since the start of the runtime.
     pub time_s: Vec<f64>,
     /// Commanded speed on the path of each sample, mm/min.
     pub feedrate: Vec<f64>,

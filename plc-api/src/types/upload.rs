@@ -1,4 +1,4 @@
-//! An uploaded program, and the condition under which it replaces the stored one.
+//! An uploaded program, and the condition under which it replaces the stored program.
 
 use super::refusal::{Refusal, RefusalCode};
 
@@ -7,20 +7,20 @@ use super::refusal::{Refusal, RefusalCode};
 pub struct ProgramUpload {
     /// Text of the program.
     pub text: String,
-    /// Condition; comparison and change are one step.
+    /// Condition; the comparison and the change are one atomic step.
     pub condition: ProgramCondition,
     /// The Ed25519 signature of the text's bytes, 64 bytes in Base64.
     pub signature: Option<String>,
-    /// NC dialect; `None` stands for that of the lowest coordinate system.
+    /// NC dialect; `None` means the dialect of the lowest coordinate system.
     pub dialect: Option<String>,
 }
 
 /// Condition for changing a program, as in `If-Match` and `If-None-Match`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ProgramCondition {
-    /// The stored program must be one of these.
+    /// The stored program must be among these.
     pub if_match: Option<Hashes>,
-    /// The stored program must be none of these.
+    /// The stored program must not be among these.
     pub if_none_match: Option<Hashes>,
 }
 
@@ -44,8 +44,8 @@ impl Hashes {
 }
 
 impl ProgramCondition {
-    /// Compares the condition with the stored program of a number: `None` if there is no program, an empty hash if it
-    /// is damaged.
+    /// Compares the condition with the hash of the stored program: `None` if no program has this number, an
+    /// empty hash if the program is damaged.
     ///
     /// # Errors
     /// Fails if the condition does not hold.
@@ -61,11 +61,11 @@ impl ProgramCondition {
             Some(hash) => format!("has the hash {hash}"),
         };
         let text =
-            format!("program {number} {is}, which is not what was asked for; read it, and decide again");
+            format!("program {number} {is}, which does not meet the condition; read it, and decide again");
         Err(Refusal::new(RefusalCode::PreconditionFailed, text))
     }
 
-    /// Returns true if there is no condition.
+    /// Returns true if no condition is set.
     pub fn is_none(&self) -> bool {
         *self == Self::default()
     }

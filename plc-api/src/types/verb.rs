@@ -11,7 +11,7 @@ pub enum Verb {
     Load,
     /// Starts a new run at the beginning of the loaded program.
     Start,
-    /// Loads a program, if one is named, and runs it once for each ordered part.
+    /// Loads a program, if the order names one, and runs it once for each ordered part.
     Run,
     /// Feed hold.
     Hold,
@@ -21,9 +21,9 @@ pub enum Verb {
     BackTrace,
     /// Decelerates on the path and ends the run.
     Stop,
-    /// Each motor brakes at once; ends the run.
+    /// Brakes each motor at once, and ends the run.
     Abort,
-    /// Cancels outputs, ends the run, clears alarms.
+    /// Cancels outputs, ends the run, and clears alarms.
     Reset,
     /// Acknowledges an alarm.
     AlarmAcknowledge,
@@ -36,12 +36,13 @@ pub enum Verb {
 }
 
 impl Verb {
-    /// Returns true for hold, stop and abort: they bypass every queue and need nothing else.
+    /// Returns true for hold, stop and abort: these commands bypass every queue and have no further
+    /// condition.
     pub fn is_urgent(self) -> bool {
         matches!(self, Verb::Hold | Verb::Stop | Verb::Abort)
     }
 
-    /// Returns true for verbs that begin motion or let it continue.
+    /// Returns true for verbs that start or continue a motion.
     pub fn moves(self) -> bool {
         matches!(
             self,

@@ -1,4 +1,4 @@
-//! All words that people see, from every enumeration that explains its own.
+//! All explained words, from every enumeration that explains its words.
 
 use super::command::CommandStatus;
 use super::execution::{Execution, Reason};
@@ -8,7 +8,7 @@ use super::refusal::RefusalCode;
 use super::run::RunEndedHow;
 use super::state::Transition;
 
-/// Returns all words that people see.
+/// Returns all explained words.
 pub fn words() -> impl Iterator<Item = &'static Explained> {
     let all = [
         Execution::EXPLAINED,

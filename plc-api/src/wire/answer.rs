@@ -1,4 +1,4 @@
-//! Answers as REST carries them, written by the server end and read by the client transport.
+//! Answers in their form on REST, written by the server end and read by the client transport.
 
 use std::collections::BTreeMap;
 
@@ -21,7 +21,7 @@ use crate::types::request::{Answer, Request};
 pub enum AnswerForm {
     /// Only a status.
     Nothing,
-    /// With `wait` the reply of a command that is done, otherwise its id.
+    /// With `wait` the reply of the completed command, otherwise the id of the command.
     Command {
         /// Whether to wait for the effect of the command.
         wait: bool,
@@ -41,7 +41,7 @@ pub enum AnswerForm {
     },
     /// Values of variables, with the range of the request.
     Variables {
-        /// Their letter.
+        /// Letter of the variables.
         kind: VariableKind,
         /// Number of the first variable.
         from: u32,
@@ -87,16 +87,16 @@ pub enum Reply {
     Program(ProgramText),
     /// Bytes, with their tag.
     Bytes(PlannedPath),
-    /// Status and JSON of what was stored, and its hash.
+    /// Status and JSON of the stored program, and its hash.
     Stored(u16, String, String),
     /// 201: JSON of the reply, and the address of the new resource.
     Created(String, String),
-    /// 202: a command is accepted; its id identifies the address of its status. For a load and a start also the hash of
-    /// the program.
+    /// 202: a command is accepted; the id of the command is part of the address of its status. For a load and
+    /// a start also the hash of the program.
     Accepted(String, Option<String>),
 }
 
-/// Answers whose value is in a field of an object.
+/// Answers that contain their value in a field of an object.
 macro_rules! in_a_field {
     ($($name:ident { $field:ident: $type:ty $(, $schema:meta)? })*) => {$(
         #[derive(Serialize, Deserialize)]
@@ -134,7 +134,7 @@ in_a_field! {
 #[cfg(feature = "schema")]
 #[derive(schemars::JsonSchema)]
 #[schemars(inline, extend("additionalProperties" = true))]
-#[allow(dead_code, reason = "the form of what is read as it is")]
+#[allow(dead_code, reason = "the form of lines that are passed on unchanged")]
 struct JournalLine {
     /// Time of the event.
     #[schemars(extend("format" = "date-time"))]
@@ -162,7 +162,8 @@ impl AnswerForm {
     /// Encodes an answer for sending.
     ///
     /// # Errors
-    /// Returns the problem of a refusal on REST, such as a rejected claim, or if the answer does not have this form.
+    /// Returns the problem of an answer that is a refusal on REST, such as a rejected claim, and if the
+    /// answer does not have this form.
     pub fn encode(&self, answer: Answer) -> Result<Reply, Box<Problem>> {
         let json = |value: Value| Ok(Reply::Json(200, value.to_string()));
         match (self, answer) {
@@ -210,7 +211,7 @@ impl AnswerForm {
         }
     }
 
-    /// Decodes an HTTP answer with the value of its `ETag`, which is empty if there is none.
+    /// Decodes an HTTP answer with the value of its `ETag`, which is empty if the answer has no `ETag`.
     ///
     /// # Errors
     /// Returns the refusal that the answer contains.
@@ -223,13 +224,13 @@ impl AnswerForm {
             return Ok(Answer::Path(PlannedPath::new(tag, body)));
         }
         let body = String::from_utf8(body).map_err(|_| {
-            let text = "the machine's answer is not of the route's form: it is no UTF-8 text";
+            let text = "the answer of the machine does not have the form of the route: it is not UTF-8 text";
             Refusal::new(RefusalCode::Unavailable, text)
         })?;
         let body = body.as_str();
         Ok(match self {
             AnswerForm::Nothing | AnswerForm::Path => Answer::Done,
-            // 200 carries the reply; 202 only the id of a command that has been accepted
+            // 200 contains the reply; 202 contains only the id of an accepted command
             AnswerForm::Command { .. } if status == 202 => {
                 let Accepted { command_id, hash } = read(body)?;
                 Answer::Command(CommandReply {
@@ -276,7 +277,7 @@ impl AnswerForm {
             )));
         }
         if let (AnswerForm::Command { .. } | AnswerForm::Begun, Some(reply)) = (self, &problem.reply) {
-            // the command was accepted, so this is not a refusal
+            // the command was accepted and failed later, so this is not a refusal
             return Ok(Answer::Command(CommandReply::clone(reply)));
         }
         Err(problem.refusal(status))
@@ -294,21 +295,21 @@ impl Reply {
     }
 }
 
-/// Returns the problem of a rejected claim or reset, with its status as the code. A claim or reset that is accepted now
-/// or was accepted before is answered by its result.
+/// Returns the problem of a rejected claim or reset, with its status as the code. An accepted claim or reset,
+/// now or earlier, has no problem: the answer is its result.
 fn handshake_problem(result: &HandshakeResult, is_answer: bool) -> Option<Problem> {
     let seq = result.seq;
     let (code, text) = match result.status {
         HandshakeStatus::Accepted | HandshakeStatus::Duplicate => return None,
         HandshakeStatus::Unknown if is_answer => {
-            let text = format!("output {seq} asks no such question, or the choice is none of its choices");
+            let text = format!("output {seq} has no such question, or the question has no such choice");
             return Some(Problem::new(409, "unknown", text));
         }
         HandshakeStatus::Stale => (
             "stale",
             "it was cancelled, failed, timed out, or belongs to another boot",
         ),
-        HandshakeStatus::Unknown => ("unknown", "this boot never made it"),
+        HandshakeStatus::Unknown => ("unknown", "this boot has not issued it"),
         HandshakeStatus::NotOwner => (
             "not_owner",
             result.text.as_deref().unwrap_or("another handler owns it"),
@@ -320,7 +321,7 @@ fn handshake_problem(result: &HandshakeResult, is_answer: bool) -> Option<Proble
                 .as_deref()
                 .unwrap_or("its handler was lost, and an operator decides"),
         ),
-        HandshakeStatus::Refused => ("invalid", result.text.as_deref().unwrap_or("it is not right")),
+        HandshakeStatus::Refused => ("invalid", result.text.as_deref().unwrap_or("invalid message")),
     };
     let text = format!("output {seq}: {text}; nothing was changed");
     Some(Problem::new(409, code, text))
@@ -328,7 +329,7 @@ fn handshake_problem(result: &HandshakeResult, is_answer: bool) -> Option<Proble
 
 fn read<T: DeserializeOwned>(body: &str) -> Result<T, Refusal> {
     serde_json::from_str(body).map_err(|error| {
-        let text = format!("the machine's answer is not of the route's form: {error}");
+        let text = format!("the answer of the machine does not have the form of the route: {error}");
         Refusal::new(RefusalCode::Unavailable, text)
     })
 }
@@ -342,7 +343,7 @@ mod tests {
     const COMMAND: AnswerForm = AnswerForm::Command { wait: true };
 
     #[test]
-    fn an_accepted_command_is_answered_with_its_id_and_a_done_one_with_its_reply() {
+    fn accepted_command_returns_its_id_and_a_done_command_its_reply() {
         let Ok(Answer::Command(reply)) =
             COMMAND.decode(202, "", Reply::accepted_body("c", None).into_bytes())
         else {

@@ -4,8 +4,8 @@ use super::requests::ROWS;
 use super::row::{ParsedRequest, Row};
 use crate::types::request::Request;
 
-/// Returns a request that was not received on a route or topic, with the right of its row, or `None` if no row carries
-/// it.
+/// Returns a request that was not received on a route or topic, with the right of its row, or `None` if no
+/// row carries it.
 pub(super) fn parsed(request: Request) -> Option<ParsedRequest> {
     row_of(&request).map(|row| row.parsed(request))
 }
@@ -21,7 +21,7 @@ fn row_of(request: &Request) -> Option<&'static Row> {
     None
 }
 
-/// Returns true for a request that may carry an age limit, because something can move after it.
+/// Returns true for a request that may carry an age limit, because it can cause a motion.
 pub fn takes_not_after(request: &Request) -> bool {
     row_of(request).is_some_and(|row| row.takes_not_after)
 }

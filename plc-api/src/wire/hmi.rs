@@ -1,4 +1,4 @@
-//! Additions of a machine builder to the HMI, as configured and as served.
+//! Additions of a machine builder to the HMI, in the configuration and in the answer of the server.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,9 +14,9 @@ pub const JOG_STEP_MAX_DEFAULT: f64 = 10.0;
 pub struct Hmi {
     /// The longest jog that needs no refresh, mm or degrees.
     pub jog_step_max: f64,
-    /// In the order in which they are shown.
+    /// Buttons in the order in which they are shown.
     pub buttons: Vec<HmiButton>,
-    /// In the order in which they are shown.
+    /// Cards in the order in which they are shown.
     pub cards: Vec<HmiCard>,
 }
 
@@ -30,7 +30,8 @@ impl Default for Hmi {
     }
 }
 
-/// A button of the panel Machine: it runs an M code or a line of NC text, sets a variable, or switches an input.
+/// A button of the panel Machine: it runs an M code or a line of NC text, sets a variable, or switches an
+/// input.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -44,37 +45,39 @@ pub struct HmiButton {
     #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 255)))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cs: Option<CoordinateSystemNumber>,
-    /// M code that it runs immediately, as a line of MDI.
+    /// M code that the button runs immediately, as a line of MDI.
     #[cfg_attr(feature = "schema", schemars(range(min = 0, max = 191)))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub m_code: Option<u16>,
-    /// Line of NC text that it runs immediately, such as `M60 VA2` or `G28 Z0`.
+    /// Line of NC text that the button runs immediately, such as `M60 VA2` or `G28 Z0`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mdi: Option<String>,
-    /// Variable that it sets to `value`, such as `P100` or `Q5`.
+    /// Variable that the button sets to `value`, such as `P100` or `Q5`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub variable: Option<String>,
     /// Value of the variable.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub value: Option<f64>,
-    /// Input that it switches on and off: `optional_stop`, `single_block`, `dry_run`, or `optional_skip/1` to `optional_skip/31`.
+    /// Input that the button switches on and off: `optional_stop`, `single_block`, `dry_run`, or
+    /// `optional_skip/1` to `optional_skip/31`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub input: Option<String>,
     /// Question before the action, 1 to 200 characters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confirm: Option<String>,
-    /// States in which it can be pressed; empty for all states in which the machine accepts the action.
+    /// States in which the button can be pressed; empty for all states in which the machine accepts the
+    /// action.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub states: Vec<Execution>,
 }
 
-/// A card of the panel Machine: it shows an M code while it is open, a variable, an input, or the drawing of a module
-/// of the folder `dir`.
+/// A card of the panel Machine: it shows an M code while it is open, a variable, an input, or the drawing of
+/// a module of the folder `dir`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct HmiCard {
-    /// Its title, 1 to 40 characters.
+    /// Title of the card, 1 to 40 characters.
     pub text: String,
     /// A picture before the title: a file of the folder `dir`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -83,18 +86,18 @@ pub struct HmiCard {
     #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 255)))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cs: Option<CoordinateSystemNumber>,
-    /// M code that it shows: whether it is open, and the report of its handler.
+    /// M code that the card shows: whether an output of the M code is open, and the report of its handler.
     #[cfg_attr(feature = "schema", schemars(range(min = 0, max = 191)))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub m_code: Option<u16>,
-    /// Variable that it shows, such as `P100` or `Q5`.
+    /// Variable that the card shows, such as `P100` or `Q5`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub variable: Option<String>,
     /// Unit after the variable, at most 12 characters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
-    /// Input that it shows: `optional_stop`, `single_block`, `dry_run`, `interlock`, `start_lock`, or `optional_skip/1` to
-    /// `optional_skip/31`.
+    /// Input that the card shows: `optional_stop`, `single_block`, `dry_run`, `interlock`, `start_lock`, or
+    /// `optional_skip/1` to `optional_skip/31`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub input: Option<String>,
     /// ES module of the folder `dir`, such as `oil.js`, whose default export draws the card.

@@ -7,7 +7,7 @@ use super::row_macros::written;
 use crate::types::io::{IoForce, IoSet};
 use crate::types::request::Request;
 
-/// A handler or a client writes one.
+/// A handler or a client writes an input or output.
 #[allow(
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"
@@ -19,7 +19,7 @@ pub(super) const WRITE: Row = Row {
     ],
     topic: Some(Topic::new::<IoSet>(
         "io/{side}/{name}/set",
-        "Writes an input or output of the plant, as the handler that owns it, or a client without presence where nobody does.",
+        "Writes an input or output of the plant. The sender is the handler that owns it or, if it has no owner, any client without presence.",
     )),
     ..Row::new(
         SetInput,
@@ -28,7 +28,7 @@ pub(super) const WRITE: Row = Row {
     )
 };
 
-/// An operator forces one.
+/// An operator forces an input or output.
 #[allow(
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"
@@ -37,16 +37,16 @@ pub(super) const FORCE: Row = Row {
     routes: &[
         Route::put::<IoForce>(
             "/io/{side=in}/{name}/force",
-            "Puts a value in the place of an input of the plant, or with null takes it back.",
+            "Forces a value of an input of the plant; null ends the forcing.",
         ),
         Route::put::<IoForce>(
             "/io/{side=out}/{name}/force",
-            "Puts a value in the place of an output of the plant, or with null takes it back.",
+            "Forces a value of an output of the plant; null ends the forcing.",
         ),
     ],
     topic: Some(Topic::new::<IoForce>(
         "io/{side}/{name}/force",
-        "Puts a value in the place of what is written to an input or output of the plant, or with null takes it back.",
+        "Forces a value that replaces the written value of an input or output of the plant; null ends the forcing.",
     )),
     ..Row::new(
         Operate,

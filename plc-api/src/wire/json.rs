@@ -7,8 +7,8 @@ use serde::de::{
     DeserializeOwned, DeserializeSeed, Deserializer, IgnoredAny, IntoDeserializer, MapAccess, Visitor,
 };
 
-/// Parses a JSON object. Without the check of its first character, an array would be accepted as the fields in their
-/// order.
+/// Parses a JSON object. Reason for the check of the first character: otherwise an array would be accepted as
+/// the fields in their order.
 ///
 /// # Errors
 /// Returns an error for the sender if the JSON is not valid.
@@ -16,8 +16,8 @@ pub fn json_object<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, String> {
     edited_json_object(bytes, None, &[])
 }
 
-/// Parses a JSON object as if it contained one more field, which its path names, and without the fields that are read
-/// separately.
+/// Parses a JSON object as if it contained one more field, with the value that the path names. The fields
+/// that are read separately are ignored.
 pub(super) fn edited_json_object<T: DeserializeOwned>(
     bytes: &[u8],
     added: Option<(&'static str, u64)>,
@@ -37,7 +37,8 @@ pub(super) fn edited_json_object<T: DeserializeOwned>(
         .map_err(|error| error.to_string())
 }
 
-/// A deserializer, and within it its visitor and its fields.
+/// Wrapper of a deserializer, of its visitor or of its fields. It adds the field `added`, and leaves out the
+/// fields `left_out`.
 struct Edited<'a, D> {
     added: Option<(&'static str, u64)>,
     left_out: &'a [&'a str],

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub struct LoginRequest {
     /// Name of an entry `[[person]]` of the token file.
     pub user: String,
-    /// Its PIN.
+    /// PIN of the person.
     pub pin: String,
 }
 
@@ -21,15 +21,15 @@ pub struct CurrentUser {
     pub user: Option<String>,
     /// Role of the user: `view`, `operate`, `handler` or `admin`.
     pub role: &'static str,
-    /// True for the token of a login, which `DELETE /login` ends.
+    /// True for the token of a login; `DELETE /login` ends the validity of such a token.
     pub is_login: bool,
 }
 
-/// A token that is valid for some hours.
+/// A token of a login, with limited validity.
 #[derive(Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Login {
-    /// Sent with each request, like any token.
+    /// The token; the client sends it with each request, like any token.
     pub token: String,
     /// Name of the user.
     pub user: String,

@@ -1,4 +1,4 @@
-//! The machines that the HMI shows on one page, as this runtime knows them.
+//! The machines that the HMI shows on one page, from the messages that this runtime receives.
 
 use serde::Serialize;
 
@@ -8,7 +8,7 @@ use crate::types::output::PendingOutput;
 use crate::types::start::StartConditions;
 use crate::types::state::State;
 
-/// Topics of another machine that are shown, below its root.
+/// Topics of another machine that the page shows, below the root of that machine.
 pub const TOPICS: [&str; 7] = [
     "presence",
     "heartbeat",
@@ -50,19 +50,19 @@ pub enum SharedBroker {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MachineSeen {
-    /// Its name.
+    /// Name of the machine.
     pub machine: String,
     /// Whether the machine is online.
     pub link: MachineLink,
-    /// Age of its newest heartbeat, ms; `null` if none has been received.
+    /// Age of the newest heartbeat of the machine, ms; `null` if no heartbeat has been received.
     pub age_ms: Option<u64>,
-    /// Address of its HMI, if the machine publishes one.
+    /// Address of the HMI of the machine, if the machine publishes this address.
     pub url: Option<String>,
     /// Number of active alarms.
     pub alarm_count: u32,
     /// The newest active alarms, at most 4.
     pub alarms: Vec<AlarmRecord>,
-    /// States of its coordinate systems, ascending by number; at most 8.
+    /// States of the coordinate systems, ascending by number; at most 8.
     pub coordinate_systems: Vec<CoordinateSystemSeen>,
 }
 
@@ -83,16 +83,16 @@ pub enum MachineLink {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CoordinateSystemSeen {
-    /// Its number.
+    /// Number of the coordinate system.
     pub number: CoordinateSystemNumber,
-    /// Its state.
+    /// State of the coordinate system.
     pub state: Option<State>,
-    /// The output for which it waits.
+    /// The output for which the program waits.
     pub waiting_on: Option<PendingOutput>,
     /// Time to the end of the program in progress, s.
     pub left_s: Option<f64>,
     /// Completed share of the program, 0 to 1.
     pub progress: Option<f64>,
-    /// Obstacles of a start of its loaded program; null if it has not published them.
+    /// Obstacles of a start of the loaded program; null if the machine has not published them.
     pub start_conditions: Option<StartConditions>,
 }

@@ -23,14 +23,14 @@ use crate::types::output::{Claim, HandlerPresence, HandshakeResult, HandshakeSta
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::Request;
 
-/// A message to be sent, and the event that completes its request.
+/// A message to send, and the event that completes its request.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outgoing {
     /// Path below the machine's root.
     pub path: String,
-    /// JSON.
+    /// Payload, as JSON.
     pub payload: String,
-    /// Its retain flag.
+    /// Retain flag of the message.
     pub retain: bool,
     /// Event that completes the request.
     pub until: Until,
@@ -53,7 +53,7 @@ pub enum Until {
         handler_id: String,
         /// Instance of the sender.
         instance: Option<String>,
-        /// Whether it is a reset; otherwise a claim.
+        /// True for a reset, false for a claim.
         is_reset: bool,
     },
     /// The `result` of a presence.
@@ -67,7 +67,7 @@ pub enum Until {
     Reply {
         /// Id of the command.
         command_id: String,
-        /// Whether to wait until it is done.
+        /// True to wait until the command is done.
         done: bool,
     },
 }
@@ -124,7 +124,8 @@ impl Until {
     }
 }
 
-/// Returns the sender of a request that is answered on `reply/{client_id}`, and its coordinate system; 0 for all.
+/// Returns the sender of a request that is answered on `reply/{client_id}`, and its coordinate system; 0 for
+/// all.
 pub fn sender(request: &Request) -> Option<(CoordinateSystemNumber, &CommandMeta)> {
     match request {
         Request::Command { cs, meta, .. } | Request::Lease { cs, meta, .. } => Some((*cs, meta)),
@@ -136,8 +137,8 @@ pub fn sender(request: &Request) -> Option<(CoordinateSystemNumber, &CommandMeta
     }
 }
 
-/// Creates the message of a request. Replies are sent to `client_id`, regardless of the client id in the request.
-/// `m_of` finds the M number of an open output if the request does not name it.
+/// Creates the message of a request. Replies are sent to `client_id`, regardless of the client id in the
+/// request. `m_of` returns the M number of an open output if the request does not contain this number.
 ///
 /// # Errors
 /// Returns `not_supported` if MQTT does not carry the request, and `not_found` if the output is not open.
@@ -149,7 +150,8 @@ pub fn encode(
     encode_not_after(request, None, client_id, m_of)
 }
 
-/// Creates the message of a request with an age limit, which is left out if nothing can move after the request.
+/// Creates the message of a request with an age limit. The limit is left out if the request cannot cause a
+/// motion.
 ///
 /// # Errors
 /// Fails like [`encode`].
@@ -220,7 +222,7 @@ impl Topic {
             }),
             None => Err(Refusal::new(
                 RefusalCode::NotSupported,
-                "its topic names what it does not",
+                "the request lacks a value that its topic needs",
             )),
         }
     }
@@ -270,7 +272,7 @@ pub enum Inbound {
         /// Hold, stop, abort and an alarm bypass every queue.
         urgent: bool,
     },
-    /// A command that does not become a request: its sender is notified.
+    /// A command that is not a valid request: its sender is notified.
     Reject {
         /// Coordinate system of the command.
         cs: CoordinateSystemNumber,
@@ -281,7 +283,8 @@ pub enum Inbound {
         /// Reason.
         refusal: Refusal,
     },
-    /// A claim or reset that does not become a request: its sender is notified by a `result`, if it may use this name.
+    /// A claim or reset that is not a valid request: its sender is notified by a `result`, if the sender may
+    /// use this name.
     RefuseOutput {
         /// Coordinate system of the output.
         cs: CoordinateSystemNumber,
@@ -292,11 +295,12 @@ pub enum Inbound {
         /// The right that the request needs.
         right: Right,
     },
-    /// A message that cannot be answered because it names no sender: for the log.
+    /// A message that cannot be answered because it names no sender; the text is for the log.
     Drop(String),
 }
 
-/// Parses a message. With `retained` it came with the retain flag, so it is stale and is not executed.
+/// Parses a message. `retained` means that the broker has sent it with the retain flag: the message is stale
+/// and is not executed.
 pub fn decode(path: &str, payload: &[u8], retained: bool) -> Inbound {
     let (speaker, request) = Speaker::split(path);
     let found = topics().find_map(|(row, topic)| Some((row, topic, take_apart(topic.pattern, request)?)));
@@ -354,7 +358,7 @@ impl Row {
 }
 
 impl Inbound {
-    /// Sets the sender that its topic names.
+    /// Sets the sender that the topic names.
     fn said_by(mut self, speaker: &Speaker) -> Result<Self, String> {
         let Inbound::Ask { request, .. } = &mut self else {
             return Ok(self);
@@ -386,13 +390,13 @@ impl Inbound {
 
 fn text_of(fault: Fault) -> String {
     match fault {
-        Fault::Level(level) => format!("{level} is not a number that can stand there"),
-        Fault::Json(error) => format!("the JSON is not right: {error}"),
+        Fault::Level(level) => format!("{level} is not a valid number at this level"),
+        Fault::Json(error) => format!("the JSON is not valid: {error}"),
         Fault::NotFound(text) | Fault::Invalid(text) => text,
     }
 }
 
-/// Notifies the sender of a claim or reset by a result, if the sender and the output can be read.
+/// Notifies the sender of a claim or reset by a result, if the message contains the sender and the output.
 fn refuse_output(
     right: Right,
     topic: &Topic,
@@ -416,7 +420,7 @@ fn refuse_output(
             .find(|(name, _)| *name == wanted)
             .map(|(_, level)| *level)
     };
-    // the rest of a payload that is too large is read but not kept
+    // only these fields of a payload that is too large are stored
     let named: Named = json_object(payload).unwrap_or_default();
     let handler_id = named.handler_id.as_str().unwrap_or_default();
     let instance = named.instance.as_str().filter(|named| is_client_id(named));
@@ -448,7 +452,7 @@ fn invalid(text: impl Into<String>) -> Refusal {
     Refusal::new(RefusalCode::Invalid, text)
 }
 
-/// Notifies the sender if it can be read, otherwise writes to the log.
+/// Notifies the sender if the message contains the sender, otherwise writes to the log.
 fn reject(cs: CoordinateSystemNumber, payload: &[u8], refusal: Refusal) -> Inbound {
     #[derive(Default, Deserialize)]
     #[serde(default)]
@@ -456,7 +460,7 @@ fn reject(cs: CoordinateSystemNumber, payload: &[u8], refusal: Refusal) -> Inbou
         client_id: Value,
         command_id: Value,
     }
-    // the rest of a payload that is too large is read but not kept
+    // only these fields of a payload that is too large are stored
     let named: Named = json_object(payload).unwrap_or_default();
     let client_id = named.client_id.as_str().unwrap_or_default();
     let command_id = named.command_id.as_str().unwrap_or_default();
@@ -469,7 +473,7 @@ fn reject(cs: CoordinateSystemNumber, payload: &[u8], refusal: Refusal) -> Inbou
         }
     } else {
         let text = refusal.text;
-        Inbound::Drop(format!("MQTT command refused, and nobody to tell: {text}"))
+        Inbound::Drop(format!("MQTT command without a sender refused: {text}"))
     }
 }
 

@@ -1,4 +1,5 @@
-//! Parameters of routes: one constant lists a parameter in the documents and reads it from a request, so a route reads no other.
+//! Parameters of routes: the same constant lists a parameter in the documents and reads it from a request, so
+//! a route reads only listed parameters.
 
 use crate::types::CoordinateSystemNumber;
 use crate::types::data::JournalFilter;
@@ -14,7 +15,7 @@ pub enum Fault {
     NotFound(String),
     /// The body does not have the form of its route or topic.
     Json(String),
-    /// A value is out of its range, or missing.
+    /// A value is missing or out of its range.
     Invalid(String),
 }
 
@@ -25,7 +26,7 @@ pub struct QueryValues {
     pub from: Option<u32>,
     /// Number of elements.
     pub count: Option<u32>,
-    /// Whether to wait until it is done.
+    /// Whether to wait until the request is done.
     pub wait: Option<String>,
     /// Filter for lines of the journal.
     pub filter: JournalFilter,
@@ -42,7 +43,7 @@ pub struct QueryValues {
 /// Allowed values of a parameter, as the documents list them.
 #[derive(Debug, Clone, Copy)]
 pub enum Values {
-    /// A whole number from the first to the second; `None`: without an upper bound.
+    /// A whole number from the first to the second; `None` means no upper bound.
     Integer(u32, Option<u32>),
     /// A number not below this one.
     Number(f64),
@@ -59,13 +60,13 @@ pub enum Values {
 /// A parameter in the query of a route.
 #[derive(Debug, Clone, Copy)]
 pub struct QueryParameter {
-    /// Its name.
+    /// Name of the parameter.
     pub name: &'static str,
-    /// Its values.
+    /// Allowed values.
     pub values: Values,
     /// True if a request without it is refused.
     pub is_required: bool,
-    /// Its meaning.
+    /// Meaning of the parameter.
     pub description: &'static str,
     /// Reads a value; returns `None` if the text is not valid.
     read: fn(&str, &mut QueryValues) -> Option<()>,
@@ -74,7 +75,7 @@ pub struct QueryParameter {
 /// The query of a route.
 #[derive(Debug, Clone, Copy)]
 pub struct Query {
-    /// Its parameters.
+    /// Parameters of the query.
     pub parameters: &'static [QueryParameter],
     /// True if parameters that are not listed are ignored; otherwise they are refused.
     ignores_others: bool,
@@ -154,7 +155,7 @@ const DIALECT: QueryParameter = QueryParameter {
     name: "dialect",
     values: Values::Words(&["nj", "dgshape"]),
     is_required: false,
-    description: "NC dialect of the text; without it that of the lowest coordinate system.",
+    description: "NC dialect of the text; default: the dialect of the lowest coordinate system.",
     read: |text, query| {
         query.dialect = Some(text.to_owned());
         Some(())
@@ -165,7 +166,7 @@ const AXES: QueryParameter = QueryParameter {
     name: "axes",
     values: Values::Text(0, 9),
     is_required: false,
-    description: "Letters of the axes, such as XZ; without it all.",
+    description: "Letters of the axes, such as XZ; default: all axes.",
     read: |text, query| {
         query.axes = Some(text.to_owned());
         Some(())
@@ -176,7 +177,7 @@ const TOLERANCE: QueryParameter = QueryParameter {
     name: "tolerance",
     values: Values::Number(PATH_TOLERANCE_MM),
     is_required: false,
-    description: "How far a point of the path may be from the lines, mm: levels of detail that are finer than needed are left out.",
+    description: "Largest distance of a point of the path from the lines, mm: levels of detail that are finer are left out.",
     read: |text, query| {
         query.tolerance = Some(text.parse().ok()?);
         Some(())
@@ -184,36 +185,37 @@ const TOLERANCE: QueryParameter = QueryParameter {
 };
 
 const RUN_BY: QueryParameter = cs(
-    "The coordinate system that runs it; without it the first one in which it is loaded, that whose configuration names it, or the first one.",
+    "The coordinate system that runs the program; default: the first one in which it is loaded, otherwise the one whose configuration names it, otherwise the first one.",
 );
 
 impl Query {
-    /// No parameters.
+    /// A query without parameters.
     pub const NOTHING: Self = Self {
         parameters: &[],
         ignores_others: true,
     };
 
-    /// A range of values that is read.
+    /// A range of values to read.
     pub const RANGE: Self = Self::of(&[
-        from("Number of the first; without it 0."),
-        count("How many; without it 1."),
+        from("Number of the first value; default 0."),
+        count("Number of values; default 1."),
     ]);
 
-    /// A range of values that is written. The address has no default: a request without it would overwrite the first values.
+    /// A range of values to write. The number of the first value has no default: a request without it would
+    /// overwrite the first values.
     pub const RANGE_TO_WRITE: Self = Self::of(&[
         QueryParameter {
             is_required: true,
-            ..from("Number of the first.")
+            ..from("Number of the first value.")
         },
-        count("How many, which must be the number of values."),
+        count("Number of values; must be the number of values in the body."),
     ]);
 
     /// Lines of the journal.
     pub const JOURNAL: Self = Self::of(&[
         journal_text(
             "since",
-            "From this time on: in UTC, such as 2026-11-25 or 2026-11-25T10:00, or how long ago, such as 2h or 30m.",
+            "Lines from this time on: in UTC, such as 2026-11-25 or 2026-11-25T10:00, or an age, such as 2h or 30m.",
             |text, query| {
                 query.filter.since = Some(text.to_owned());
                 Some(())
@@ -221,7 +223,7 @@ impl Query {
         ),
         journal_text(
             "until",
-            "Before this time, written in the same way.",
+            "Lines before this time, in the same format.",
             |text, query| {
                 query.filter.until = Some(text.to_owned());
                 Some(())
@@ -233,54 +235,54 @@ impl Query {
                 query.filter.cs = Some(text.parse().ok()?);
                 Some(())
             },
-            ..cs("Of this coordinate system; 0: of the machine.")
+            ..cs("Lines of this coordinate system; 0 for lines of the machine.")
         },
         QueryParameter {
             name: "m",
             values: Values::Integer(0, Some(65_535)),
             is_required: false,
-            description: "Of outputs of this M number, and of stops by it.",
+            description: "Lines about outputs of this M number, and about stops that it caused.",
             read: |text, query| {
                 query.filter.m = Some(text.parse().ok()?);
                 Some(())
             },
         },
-        journal_text("user", "Of this user, client or handler.", |text, query| {
+        journal_text("user", "Lines of this user, client or handler.", |text, query| {
             query.filter.user = Some(text.to_owned());
             Some(())
         }),
         journal_text(
             "run",
-            "Of this run, such as 1-7, or BOOT/1-7 of that start of the runtime.",
+            "Lines of this run, such as 1-7, or BOOT/1-7 for that start of the runtime.",
             |text, query| {
                 query.filter.run = Some(text.to_owned());
                 Some(())
             },
         ),
-        from("How many of the newest lines are left out; without it none."),
-        count("How many lines; without it 100."),
+        from("Number of newest lines to skip; default 0."),
+        count("Number of lines; default 100."),
     ]);
 
-    /// Whether to answer a command when it is done.
+    /// Whether to answer a command only when it is done.
     pub const WAIT: Self = Self {
         parameters: &[wait(
             Values::Words(&["0", "1", "false", "true", ""]),
-            "1, true or nothing: answers when it is done, or with 202 after a minute.",
+            "1, true or an empty value: the answer follows when the command is done, or with 202 after one minute.",
         )],
         ignores_others: true,
     };
 
-    /// Seconds to wait for an end.
+    /// Seconds to wait for the end of a run.
     pub const SECONDS: Self = Self::of(&[wait(
         Values::Integer(0, Some(RUN_WAIT_MAX_S)),
-        "How many seconds its end is waited for at most; without it the answer comes at once.",
+        "Longest wait for the end of the run, s; default: the answer follows at once.",
     )]);
 
     /// Runs.
     pub const RUNS: Self = Self::of(&[
-        cs("Of this coordinate system alone."),
-        from("How many of the newest runs are left out; without it none."),
-        count("How many runs; without it 100."),
+        cs("Runs of this coordinate system only."),
+        from("Number of newest runs to skip; default 0."),
+        count("Number of runs; default 100."),
     ]);
 
     /// The dialect of a program.
@@ -289,8 +291,8 @@ impl Query {
     /// Samples of the recent motion.
     pub const TRACE: Self = Self::of(&[
         AXES,
-        from("Number of the first sample; without it 0."),
-        count("How many samples; without it all."),
+        from("Number of the first sample; default 0."),
+        count("Number of samples; default: all."),
     ]);
 
     /// The coordinate system that runs a program.
@@ -300,8 +302,8 @@ impl Query {
     pub const PATH: Self = Self::of(&[
         RUN_BY,
         TOLERANCE,
-        from("Number of the first point; without it 0."),
-        count("How many points; without it all."),
+        from("Number of the first point; default 0."),
+        count("Number of points; default: all."),
     ]);
 
     const fn of(parameters: &'static [QueryParameter]) -> Self {
@@ -314,7 +316,8 @@ impl Query {
     /// Parses the names and values of a query.
     ///
     /// # Errors
-    /// Fails if a parameter is not listed or occurs twice, a value is not valid, or a required parameter is missing.
+    /// Fails if a parameter is not listed or occurs twice, a value is not valid, or a required parameter is
+    /// missing.
     pub fn read<'a>(
         &self,
         pairs: impl IntoIterator<Item = (&'a str, &'a str)>,
@@ -326,7 +329,7 @@ impl Query {
                 if self.ignores_others {
                     continue;
                 }
-                return Err(self.fault(&format!("the query has {name:.64}, which is unknown here")));
+                return Err(self.fault(&format!("the query has the unknown parameter {name:.64}")));
             };
             if seen.contains(&parameter.name) {
                 return Err(self.fault(&format!("the query has {name} twice")));
@@ -342,7 +345,7 @@ impl Query {
         let mut required = self.parameters.iter().filter(|parameter| parameter.is_required);
         match required.find(|parameter| !seen.contains(&parameter.name)) {
             Some(QueryParameter { name, values, .. }) => Err(Fault::Invalid(format!(
-                "the query lacks {name}, the address of what is written; write ?{name}= and {}",
+                "the query lacks {name}, the address of the values to write; write ?{name}= and {}",
                 values.shown()
             ))),
             None => Ok(values),
@@ -393,7 +396,7 @@ mod tests {
     fn a_write_without_the_number_of_the_first_value_is_refused() {
         assert_eq!(
             refusal(Query::RANGE_TO_WRITE, &[("count", "2")]),
-            "the query lacks from, the address of what is written; write ?from= and a whole number, 0 to 4294967295"
+            "the query lacks from, the address of the values to write; write ?from= and a whole number, 0 to 4294967295"
         );
         assert_eq!(Query::RANGE_TO_WRITE.read([("from", "0")]).unwrap().from, Some(0));
         assert_eq!(Query::RANGE.read([]).unwrap().from, None);
@@ -403,7 +406,7 @@ mod tests {
     fn unknown_doubled_and_malformed_parameters_are_refused_by_name() {
         assert_eq!(
             refusal(Query::RANGE, &[("form", "1")]),
-            "the query has form, which is unknown here; write each of from, count at most once"
+            "the query has the unknown parameter form; write each of from, count at most once"
         );
         assert_eq!(
             refusal(Query::RANGE, &[("from", "1"), ("from", "2")]),

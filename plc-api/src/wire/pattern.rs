@@ -58,8 +58,8 @@ pub(super) fn fixed(pattern: &str) -> impl Iterator<Item = (&str, &str)> {
     })
 }
 
-/// Returns the path with these values, each encoded by `encode`, or `None` if the pattern contains a name without a
-/// value, or fixes another value.
+/// Returns the path with these values, each encoded by `encode`, or `None` if the pattern contains a name
+/// without a value, or fixes another value.
 pub(super) fn fill(pattern: &str, params: &[Param], encode: impl Fn(&str) -> String) -> Option<String> {
     let value = |name: &str| Some(params.iter().find(|(known, _)| *known == name)?.1.as_str());
     let mut levels = Vec::new();

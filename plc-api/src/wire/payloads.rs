@@ -1,4 +1,5 @@
-//! Payloads and bodies without their own type, and conversions for rows whose form differs between transports.
+//! Payloads and bodies without their own type, and conversions for rows whose form differs between
+//! transports.
 
 use std::collections::BTreeMap;
 
@@ -36,7 +37,7 @@ pub(super) struct Empty {}
 /// Body of a start.
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(deny_unknown_fields))]
-#[allow(dead_code, reason = "it is the form of what Command::parse reads")]
+#[allow(dead_code, reason = "the form of the arguments that Command::parse reads")]
 pub(super) struct StartArgs {
     /// Line of the first block, from 1; null for the beginning. The other fields require it.
     #[cfg_attr(feature = "schema", schemars(range(min = 1)))]
@@ -104,13 +105,13 @@ pub(super) enum InputSet {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(super) struct VariableWrite {
-    /// Their letter as in the answer to `GET`: that of the path.
+    /// Letter of the variables as in the answer to `GET`; must be the letter in the path.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kind: Option<VariableKind>,
-    /// Number of the first variable as in the answer to `GET`: that of the query.
+    /// Number of the first variable as in the answer to `GET`; must be the number in the query.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub from: Option<u32>,
-    /// Their values, ascending by number.
+    /// Values of the variables, ascending by number.
     #[cfg_attr(feature = "schema", schemars(length(min = 1, max = VARIABLES_AT_ONCE_MAX)))]
     pub values: Vec<Number>,
 }
@@ -124,7 +125,7 @@ impl VariableWrite {
         }
     }
 
-    /// Rejects a body that names other variables than its path and query, or another number of them.
+    /// Rejects a body that names variables other than its path and query, or a different number of variables.
     fn check(&self, area: VariableArea, from: u32, count: Option<u32>) -> Result<(), Fault> {
         if let Some(kind) = self.kind.filter(|kind| *kind != area.kind()) {
             let text = format!(
@@ -152,7 +153,7 @@ impl VariableWrite {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(super) struct VariableGet {
-    /// Their letter.
+    /// Letter of the variables.
     pub kind: VariableKind,
     /// Number of the first variable.
     pub from: u32,
@@ -166,11 +167,11 @@ pub(super) struct VariableGet {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(super) struct VariableSet {
-    /// Their letter.
+    /// Letter of the variables.
     pub kind: VariableKind,
     /// Number of the first variable.
     pub from: u32,
-    /// Their values, ascending by number.
+    /// Values of the variables, ascending by number.
     #[cfg_attr(feature = "schema", schemars(length(min = 1, max = VARIABLES_AT_ONCE_MAX)))]
     pub values: Vec<Number>,
 }
@@ -254,7 +255,7 @@ pub(super) fn release(incoming: &IncomingRequest<'_>) -> Result<LeaseRequest, Fa
     if !incoming.is_rest() {
         return incoming.json().map(LeaseRequest::Release);
     }
-    let text = "name the lease that is given back by the header Lease-Fence";
+    let text = "name the lease to release by the header Lease-Fence";
     let fence = incoming.fence()?.ok_or_else(|| Fault::Invalid(text.to_owned()))?;
     Ok(LeaseRequest::Release(LeaseRelease { fence }))
 }
@@ -318,7 +319,7 @@ pub(super) fn write_input(cs: u8, input: Input) -> Result<RequestParts, Request>
     })
 }
 
-/// Reads optional block skips. Over REST the path names one of them.
+/// Reads optional block skips. Over REST the path names one optional block skip.
 pub(super) fn skips(incoming: &IncomingRequest<'_>) -> Result<BTreeMap<u8, bool>, Fault> {
     if !incoming.is_rest() {
         return incoming.json().map(|Skips { set }| set);
@@ -331,7 +332,8 @@ pub(super) fn skips(incoming: &IncomingRequest<'_>) -> Result<BTreeMap<u8, bool>
     Ok([(number, value)].into())
 }
 
-/// Creates the parts for an area. P variables are the same on the topics of all coordinate systems.
+/// Creates the parts for an area. P variables use the topics of coordinate system 1, because the topics of
+/// every coordinate system reach them.
 pub(super) fn of_area(area: VariableArea, verb: &str) -> RequestParts {
     let (cs, kind) = match area {
         VariableArea::Global => (1, "p"),
@@ -400,8 +402,7 @@ pub(super) fn read_path(incoming: &IncomingRequest<'_>) -> Result<PathQuery, Fau
     if let Some(tolerance) = tolerance
         && !(tolerance >= PATH_TOLERANCE_MM && tolerance.is_finite())
     {
-        let text =
-            format!("tolerance={tolerance} is too fine, or no number; write {PATH_TOLERANCE_MM} mm or more");
+        let text = format!("tolerance={tolerance} is not allowed; write {PATH_TOLERANCE_MM} mm or more");
         return Err(Fault::Invalid(text));
     }
     Ok(PathQuery {
@@ -449,7 +450,7 @@ pub(super) fn write_variables(incoming: &IncomingRequest<'_>) -> Result<Request,
     })
 }
 
-/// Reads a program to be stored. With only a text it is the plain request.
+/// Reads a program to be stored. A request with only a text becomes `WriteProgram`.
 pub(super) fn store_program(incoming: IncomingRequest<'_>) -> Result<Request, Fault> {
     let (number, condition, signature) = (
         incoming.number("number")?,
@@ -490,7 +491,7 @@ pub(super) fn upload(number: u16, upload: ProgramUpload) -> RequestParts {
     }
 }
 
-/// Reads the removal of a program. Without a condition it is the plain request.
+/// Reads the removal of a program. A request without a condition becomes `DeleteProgram`.
 pub(super) fn remove_program(incoming: &IncomingRequest<'_>) -> Result<Request, Fault> {
     let (number, condition) = (incoming.number("number")?, incoming.condition()?);
     Ok(if condition.is_none() {

@@ -13,14 +13,14 @@ use crate::types::verb::Verb;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default)]
 pub struct Problem {
-    /// `about:blank`: the status is sufficient.
+    /// Always `about:blank`, because the status is sufficient.
     #[serde(rename = "type")]
     pub kind: String,
     /// Name of the status.
     pub title: String,
     /// HTTP status.
     pub status: u16,
-    /// Machine-readable: a [`RefusalCode`] or a code of the server.
+    /// Machine-readable reason: a [`RefusalCode`] or a code of the server.
     pub code: String,
     /// Description, reason and remedy.
     pub detail: String,
@@ -63,7 +63,8 @@ impl Problem {
         Self::from(Refusal::new(RefusalCode::NotFound, detail))
     }
 
-    /// Creates the problem of a command that was accepted and then failed, or that was refused before with the same id.
+    /// Creates the problem of a command that was accepted and then failed, or that was refused earlier with
+    /// the same id.
     pub fn of_reply(reply: &CommandReply) -> Self {
         let status = code_of_word(&reply.code).map_or(409, status_of);
         Self {
@@ -74,7 +75,7 @@ impl Problem {
 
     /// Creates the problem of an answer that does not match its request: a fault of the port.
     pub fn unexpected() -> Self {
-        let text = "the machine answered something else than what was asked; this is a fault of the runtime, please report it";
+        let text = "the answer of the machine does not match the request; this is a fault of the runtime, please report it";
         Self::new(500, "unexpected_answer", text)
     }
 

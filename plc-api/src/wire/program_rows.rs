@@ -2,7 +2,7 @@
 
 #![allow(
     clippy::result_large_err,
-    reason = "a request that is of another row is given back as it came"
+    reason = "a request of another row is returned unchanged"
 )]
 
 use super::answer::{AnswerForm, json_of};
@@ -20,7 +20,7 @@ use crate::types::request::Request;
 pub(super) const PATH: Row = Row {
         routes: &[Route::get(
             "/programs/{number}/path",
-            "The path of a program as it would run now, as far as it is planned: bytes, which the book describes.",
+            "The path of a program if it ran now, as far as it is planned, as bytes; the book describes their format.",
         )
         .answered(200, Content::Bytes)
         .query(Query::PATH)
@@ -41,7 +41,7 @@ pub(super) const PATH: Row = Row {
 pub(super) const REHEARSAL: Row = Row {
         routes: &[Route::get(
             "/programs/{number}/rehearsal",
-            "What a run of a program does, as it would run now, as far as it is planned; of the run under way, the time left.",
+            "The effects of a program if it ran now, as far as they are planned; for the run in progress, the time left.",
         )
         .gives::<Rehearsal>()
         .query(Query::RUN_BY)
@@ -77,7 +77,7 @@ pub(super) const CHECK_TEXT: Row = Row {
 pub(super) const FOLDER: Row = Row {
     routes: &[Route::put::<ProgramFolder>(
         "/programs/{number}/folder",
-        "Puts a program into a folder, by which lists are grouped; its text, its number and its hash stay.",
+        "Puts a program into a folder, by which lists are grouped; its text, its number and its hash do not change.",
     )],
     ..carried!(Administrate, PutInFolder(number: number, folder: json))
 };
@@ -86,7 +86,7 @@ pub(super) const FOLDER: Row = Row {
 pub(super) const MANUAL_PATH: Row = Row {
     routes: &[Route::post::<ManualText>(
         "/cs/{cs}/mdi/path",
-        "The path of a text as manual data input would move now: bytes, which the book describes; nothing moves.",
+        "The path of a text if it ran as manual data input now, as bytes; the book describes their format; nothing moves.",
     )
     .answered(200, Content::Bytes)
     .refusals(&[422])],
@@ -98,7 +98,7 @@ pub(super) const MANUAL_PATH: Row = Row {
 pub(super) const MANUAL_REHEARSAL: Row = Row {
     routes: &[Route::post::<ManualText>(
         "/cs/{cs}/mdi/rehearsal",
-        "What a text would do as manual data input, as far as it is planned; nothing moves.",
+        "The effects of a text if it ran as manual data input now, as far as they are planned; nothing moves.",
     )
     .gives::<Rehearsal>()
     .refusals(&[422])],

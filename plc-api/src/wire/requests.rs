@@ -45,7 +45,7 @@ const IDS: &[&str] = &["command_id", "client_id"];
 /// `IDS`, and the age limit of the command.
 const IDS_AND_AGE: &[&str] = &["command_id", "client_id", "issued_at", "ttl_ms"];
 
-/// `IDS_AND_AGE`, for requests after which something can move.
+/// `IDS_AND_AGE`, for requests that can cause a motion.
 const IDS_AND_AGES: &[&str] = &["command_id", "client_id", "issued_at", "ttl_ms", NOT_AFTER];
 
 /// All fields of [`CommandMeta`](crate::types::command::CommandMeta).
@@ -78,15 +78,15 @@ const fn input<T: HasForm>(pattern: &'static str, summary: &'static str) -> Rout
 )]
 pub static ROWS: [Row; 53] = [
     about_an_output!(Claim(output::Claim) "claim" Handle -> HandshakeResult =>
-        "Claims an output for a handler that is registered. It is given back when the presence of this handler_id ends."),
+        "Claims an output for a registered handler. The claim is released when the presence of this handler_id ends."),
     about_an_output!(Reset(output::Reset) "reset" Reset -> HandshakeResult =>
-        "Resets an output, or tells its fault."),
+        "Resets an output, or reports its fault."),
     about_an_output!(Progress(ProgressReport) "progress" Handle =>
-        "Tells how far an output's work is."),
+        "Reports the progress of the work on an output."),
     about_an_output!(Checkpoint(CheckpointReport) "checkpoint" Handle =>
-        "Notes how far an output's work has come, for whoever takes it up when its owner is lost."),
+        "Stores a checkpoint of the work on an output, for the handler that claims the output if its owner is lost."),
     about_an_output!(Redeliver(output::Redeliver) "redeliver" Operate =>
-        "Gives an output whose handler was lost to a handler again."),
+        "Delivers an output that has lost its handler to a handler again."),
     about_an_output!(Ask(question::Ask) "ask" Handle -> HandshakeResult =>
         "Asks the operator about an output."),
     about_an_output!(AnswerQuestion(OperatorAnswer) "answer" Operate -> HandshakeResult =>
@@ -95,7 +95,7 @@ pub static ROWS: [Row; 53] = [
     Row {
         topic: Some(Topic::new::<ValidateResult>(
             "cs/{cs}/m_code/{m}/validate_result",
-            "Answers a validate message: whether the M code may be put out with these parameters.",
+            "Answers a validate message: whether the M code may be issued with these parameters.",
         )),
         ..Row::new(Handle, |incoming| Ok(Request::ValidateResult(incoming.cs()?, incoming.optional_number("m")?, incoming.json()?)),
             written!(Request::ValidateResult(cs, Some(m), result) => RequestParts::of(cs).with("m", m).json(&result)),
@@ -144,8 +144,8 @@ pub static ROWS: [Row; 53] = [
         ..carried!(Set, Spindle(cs: number, command: json))
     },
     Row {
-        routes: &[Route::put::<Tool>("/cs/{cs}/tool", "Selects a tool.")],
-        topic: Some(Topic::new::<Tool>("cs/{cs}/tool/set", "Tells which tool is in the spindle.")),
+        routes: &[Route::put::<Tool>("/cs/{cs}/tool", "Reports the tool in the spindle.")],
+        topic: Some(Topic::new::<Tool>("cs/{cs}/tool/set", "Reports the tool in the spindle.")),
         ..Row::new(Set, |incoming| Ok(Request::Tool(incoming.cs()?, incoming.json::<Tool>()?.id)),
             written!(Request::Tool(cs, id) => RequestParts::of(cs).json(&Tool { id })),
         )
@@ -168,8 +168,8 @@ pub static ROWS: [Row; 53] = [
     Row {
         routes: &[Route::post::<RunOrder>(
             "/cs/{cs}/runs",
-            "Loads a program, if one is named, and runs it once for each part; each part after the first begins after \
-             PROGRAM_COMPLETED alone.",
+            "Loads a program, if the order names one, and runs it once for each part; a further part starts only after \
+             PROGRAM_COMPLETED.",
         )
         .gives_new::<CommandReply>()
         .refusals(&[422])
@@ -191,16 +191,16 @@ pub static ROWS: [Row; 53] = [
     Row {
         routes: &[
             command::<Command>("/cs/{cs}/{verb=load}", "Loads a program of the store."),
-            command::<StartArgs>("/cs/{cs}/{verb=start}", "Starts the loaded program, from its head or from a line."),
+            command::<StartArgs>("/cs/{cs}/{verb=start}", "Starts the loaded program, from its beginning or from a line."),
             command::<NoArgs>("/cs/{cs}/{verb=hold}", "Feed hold."),
-            command::<Empty>("/cs/{cs}/{verb=resume}", "Goes on after a pause."),
+            command::<Empty>("/cs/{cs}/{verb=resume}", "Continues after a pause."),
             command::<NoArgs>("/cs/{cs}/{verb=stop}", "Decelerates on the path and ends the run."),
             command::<Empty>("/cs/{cs}/{verb=reset}", "Ends the run, cancels outputs, clears alarms."),
             command::<NoArgs>("/cs/{cs}/{verb=abort}", "Brakes each motor at once and ends the run."),
             command::<Command>("/cs/{cs}/{verb=mdi}", "Runs a text of NC blocks."),
-            command::<Command>("/cs/{cs}/{verb=jog}", "Moves one axis by hand, or ends that."),
+            command::<Command>("/cs/{cs}/{verb=jog}", "Jogs one axis, or ends the jog."),
             command::<Command>("/cs/{cs}/{verb=home}", "Returns axes to their reference points."),
-            command::<Command>("/cs/{cs}/{verb=back_trace}", "Goes back along the passed path, or ends that."),
+            command::<Command>("/cs/{cs}/{verb=back_trace}", "Moves back along the passed path, or ends the back trace."),
         ],
         topic: Some(
             Topic::new::<CommandArgs>(
@@ -229,7 +229,7 @@ pub static ROWS: [Row; 53] = [
         )
     },
     Row {
-        routes: &[Route::get("/runs/{id}", "A run: how far it is, how it ended, its alarms, waits and times; with wait=60 when it has ended, or after 60 s.")
+        routes: &[Route::get("/runs/{id}", "A run: progress, kind of the end, alarms, waits and times; with wait=60 the answer follows when the run has ended, or after 60 s.")
             .gives::<Run>()
             .refusals(&[400])
             .query(Query::SECONDS)],
@@ -264,7 +264,7 @@ pub static ROWS: [Row; 53] = [
         topic: Some(
             Topic::new::<LeaseTake>(
                 "cs/{cs}/lease/{verb=take}",
-                "Takes the control lease, or renews it with its fence: its holder alone may start motion for a while.",
+                "Takes the control lease, or renews it with its fence: until it expires, only its holder may start motion.",
             )
             .envelope(IDS),
         ),
@@ -281,12 +281,12 @@ pub static ROWS: [Row; 53] = [
         routes: &[Route::new(
             "DELETE",
             "/cs/{cs}/lease",
-            "Gives the control lease back; Lease-Fence says which.",
+            "Releases the control lease; Lease-Fence contains its number.",
         )
         .gives::<CommandReply>()
         .headers(Headers::KeyAndFence)],
         topic: Some(
-            Topic::new::<LeaseRelease>("cs/{cs}/lease/{verb=release}", "Gives the control lease back.")
+            Topic::new::<LeaseRelease>("cs/{cs}/lease/{verb=release}", "Releases the control lease.")
                 .envelope(IDS),
         ),
         takes_not_after: false,
@@ -325,7 +325,7 @@ pub static ROWS: [Row; 53] = [
         routes: &[
             Route::post::<LineStart>(
                 "/cs/{cs}/line_state",
-                "What is in force at a line of the loaded program, and what a start from there does; nothing changes.",
+                "The state in force at a line of the loaded program, and the actions of a start from that line; nothing changes.",
             )
             .gives::<LineState>()
             .refusals(&[422]),
@@ -334,7 +334,7 @@ pub static ROWS: [Row; 53] = [
         ..carried!(Read, LineState(cs: number, from: json))
     },
     Row {
-        routes: &[Route::get("/commands/{id}", "How far a command is.").gives::<CommandReply>()],
+        routes: &[Route::get("/commands/{id}", "Status of a command.").gives::<CommandReply>()],
         answer: json_of::<CommandReply>,
         ..carried!(Read, CommandStatus(id: name))
     },
@@ -352,7 +352,7 @@ pub static ROWS: [Row; 53] = [
         topic: Some(
             Topic::new::<VariableGet>(
                 "cs/{cs}/variable/{verb=get}",
-                "Reads P or Q variables, up to 1024 in one piece.",
+                "Reads up to 1024 P or Q variables at one moment.",
             )
             .envelope(IDS_AND_AGE),
         ),
@@ -372,7 +372,7 @@ pub static ROWS: [Row; 53] = [
         topic: Some(
             Topic::new::<VariableSet>(
                 "cs/{cs}/variable/{verb=set}",
-                "Sets P or Q variables, up to 1024 in one piece, all or none.",
+                "Sets up to 1024 P or Q variables together, all or none.",
             )
             .envelope(IDS_AND_AGES),
         ),
@@ -390,7 +390,7 @@ pub static ROWS: [Row; 53] = [
         )],
         topic: Some(Topic::new::<Switch>(
             "motor/{number}/skip_input/set",
-            "Sets a motor's skip input (G31); not real time: it captures where the motor is when the servo hears of it.",
+            "Sets the skip input of a motor (G31); not real time: G31 captures the position at which the servo receives the value.",
         )),
         ..Row::new(Operate, |incoming| Ok(Request::SkipInput(incoming.number("number")?, switch(&incoming)?)),
             written!(Request::SkipInput(motor, value) => {
@@ -401,11 +401,11 @@ pub static ROWS: [Row; 53] = [
     Row {
         routes: &[Route::post::<AlarmRaise>(
             "/alarms",
-            "Raises an alarm of a coordinate system, or of all.",
+            "Raises an alarm of a coordinate system, or of the whole machine.",
         )],
         topic: Some(Topic::new::<AlarmRaise>(
             "alarm/raise",
-            "Raises an alarm, 10000 + code, that stops one coordinate system (cs), or all.",
+            "Raises an alarm, 10000 + code, that stops one coordinate system (cs), or the whole machine.",
         )),
         ..carried!(Raise, RaiseAlarm(raise: json))
     },
@@ -423,26 +423,27 @@ pub static ROWS: [Row; 53] = [
     Row {
         routes: &[Route::put::<ClientHeartbeat>(
             "/clients/{id}/heartbeat",
-            "Asks the machine to watch this client; when it is not heard again in time, runs are held (CLIENT_LOST).",
+            "Requests that the machine watches this client: if the next heartbeat is late, runs are held (CLIENT_LOST).",
         )],
         topic: Some(Topic::new::<ClientHeartbeat>(
             "client/{id}/heartbeat",
-            "Asks the machine to watch this client; when it is not heard again in time, runs are held (CLIENT_LOST).",
+            "Requests that the machine watches this client: if the next heartbeat is late, runs are held (CLIENT_LOST).",
         )),
         ..carried!(Raise, Heartbeat(id: name, beat: json))
     },
     Row {
         routes: &[Route::put::<HandlerPresence>(
             "/handlers/{id}",
-            "Registers a handler with its instance and expires_ms, again within that time, or says that it has left. A claim needs \
-             the registration; while one lives, another instance is refused (409 handler_taken) unless it says take_over.",
+            "Registers a handler with its instance and expires_ms, renews the registration within that time, or reports that the \
+             handler has left. A claim needs the registration. While an instance is registered, another one is refused (409 \
+             handler_taken), unless it contains take_over.",
         )
         .refusals(&[409])],
         topic: Some(
             Topic::new::<HandlerPresence>(
                 "handler/{id}/presence",
-                "Which M codes a handler serves. With a last will: when it turns offline, what that id has claimed is given \
-                 back (HANDLER_LOST).",
+                "Presence of a handler, with the M codes that it serves; use it also as the last will. When it turns offline, \
+                 the outputs that this id has claimed are released (HANDLER_LOST).",
             )
             .retained(),
         ),
@@ -454,14 +455,14 @@ pub static ROWS: [Row; 53] = [
         ..carried!(Read, Handlers)
     },
     Row {
-        routes: &[Route::get("/alarms/history", "Alarms of the past.").gives::<AlarmHistory>()],
+        routes: &[Route::get("/alarms/history", "Alarms since the start.").gives::<AlarmHistory>()],
         answer: json_of::<AlarmHistory>,
         ..carried!(Read, AlarmHistory)
     },
     Row {
         routes: &[Route::get(
             "/explain/{what}",
-            "What a name means that people see: an alarm, a diagnostic, a code, a word of a state or a refusal, a key.",
+            "Meaning of a name: an alarm, a diagnostic, a code, a word of a state or a refusal, a configuration key.",
         )
         .gives::<Explanation>()],
         answer: json_of::<Explanation>,
@@ -473,7 +474,7 @@ pub static ROWS: [Row; 53] = [
         ..carried!(Read, Tools)
     },
     Row {
-        routes: &[Route::put::<ToolChange>("/tools", "Sets and removes tools; those not named stay.")],
+        routes: &[Route::put::<ToolChange>("/tools", "Sets and removes tools; other tools do not change.")],
         ..carried!(Operate, WriteTools(change: json))
     },
     Row {
@@ -484,7 +485,7 @@ pub static ROWS: [Row; 53] = [
     Row {
         routes: &[Route::put::<WorkOffsetTable>(
             "/cs/{cs}/work_offsets",
-            "Sets work offsets; what is not named stays.",
+            "Sets work offsets; other offsets and axes do not change.",
         )],
         ..carried!(Operate, WriteWorkOffsets(cs: number, change: json))
     },
@@ -498,7 +499,7 @@ pub static ROWS: [Row; 53] = [
     Row {
         routes: &[Route::get(
             "/journal",
-            "The newest count lines of the journal but for the from newest, of those that were asked for, in the order of time.",
+            "Lines of the journal that match the filter, in the order of time: the newest count lines after skipping the from newest lines.",
         )
         .gives::<JournalAnswer>()
         .query(Query::JOURNAL)

@@ -18,15 +18,15 @@ use crate::types::topic::Topic;
 pub struct Exchange {
     /// HTTP method.
     pub method: &'static str,
-    /// The right that its sender needs.
+    /// The right that the sender needs.
     pub right: Right,
     /// Path and query, below the interface's path.
     pub path: String,
     /// Headers in addition to the token.
     pub headers: Vec<(&'static str, String)>,
-    /// Its body.
+    /// Body of the request.
     pub body: Option<String>,
-    /// Form of its answer.
+    /// Form of the answer.
     pub answer: AnswerForm,
 }
 
@@ -38,7 +38,7 @@ pub fn encode(request: Request) -> Result<Exchange, Refusal> {
     encode_not_after(request, None)
 }
 
-/// Encodes a request with an age limit, which is left out if nothing can move after the request.
+/// Encodes a request with an age limit. The limit is left out if the request cannot cause a motion.
 ///
 /// # Errors
 /// Fails like [`encode`].
@@ -131,7 +131,7 @@ fn query(values: &[(&str, String)]) -> String {
     }
 }
 
-/// Returns a body without the fields that are in its path.
+/// Returns a body without the fields that are in the path.
 fn without_names(mut body: Value, pattern: &str) -> Value {
     if let Value::Object(fields) = &mut body {
         for name in names(pattern) {

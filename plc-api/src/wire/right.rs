@@ -3,19 +3,19 @@
 /// The right that a request requires of its user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Right {
-    /// To read: requires a user if there are tokens.
+    /// To read: requires a user if the configuration has tokens.
     Read,
     /// To command a machine and set its inputs and values.
     Operate,
     /// To claim an output, report progress and publish a presence, in the user's own name.
     Handle,
-    /// To reset an output: a handler its own outputs, an operator any.
+    /// To reset an output: a handler may reset its own outputs, an operator any output.
     Reset,
-    /// To select a tool, set the spindle and write variables: an operator anywhere, a handler in a coordinate system in
-    /// which it serves an M code.
+    /// To select a tool, set the spindle and write variables: an operator anywhere, a handler in a coordinate
+    /// system in which it serves an M code.
     Set,
-    /// To set inputs: an operator any; a handler its own sources of interlock and start lock, and inputs and outputs of
-    /// the plant in its own name.
+    /// To set inputs: an operator may set any input; a handler may set its own sources of interlock and start
+    /// lock, and inputs and outputs of the plant in its own name.
     SetInput,
     /// To stop a machine by an alarm.
     Raise,
@@ -24,13 +24,13 @@ pub enum Right {
 }
 
 impl Right {
-    /// Returns true if a request changes something other than the state of the handler's own outputs: the journal
-    /// records the sender.
+    /// Returns true if a request changes something other than the state of the handler's own outputs: the
+    /// journal records the sender.
     pub fn is_recorded(self) -> bool {
         !matches!(self, Right::Read | Right::Handle)
     }
 
-    /// Returns true for the rights of requests after which something can move.
+    /// Returns true for the rights of requests that can cause a motion.
     pub(super) const fn takes_not_after(self) -> bool {
         matches!(self, Right::Operate | Right::Reset | Right::Set | Right::SetInput)
     }

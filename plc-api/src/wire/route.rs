@@ -44,13 +44,13 @@ pub enum Headers {
 /// A header that a route reads.
 #[derive(Debug, Clone, Copy)]
 pub struct HeaderParameter {
-    /// Its name, as documents write it.
+    /// Name of the header, in the spelling of the documents.
     pub name: &'static str,
-    /// Its values.
+    /// Allowed values.
     pub values: Values,
     /// True if a request without it is refused.
     pub is_required: bool,
-    /// Its meaning.
+    /// Meaning of the header.
     pub description: &'static str,
 }
 
@@ -68,23 +68,23 @@ impl HeaderParameter {
 const KEY: HeaderParameter = HeaderParameter::new(
     "Idempotency-Key",
     Values::Text(1, COMMAND_ID_MAX),
-    "Id of the command; one seen before is answered as then.",
+    "Id of the command. A repeated id gets the stored answer; the command is not executed again.",
 );
 
 const FENCE: HeaderParameter = HeaderParameter::new(
     "Lease-Fence",
     Values::Integer(0, None),
-    "Number of the control lease under which it is sent.",
+    "Number of the control lease under which the command is sent.",
 );
 
-/// Writes the form of one to three conditions of a command.
+/// Defines the form of one to three conditions of a command.
 macro_rules! expected_form {
     ($one:literal) => {
         concat!("^", $one, "(, *", $one, "){0,2}$")
     };
 }
 
-/// Writes the form of hashes of programs, or of any program.
+/// Defines the form of hashes of programs, or of any program.
 macro_rules! hashes_form {
     ($one:literal) => {
         concat!("^(\\*|", $one, "(, *", $one, ")*)$")
@@ -96,19 +96,19 @@ const EXPECTED: HeaderParameter = HeaderParameter::new(
     Values::Form(expected_form!(
         r#""?([0-9]+|[0-9A-Fa-f]{64}|boot:[0-9A-Za-z]{1,64})"?"#
     )),
-    "Revision of the state that the sender has seen, the hash of the program that it means, boot: and the boot_id that it has seen, or \
-     several of them, which must all hold then.",
+    "Condition: revision of the state that the sender has received, hash of the expected program, boot: followed by the \
+     expected boot_id, or several of them, separated by commas; all must match.",
 );
 
 const PROGRAM_IS: HeaderParameter = HeaderParameter::new(
     "If-Match",
     Values::Form(hashes_form!(r#"(W/)?"?[0-9A-Fa-f]{64}"?"#)),
-    "The program is one of these, by their hashes, or any (*): else 412.",
+    "Condition: the stored program has one of these hashes, or exists (*); else 412.",
 );
 
 const PROGRAM_IS_NOT: HeaderParameter = HeaderParameter {
     name: "If-None-Match",
-    description: "The program is none of these, or there is none (*): else 412.",
+    description: "Condition: the stored program has none of these hashes, or does not exist (*); else 412.",
     ..PROGRAM_IS
 };
 
@@ -121,13 +121,13 @@ const SIGNATURE: HeaderParameter = HeaderParameter::new(
 const HAD: HeaderParameter = HeaderParameter::new(
     "If-None-Match",
     Values::AnyText,
-    "Programs that the client has, by their hashes: 304 if it is one of these.",
+    "Hashes of the programs that the client already has; 304 if the program has one of them.",
 );
 
 const PROTOCOLS: HeaderParameter = HeaderParameter::new(
     "Sec-WebSocket-Protocol",
     Values::AnyText,
-    "tandem.v1, and bearer. with the token, of a client that can set no Authorization, such as a page in a browser.",
+    "tandem.v1, and bearer. followed by the token, for a client that cannot set Authorization, such as a page in a browser.",
 );
 
 impl Headers {
@@ -168,21 +168,21 @@ pub struct Route {
     pub method: &'static str,
     /// Path below `/api/v1`: a pattern with names in braces.
     pub pattern: &'static str,
-    /// Its effect, in one sentence.
+    /// Effect of the route, in one sentence.
     pub summary: &'static str,
-    /// Its query.
+    /// Query of the route.
     pub query: Query,
-    /// Headers that it reads.
+    /// Headers that the route reads.
     pub headers: Headers,
-    /// Its body.
+    /// Body of the request.
     pub body: Content,
     /// Status and content of a success.
     pub answer: (u16, Content),
     /// Another status of success, with its content.
     pub other_answer: Option<(u16, Content)>,
-    /// Statuses of refusals that do not follow from the other fields.
+    /// Statuses of refusals in addition to those that result from the other fields.
     pub refusals: &'static [u16],
-    /// Largest `{number}` of its path.
+    /// Largest `{number}` of the path.
     pub number_max: u32,
 }
 
@@ -269,18 +269,18 @@ impl Route {
         self
     }
 
-    /// Sets the largest number in its path.
+    /// Sets the largest number in the path.
     pub(super) const fn number_max(mut self, number_max: u32) -> Self {
         self.number_max = number_max;
         self
     }
 
-    /// Returns the values that its path fixes, by name.
+    /// Returns the values that the path fixes, by name.
     pub fn fixed(&self) -> impl Iterator<Item = (&'static str, &'static str)> + use<> {
         pattern::fixed(self.pattern)
     }
 
-    /// Returns the names in its path that stand for values of the caller.
+    /// Returns the names in the path for which the caller gives a value.
     pub fn names(&self) -> impl Iterator<Item = &'static str> + use<> {
         let pattern = self.pattern;
         let is_fixed = move |name: &str| pattern::fixed(pattern).any(|(fixed, _)| fixed == name);
@@ -292,7 +292,7 @@ impl Route {
         [Some(self.answer), self.other_answer].into_iter().flatten()
     }
 
-    /// Returns its path with names in braces.
+    /// Returns the path with names in braces.
     pub fn path(&self) -> String {
         pattern::shown(self.pattern)
     }

@@ -1,4 +1,4 @@
-//! A request as a row: its routes and topics, and how it is written to them and read from them.
+//! A request as a row: its routes and topics, and the functions that write and read it.
 
 use std::borrow::Cow;
 use std::str::FromStr;
@@ -27,8 +27,8 @@ use crate::types::upload::ProgramCondition;
 /// Header with the id of a command.
 pub(super) const IDEMPOTENCY_KEY: &str = "idempotency-key";
 
-/// Header with the revision of the state or the hash of the program that a command expects, or with the hash of the
-/// program to be changed.
+/// Header with the revision of the state or the hash of the program that a command expects, or with the hash
+/// of the program to change.
 pub(super) const IF_MATCH: &str = "if-match";
 
 /// Header with the hashes of programs that must not be stored, or that the client already has.
@@ -46,19 +46,22 @@ pub(super) const NOT_AFTER: &str = "not_after";
 /// One request.
 #[derive(Debug)]
 pub struct Row {
-    /// The right that its sender needs.
+    /// The right that the sender needs.
     pub right: Right,
-    /// Its routes: several if the path contains a part of the request, such as the verb of a command.
+    /// Routes of the request: several if the path contains a part of the request, such as the verb of a
+    /// command.
     pub routes: &'static [Route],
-    /// Topic on which it is received over MQTT.
+    /// Topic on which the request is received over MQTT.
     pub topic: Option<Topic>,
-    /// Whether it may carry [`NotAfter`], because something can move after it. A lease has its own validity.
+    /// Whether the request may carry [`NotAfter`], because it can cause a motion. A lease has its own
+    /// validity.
     pub takes_not_after: bool,
-    /// Whether its body or answer is a whole program: a server executes only a few such requests at a time.
+    /// Whether the body or the answer is a whole program: a server executes only a few such requests at a
+    /// time.
     pub is_large: bool,
-    /// Reads it from a route or from a topic.
+    /// Reads the request from a route or from a topic.
     pub(super) read: fn(IncomingRequest<'_>) -> Result<Request, Fault>,
-    /// Form of its answer over REST.
+    /// Form of the answer over REST.
     pub answer: fn(&Request) -> AnswerForm,
     /// Splits a request into the parts for routes and topics; returns any other request unchanged.
     pub write: fn(Request) -> Result<RequestParts, Request>,
@@ -109,8 +112,8 @@ impl Row {
     }
 }
 
-/// A request read by its row, with the right that its sender needs. Only reading creates one, so the right is checked
-/// with the values that are executed.
+/// A request that its row has read, with the right that the sender needs. Only a row creates this type, so
+/// the right is checked with the values that are executed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParsedRequest {
     request: Request,
@@ -124,17 +127,18 @@ impl ParsedRequest {
         &self.request
     }
 
-    /// Returns the right that its sender needs.
+    /// Returns the right that the sender needs.
     pub fn right(&self) -> Right {
         self.right
     }
 
-    /// Returns its age limit.
+    /// Returns the age limit of the request.
     pub fn not_after(&self) -> Option<&NotAfter> {
         self.not_after.as_ref()
     }
 
-    /// Sets the connection as the instance of a client without one. Only a server end names connections.
+    /// Sets the connection as the instance of a client that names no instance. Only a server end names
+    /// connections.
     pub fn identify(&mut self, connection: &str) {
         let instance = match &mut self.request {
             Request::Claim(_, _, claim) => &mut claim.instance,
@@ -183,16 +187,18 @@ pub struct Topic {
     pub pattern: &'static str,
     /// Effect of a message, in one sentence.
     pub summary: &'static str,
-    /// Whether the retain flag is allowed: for a state of its sender. A retained command would be executed again.
+    /// Whether the retain flag is allowed: only for a state of the sender, because a retained command would
+    /// be executed again.
     pub retained: bool,
-    /// Form of its payload, without the fields of its envelope.
+    /// Form of the payload, without the fields of the envelope.
     pub form: Form,
-    /// Fields of [`CommandMeta`] in its payload: where there are any, the request is answered on `reply/{client_id}`.
+    /// Fields of [`CommandMeta`] in the payload. If this list is not empty, the request is answered on
+    /// `reply/{client_id}`.
     pub envelope: &'static [&'static str],
 }
 
 impl Topic {
-    /// A topic whose payload is of this form.
+    /// Creates a topic with a payload of this form.
     pub(super) const fn new<T: HasForm>(pattern: &'static str, summary: &'static str) -> Self {
         Self {
             pattern,
@@ -203,7 +209,7 @@ impl Topic {
         }
     }
 
-    /// Sets the fields of [`CommandMeta`] in its payload.
+    /// Sets the fields of [`CommandMeta`] in the payload.
     pub(super) const fn envelope(mut self, envelope: &'static [&'static str]) -> Self {
         self.envelope = envelope;
         self
@@ -231,7 +237,7 @@ impl Topic {
     }
 }
 
-/// Sender of a request over REST: the values of the request's head, and their defaults.
+/// Sender of a request over REST: values of the head of the request, and their defaults.
 pub trait Sender {
     /// Returns a header by its name in lower case; empty if it is not ASCII.
     fn header(&self, name: &str) -> Option<&str>;
@@ -243,7 +249,7 @@ pub trait Sender {
     fn new_command_id(&self) -> String;
 }
 
-/// How a request was received.
+/// Transport on which a request was received.
 #[expect(clippy::large_enum_variant, reason = "it lives while one request is parsed")]
 pub enum Source<'a> {
     /// On a route of REST.
@@ -262,13 +268,13 @@ pub struct IncomingRequest<'a> {
     pub body: Cow<'a, [u8]>,
     /// The query.
     pub query: QueryValues,
-    /// How the request was received.
+    /// Transport on which the request was received.
     pub source: Source<'a>,
     /// Whether `not_after` of the body is read separately. [`Row::parse`] sets it.
     pub not_after_is_apart: bool,
 }
 
-/// Parses a number of a path, which has only one spelling: of `1`, `01` and `+1` only the first is valid.
+/// Parses a number of a path. A number has only one valid spelling: `1` is valid, `01` and `+1` are not.
 pub fn number<T: FromStr + ToString>(text: &str) -> Option<T> {
     text.parse().ok().filter(|number: &T| number.to_string() == text)
 }
@@ -300,7 +306,7 @@ impl IncomingRequest<'_> {
         number(text).ok_or_else(|| Fault::Level(text.to_owned()))
     }
 
-    /// Returns a number that is not part of every path of the request.
+    /// Returns a number that only some paths of the request contain.
     pub(super) fn optional_number<T: FromStr + ToString>(&self, name: &str) -> Result<Option<T>, Fault> {
         self.find(name).map(|_| self.number(name)).transpose()
     }
@@ -313,11 +319,12 @@ impl IncomingRequest<'_> {
     pub(super) fn io_point(&self) -> Result<IoPoint, Fault> {
         let (side, name) = (self.text("side"), self.text("name").to_owned());
         let side = IoSide::of_wire_name(side)
-            .ok_or_else(|| Fault::NotFound(format!("there is no io/{side:.64}; write in or out")))?;
+            .ok_or_else(|| Fault::NotFound(format!("io/{side:.64} does not exist; write in or out")))?;
         Ok(IoPoint { side, name })
     }
 
-    /// Parses the JSON body. A message about an output also has this form if the path names the output.
+    /// Parses the JSON body. If the path names the output, a message about an output is also read in this
+    /// way.
     pub(super) fn json<T: DeserializeOwned>(&self) -> Result<T, Fault> {
         let seq = self.optional_number("seq")?;
         let left_out = match &self.source {
@@ -348,8 +355,8 @@ impl IncomingRequest<'_> {
         }
     }
 
-    /// Returns the sender and the conditions of a command: from the payload, or from `Idempotency-Key`, `If-Match` and
-    /// `Lease-Fence`.
+    /// Returns the sender and the conditions of a command: from the payload, or from `Idempotency-Key`,
+    /// `If-Match` and `Lease-Fence`.
     pub(super) fn meta(&self) -> Result<CommandMeta, Fault> {
         let sender = match &self.source {
             Source::Http(sender) => sender,
@@ -380,7 +387,7 @@ impl IncomingRequest<'_> {
         let fence = self.header(LEASE_FENCE).map(|text| text.trim().parse());
         fence.transpose().map_err(|_| {
             Fault::Invalid(
-                "Lease-Fence is the number of the control lease, as it was given when it was taken"
+                "Lease-Fence is the number of the control lease, which the answer to its taking contains"
                     .to_owned(),
             )
         })
@@ -403,7 +410,7 @@ impl IncomingRequest<'_> {
         self.header(PROGRAM_SIGNATURE).map(|text| text.trim().to_owned())
     }
 
-    /// Returns whether to answer when the request is done.
+    /// Returns whether to answer only when the request is done.
     pub(super) fn wait(&self) -> Result<bool, Fault> {
         match self.query.wait.as_deref() {
             None | Some("0" | "false") => Ok(false),
@@ -415,7 +422,7 @@ impl IncomingRequest<'_> {
     }
 }
 
-/// A request in parts; each route and topic takes the parts that it names.
+/// A request in parts; each route and topic uses the parts that it names.
 #[derive(Debug, Default)]
 pub struct RequestParts {
     /// Values for the names in a path.
@@ -424,7 +431,7 @@ pub struct RequestParts {
     pub(super) query: Vec<(&'static str, String)>,
     pub(super) headers: Vec<(&'static str, String)>,
     pub(super) body: Body,
-    /// Payload of its topic if that is not its body.
+    /// Payload for the topic if it differs from the body.
     pub(super) payload: Option<Value>,
 }
 
@@ -450,7 +457,7 @@ impl RequestParts {
             .with("name", &point.name)
     }
 
-    /// Reads a program to be stored. With only a text it is the plain request.
+    /// Adds a value for a name in the path.
     #[allow(
         clippy::needless_pass_by_value,
         reason = "numbers and literals read better so"
@@ -484,7 +491,7 @@ impl RequestParts {
         self
     }
 
-    /// Sets the payload of its topic.
+    /// Sets the payload for the topic.
     pub(super) fn payload(mut self, payload: &impl Serialize) -> Self {
         self.payload = Some(json!(payload));
         self
@@ -516,7 +523,7 @@ impl RequestParts {
         self
     }
 
-    /// Sets whether to answer when the request is done.
+    /// Sets whether to answer only when the request is done.
     pub(super) fn waiting(self, wait: bool) -> Self {
         if wait { self.query("wait", 1) } else { self }
     }

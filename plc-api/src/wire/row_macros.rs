@@ -1,6 +1,6 @@
 //! Macros that write the rows of requests.
 
-/// Writes a request of this row; returns any other request unchanged.
+/// Defines the function that writes a request of this row and returns any other request unchanged.
 macro_rules! written {
     ($request:pat => $parts:expr) => {
         |request| match request {
@@ -10,7 +10,7 @@ macro_rules! written {
     };
 }
 
-/// The row of a request whose values are a number or a name in its path, or its JSON body.
+/// Row of a request with its values as a number or a name in the path, or as the JSON body.
 macro_rules! carried {
     ($right:ident, $request:ident) => {
         Row::new(
@@ -37,7 +37,8 @@ macro_rules! carried {
     (@write $parts:ident, $value:ident, $level:ident) => { $parts.with(stringify!($value), $value) };
 }
 
-/// The row of a message about an output: a route names the output by its sequence number, and a topic by its M number.
+/// Row of a message about an output: a route names the output by its sequence number, a topic by its M
+/// number.
 macro_rules! about_an_output {
     ($request:ident($type:ty) $level:literal $right:ident $(-> $answer:ty)? => $summary:literal) => {
         Row {

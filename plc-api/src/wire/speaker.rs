@@ -1,12 +1,12 @@
 //! Sender of a message over MQTT, as named in its topic: `handler/{id}/...` and `client/{id}/...`.
 //!
-//! The access rules of any broker can restrict these topics to users. The sender in a payload must agree with its
-//! topic.
+//! The access rules of any broker can restrict these topics to users. The sender in a payload must agree with
+//! its topic.
 
 use super::row::ParsedRequest;
 use crate::types::request::{Input, Request};
 
-/// Beginnings of the paths of requests, after the levels of the sender.
+/// Prefixes of the paths of requests, after the levels of the sender.
 const REQUESTS: [&str; 5] = ["cs/", "io/", "motor/", "alarm/raise", "stored_data/answer"];
 
 /// The sender of a message.
@@ -39,7 +39,8 @@ impl Speaker {
         }
     }
 
-    /// Splits a path into its sender and the path of the request. Presences and heartbeats have their own paths.
+    /// Splits a path into its sender and the path of the request. Presences and heartbeats have their own
+    /// paths.
     pub fn split(path: &str) -> (Option<Self>, &str) {
         let mut levels = path.splitn(3, '/');
         let (Some(kind), Some(id), Some(rest)) = (levels.next(), levels.next(), levels.next()) else {
@@ -61,8 +62,8 @@ impl Speaker {
         }
     }
 
-    /// Returns the sender of a request: the handler that it names, otherwise `handler` for requests of a handler,
-    /// otherwise the client.
+    /// Returns the sender of a request: the handler that it names, otherwise `handler` for requests of a
+    /// handler, otherwise the client.
     pub fn of_request(request: &Request, handler: Option<&str>, client: &str) -> Self {
         let client = || Speaker::Client(client.to_owned());
         match request {
@@ -87,8 +88,8 @@ impl Speaker {
         }
     }
 
-    /// Sets the sender of the topic in a request whose payload names none. `client_id` is the client named in the
-    /// payload.
+    /// Sets the sender of the topic in a request if the payload names no sender. `client_id` is the client
+    /// that the payload names.
     ///
     /// # Errors
     /// Fails, in words, if the payload names another sender.
@@ -103,20 +104,20 @@ impl Speaker {
             && !(by_force && matches!(self, Speaker::Client(_)))
         {
             return Err(format!(
-                "its topic names {:?}, its handler_id is {named:?}; write the same in both",
+                "its topic names {:?}, its handler_id is {named:?}; write the same id in both",
                 self.id()
             ));
         }
         match (self, client_id) {
             (Speaker::Client(id), Some(client_id)) if !is_of(client_id, id) => Err(format!(
-                "its topic names {id:?}, its client_id is {client_id:?}; write the same in both, or let client_id begin with {id}-"
+                "its topic names {id:?}, its client_id is {client_id:?}; write the same id in both, or let client_id begin with {id}-"
             )),
             _ => Ok(()),
         }
     }
 }
 
-/// Returns true for a client id that is the id of the topic, or starts with it and `-`.
+/// Returns true if a client id is the id of the topic, or starts with this id and `-`.
 fn is_of(client_id: &str, id: &str) -> bool {
     client_id == id
         || client_id

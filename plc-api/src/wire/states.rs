@@ -1,4 +1,5 @@
-//! Readable states: the same messages as on MQTT, with the revision as `ETag`, and the additional states of a server.
+//! Readable states: the same messages as on MQTT, with the revision as `ETag`, and the additional states of a
+//! server.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -18,7 +19,7 @@ use crate::types::topic::{CsTopic, Topic};
 #[derive(Debug)]
 pub struct StateRow {
     of: StateOf,
-    /// Route on which it is read.
+    /// Route on which the state is read.
     pub route: Route,
 }
 
@@ -57,7 +58,7 @@ impl StateRow {
         }
     }
 
-    /// Returns the name of the input if it is the state of an input.
+    /// Returns the name of the input if this is the state of an input.
     pub fn input(&self) -> Option<&'static str> {
         self.route.pattern.strip_prefix("/cs/{cs}/inputs/")
     }

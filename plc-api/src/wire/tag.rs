@@ -15,7 +15,7 @@ pub fn etag(hash: &str) -> String {
     format!("\"{hash}\"")
 }
 
-/// Returns true if `If-None-Match` names the hash, or any: the client already has it.
+/// Returns true if `If-None-Match` names the hash, or any hash: the client already has the program.
 pub fn is_had(header: &str, hash: &str) -> bool {
     let mut tags = tags(header);
     tags.any(|tag| tag == "*" || unquoted(tag.strip_prefix("W/").unwrap_or(tag)) == hash)
@@ -42,14 +42,14 @@ fn hash(tag: &str) -> Option<String> {
     is_hash.then(|| tag.to_ascii_lowercase())
 }
 
-/// Prefix of the boot in a tag, because a boot alone could look like a number.
+/// Prefix of the boot in a tag, because a boot id without a prefix could look like a number.
 const BOOT: &str = "boot:";
 
 /// Largest number of characters of a boot id.
 const BOOT_ID_MAX: usize = 64;
 
-/// Parses the condition of a command: the revision of the state, the hash of the program and the boot, all of which
-/// must match.
+/// Parses the condition of a command: the revision of the state, the hash of the program and the boot, all of
+/// which must match.
 pub(super) fn expected(header: &str) -> Result<Expect, String> {
     let mut expect = Expect::default();
     for tag in tags(header).map(unquoted) {
@@ -66,7 +66,7 @@ pub(super) fn expected(header: &str) -> Result<Expect, String> {
         {
             expect.state_rev = Some(rev);
         } else {
-            let text = "If-Match is the ETag of the coordinate system's state, such as \"12\", that of the program, or \"boot:ID\" with a boot_id, separated by commas";
+            let text = "If-Match is the ETag of the state of the coordinate system, such as \"12\", the ETag of the program, or \"boot:ID\" with a boot_id, separated by commas";
             return Err(text.to_owned());
         }
     }
@@ -102,7 +102,7 @@ pub(super) fn hashes(name: &str, header: &str, is_strict: bool) -> Result<Hashes
     ))
 }
 
-/// Returns the programs as a header. An empty list becomes a tag that no program has.
+/// Returns the programs as a header. An empty list becomes a tag that matches no program.
 pub(super) fn of_hashes(hashes: &Hashes) -> String {
     match hashes {
         Hashes::Any => "*".to_owned(),
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn if_match_of_a_command_takes_a_revision_with_and_without_quotes_and_a_hash_and_both() {
+    fn command_if_match_takes_a_revision_quoted_or_not_a_hash_or_both() {
         let expect = |state_rev, hash: Option<String>| Expect {
             state_rev,
             hash,
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn conditions_of_programs_take_lists_and_any_and_weak_tags_only_where_nothing_is_changed_by_them() {
+    fn program_conditions_take_lists_any_and_weak_tags_only_for_reads() {
         let hash = a().to_ascii_lowercase();
         let read = |name, header: &str| hashes(name, header, name == "if-match").ok();
         let one = Hashes::OneOf(vec![hash.clone()]);

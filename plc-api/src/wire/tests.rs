@@ -1,4 +1,5 @@
-//! Requests are read as they were written: for requests of every row, on every transport that carries them.
+//! A request that is written and then read is equal to the original, for requests of every row and on every
+//! transport that carries them.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -41,7 +42,8 @@ enum Transport {
 }
 use Transport::{Mqtt, Rest, WebSocket};
 
-/// Which transports carry a request. Complete, since a request that is missing here does not compile.
+/// Returns the transports that carry a request. The list is complete, because a missing request does not
+/// compile.
 fn carried(request: &Request) -> &'static [Transport] {
     match request {
         Request::Command { .. }
@@ -113,7 +115,7 @@ fn text() -> impl Strategy<Value = String> {
     "\\PC{0,12}"
 }
 
-/// A command's identity and condition, as far as the transport carries it.
+/// Identity and condition of a command, as far as the transport carries them.
 fn meta(transport: Transport) -> impl Strategy<Value = CommandMeta> {
     let ids = (
         "[ -~]{1,12}",
@@ -443,7 +445,8 @@ fn decoded(level: &str) -> String {
     level.decode_utf8().unwrap().into_owned()
 }
 
-/// Reads a request from HTTP as a server does. `cs` is the coordinate system that the server knows for an alarm.
+/// Reads a request from HTTP as a server does. `cs` is the coordinate system that the server knows for an
+/// alarm.
 fn read_rest(exchange: rest::Exchange, cs: u8) -> ParsedRequest {
     let (path, query) = exchange.path.split_once('?').unwrap_or((&exchange.path, ""));
     let routes = ROWS
@@ -510,7 +513,7 @@ proptest! {
     }
 
     #[test]
-    fn an_age_limit_is_read_as_written_where_something_can_move_after_the_request(
+    fn age_limit_is_read_as_written_if_the_request_can_cause_motion(
         (request, transport) in prop_oneof![
             any_request(Rest).prop_map(|request| (request, Rest)),
             any_request(Mqtt).prop_map(|request| (request, Mqtt)),

@@ -34,10 +34,10 @@ pub struct ClientFrame {
     /// Topics to unsubscribe, written as in their subscriptions.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub unsubscribe: Vec<String>,
-    /// A handler comes online, changes what it serves, or leaves.
+    /// A handler comes online, changes its M codes, or leaves.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub handler: Option<AnnouncedHandler>,
-    /// A client asks to be watched.
+    /// A client requests that the machine watches it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub heartbeat: Option<WatchedClient>,
     /// The answer to a `validate` message.
@@ -54,7 +54,7 @@ pub struct AnnouncedHandler {
     presence: HandlerPresence,
 }
 
-/// A client to be watched, and the time within which its next heartbeat follows.
+/// A client that the machine watches, and the time within which its next heartbeat must follow.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -145,11 +145,11 @@ pub enum ServerFrame {
     Message(Box<Message>),
     /// Reason why a frame of the client is refused.
     Error(Refusal),
-    /// A message of a topic that this version does not know, or whose form it cannot read.
+    /// A message of an unknown topic, or a message with a form that this version cannot read.
     Unknown(String),
 }
 
-/// The topic that precedes its message.
+/// The topic of a message, which precedes the message in the frame.
 #[derive(Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(rename = "WebSocket"))]
@@ -164,7 +164,7 @@ pub struct Named {
 #[cfg_attr(feature = "schema", schemars(rename = "WebSocketError"))]
 pub struct ErrorFrame {
     error: String,
-    /// Machine-readable reason, if there is one.
+    /// Machine-readable reason, if the error is a refusal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     code: Option<RefusalCode>,
 }
@@ -202,7 +202,7 @@ impl ServerFrame {
             return ServerFrame::Error(Refusal::new(code.unwrap_or(RefusalCode::Invalid), text));
         };
         let Some(topic) = Topic::parse(&path) else {
-            return ServerFrame::Unknown(format!("there is no topic {path}"));
+            return ServerFrame::Unknown(format!("topic {path} is unknown"));
         };
         match Message::from_json(topic, text.as_bytes()) {
             Ok(message) => ServerFrame::Message(Box::new(message)),

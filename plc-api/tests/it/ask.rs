@@ -1,4 +1,4 @@
-//! An operator's question belongs to an output, is shown with it, and ends with it.
+//! A question to the operator belongs to an output, is shown with the output, and ends with the output.
 
 use plc_api::fake::FakePort;
 use plc_api::handshake::Closed;
@@ -23,7 +23,7 @@ fn program() -> SequenceProgram {
 }
 
 #[tokio::test]
-async fn a_question_stands_in_pending_until_it_is_answered_by_one_of_its_choices() {
+async fn question_stays_pending_until_answered_with_one_of_its_choices() {
     let fake = FakePort::new([1]);
     let _task = serve(&fake, program()).await;
     let seq = fake.put_out(1, 80, Params::default());
@@ -35,7 +35,7 @@ async fn a_question_stands_in_pending_until_it_is_answered_by_one_of_its_choices
     let asked = mill.question().await.unwrap();
     assert_eq!((asked.m, asked.seq), (80, seq));
     let Err(Error::Refused(refusal)) = mill.answer(&asked, "maybe").await else {
-        panic!("it took a choice that is none");
+        panic!("an invalid choice was accepted");
     };
     assert_eq!(refusal.code, RefusalCode::Invalid);
     assert_eq!(fake.closed(1, seq), None);
@@ -58,13 +58,13 @@ async fn a_question_ends_with_its_output() {
     fake.settle().await;
     assert_eq!(mill.questions().await.unwrap(), []);
     let Err(Error::Handshake { status, .. }) = mill.answer(&asked, "yes").await else {
-        panic!("an answer to a cancelled output counted");
+        panic!("an answer to a cancelled output was accepted");
     };
     assert_eq!(status, HandshakeStatus::Stale);
 }
 
 #[tokio::test]
-async fn a_question_that_is_dropped_is_taken_back_and_the_next_waits_for_its_turn() {
+async fn dropped_question_is_withdrawn_and_the_next_waits_for_its_turn() {
     async fn two(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
         tokio::select! {
             answer = output.ask("Go on?", ["yes"]) => { answer?; }
@@ -134,7 +134,12 @@ async fn a_handler_that_lost_only_its_connection_asks_again() {
     fake.settle().await;
     fake.advance(ms(2000)).await;
     assert_eq!(fake.closed(1, seq), None, "it waits for its answer as before");
-    let asked = mill.questions().await.unwrap().pop().expect("it is asked again");
+    let asked = mill
+        .questions()
+        .await
+        .unwrap()
+        .pop()
+        .expect("the question is asked again");
     assert_eq!(asked.question.text, before.question.text);
     mill.answer(&asked, "yes").await.unwrap();
     fake.settle().await;
@@ -200,7 +205,7 @@ async fn what_is_out_of_the_limits_of_a_panel_is_refused_at_the_handler() {
 }
 
 #[tokio::test]
-#[expect(deprecated, reason = "it forwards until it is taken out")]
+#[expect(deprecated, reason = "the deprecated function still works")]
 async fn a_question_to_the_machine_is_one_about_the_output_whose_handler_asks() {
     let fake = FakePort::new([1]);
     let program = SequenceProgram::new().on(80..=81, async |output: AuxOutput, plc: Plc| {
@@ -232,7 +237,7 @@ async fn a_question_to_the_machine_is_one_about_the_output_whose_handler_asks() 
 }
 
 #[tokio::test]
-#[expect(deprecated, reason = "it forwards until it is taken out")]
+#[expect(deprecated, reason = "the deprecated function still works")]
 async fn a_question_to_the_machine_outside_of_its_handlers_is_refused() {
     let (fake, other) = (FakePort::new([1]), FakePort::new([1]).plc());
     let refused = fake.plc().ask("Go on?", ["yes"]).await;

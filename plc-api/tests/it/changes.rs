@@ -1,4 +1,4 @@
-//! Variables, tools and offsets are followed as they change.
+//! Programs follow the changes of variables, tools and offsets.
 
 use std::time::Duration;
 
@@ -15,15 +15,15 @@ fn published() -> (FakePort, Plc) {
 }
 
 #[tokio::test]
-async fn variables_are_published_as_they_are_and_each_time_that_one_of_them_changes() {
+async fn variables_are_published_initially_and_after_each_change() {
     let (_fake, plc) = published();
     let mut changes = plc.variables().changes(201, 2).await.unwrap();
     assert_eq!(changes.next().await, Some(vec![0.0, 0.0]));
-    plc.variables().write(200, &[9.0]).await.unwrap(); // another one
+    plc.variables().write(200, &[9.0]).await.unwrap(); // another variable
     plc.variables().write(202, &[f64::NAN]).await.unwrap();
     let bits = |values: Option<Vec<f64>>| values.unwrap().into_iter().map(f64::to_bits).collect::<Vec<_>>();
     assert_eq!(bits(changes.next().await), bits(Some(vec![0.0, f64::NAN])));
-    plc.variables().write(200, &[8.0]).await.unwrap(); // NaN is what it was
+    plc.variables().write(200, &[8.0]).await.unwrap(); // NaN has not changed
     plc.variables().write(201, &[1.0, 2.0]).await.unwrap();
     assert_eq!(changes.next().await, Some(vec![1.0, 2.0]));
 }

@@ -1,4 +1,4 @@
-//! What programs are made of: devices, nested parts, guards, redelivery by M code, checkpoints.
+//! Parts of programs: devices, nested parts, guards, redelivery by M code, checkpoints.
 
 use std::sync::{Arc, Mutex};
 
@@ -31,7 +31,7 @@ struct Magazine {
 }
 
 impl Magazine {
-    /// A second for each call.
+    /// Takes one second for each call.
     async fn turn(&mut self, _output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
         note(&self.heard, format!("from {}", self.pocket));
         plc.sleep(ms(1000)).await;
@@ -113,7 +113,7 @@ async fn close(
     Err(Alarm::user(1, format!("M{} {} by {force}", output.m(), side.0)))
 }
 
-/// M10 and M11.
+/// A part with the handlers of M10 and M11.
 fn clamp(side: &'static str) -> SequenceProgram {
     SequenceProgram::new()
         .on(CLOSE, close)
@@ -144,7 +144,7 @@ async fn a_part_that_is_nested_twice_serves_both_ranges_each_with_its_state() {
     let declared = failed(&fake, 20, 21.0).await;
     assert!(
         declared.starts_with("M20 close the clamp"),
-        "what it declares is moved with it: {declared}"
+        "the declaration is moved with the M code: {declared}"
     );
     let presence = fake.handlers().into_values().next().unwrap();
     let said = [10, 11, 20, 21, 60].map(|m| (m, presence.redelivery_of(1, m)));
@@ -157,11 +157,11 @@ fn a_part_that_does_not_fit_its_range_is_refused_with_each_m_code() {
     let refused = |program: SequenceProgram| program.check().unwrap_err().to_string();
     assert_eq!(
         refused(SequenceProgram::new().nest(20..=20, clamp("left"))),
-        "nest(20..=20): M11 of the part would be M21, which it may not serve there"
+        "nest(20..=20): M11 of the part would be M21, which is not allowed there"
     );
     assert_eq!(
         refused(SequenceProgram::new().nest(29..=31, clamp("left"))),
-        "nest(29..=31): M11 of the part would be M30, which it may not serve there"
+        "nest(29..=31): M11 of the part would be M30, which is not allowed there"
     );
     assert_eq!(
         refused(SequenceProgram::new().nest(20..=29, SequenceProgram::new())),
@@ -224,7 +224,7 @@ async fn a_guard_of_a_handler_that_is_cancelled_takes_its_lock_away() {
     assert_ne!(mill.state().await.unwrap().execution, Execution::Active);
 }
 
-/// Five minutes, of which those that are noted as done are left out.
+/// Works for five minutes, without the minutes that the last checkpoint records as done.
 async fn wash(output: AuxOutput, plc: Plc, heard: Heard) -> Result<(), Alarm> {
     let done: u32 = output.last_checkpoint()?.unwrap_or(0);
     note(&heard, format!("from minute {done}"));
@@ -284,7 +284,7 @@ async fn a_checkpoint_of_another_form_is_an_error_and_none_is_none() {
         panic!("{:?}", fake.closed(1, seq))
     };
     assert!(
-        alarm.text.contains("the checkpoint of M90 is not of this form"),
+        alarm.text.contains("the checkpoint of M90 has another form"),
         "{}",
         alarm.text
     );

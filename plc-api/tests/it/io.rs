@@ -44,7 +44,7 @@ fn program(handler_id: &str) -> SequenceProgram {
 }
 
 #[tokio::test]
-async fn what_a_handler_writes_is_its_programs_and_written_again_after_a_restart_of_the_machine() {
+async fn handler_write_is_owned_by_its_program_and_repeated_after_restart() {
     let fake = plant();
     let _task = serve(&fake, program("cell")).await;
     let seq = fake.put_out(1, 8, Params::default());
@@ -137,7 +137,7 @@ async fn changes_are_the_value_of_now_and_each_other_one() {
 }
 
 #[tokio::test]
-async fn a_forced_value_is_read_by_all_and_the_written_one_comes_back_at_the_release() {
+async fn forced_value_is_read_by_all_and_release_restores_the_written_one() {
     let fake = plant();
     let _task = serve(&fake, program("cell")).await;
     fake.put_out(1, 8, Params::default());
@@ -157,7 +157,7 @@ async fn a_forced_value_is_read_by_all_and_the_written_one_comes_back_at_the_rel
     assert_eq!(
         (state.value, state.forced),
         (true.into(), None),
-        "a restart ends it"
+        "a restart ends the forcing"
     );
 }
 

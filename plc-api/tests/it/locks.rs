@@ -42,11 +42,11 @@ async fn a_level_that_nobody_sends_any_more_is_on() {
     drop(door);
     fake.settle().await;
     let lock = fake.plc().coordinate_system(1).start_lock().await.unwrap();
-    assert!(lock.value && lock.text.contains("nobody watches"), "{lock:?}");
+    assert!(lock.value && lock.text.contains("no longer reports"), "{lock:?}");
     assert!(!task.is_finished());
 }
 
-/// As guards of version 0.1 are written.
+/// A guard in the style of version 0.1.
 async fn follow(plc: Plc, mut open: watch::Receiver<bool>) -> plc_api::Result<()> {
     loop {
         let is_open = *open.borrow_and_update();
@@ -85,7 +85,7 @@ async fn what_a_guard_beside_a_program_sets_is_that_programs() {
     fake.advance(ms(1)).await;
     assert!(
         !interlock(&fake).await.value,
-        "without on_loss it stays as it was"
+        "without on_loss the source keeps its value"
     );
 }
 

@@ -1,4 +1,4 @@
-//! The machine builder's side over the scripted machine, through the public interface only.
+//! Sequence programs on the scripted machine, through the public interface only.
 #![allow(
     clippy::unwrap_used,
     clippy::panic,
@@ -7,8 +7,8 @@
 
 mod alarms;
 mod ask;
-mod beside;
 mod changes;
+mod companions;
 mod composed;
 mod io;
 mod locks;
@@ -23,7 +23,7 @@ use plc_api::fake::FakePort;
 use plc_api::{Outputs, Params, RawOutput, SequenceProgram};
 use tokio::task::JoinHandle;
 
-/// Serves the machine from a task of its own.
+/// Runs a sequence program in a separate task.
 async fn serve(fake: &FakePort, program: SequenceProgram) -> JoinHandle<plc_api::Result<()>> {
     let plc = fake.plc();
     let task = tokio::spawn(async move { program.run(&plc).await });
@@ -31,7 +31,7 @@ async fn serve(fake: &FakePort, program: SequenceProgram) -> JoinHandle<plc_api:
     task
 }
 
-/// Works on what the raw queue gives, one after the other, in a task of its own.
+/// Works on the outputs of the raw queue, one after the other, in a separate task.
 async fn serve_raw<Work>(
     fake: &FakePort,
     set: impl FnOnce(Outputs) -> Outputs,

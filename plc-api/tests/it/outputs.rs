@@ -1,4 +1,4 @@
-//! The raw queue: who takes an output there owns it like any handler, and gives it back when it is no more.
+//! The raw queue: it owns a claimed output like any handler, and releases the output when the queue ends.
 
 use plc_api::fake::FakePort;
 use plc_api::handshake::Closed;
@@ -8,7 +8,7 @@ use tokio::task::JoinHandle;
 
 use crate::serve_raw;
 
-/// Claims what comes and never answers it.
+/// Claims the output and never answers.
 async fn claim_and_work_for_ever(output: RawOutput) {
     output.claim().await.unwrap();
     std::future::pending::<()>().await;
@@ -63,7 +63,7 @@ async fn a_raw_output_that_fails_stops_the_program_with_its_alarm() {
     assert_eq!(fake.closed(1, seq), Some(Closed::Failed { alarm }));
 }
 
-/// The outputs that a queue gives now, and whether the machine must be looked at first.
+/// Returns the outputs that a queue returns now, each with true if the machine must be checked first.
 async fn given(fake: &FakePort, outputs: &mut Outputs) -> Vec<(u64, bool)> {
     let mut given = Vec::new();
     loop {
@@ -78,7 +78,7 @@ async fn given(fake: &FakePort, outputs: &mut Outputs) -> Vec<(u64, bool)> {
     }
 }
 
-/// An output whose handler has died.
+/// Issues an output that loses its handler.
 async fn lost(fake: &FakePort) -> u64 {
     let seq = fake.put_out(1, 100, Params::default());
     let task = begin(fake).await;
@@ -128,7 +128,7 @@ async fn a_raw_queue_for_some_codes_gives_these_and_tells_the_machine() {
 }
 
 #[tokio::test]
-async fn a_raw_queue_that_lost_only_its_connection_takes_its_claim_back_and_gives_it_to_nobody() {
+async fn raw_queue_reclaims_after_connection_loss_without_yielding_it_again() {
     let fake = FakePort::new([1]);
     let seq = fake.put_out(1, 100, Params::default());
     let mut outputs = fake.plc().outputs().on(100).on_redelivery(Redelivery::Redo);

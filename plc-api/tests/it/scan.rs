@@ -1,4 +1,4 @@
-//! The scan-cycle style over the same handshake.
+//! The scan style uses the same handshake as handlers.
 
 use std::sync::{Arc, Mutex};
 
@@ -53,7 +53,7 @@ async fn an_output_is_a_flag_with_parameters_and_a_reset_is_written_as_one() {
 async fn a_cancelled_output_is_off_and_a_reset_reaches_no_later_one() {
     let fake = FakePort::new([1]);
     let program = SequenceProgram::new().scan(20, ms(10), |image: &mut Image| {
-        // it has seen the first output only, and resets what it has seen
+        // the image contains only the first output, and the scan resets only that output
         if image.output(1, 20).is_some_and(|output| output.seq() == 1) {
             image.reset(1, 20);
         }
@@ -151,7 +151,7 @@ async fn a_scan_of_one_coordinate_system_serves_no_other() {
     assert_eq!(fake.closed(2, loader), Some(Closed::Reset));
 }
 
-/// What the last scan has seen of the machine.
+/// State of the machine in the image of the last scan.
 #[derive(Default)]
 struct Seen {
     scans: u64,
@@ -191,7 +191,7 @@ impl ScanProgram for Watch {
     }
 }
 
-/// A scan every 10 ms without M codes.
+/// Runs a scan every 10 ms without M codes.
 async fn watch(fake: &FakePort, write: fn(&mut Image)) -> Arc<Mutex<Seen>> {
     let seen = Arc::new(Mutex::new(Seen::default()));
     let program = Watch {
@@ -212,7 +212,7 @@ fn inputs(fake: &FakePort) -> Vec<Input> {
 }
 
 #[tokio::test]
-async fn an_image_shows_inputs_overrides_positions_and_the_variables_that_were_asked_for() {
+async fn image_shows_inputs_overrides_positions_and_requested_variables() {
     let fake = FakePort::new([1]);
     let (plc, mill) = (fake.plc(), fake.plc().coordinate_system(1));
     let position = Position {
@@ -244,17 +244,17 @@ async fn an_image_shows_inputs_overrides_positions_and_the_variables_that_were_a
     assert_eq!(
         seen.variables,
         [Some(0.0), Some(2.0), None, Some(-1.0)],
-        "P102 was not asked for"
+        "P102 was not requested"
     );
     assert_eq!(seen.execution, Some(plc_api::Execution::Ready));
 }
 
 #[tokio::test]
-async fn a_flag_written_in_every_scan_is_sent_when_it_differs_and_wins_over_others() {
+async fn flag_written_every_scan_is_sent_on_change_and_wins_over_other_clients() {
     let fake = FakePort::new([1]);
     let mill = fake.plc().coordinate_system(1);
     let _seen = watch(&fake, |image| {
-        image.set_interlock(1, true, "a value that counts no more");
+        image.set_interlock(1, true, "a replaced value");
         image.set_interlock(1, image.scans() < 10, "the door is open");
         image.set_optional_skip(1, 3, true);
         image.set_optional_skip(1, 4, false);
@@ -282,7 +282,7 @@ async fn a_flag_written_in_every_scan_is_sent_when_it_differs_and_wins_over_othe
         sent.len() == once.len() && once.iter().all(|input| sent.contains(input)),
         "once in six scans: {sent:?}"
     );
-    // someone else writes the flag: the next scan writes it back
+    // another client writes the flag: the next scan writes the value of the program again
     mill.set_optional_skip(3, false).await.unwrap();
     fake.advance(ms(10)).await;
     assert_eq!(mill.state().await.unwrap().optional_skip, [3]);
@@ -448,7 +448,7 @@ async fn a_scan_reads_inputs_of_the_plant_and_owns_the_outputs_that_it_writes() 
 }
 
 #[tokio::test]
-async fn a_scan_sends_an_output_when_it_differs_and_is_told_what_cannot_be_written() {
+async fn scan_sends_an_output_on_change_and_gets_refusals_for_invalid_writes() {
     let fake = plant();
     let said = Arc::new(Mutex::new(Vec::new()));
     let heard = Arc::clone(&said);

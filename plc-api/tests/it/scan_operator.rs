@@ -18,7 +18,7 @@ use plc_api::{Alarm, CancelReason, Execution, Params, Plc, SequenceProgram};
 
 use crate::{ms, serve};
 
-/// A scan every 10 ms that raises alarm 20 of the whole machine while the level is on.
+/// Runs a scan every 10 ms that raises alarm 20 of the whole machine while the level is on.
 async fn with_air(fake: &FakePort) -> Arc<Mutex<bool>> {
     let low = Arc::new(Mutex::new(false));
     let level = Arc::clone(&low);
@@ -30,7 +30,7 @@ async fn with_air(fake: &FakePort) -> Arc<Mutex<bool>> {
 }
 
 #[tokio::test]
-async fn an_alarm_of_a_scan_is_raised_once_and_a_reset_lasts_only_without_its_level() {
+async fn scan_alarm_is_raised_once_and_reset_holds_only_without_its_level() {
     let fake = FakePort::new([1, 2]);
     let low = with_air(&fake).await;
     let (plc, mill) = (fake.plc(), fake.plc().coordinate_system(1));
@@ -48,7 +48,7 @@ async fn an_alarm_of_a_scan_is_raised_once_and_a_reset_lasts_only_without_its_le
     assert_eq!(ids().await, [2], "the air is still low");
     *low.lock().unwrap() = false;
     fake.advance(ms(50)).await;
-    assert_eq!(ids().await, [2], "it stays until a reset");
+    assert_eq!(ids().await, [2], "the alarm stays until a reset");
     mill.reset().await.unwrap();
     fake.advance(ms(3000)).await;
     assert_eq!(ids().await, [] as [u64; 0]);
@@ -75,7 +75,7 @@ async fn an_alarm_that_is_no_users_is_refused_and_the_next_scan_sees_it() {
     assert!(refused.contains("make it by Alarm::user"), "{refused}");
 }
 
-/// A scan every 10 ms that asks about M80 while `asks` is true, and notes what it hears.
+/// Runs a scan every 10 ms that asks about M80 while `asks` is true, and records the answers.
 async fn asking(fake: &FakePort) -> (Arc<Mutex<bool>>, Arc<Mutex<Option<String>>>) {
     let (asks, heard) = (Arc::new(Mutex::new(true)), Arc::new(Mutex::new(None)));
     let (is_asking, noted) = (Arc::clone(&asks), Arc::clone(&heard));
@@ -89,7 +89,7 @@ async fn asking(fake: &FakePort) -> (Arc<Mutex<bool>>, Arc<Mutex<Option<String>>
 }
 
 #[tokio::test]
-async fn a_question_of_a_scan_is_asked_once_and_its_answer_stays_while_it_is_written() {
+async fn scan_question_is_asked_once_and_its_answer_stays_while_written() {
     let fake = FakePort::new([1]);
     let (_asks, heard) = asking(&fake).await;
     fake.put_out(1, 80, Params::default());
@@ -143,7 +143,7 @@ async fn the_answer_of_one_output_is_none_of_the_next() {
 }
 
 #[tokio::test]
-async fn a_question_out_of_its_limits_is_refused_and_an_m_code_can_still_be_reset() {
+async fn question_without_choices_is_refused_and_its_m_code_can_still_be_reset() {
     let fake = FakePort::new([1]);
     let refused = Arc::new(Mutex::new(Vec::new()));
     let noted = Arc::clone(&refused);
@@ -165,7 +165,7 @@ async fn a_question_out_of_its_limits_is_refused_and_an_m_code_can_still_be_rese
     assert!(refused[0].contains("a question needs a choice"), "{refused:?}");
 }
 
-/// A machine on whose clock a scan can take time.
+/// A machine with a clock on which a scan can take time.
 struct Slow {
     fake: FakePort,
     taken_ms: Arc<AtomicU64>,
@@ -197,7 +197,7 @@ impl Port for Slow {
     }
 }
 
-/// Takes 25 ms in its third scan, and notes late scans, the last and the longest time.
+/// A program that takes 25 ms in its third scan, and records late scans, the last and the longest duration.
 struct Watched {
     taken_ms: Arc<AtomicU64>,
     limit: Option<Duration>,
@@ -244,7 +244,7 @@ async fn watched(limit: Option<Duration>) -> (FakePort, Vec<(u64, f64, f64)>) {
 }
 
 #[tokio::test]
-async fn a_scan_that_takes_longer_than_its_period_is_counted_and_may_be_an_alarm() {
+async fn scan_overrun_is_counted_and_can_raise_an_alarm() {
     let (fake, seen) = watched(None).await;
     assert_eq!(seen[2], (0, 0.0, 0.0));
     assert_eq!(seen[3], (1, 25.0, 25.0));

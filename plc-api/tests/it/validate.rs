@@ -40,11 +40,11 @@ async fn a_handler_refuses_parameters_with_its_own_words() {
     assert_eq!(
         fake.validate(1, 101, Params::default()).await,
         Ok(()),
-        "it has no check"
+        "the M code has no check"
     );
     let panicked = fake.validate(1, 102, Params::default()).await.unwrap_err();
     assert!(panicked.contains("a mistake"), "{panicked}");
-    // coordinate system 2 has a handler of its own, without a check
+    // coordinate system 2 has a separate handler without a check
     assert_eq!(fake.validate(2, 100, va(9.0)).await, Ok(()));
 }
 

@@ -1,4 +1,4 @@
-//! What holds for anything that comes in from a client: for tests of this crate and for the fuzzers.
+//! Properties of every input from a client, for tests of this crate and for the fuzzers.
 
 use std::borrow::Cow;
 
@@ -8,7 +8,7 @@ use plc_api::wire::row::{IncomingRequest, Sender, Source};
 use plc_api::wire::websocket::{self, ClientFrame, ServerFrame};
 use plc_api::wire::{ROWS, json_object};
 
-/// A part of the input up to a line break.
+/// Returns the next line of the input.
 fn line<'a>(rest: &mut &'a [u8]) -> Cow<'a, str> {
     let end = rest.iter().position(|byte| *byte == b'\n').unwrap_or(rest.len());
     let (line, behind) = rest.split_at(end);
@@ -16,8 +16,8 @@ fn line<'a>(rest: &mut &'a [u8]) -> Cow<'a, str> {
     String::from_utf8_lossy(line)
 }
 
-/// An MQTT message, its topic in the first line. What is read of it is written and read again as the same request: nobody
-/// judges another one than is carried out.
+/// Reads an MQTT message with its topic in the first line. The request that is read can be written and read
+/// again as the same request, so the authorized request is the executed one.
 pub fn mqtt(data: &[u8]) {
     let mut payload = data;
     let topic = line(&mut payload);
@@ -45,7 +45,7 @@ pub fn mqtt(data: &[u8]) {
     }
 }
 
-/// The head of a request over HTTP: each header has the same value.
+/// The head of a request over HTTP, in which each header has the same value.
 struct Head(String);
 
 impl Sender for Head {
@@ -62,8 +62,8 @@ impl Sender for Head {
     }
 }
 
-/// A request over REST: the first byte names the row, the next lines are a header, `wait`, and the levels of the path; the
-/// rest is the body. What is read needs the right of its row.
+/// Reads a request over REST: the first byte names the row, the next lines are a header, `wait`, and the
+/// levels of the path; the rest is the body. The request that is read needs the right of its row.
 pub fn rest(data: &[u8]) {
     let Some((which, mut body)) = data.split_first() else {
         return;
@@ -96,7 +96,8 @@ pub fn rest(data: &[u8]) {
     }
 }
 
-/// A frame of the WebSocket, as either side reads it. The requests of a frame are written as frames of the same requests.
+/// Reads a frame of the WebSocket as each side does. The requests of a frame can be written as frames of the
+/// same requests.
 pub fn websocket(data: &[u8]) {
     let _ = ServerFrame::read(&String::from_utf8_lossy(data));
     let Ok(frame) = json_object::<ClientFrame>(data) else {

@@ -213,7 +213,7 @@ impl Broker {
 
     /// Closes all connections and stops.
     pub(crate) async fn stop(self) {
-        // fails only if no task listens any more
+        // fails only if no task is listening
         let _ = self.stop.send(());
         self.clients.close();
         let _ = tokio::time::timeout(STOP_MAX, self.clients.wait()).await;

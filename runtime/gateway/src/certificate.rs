@@ -11,7 +11,7 @@ const UTC_TIME: u8 = 0x17;
 const GENERALIZED_TIME: u8 = 0x18;
 const VERSION: u8 = 0xa0;
 
-/// From when until when a certificate is valid.
+/// Period in which a certificate is valid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Validity {
     pub(crate) not_before: SystemTime,
@@ -19,11 +19,11 @@ pub(crate) struct Validity {
 }
 
 impl Validity {
-    /// Reads the validity of a certificate; `None` if it is no certificate.
+    /// Reads the validity of a certificate; returns `None` if the bytes are not a certificate.
     pub(crate) fn of_certificate(der: &[u8]) -> Option<Self> {
         let (certificate, _) = take(der, SEQUENCE)?;
         let (mut fields, _) = take(certificate, SEQUENCE)?;
-        // version, where there is one; serial number, signature algorithm and issuer
+        // version, if present; serial number, signature algorithm and issuer
         let skipped = if fields.first() == Some(&VERSION) { 4 } else { 3 };
         for _ in 0..skipped {
             fields = take_any(fields)?.2;
@@ -38,7 +38,7 @@ impl Validity {
     }
 }
 
-/// Days until an end that is to be announced; `None` if it is far, or past.
+/// Returns the days until an end that must be announced; `None` if the end is far away or has passed.
 pub(crate) fn days_to_end(end: SystemTime, now: SystemTime) -> Option<u64> {
     let left = end.duration_since(now).ok()?;
     (left <= ANNOUNCED_BEFORE).then_some(left.as_secs() / (24 * 3600))

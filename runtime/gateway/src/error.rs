@@ -2,13 +2,14 @@
 
 use std::net::SocketAddr;
 
-/// Why the server ends cannot start. Each message names the setting to change.
+/// Reason why the server ends cannot start. Each message names the setting to change.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum GatewayError {
     /// Another program listens there.
     #[error(
-        "{setting} = \"{address}\": the port is taken; stop the other program, or write another port in {setting}"
+        "{setting} = \"{address}\": the port is in use; stop the other program, or write another port in \
+         {setting}"
     )]
     PortTaken {
         /// The setting, such as `[http] listen`.
@@ -18,7 +19,8 @@ pub enum GatewayError {
     },
     /// The address can be reached from the network, and there are no tokens.
     #[error(
-        "{setting} = \"{address}\" can be reached from the network, which needs users: make tokens with tandem token and name their file in [http] token_file, or write 127.0.0.1 or [::1] with a port"
+        "{setting} = \"{address}\" can be reached from the network, which needs users: create tokens with \
+         tandem token and name their file in [http] token_file, or write 127.0.0.1 or [::1] with a port"
     )]
     NotLoopback {
         /// The setting.
@@ -42,8 +44,8 @@ pub enum GatewayError {
     /// The certificate of the listeners cannot be used.
     #[error("{0}")]
     ServerTls(String),
-    /// The system refuses to listen there.
-    #[error("{setting} = \"{address}\": cannot listen there: {source}")]
+    /// The operating system refuses to listen on the address.
+    #[error("{setting} = \"{address}\": cannot listen on this address: {source}")]
     Listen {
         /// The setting.
         setting: &'static str,
@@ -53,6 +55,6 @@ pub enum GatewayError {
         source: std::io::Error,
     },
     /// The embedded broker does not start.
-    #[error("the embedded MQTT broker ([mqtt] listen) does not start: {0}")]
+    #[error("the embedded MQTT broker ([mqtt] listen) cannot be started: {0}")]
     Broker(String),
 }

@@ -7,14 +7,14 @@ use crate::machine::Machine;
 use crate::places::PlaceLimits;
 use crate::server;
 
-/// Files of the runtime that are no connections of HTTP or the broker: store, journal, programs, listeners, readers of
-/// MTConnect, the connection to an external broker.
+/// Number of files of the runtime besides connections of HTTP and the broker: store, journal, programs,
+/// listeners, readers of MTConnect, the connection to an external broker.
 const OWN_FILES: u64 = 128;
 
-/// Minimum for these files, where the limit is so low that connections and the rest share it.
+/// Minimum for these files, if the limit is low.
 const OWN_FILES_MIN: u64 = 40;
 
-/// Limits of connections that the files of this process allow.
+/// Limits of connections, according to the file limit of this process.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct ConnectionLimits {
     pub(crate) http: PlaceLimits,
@@ -49,8 +49,9 @@ impl ConnectionLimits {
         let left = files.saturating_sub(OWN_FILES.min(files / 2).max(OWN_FILES_MIN));
         let (http, mqtt) = (usual.http.scaled(left, wanted), usual.mqtt.scaled(left, wanted));
         let text = format!(
-            "this process may have {files} files open, so that {} HTTP and {} MQTT connections are accepted in place of {} and {}; \
-             raise the limit to {} (LimitNOFILE= of systemd, ulimit -Hn of a shell)",
+            "this process may have only {files} files open, so {} HTTP and {} MQTT connections are accepted \
+             instead of {} and \
+             {}; raise the limit to {} (LimitNOFILE= of systemd, ulimit -Hn of a shell)",
             http.all,
             mqtt.all,
             usual.http.all,

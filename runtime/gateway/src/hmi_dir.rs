@@ -82,12 +82,12 @@ async fn serve(dir: Arc<Path>, path: String, headers: HeaderMap) -> Response {
             Problem::not_found(format!("there is nothing at {ROOT}/{path}")).into_response()
         }
         Err(Unread::TooLarge) => {
-            let text = format!("{ROOT}/{path} has more than {FILE_MAX} bytes, which is the limit");
+            let text = format!("{ROOT}/{path} exceeds the limit of {FILE_MAX} bytes");
             Problem::new(StatusCode::PAYLOAD_TOO_LARGE, "too_large", text).into_response()
         }
         Err(Unread::Failed(error)) => {
             tracing::warn!("[hmi] dir: {path:.256} cannot be read: {error}");
-            let text = format!("{ROOT}/{path} cannot be read; the log says why");
+            let text = format!("{ROOT}/{path} cannot be read; the log contains the reason");
             Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "unreadable", text).into_response()
         }
     }
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn nothing_outside_the_folder_is_served_and_nothing_hidden_or_of_another_kind() {
+    async fn files_outside_the_folder_hidden_or_of_other_kinds_are_not_served() {
         let folder = folder();
         let at = |name: &str| folder.path().join(name);
         std::os::unix::fs::symlink(at("secret.html"), at("hmi/out.html")).unwrap();

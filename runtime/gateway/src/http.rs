@@ -76,7 +76,7 @@ async fn wrong_method(method: Method, uri: Uri) -> Problem {
         StatusCode::METHOD_NOT_ALLOWED,
         "method_not_allowed",
         format!(
-            "{method} is not for {}; the Allow header says what is",
+            "{method} is not allowed for {}; the Allow header lists the allowed methods",
             uri.path()
         ),
     )

@@ -177,7 +177,7 @@ impl Gateway {
     /// Returns an error if a setting cannot be used, or if a port is taken; then no server runs.
     #[allow(
         clippy::unused_async,
-        reason = "it starts tasks, so that it must be called in an executor"
+        reason = "this function starts tasks and must therefore be called in an executor"
     )]
     pub async fn start(
         port: Arc<dyn ServedPort>,

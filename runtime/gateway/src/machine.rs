@@ -55,7 +55,7 @@ impl Authorized {
         &self.request
     }
 
-    /// Has a command answered when it is accepted, not when it is finished.
+    /// Answers a command when it is accepted, not when it is finished.
     pub(crate) fn do_not_wait(&mut self) {
         if let Request::Command { wait, .. } = &mut self.request {
             *wait = false;
@@ -144,7 +144,7 @@ impl Machine {
             Request::Handler(id, presence) if id == name && !presence.online => {
                 Ok(Self::gone(id, presence.instance, ServerTransport::Mqtt))
             }
-            _ => Err(forbidden(format!("the token of {name:?} counts no more"))),
+            _ => Err(forbidden(format!("the token of {name:?} is no longer valid"))),
         }
     }
 

@@ -71,7 +71,7 @@ impl BrokerLink {
 
 /// Names and meanings of the counters without labels, in the order of [`Metrics`].
 const COUNTERS: [(&str, &str); 7] = [
-    ("tandem_websockets", "WebSockets that are open."),
+    ("tandem_websockets", "Open WebSockets."),
     ("tandem_mqtt_connected", "1 while the MQTT broker is connected."),
     (
         "tandem_mqtt_connections_total",
@@ -84,11 +84,11 @@ const COUNTERS: [(&str, &str); 7] = [
     ("tandem_mqtt_received_total", "Messages received over MQTT."),
     (
         "tandem_mqtt_refused_total",
-        "Messages over MQTT that were refused: malformed, retained, or too many at once.",
+        "Refused messages over MQTT: malformed, retained, or too many at once.",
     ),
     (
         "tandem_mqtt_events_lost_total",
-        "Events dropped while the MQTT broker was away.",
+        "Events dropped while the MQTT broker was offline.",
     ),
 ];
 
@@ -158,10 +158,7 @@ impl Text {
 
     fn broker(&mut self, address: &str, age: Duration) {
         let name = "tandem_mqtt_connection_age_seconds";
-        self.head(
-            name,
-            "How long the connection to this external MQTT broker has been there.",
-        );
+        self.head(name, "Age of the connection to this external MQTT broker.");
         self.value(
             &format!("{name}{{broker=\"{}\"}}", escaped(address)),
             age.as_secs_f64(),
@@ -171,7 +168,7 @@ impl Text {
     fn servo(&mut self, servo: &ServoTiming) {
         self.number("tandem_servo_period_seconds", "Servo period.", servo.period_s);
         let overruns =
-            "Servo cycles that were not finished when the next one was due, those left out included.";
+            "Servo cycles that were not finished when the next one was due, including the cycles left out.";
         self.number("tandem_servo_overruns_total", overruns, servo.overruns);
         let missed = "Servo cycles that were left out because the servo was late.";
         self.number("tandem_servo_missed_cycles_total", missed, servo.missed);
@@ -179,9 +176,9 @@ impl Text {
         self.number("tandem_servo_late_exchanges_total", late, servo.late_exchanges);
         let lost = "Frames to the drives that were lost.";
         self.number("tandem_servo_lost_frames_total", lost, servo.lost_frames);
-        let late = "How late after its time a servo cycle began";
+        let late = "Delay of the start of a servo cycle";
         self.durations("tandem_servo_wakeup_lateness", late, &servo.lateness);
-        let computing = "How long a servo cycle computed";
+        let computing = "Duration of a servo cycle";
         self.durations("tandem_servo_cycle", computing, &servo.computing);
     }
 
@@ -203,7 +200,7 @@ impl Text {
         }
         self.value(&format!("{name}_seconds_sum"), durations.sum_s);
         self.value(&format!("{name}_seconds_count"), count);
-        let most = format!("{help}, the most since the start.");
+        let most = format!("{help}, maximum since the start.");
         self.number(&format!("{name}_max_seconds"), &most, durations.max_s);
     }
 }

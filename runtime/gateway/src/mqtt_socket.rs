@@ -57,7 +57,7 @@ fn upgrade_to(
         }
     };
     let Ok(permit) = sockets.try_acquire_owned() else {
-        let text = format!("{SOCKETS_MAX} MQTT clients are connected over WebSocket, which is the limit");
+        let text = format!("the limit of {SOCKETS_MAX} MQTT clients over WebSocket is reached");
         return Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text).into_response();
     };
     // a request without a connection comes from a test of the router

@@ -22,7 +22,7 @@ pub(crate) fn is_origin(text: &str) -> bool {
     })
 }
 
-/// Returns why a folder cannot be served: it is no folder, or it contains secret files.
+/// Returns the reason why a folder cannot be served: it is not a folder, or it contains secret files.
 pub(crate) fn folder_problem(dir: &Path, secrets: &[PathBuf]) -> Option<String> {
     let place = match dir.canonicalize() {
         Ok(place) if place.is_dir() => place,
@@ -34,7 +34,7 @@ pub(crate) fn folder_problem(dir: &Path, secrets: &[PathBuf]) -> Option<String> 
         secret.is_ok_and(|secret| secret.starts_with(&place) || place.starts_with(&secret))
     })?;
     let text = format!(
-        "everyone may read it, and {} is there; write a folder that holds nothing but pages",
+        "every client may read this folder, but {} is in it; write a folder that contains only pages",
         secret.display()
     );
     Some(text)
@@ -92,7 +92,7 @@ mod tests {
         );
         assert!(
             folder_problem(&at("hmi/parts"), &[at("hmi")]).is_some(),
-            "the data folder is around it"
+            "the data folder contains it"
         );
         assert!(
             folder_problem(&at("hmi/index.html"), &[])

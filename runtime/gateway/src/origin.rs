@@ -74,7 +74,7 @@ fn check(
         return Err(Problem::new(
             StatusCode::FORBIDDEN,
             "foreign_host",
-            format!("the target or the Host header does not name this server; call it as {scheme}://{own}"),
+            format!("the target or the Host header does not name this server; use {scheme}://{own}"),
         ));
     };
     for origin in headers.get_all(header::ORIGIN) {
@@ -91,7 +91,7 @@ fn check(
         };
         if !is_ours {
             let text =
-                "a web page of another origin may not use this machine; [http] allow_origins says which may";
+                "a web page of this origin may not use this machine; add its origin to [http] allow_origins";
             return Err(Problem::new(StatusCode::FORBIDDEN, "foreign_origin", text));
         }
     }

@@ -284,7 +284,7 @@ mod tests {
         assert_eq!(
             gone(&of_attacker),
             [0],
-            "one host has a limit, and its oldest gives way"
+            "one host has a limit, and its oldest connection is evicted"
         );
         let third = places.take(host(3)).unwrap();
         let _fourth = places.take(host(4)).unwrap();
@@ -313,7 +313,10 @@ mod tests {
         let next = places.take(local).unwrap();
         assert_eq!(places.counts(), (7, 6));
         assert!(next.know(0));
-        assert!(known[2].leave.is_cancelled(), "the one that was idle longest");
+        assert!(
+            known[2].leave.is_cancelled(),
+            "the connection that was idle longest"
+        );
         let all: Vec<_> = known.iter().filter_map(Place::busy).collect();
         assert_eq!(all.len(), 5);
         let next = Arc::new(next);
@@ -325,7 +328,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_host_is_its_first_64_bits_of_ipv6_and_an_ipv4_address_is_the_same_in_both_spellings() {
+    async fn ipv6_host_is_its_first_64_bits_and_mapped_ipv4_equals_ipv4() {
         let of = |address: &str| host_of(address.parse().unwrap());
         assert_eq!(of("2001:db8:1:2::1"), of("2001:db8:1:2:ffff::9"));
         assert_ne!(of("2001:db8:1:2::1"), of("2001:db8:1:3::1"));
@@ -340,7 +343,7 @@ mod tests {
                 Arc::new(place)
             })
             .collect();
-        assert_eq!(places.counts(), (4, 4), "the idle one gave way");
+        assert_eq!(places.counts(), (4, 4), "the idle connection was evicted");
         let _busy: Vec<_> = of_one.iter().filter_map(Place::busy).collect();
         assert!(places.take("2001:db8::ffff".parse().unwrap()).is_none());
         assert!(places.take("2001:db8:0:1::".parse().unwrap()).is_some());

@@ -155,14 +155,18 @@ mod tests {
         assert_eq!(
             ages.next_end(),
             Some(connected + ms(900)),
-            "it was kept by the broker"
+            "the broker had retained it"
         );
         ages.hear("cell", &presence(Some(900)), true, connected + ms(800));
-        assert_eq!(ages.next_end(), Some(connected + ms(1700)), "it was said again");
+        assert_eq!(
+            ages.next_end(),
+            Some(connected + ms(1700)),
+            "the presence was repeated"
+        );
     }
 
     #[test]
-    fn a_handler_first_heard_of_by_a_retained_presence_has_its_time_to_say_it_again() {
+    fn handler_known_by_retained_presence_has_its_expiry_to_repeat_it() {
         let (mut ages, begin) = (PresenceAges::default(), Instant::now());
         ages.begin_anew(begin);
         ages.hear("cell", &presence(Some(900)), true, begin + ms(5));

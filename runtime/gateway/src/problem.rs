@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_missing_token_says_which_scheme_and_a_body_too_large_ends_the_connection() {
+    fn missing_token_names_the_scheme_and_large_body_closes_the_connection() {
         let header = |status, name| {
             let response = Problem::new(status, "code", "detail").into_response();
             response.headers().get(name).cloned()

@@ -62,7 +62,7 @@ impl Registrations {
             }
             let ended = self.ages.lock().take_ended(now);
             for (id, instance) in ended {
-                warn!("handler {id:?} did not register again within its expires_ms: it is lost");
+                warn!("handler {id:?} did not register again within its expires_ms and is lost");
                 let gone = Machine::gone(id, instance, ServerTransport::Rest);
                 // fails if the runtime is stopping
                 let _ = machine.carry_out(gone).await;

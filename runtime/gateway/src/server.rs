@@ -32,7 +32,7 @@ use crate::problem::Problem;
 use crate::shared::Shared;
 use crate::tls::{Accepted, ClientStream, Fingerprint, LiveTls};
 
-/// Places of connections.
+/// Limits of connection slots.
 pub(crate) const PLACES: PlaceLimits = PlaceLimits {
     all: 256,
     of_one: 64,
@@ -145,7 +145,7 @@ async fn let_in(stream: TcpStream, tls: Option<&LiveTls>) -> Option<Accepted> {
     if accepted.is_private() {
         return Some(accepted);
     }
-    let text = "this port speaks https only: write https:// in place of http://\n";
+    let text = "this port accepts only https: write https:// instead of http://\n";
     let answer = format!(
         "HTTP/1.1 400 Bad Request\r\ncontent-type: text/plain\r\ncontent-length: {}\r\nconnection: close\r\n\r\n{text}",
         text.len()
@@ -201,7 +201,7 @@ impl HeldPlace {
     /// Returns the response to a request that is not served.
     pub(crate) fn refusal(&self) -> Problem {
         let text = format!(
-            "{} connections are busy, which is the limit; only hold, stop and abort are taken now",
+            "the limit of {} busy connections is reached; only hold, stop and abort are accepted now",
             self.place.known_max()
         );
         Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text)
@@ -236,7 +236,7 @@ impl LimitedListener {
         }
     }
 
-    /// Faults in connections are reported there.
+    /// Supervisor to which faults in connections are reported.
     pub(crate) fn supervised_by(self, supervisor: Supervisor) -> Self {
         Self { supervisor, ..self }
     }
@@ -246,7 +246,7 @@ impl LimitedListener {
             let (stream, address) = match self.listener.accept().await {
                 Ok(accepted) => accepted,
                 Err(error) => {
-                    tracing::warn!("no HTTP connection accepted: {error}");
+                    tracing::warn!("cannot accept an HTTP connection: {error}");
                     tokio::time::sleep(ACCEPT_RETRY).await;
                     continue;
                 }

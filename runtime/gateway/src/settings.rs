@@ -170,7 +170,7 @@ pub const MACHINES_MAX: usize = 31;
 
 /// Reason for rejecting a setting that opens the server to other computers.
 const NEEDS_USERS: &str =
-    "this needs users; make tokens with tandem token and name their file in [http] token_file";
+    "this needs users; create tokens with tandem token and name their file in [http] token_file";
 
 impl GatewaySettings {
     /// Returns all problems of these settings that can be found without opening a port: values, addresses, and the TLS
@@ -184,7 +184,7 @@ impl GatewaySettings {
             problems.push(GatewayError::Setting {
                 setting: MQTT_LISTEN,
                 value: mqtt.to_string(),
-                text: format!("{HTTP_LISTEN} = \"{http}\" takes that port; write another one"),
+                text: format!("{HTTP_LISTEN} = \"{http}\" uses this port; write another port"),
             });
         }
         problems.extend(http.err());
@@ -212,9 +212,9 @@ impl GatewaySettings {
     /// Returns the error in the settings of MQTT over WebSocket.
     fn websocket_problem(&self) -> Option<GatewayError> {
         let text = match (self.mqtt.websocket, &self.mqtt.embedded_listen, &self.tokens) {
-            (true, None, _) => "this is for broker = \"embedded\"; an external one has its own".to_owned(),
+            (true, None, _) => "this is for broker = \"embedded\"; an external broker has its own".to_owned(),
             (true, Some(_), None) => {
-                format!("{NEEDS_USERS}: a page in a browser could do everything without")
+                format!("{NEEDS_USERS}: without users, a page in a browser would have all rights")
             }
             _ => return None,
         };
@@ -238,14 +238,15 @@ impl GatewaySettings {
         if self.tokens.is_none() {
             return wrong(
                 first,
-                format!("{NEEDS_USERS}: pages of others could do everything without"),
+                format!("{NEEDS_USERS}: without users, pages of other origins would have all rights"),
             );
         }
         if self.allow_origins.len() > ORIGINS_MAX {
             return wrong(first, format!("at most {ORIGINS_MAX} origins are allowed"));
         }
         let other = self.allow_origins.iter().find(|origin| !is_origin(origin))?;
-        let text = "write an origin as browsers do, such as https://hmi.example.com or http://localhost:5173; none stands for several";
+        let text = "write an origin as browsers do, such as https://hmi.example.com or \
+                    http://localhost:5173; wildcards are not supported";
         wrong(other, text.to_owned())
     }
 
@@ -270,7 +271,7 @@ impl GatewaySettings {
         wrong(
             "[hmi] machines",
             last,
-            format!("at most {MACHINES_MAX} machines are shown beside this one"),
+            format!("at most {MACHINES_MAX} machines are shown in addition to this one"),
         )
     }
 
@@ -307,7 +308,8 @@ impl GatewaySettings {
             Some(address) => Err(GatewayError::Setting {
                 setting: SHDR_LISTEN,
                 value: address.to_string(),
-                text: "SHDR knows no users; write 127.0.0.1 or [::1] with a port, and let what reads it run on this computer".to_owned(),
+                text: "SHDR has no users; write 127.0.0.1 or [::1] with a port; run readers on this host"
+                    .to_owned(),
             }),
         }
     }
@@ -464,7 +466,7 @@ mod tests {
     }
 
     #[test]
-    fn without_tokens_only_the_loopback_may_be_listened_on_and_the_refusal_names_the_setting() {
+    fn without_tokens_only_loopback_is_allowed_and_refusal_names_the_setting() {
         for address in ["127.0.0.1:8080", "[::1]:8080", "localhost:0"] {
             assert!(listen_address(HTTP_LISTEN, address, false).is_ok());
         }

@@ -61,7 +61,7 @@ impl Shares {
         let now = Instant::now();
         watches.retain(|_, watch| now < watch.until);
         if watches.get(id).is_some_and(|watch| watch.account != account) {
-            let text = format!("client {id} is watched for another user; take another id");
+            let text = format!("client {id} is watched for another user; use another id");
             return Err(Refusal::new(RefusalCode::Forbidden, text));
         }
         if ttl_ms == 0 {
@@ -72,7 +72,9 @@ impl Shares {
             let own = watches.values().filter(|watch| watch.account == account).count();
             if own >= WATCHES_PER_USER_MAX || !may_operate && watches.len() >= WATCHES_UNRESERVED_MAX {
                 let text = format!(
-                    "client {id} is not watched: {own} of this user are, and {} of all; end one by a heartbeat with ttl_ms 0",
+                    "client {id} is not watched, because {own} clients of this user and {} of all users \
+                     are; end one watch \
+                     by a heartbeat with ttl_ms 0",
                     watches.len()
                 );
                 return Err(Refusal::new(RefusalCode::Unavailable, text));
@@ -88,7 +90,8 @@ impl Shares {
         let own = handlers.values().filter(|of| **of == account).count();
         if own >= HANDLERS_PER_USER_MAX && !handlers.contains_key(id) {
             let text = format!(
-                "{own} handlers of this user are online, which is its limit; end one by a presence with online false"
+                "the limit of {own} online handlers for this user is reached; end one by a presence with \
+                 online false"
             );
             return Err(Refusal::new(RefusalCode::Unavailable, text));
         }
@@ -146,7 +149,7 @@ mod tests {
         assert_eq!(
             taken(&user(3), "3"),
             WATCHES_PER_USER_MAX,
-            "lost watches count no more"
+            "lost watches are not counted"
         );
     }
 

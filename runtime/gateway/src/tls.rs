@@ -65,7 +65,9 @@ impl ServerTls {
             .map_err(|error| format!("[tls] cert_file {}: {error}", self.cert_file.display()))?;
         if chain.is_empty() {
             let file = self.cert_file.display();
-            return Err(format!("[tls] cert_file {file}: it holds no certificate in PEM"));
+            return Err(format!(
+                "[tls] cert_file {file}: the file contains no certificate in PEM"
+            ));
         }
         let validity = chain.first().and_then(|own| Validity::of_certificate(own));
         if let Some(Validity { not_after, .. }) = validity {
@@ -103,7 +105,8 @@ impl ServerTls {
         let mode = metadata.permissions().mode() & 0o777;
         if mode & 0o077 != 0 {
             return Err(format!(
-                "[tls] key_file {file}: its mode is {mode:03o}, so that others may read it; run chmod 600 {file}"
+                "[tls] key_file {file}: its mode is {mode:03o}, so other users may read the file; run chmod \
+                 600 {file}"
             ));
         }
         Ok(())
@@ -165,7 +168,7 @@ impl LiveTls {
 /// An accepted client.
 #[derive(Debug)]
 pub(crate) struct Accepted {
-    /// Its connection: right with TLS.
+    /// Its connection: `Right` with TLS.
     pub(crate) stream: ClientStream,
     /// Certificate that the client has presented.
     pub(crate) certificate: Option<Fingerprint>,
@@ -214,7 +217,7 @@ async fn look_again(
                 sender.send_replace(Arc::new(config));
             }
             // certificate and key are two files: between the two writes they do not match
-            Err(error) => warn!("{error}; the certificate stays as it was"),
+            Err(error) => warn!("{error}; the previous certificate stays in use"),
         }
     }
 }
@@ -374,7 +377,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_certificate_that_is_renewed_counts_without_a_restart_and_one_that_is_wrong_changes_nothing() {
+    async fn renewed_certificate_applies_without_restart_invalid_one_is_ignored() {
         let files = Files::new();
         let tls = LiveTls::follow(files.tls.clone(), None, &Supervisor::default()).unwrap();
         let first = CertificateDer::from_pem_file(&files.tls.cert_file).unwrap();
@@ -424,7 +427,7 @@ mod tests {
     }
 
     #[test]
-    fn a_key_of_another_certificate_and_a_file_without_one_are_refused_by_name() {
+    fn mismatched_key_and_file_without_certificate_are_refused_by_setting() {
         let (one, other) = (Files::new(), Files::new());
         let mixed = ServerTls {
             cert_file: one.tls.cert_file.clone(),

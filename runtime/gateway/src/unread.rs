@@ -67,12 +67,18 @@ impl LargeRequests {
                 _of_user: of_user,
             })
         };
-        timeout(LARGE_WAIT_MAX, acquiring).await.ok().flatten().ok_or_else(|| {
-            let text = format!(
-                "{LARGE_REQUESTS_MAX} programs are on their way ({USER_LARGE_REQUESTS_MAX} of one user), which is the limit; send it again"
-            );
-            Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text)
-        })
+        timeout(LARGE_WAIT_MAX, acquiring)
+            .await
+            .ok()
+            .flatten()
+            .ok_or_else(|| {
+                let text = format!(
+                    "the limit of {LARGE_REQUESTS_MAX} programs in transit ({USER_LARGE_REQUESTS_MAX} of one \
+                 user) is \
+                 reached; send the request again"
+                );
+                Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text)
+            })
     }
 
     fn of(&self, user: &str) -> Arc<Semaphore> {
@@ -97,7 +103,7 @@ struct UnreadBytes {
     of_host: HashMap<Option<IpAddr>, usize>,
 }
 
-/// The part of them that belongs to one response.
+/// The bytes of one response.
 #[derive(Debug)]
 struct UnreadAnswer {
     table: Arc<Mutex<UnreadBytes>>,
@@ -148,7 +154,7 @@ impl UnreadAnswers {
         if let Some(answer) = self.reserve(host, bytes) {
             return held(response, answer).await;
         }
-        let text = "answers that were not read fill the room for them; read these, or send it again later";
+        let text = "unread answers fill the available memory; read them, or send the request again later";
         Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text).into_response()
     }
 

@@ -1,12 +1,14 @@
 //! WebSocket `/api/v1/ws`: the messages of the topics that a client names, as on MQTT.
 //!
-//! The client sends `{"subscribe": ["cs/1/state", "cs/1/m_code/+/output"]}` and `{"unsubscribe": [...]}`; `+` stands
-//! for one level and a last `#` for all below. It gets `{"topic": "cs/1/state", "v": 1, ...}`: of each state first the
-//! full value, then every change. A slow reader is given the latest values: the hub limits its queue.
-//! `{"handler": {"id", "online", "handles", "validates"}}` is the presence of a handler that the client serves; it ends
-//! with the connection.
-//! `{"validate_result": {"cs", "m", "request_id", "handler_id", "ok", "text"}}` answers a `validate` message. Both need
-//! the rights for the topics of these names. Invalid and rejected messages are answered with `{"error": "..."}`.
+//! The client sends `{"subscribe": ["cs/1/state", "cs/1/m_code/+/output"]}` and `{"unsubscribe": [...]}`; `+`
+//! matches one level and a last `#` all levels below. The client receives `{"topic": "cs/1/state", "v": 1, ...}`:
+//! first the full value of each state, then every change. The hub limits the queue: a slow reader receives only
+//! the latest values.
+//! `{"handler": {"id", "online", "handles", "validates"}}` is the presence of a handler that the client serves;
+//! the presence ends with the connection.
+//! `{"validate_result": {"cs", "m", "request_id", "handler_id", "ok", "text"}}` answers a `validate` message. Both
+//! need the rights for the topics of these names. Invalid and rejected messages are answered with
+//! `{"error": "..."}`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::IpAddr;
@@ -75,7 +77,7 @@ async fn upgrade(
         return Problem::new(
             StatusCode::SERVICE_UNAVAILABLE,
             "unavailable",
-            format!("{WEBSOCKETS_MAX} WebSockets are open, which is the limit; close one"),
+            format!("the limit of {WEBSOCKETS_MAX} open WebSockets is reached; close one"),
         )
         .into_response();
     };
@@ -239,7 +241,8 @@ impl Client {
                 format!("there is no topic {pattern}; write one such as cs/1/state, or with wildcards cs/1/#")
             } else if self.patterns.len() == PATTERNS_MAX && !self.patterns.contains(&pattern) {
                 format!(
-                    "{PATTERNS_MAX} subscriptions are the limit of one connection; unsubscribe some, or use #"
+                    "the limit of {PATTERNS_MAX} subscriptions for one connection is reached; unsubscribe \
+                     some, or use #"
                 )
             } else {
                 self.patterns.insert(pattern.clone());
@@ -276,7 +279,7 @@ impl Client {
             && !self.handlers.contains_key(id)
             && self.handlers.len() == HANDLERS_MAX
         {
-            let text = format!("{HANDLERS_MAX} handlers are the limit of one connection");
+            let text = format!("the limit of {HANDLERS_MAX} handlers for one connection is reached");
             return Err(Refusal::new(RefusalCode::Unavailable, text));
         }
         let machine = &self.shared.machine;

@@ -10,12 +10,12 @@ pub(crate) fn binary(operator: Operator, left: f64, right: f64) -> f64 {
         Operator::Multiply => left * right,
         Operator::Divide => left / right,
         Operator::Modulo => left % right,
-        // a condition, which the parser takes for no number
+        // a condition, which the parser never accepts as a number
         _ => f64::NAN,
     }
 }
 
-/// Whether a comparison holds; `None` for operators that do not compare.
+/// Returns the result of a comparison; `None` for operators that do not compare.
 #[expect(clippy::float_cmp, reason = "the language compares exactly")]
 pub(crate) fn compare(operator: Operator, left: f64, right: f64) -> Option<bool> {
     Some(match operator {
@@ -37,7 +37,8 @@ pub(crate) fn label(value: f64) -> Option<i64> {
     (value.abs() <= LARGEST).then_some(value as i64)
 }
 
-/// The value of a function; outside its domain (manual 4-1-3) it is not a number, for log(0) minus infinity.
+/// Returns the value of a function; outside its domain (manual 4-1-3) it is not a number, for log(0) minus
+/// infinity.
 pub(crate) fn call(function: Function, x: f64, y: f64) -> f64 {
     match function {
         Function::Abs => x.abs(),
@@ -79,7 +80,7 @@ pub(crate) fn call(function: Function, x: f64, y: f64) -> f64 {
     }
 }
 
-/// The sine of degrees, exact at quarter turns.
+/// Returns the sine of degrees, exact at quarter turns.
 fn sine_of_degrees(degrees: f64, otherwise: f64) -> f64 {
     let turn = degrees.rem_euclid(360.0);
     if turn.rem_euclid(180.0).abs() <= 0.0 {
@@ -93,7 +94,8 @@ fn sine_of_degrees(degrees: f64, otherwise: f64) -> f64 {
     }
 }
 
-/// The tangent of degrees, exact at half turns; not a number at odd quarter turns, which are outside its domain.
+/// Returns the tangent of degrees, exact at half turns; not a number at odd quarter turns, which are outside
+/// its domain.
 fn tangent_of_degrees(degrees: f64) -> f64 {
     let half_turn = degrees.rem_euclid(180.0);
     if half_turn.abs() <= 0.0 {
@@ -105,7 +107,8 @@ fn tangent_of_degrees(degrees: f64) -> f64 {
     }
 }
 
-/// The angle of (x, y) for `atan2(y, x)`; not a number when both are zero, which is outside its domain.
+/// Returns the angle of (x, y) for `atan2(y, x)`; not a number when both are zero, which is outside its
+/// domain.
 fn arc_tangent(y: f64, x: f64) -> f64 {
     if x.abs() <= 0.0 && y.abs() <= 0.0 {
         f64::NAN
@@ -114,7 +117,7 @@ fn arc_tangent(y: f64, x: f64) -> f64 {
     }
 }
 
-/// -1, 0 or 1 (D08).
+/// Returns -1, 0 or 1 (D08).
 fn sign(x: f64) -> f64 {
     if x.abs() > 0.0 { x.signum() } else { x.abs() }
 }

@@ -1,5 +1,5 @@
 //! A block's words, sorted: its codes, which code takes which word, and the values. The rules of a single block are
-//! written here once; the checker lists what breaks them, the interpreter raises an alarm.
+//! written here once; the checker lists violations, and the interpreter raises an alarm.
 
 use tandem_model::limits::M_CODE_MAX;
 use tandem_model::settings::{MCodeSet, NcOptions};
@@ -37,7 +37,7 @@ const PARAMETERS: AddressSet = AddressSet::of(&[
 /// The words of one block.
 #[derive(Debug)]
 pub struct BlockWords {
-    /// The addresses that the block has, but for G, M and N.
+    /// The addresses of the block, except G, M and N.
     pub present: AddressSet,
     values: [f64; Address::COUNT],
     g_codes: [(&'static Code, usize); G_CODES_MAX],
@@ -56,7 +56,7 @@ pub struct BlockWords {
     taker_addresses: AddressSet,
     /// The words that the motion or fixed cycle takes.
     pub(crate) taken: AddressSet,
-    /// Words that are not written as they must be; they have no value.
+    /// Malformed words, which have no value.
     refused: AddressSet,
     /// Words with variables in place of numbers.
     pub(crate) indirect: AddressSet,
@@ -64,9 +64,9 @@ pub struct BlockWords {
     unknown: AddressSet,
     /// Words whose value is the one that the program wrote, unless another writer changed it meanwhile.
     pub(crate) doubtful: AddressSet,
-    /// A code could not be read, and may have words that seem to be no one's.
+    /// True if a code could not be read; words that no other code takes may belong to it.
     unknown_code: bool,
-    /// The block has a word other than its number.
+    /// True if the block has a word other than its number.
     pub any: bool,
 }
 
@@ -79,11 +79,11 @@ pub(crate) struct Reading<'a> {
     pub(crate) modal: &'a Modal,
     /// The variables of indirections.
     pub(crate) known: Known<'a>,
-    /// Where the block begins, as far as the text shows.
+    /// Position at the start of the block, as far as the text shows.
     pub(crate) position: &'a TextPosition,
-    /// A radius may be smaller than half the chord by so much, mm (D26).
+    /// Amount by which a radius may be smaller than half the chord, mm (D26).
     pub(crate) arc_radius_tolerance_mm: f64,
-    /// How numbers are read.
+    /// Options for the reading of numbers.
     pub(crate) options: &'a NcOptions,
 }
 
@@ -110,7 +110,7 @@ impl BlockWords {
         }
     }
 
-    /// The value of a word; not a number for an indirection.
+    /// Returns the value of a word; not a number for an indirection.
     pub fn get(&self, address: Address) -> Option<f64> {
         self.present
             .contains(address)
@@ -127,22 +127,22 @@ impl BlockWords {
         self.g_codes().iter().map(|(code, _)| *code)
     }
 
-    /// The M code.
+    /// Returns the M code.
     pub fn m_code(&self) -> Option<&'static Code> {
         self.m_code.map(|(code, _)| code)
     }
 
-    /// The number of the M code; 0 without one.
+    /// Returns the number of the M code; 0 without one.
     pub fn m_number(&self) -> u16 {
         self.m_code.map_or(0, |(_, number)| number)
     }
 
-    /// True when the block has one of VA to VH.
+    /// Returns true if the block has one of VA to VH.
     pub(crate) fn has_parameters(&self) -> bool {
         !self.present.intersection(PARAMETERS).is_empty()
     }
 
-    /// The values that G codes of the block set.
+    /// Returns the values that G codes of the block set.
     pub(crate) fn sets(&self) -> InForce {
         let mut sets = InForce::default();
         for value in self.codes().chain(self.m_code()).filter_map(|code| code.sets) {
@@ -248,7 +248,7 @@ impl BlockWords {
                 fault(diagnostics::GROUP_TWICE.at(
                     word.span(),
                     format!(
-                        "{} and {other} of modal group {} ({}) stand in one block",
+                        "{} and {other} of modal group {} ({}) are in one block",
                         code.code,
                         code.group.number(),
                         code.group.text()
@@ -398,7 +398,7 @@ impl BlockWords {
         }
     }
 
-    /// The words that codes of the block have as their own, and those that more than one of them has.
+    /// Returns the words that codes of the block have as their own, and those that more than one of them has.
     #[inline(never)]
     fn own_words(&self) -> (AddressSet, AddressSet) {
         let mut own = AddressSet::EMPTY;
@@ -431,7 +431,7 @@ impl BlockWords {
         })
     }
 
-    /// The description of a word of this block: by the code that takes it.
+    /// Returns the description of a word of this block: by the code that takes it.
     #[inline]
     pub(crate) fn spec(&self, address: Address, dialect: &Dialect) -> Option<&'static WordSpec> {
         if self.taken.contains(address) {
@@ -441,7 +441,7 @@ impl BlockWords {
         }
     }
 
-    /// The description of a word that the motion or fixed cycle does not take.
+    /// Returns the description of a word that the motion or fixed cycle does not take.
     #[inline(never)]
     fn spec_of_rest(&self, address: Address, dialect: &Dialect) -> Option<&'static WordSpec> {
         if self.own.contains(address) {
@@ -497,14 +497,14 @@ impl BlockWords {
         }
     }
 
-    /// True when a motion or fixed cycle that the text does not show may take the word.
+    /// Returns true if a motion or fixed cycle that the text does not show may take the word.
     fn may_be_taken(&self, address: Address) -> bool {
         self.taker.is_none()
             && self.own.intersection(AXIS_ADDRESSES).is_empty()
             && MOTION_WORDS.contains(address)
     }
 
-    /// True if a word is not checked because the code that takes it is unknown.
+    /// Returns true if a word is not checked because the code that takes it is unknown.
     pub(crate) fn is_taking_unclear(&self) -> bool {
         let rest = self.present.without(self.own).intersection(MOTION_WORDS);
         rest.iter().any(|address| self.may_be_taken(address))
@@ -546,7 +546,7 @@ impl BlockWords {
         }
     }
 
-    /// True when the block has a G or M code.
+    /// Returns true if the block has a G or M code.
     pub(crate) fn has_codes(&self) -> bool {
         self.g_count > 0 || self.m_code.is_some()
     }
@@ -564,7 +564,7 @@ fn twice(word: &Word) -> Diagnostic {
     let name = word.address.text();
     diagnostics::WORD_TWICE.at(
         word.span(),
-        format!("{name} stands twice in the block"),
+        format!("{name} appears twice in the block"),
         format!("Keep one {name}, or write another block."),
     )
 }
@@ -578,7 +578,7 @@ fn shared_word(span: Span, address: Address) -> Diagnostic {
     )
 }
 
-/// A refusal at its word, or at the block when it has no such word.
+/// Returns a refusal at its word, or at the block when it has no such word.
 fn at_word(program: &NcProgram, block: &Block, refusal: Refusal) -> Diagnostic {
     let span = program.span_of(block, refusal.address);
     refusal.entry.at(span, refusal.message, refusal.help)

@@ -24,7 +24,7 @@ use tandem_syntax::{DIAGNOSTICS_MAX, Grammar, NcProgram, diagnostics, parse};
 use crate::dialect::Dialect;
 use explore::Explorer;
 
-/// The programs that exist, to be called.
+/// The programs that calls can find.
 pub trait Programs: std::fmt::Debug {
     /// Returns the program with this number, or `None` if it does not exist.
     fn find(&self, number: u16) -> Option<Arc<NcProgram>>;
@@ -51,7 +51,7 @@ pub struct CheckContext<'a> {
     pub unit: Unit,
     /// F above it is clipped with a warning, mm/min.
     pub max_feedrate_mm_min: Option<f64>,
-    /// F where none is programmed, mm/min; 0: there is none. Without it, that is a warning.
+    /// F if none is programmed, mm/min; 0 for none. If the field is `None`, a missing F is a warning.
     pub default_feedrate_mm_min: Option<f64>,
     /// Whether the coordinate system has a spindle: without one, fixed cycles output other M codes.
     pub has_spindle: Option<bool>,
@@ -61,13 +61,13 @@ pub struct CheckContext<'a> {
     pub arc_radius_tolerance_mm: Option<f64>,
     /// Options that the dialect leaves to the machine.
     pub options: NcOptions,
-    /// The program continues manual data input, so its initial modal state is not the start-up state.
+    /// True if the program continues manual data input: its initial modal state is not the start-up state.
     pub goes_on: bool,
-    /// Manual data input, which has no marks around it.
+    /// True for manual data input, which has no marks around it.
     pub manual: bool,
-    /// Reports each fault that would be an alarm in a run as an error: wrong calculated values (D11), a wrong modal
-    /// state after branches and calls, a missing feedrate or spindle speed. Otherwise these are warnings or are not
-    /// reported.
+    /// True to report each fault that would be an alarm in a run as an error: wrong calculated values (D11),
+    /// a wrong modal state after branches and calls, a missing feedrate or spindle speed. Otherwise these are
+    /// warnings or are not reported.
     pub calculates: bool,
 }
 
@@ -99,16 +99,16 @@ pub struct Check {
     pub diagnostics: Vec<Diagnostic>,
     /// M codes that are output to the sequence program, ascending, each once.
     pub m_codes: Vec<u16>,
-    /// Programs that it calls, ascending, each once.
+    /// Programs that the program calls, ascending, each once.
     pub programs: Vec<u16>,
-    /// It calls programs whose numbers the text does not show.
+    /// True if the program calls programs whose numbers the text does not show.
     pub calls_any: bool,
     /// Results of the programs that are called, directly or not, by their numbers.
     pub called: BTreeMap<u16, Check>,
 }
 
 impl Check {
-    /// True when the program cannot run.
+    /// Returns true if the program cannot run.
     pub fn has_errors(&self) -> bool {
         self.diagnostics.iter().any(Diagnostic::is_error)
     }
@@ -164,8 +164,11 @@ impl Findings {
             self.list.push(finding);
         } else if *count == DIAGNOSTICS_MAX + 1 {
             let message = format!("more than {DIAGNOSTICS_MAX} findings; the rest is not listed");
-            self.list
-                .push(last.at(finding.span, message, "Correct those above, then check again."));
+            self.list.push(last.at(
+                finding.span,
+                message,
+                "Correct the findings above, then check again.",
+            ));
         }
     }
 }

@@ -29,8 +29,8 @@ pub struct Dialect {
     /// The code that ends a fixed cycle, and that is active after a motion code has ended one. `None` in a dialect
     /// without fixed cycles.
     pub cycle_cancel: Option<&'static Code>,
-    /// The codes before the axis words of a block that moves these axes to their first reference points from where they
-    /// are.
+    /// The codes before the axis words of a block that moves these axes from their present positions to their
+    /// first reference points.
     pub home: &'static str,
     /// The word that ends each block of the intermediate code (D43).
     pub block_end: &'static str,
@@ -49,7 +49,7 @@ pub struct Dialect {
 pub struct Policy {
     /// Two codes of one modal group in a block.
     pub rivals: Rivals,
-    /// When the M code of a block acts.
+    /// Time at which the M code of a block takes effect.
     pub m_code: MCodeTime,
     /// Meaning of numbers.
     pub numbers: Numbers,
@@ -57,11 +57,11 @@ pub struct Policy {
     pub spindle_word: SpindleWord,
     /// M codes that the dialect does not list.
     pub other_m_codes: OtherMCodes,
-    /// When an output is made whose M code has no setting.
+    /// Time of an output whose M code has no setting.
     pub output: OutputDefault,
     /// Meaning of an arc whose end is not on its circle.
     pub spiral: Spiral,
-    /// An F below the machine's least feedrate is replaced by that feedrate.
+    /// True if an F below the machine's least feedrate is replaced by that feedrate.
     pub has_least_feedrate: bool,
 }
 
@@ -78,7 +78,7 @@ impl Policy {
         has_least_feedrate: false,
     };
 
-    /// The feedrate that F is never below, mm/min; 0: none.
+    /// Returns the lowest feedrate, mm/min; 0 for none.
     pub(crate) fn least_feedrate(self, options: &NcOptions) -> f64 {
         if self.has_least_feedrate {
             options.min_feedrate_mm_min
@@ -91,9 +91,9 @@ impl Policy {
 /// Meaning of S.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SpindleWord {
-    /// Revolutions a minute; above the maximum it is an alarm.
+    /// Revolutions per minute; S above the maximum is an alarm.
     Speed,
-    /// Below 100 the number of a speed; speeds are held within those of the spindle.
+    /// Below 100 the number of a speed; speeds are limited to those of the spindle.
     SpeedOrCode,
 }
 
@@ -102,11 +102,11 @@ pub enum SpindleWord {
 pub enum OtherMCodes {
     /// Outputs.
     Output,
-    /// Outputs where the configuration has settings for them; else an error.
+    /// Outputs if the configuration has settings for them; otherwise an error.
     Declared,
 }
 
-/// When an output is made whose M code has no setting.
+/// Time of an output whose M code has no setting.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OutputDefault {
     /// After the motion, and the program waits for its reset.
@@ -133,12 +133,13 @@ pub enum Rivals {
     LastHolds,
 }
 
-/// When an M code acts that stops the program or makes an output. An end or a call always acts after the motion.
+/// Time at which an M code that stops the program or makes an output takes effect. An end or a call always
+/// takes effect after the motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MCodeTime {
     /// After the motion of its block.
     BehindMotion,
-    /// Before it.
+    /// Before the motion of its block.
     BeforeMotion,
 }
 
@@ -147,13 +148,13 @@ pub enum MCodeTime {
 pub enum Numbers {
     /// The written value.
     AsWritten,
-    /// Without a decimal point so many of the least increment, unless a setting says otherwise, and within the ranges of
-    /// what may be written (manual dgshape, 1-5 and 2-1).
+    /// A number without a decimal point counts least increments, unless a setting selects another reading.
+    /// The written numbers have ranges of their own (manual dgshape, 1-5 and 2-1).
     Counted,
 }
 
 impl Dialect {
-    /// The code of this letter, G or M, and number: that of the dialect's table, or an output.
+    /// Returns the code of this letter, G or M, and number: that of the dialect's table, or an output.
     pub fn code(&self, letter: Address, number: f64) -> Option<&'static Code> {
         let listed = |table: &CodeTable| tenths(number).and_then(|tenths| table.find(tenths));
         match letter {
@@ -168,7 +169,7 @@ impl Dialect {
         self.usual_outputs().iter().find(|usual| usual.m == m)
     }
 
-    /// The outputs that the manual names without listing them as codes of their own.
+    /// Returns the outputs that the manual names without listing them as codes of their own.
     pub fn usual_outputs(&self) -> &'static [UsualOutput] {
         match self.policy.other_m_codes {
             OtherMCodes::Output => USUAL_OUTPUTS,
@@ -176,25 +177,25 @@ impl Dialect {
         }
     }
 
-    /// The G code that sets a value; the first one where several do.
+    /// Returns the first G code that sets a value.
     pub fn that_sets(&self, value: ModalValue) -> Option<&'static Code> {
         let mut codes = self.g_codes.codes.iter().copied();
         codes.find(|code| code.sets == Some(value))
     }
 
-    /// The last code of [`Dialect::home`].
+    /// Returns the last code of [`Dialect::home`].
     pub fn home_code(&self) -> Option<&'static Code> {
         let name = self.home.rsplit(' ').next();
         let mut codes = self.g_codes.codes.iter().copied();
         codes.find(|code| Some(code.code) == name)
     }
 
-    /// True if programs can set ramp times; otherwise only the limits of the motors determine ramps.
+    /// Returns true if programs can set ramp times; otherwise only the limits of the motors determine ramps.
     pub fn has_ramp_times(&self) -> bool {
         self.modal_words.get(Address::Ta).is_some()
     }
 
-    /// The last of its M codes with a role.
+    /// Returns the last of its M codes with a role.
     pub fn m_code(&self, role: Role) -> Option<&'static Code> {
         let mut codes = self.m_codes.codes.iter().rev().copied();
         codes.find(|code| code.role == role)
@@ -217,7 +218,7 @@ impl Dialect {
         }
     }
 
-    /// The names of some codes as a [`list`]: `G01, G02 or G03`.
+    /// Returns the names of some codes as a [`list`]: `G01, G02 or G03`.
     pub(crate) fn names(&self, last: &str, is_meant: impl Fn(&Code) -> bool) -> String {
         let codes = self.g_codes.codes.iter().chain(self.m_codes.codes);
         let names: Vec<&str> = codes
@@ -228,7 +229,7 @@ impl Dialect {
     }
 }
 
-/// Names as a list with `last` before the last of them: `X, Y and Z`.
+/// Returns names as a list with `last` before the last name: `X, Y and Z`.
 pub(crate) fn list(names: &[&str], last: &str) -> String {
     match names.split_last() {
         Some((end, rest)) if !rest.is_empty() => format!("{} {last} {end}", rest.join(", ")),
@@ -290,12 +291,12 @@ impl ModalWords {
         }
     }
 
-    /// The description of a word.
+    /// Returns the description of a word.
     pub fn get(&self, address: Address) -> Option<&'static WordSpec> {
         self.specs[address as usize]
     }
 
-    /// True for F, S, ta, td and ts.
+    /// Returns true for F, S, ta, td and ts.
     pub fn is_feed_word(&self, address: Address) -> bool {
         self.feed_words.contains(address)
     }

@@ -18,22 +18,22 @@ pub(crate) type Locals = [f64; LOCAL_VARIABLES];
 pub(crate) struct Scope<'a> {
     pub(crate) locals: &'a Locals,
     pub(crate) variables: &'a Variables,
-    /// `None` while a G31 is unfinished: nothing reads them then (D15).
+    /// `None` while a G31 is unfinished: no block reads them in this time (D15).
     pub(crate) captured: Option<&'a [f64; AXES_MAX]>,
-    /// Receives a variable that was read and whose value is lost: results calculated with it are invalid.
+    /// Receives a variable that was read and has a lost value: results calculated with it are invalid.
     pub(crate) lost: &'a Cell<Option<Variable>>,
 }
 
 /// The variables of indirections.
 #[derive(Clone, Copy)]
 pub(crate) enum Known<'a> {
-    /// Those of a run.
+    /// The variables of a run.
     Run(Scope<'a>),
     /// Values that the text shows.
     Text { values: &'a Values, trust: Trust },
 }
 
-/// Which values of variables are trusted among those that the text shows.
+/// Values of variables that are trusted, among those that the text shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Trust {
     /// None.
@@ -45,7 +45,7 @@ pub(crate) enum Trust {
 }
 
 impl Scope<'_> {
-    /// The value of a variable; not a number for one that does not exist, which the parser refuses.
+    /// Returns the value of a variable; NaN if it does not exist, which the parser rejects.
     pub(crate) fn variable(&self, variable: Variable) -> f64 {
         let index = usize::from(variable.index);
         let value = match variable.kind {
@@ -60,8 +60,8 @@ impl Scope<'_> {
         value.unwrap_or(f64::NAN)
     }
 
-    /// The value of an expression. It may be infinite or not a number (D07). Its depth is bounded by the length of a
-    /// block.
+    /// Returns the value of an expression. It may be infinite or not a number (D07). Its depth is bounded by
+    /// the length of a block.
     pub(crate) fn number(&self, program: &NcProgram, id: ExpressionId) -> f64 {
         match program.expression(id).copied() {
             Some(Expression::Number(value)) => value,
@@ -84,7 +84,7 @@ impl Scope<'_> {
         }
     }
 
-    /// Whether a condition is true. A comparison with a NaN is false, except `!=`.
+    /// Returns whether a condition is true. A comparison with a NaN is false, except `!=`.
     pub(crate) fn condition(&self, program: &NcProgram, id: ExpressionId) -> bool {
         let isnan = || compare(Operator::Equal, self.number(program, id), 1.0) == Some(true);
         match program.expression(id).copied() {
@@ -107,7 +107,7 @@ impl Scope<'_> {
     }
 }
 
-/// True when an expression reads a variable of such a kind.
+/// Returns true if an expression reads a variable of such a kind.
 pub(crate) fn reads(program: &NcProgram, id: ExpressionId, is_such: fn(VariableKind) -> bool) -> bool {
     let reads = |id| reads(program, id, is_such);
     match program.expression(id).copied() {

@@ -17,7 +17,7 @@ use crate::inputs::Inputs;
 use crate::meaning::ModalValue;
 use crate::modal::{Kept, Modal, NOTHING_KEPT};
 
-/// Limits of the coordinate system that words are held to (D11).
+/// Limits of the coordinate system for words (D11).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
     /// F above it is clipped, mm/min, in G20 inch/min (D25).
@@ -26,11 +26,11 @@ pub struct Limits {
     pub default_feedrate_mm_min: f64,
     /// S above it is an alarm, r/min; `None` without a spindle.
     pub max_spindle_speed_r_min: Option<f64>,
-    /// True when the coordinate system has a spindle.
+    /// True if the coordinate system has a spindle.
     pub has_spindle: bool,
-    /// A radius may be smaller than half the chord by so much, mm (D26).
+    /// Amount by which a radius may be smaller than half the chord, mm (D26).
     pub arc_radius_tolerance_mm: f64,
-    /// Blocks without motion or output after which a program makes no progress.
+    /// Maximum number of blocks in a row without motion or output.
     pub blocks_without_motion_max: u32,
     /// Options that the dialect leaves to the machine.
     pub options: NcOptions,
@@ -53,31 +53,31 @@ impl Limits {
 /// How the program continues after a block.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Flow {
-    /// With the next block.
+    /// It continues with the next block.
     #[default]
     Next,
-    /// With an output to the sequence program.
+    /// It makes an output to the sequence program.
     Output {
         /// M number.
         m: u16,
         /// VA to VH.
         params: [Option<f64>; 8],
     },
-    /// With M00, or M01 when `optional`.
+    /// It stops by M00, or by M01 if `optional`.
     Stop {
         /// True for M01.
         optional: bool,
     },
-    /// Not at all.
+    /// It ends.
     End,
-    /// In a subprogram.
+    /// It calls a subprogram.
     Call {
-        /// Its number.
+        /// Number of the subprogram.
         program: u16,
-        /// How often.
+        /// Number of calls.
         times: u16,
     },
-    /// In the caller.
+    /// It returns to the caller.
     Return,
 }
 
@@ -85,9 +85,9 @@ pub enum Flow {
 #[derive(Debug, Default)]
 pub struct Draft {
     pub(crate) action: Option<Action>,
-    /// The transform has changed.
+    /// True if the transform has changed.
     pub(crate) transforms: bool,
-    /// It takes effect after the motion of the block.
+    /// True if the transform takes effect after the motion of the block.
     pub transform_after: bool,
     pub(crate) cycle: Option<Box<Expansion>>,
     /// Exact stops before and after the block's motion.
@@ -96,7 +96,7 @@ pub struct Draft {
     pub flow: Flow,
     pub(crate) warnings: Vec<String>,
     pub(crate) alarm: Option<Alarm>,
-    /// The block needs the position, which is not known yet.
+    /// True if the block needs the position, which is not yet known.
     pub(crate) needs_position: bool,
 }
 
@@ -117,7 +117,7 @@ pub struct Execution<'a> {
     pub limits: &'a Limits,
     /// Place of the code among the words of the block.
     pub place: usize,
-    /// The first block in the start-up state.
+    /// True for the first block in the start-up state.
     pub(crate) opens: bool,
     /// The result of the block.
     pub draft: &'a mut Draft,
@@ -134,7 +134,7 @@ impl Execution<'_> {
         Arc::make_mut(self.kept.get_or_insert_with(|| Arc::new(NOTHING_KEPT.clone())))
     }
 
-    /// The value of a word that no code of the block has as its own.
+    /// Returns the value of a word that no code of the block has as its own.
     pub fn free_word(&self, address: Address) -> Option<f64> {
         self.words
             .get(address)
@@ -145,21 +145,22 @@ impl Execution<'_> {
     /// group issues a warning.
     pub fn selected_tool(&mut self, group: ModalGroup, what: &str) -> Tool {
         if self.inputs.tool.is_some_and(|tool| tool.is_lost()) {
-            let text = format!("the {what} of the tool in the spindle is damaged, or which tool it is");
+            let text =
+                format!("the {what} of the tool in the spindle is damaged, or the number of that tool");
             self.refuse(Alarm::new(&VALUE_LOST, text));
             return Tool::default();
         }
         self.inputs.tool.unwrap_or_else(|| {
             let code = self.modal.code(group).map_or("", |code| code.code);
             self.warn(format!(
-                "{code}: no tool of the tool table is selected; its {what} counts as 0 mm"
+                "{code}: no tool of the tool table is selected; a {what} of 0 mm is used"
             ));
             Tool::default()
         })
     }
 
-    /// The entry of the tool table that a word of the block names; of number 0, and of one that is not in the table, it is
-    /// zero.
+    /// Returns the entry of the tool table that a word of the block names. For number 0, and for a number
+    /// that is not in the table, the entry is zero.
     pub(crate) fn offset_entry(&mut self, address: Address) -> (u16, Tool) {
         #[expect(
             clippy::cast_possible_truncation,
@@ -176,30 +177,31 @@ impl Execution<'_> {
         if !is_set {
             let name = address.text();
             self.warn(format!(
-                "{name}{number}: there is no offset of this number; it counts as 0 mm"
+                "{name}{number}: the tool table has no offset of this number; 0 mm is used"
             ));
         }
         (number, tool.unwrap_or_default())
     }
 
-    /// Where the next block counts from, machine coordinates. While it is open where a G31 ends, the block is interpreted
-    /// again once that is known, and what it does this time does not count.
+    /// Returns the position from which the next block is measured, in machine coordinates. While the end of a
+    /// G31 is unknown, the result of this block is discarded, and the block is interpreted again after the
+    /// G31.
     pub fn position(&mut self) -> AxisVector {
         self.draft.needs_position |= self.inputs.position.is_none();
         self.inputs.position.unwrap_or_default()
     }
 
-    /// A length in mm, whatever the unit in force (D25).
+    /// Returns a length in mm, whatever the unit in force (D25).
     pub fn length(&self, address: Address) -> Option<f64> {
         Some(self.words.get(address)? * self.modal.unit())
     }
 
-    /// The axis words that the motion or fixed cycle in force takes.
+    /// Returns the axis words that the motion or fixed cycle in force takes.
     pub fn axis_words(&self) -> AxisWords {
         self.axes_of(self.words.axis_words)
     }
 
-    /// The axis words that a code of the block has as its own.
+    /// Returns the axis words that a code of the block has as its own.
     pub fn own_axis_words(&self) -> AxisWords {
         self.axes_of(self.words.present.intersection(AXIS_ADDRESSES))
     }
@@ -241,7 +243,7 @@ impl Execution<'_> {
         }
     }
 
-    /// Ends scaling, mirroring and rotation. True when the transform changes by it.
+    /// Ends scaling, mirroring and rotation. Returns true if this changes the transform.
     pub fn release_shape(&mut self) -> bool {
         for code in self.dialect.start_up {
             if matches!(code.sets, Some(ModalValue::Shape(_, false))) {
@@ -280,7 +282,7 @@ impl Execution<'_> {
     }
 }
 
-/// The axis of an address.
+/// Returns the axis of an address.
 pub(crate) const fn axis_of(address: Address) -> Option<Axis> {
     match address {
         Address::X => Some(Axis::X),

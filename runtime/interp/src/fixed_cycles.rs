@@ -1,5 +1,5 @@
-//! Fixed cycles: one block becomes many items. A cycle is a list of steps; a block in it gives them one by one, as it
-//! may have thousands of repetitions.
+//! Fixed cycles: one block becomes many items. A cycle is a list of steps; the items of a block are created
+//! one by one, because it may have thousands of repetitions.
 
 use std::collections::BTreeSet;
 
@@ -35,19 +35,20 @@ pub struct Steps {
 pub enum Step {
     /// The rapid to the position: all axis words but Z. In G91 each repetition adds the distance.
     Position,
-    /// The rapid to the R point; where the cycle ends at the R point, in the first repetition only.
+    /// The rapid to the R point; if the cycle ends at the R point, in the first repetition only.
     Approach,
     /// A rapid to a level.
     Rapid(Level),
     /// A straight line to a level at the feedrate.
     Linear(Level),
-    /// A way in the thread, to the Z point or back to the R point, with the spindle turning so.
+    /// A pass in the thread, to the Z point or back to the R point, with this direction of the spindle.
     Thread(TapLeg, Turn),
-    /// Cuts to the Z point, each a depth further than the one before, with a way out to the R point between.
+    /// Cuts to the Z point, each deeper by the depth of cut than the one before, with a retraction to the R
+    /// point in between.
     Peck,
     /// Rest for the time of P.
     Dwell,
-    /// An M code without parameters, for whose reset the cycle waits as its setting says.
+    /// An M code without parameters; its setting selects whether the cycle waits for its reset.
     Output(u16),
 }
 
@@ -58,9 +59,9 @@ pub enum Level {
     RPoint,
     /// The Z point.
     ZPoint,
-    /// The initial level; no motion where the cycle ends at the R point.
+    /// The initial level; no motion if the cycle ends at the R point.
     Initial,
-    /// The level that the cycle ends at: the initial one or the R point.
+    /// The level at which the cycle ends: the initial level or the R point.
     Return,
 }
 
@@ -86,7 +87,7 @@ impl Cycle {
         outputs.collect()
     }
 
-    /// How the spindle turns into the hole of a cycle that cuts a thread; `None` for another one.
+    /// Returns the direction of the spindle on the way in for a cycle that cuts a thread; otherwise `None`.
     pub fn threads(&self) -> Option<Turn> {
         self.with_spindle.repetition.iter().find_map(|step| match step {
             Step::Thread(TapLeg::In, turn) => Some(*turn),
@@ -128,7 +129,7 @@ pub(crate) struct Hole {
     pub(crate) position: AxisWords,
     pub(crate) r_point: f64,
     pub(crate) z_point: f64,
-    /// The initial level, where the cycle returns to it.
+    /// The initial level, if the cycle returns to it.
     pub(crate) initial: Option<f64>,
     pub(crate) dwell_s: f64,
     /// S, r/min; `None` without a spindle.
@@ -143,18 +144,18 @@ pub(crate) struct Hole {
 pub(crate) struct Peck {
     /// Increase of the depth with each cut; above 0.
     pub(crate) depth: f64,
-    /// How far above the last depth the next one begins.
+    /// Distance above the last depth at which the next cut begins.
     pub(crate) clearance: f64,
 }
 
 /// Place of a step within pecks: each cut is followed by a retraction and a return.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum PeckPlace {
-    /// After this number of cuts, with the next one to come.
+    /// Above the next cut, after this number of cuts.
     Above(u32),
-    /// This number of cuts has been made, and the tool is at the last depth.
+    /// At the last depth, after this number of cuts.
     AtDepth(u32),
-    /// It is at the R point.
+    /// At the R point, after this number of cuts.
     Out(u32),
 }
 
@@ -165,7 +166,7 @@ pub(crate) enum Given {
     Output(u16),
 }
 
-/// The part of the steps that is given.
+/// The part of the steps that is being returned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Part {
     /// The thread that follows.
@@ -175,7 +176,7 @@ enum Part {
     Tail,
 }
 
-/// One block of a cycle while it is given out.
+/// One block of a cycle whose steps are being returned.
 #[derive(Debug)]
 pub(crate) struct Expansion {
     cycle: &'static Cycle,
@@ -184,7 +185,7 @@ pub(crate) struct Expansion {
     /// The next step of the part.
     at: usize,
     repetition: u16,
-    /// In the step of pecks.
+    /// Place within the step of pecks.
     pecks: Option<PeckPlace>,
 }
 
@@ -227,7 +228,7 @@ impl Expansion {
         }
     }
 
-    /// The next move of the pecks.
+    /// Returns the next move of the pecks.
     fn peck(&mut self, place: PeckPlace) -> Action {
         let (r, z) = (self.hole.r_point, self.hole.z_point);
         let Peck { depth, clearance } = self.hole.peck.unwrap_or(Peck {

@@ -8,10 +8,10 @@ use crate::arithmetic::label;
 use crate::evaluation::{Locals, Scope, reads};
 use crate::inputs::Inputs;
 
-/// Runs a program code. `next` is the block after it, and changes when it jumps.
+/// Executes a program code. `next` is the block after it; a jump changes `next`.
 ///
 /// # Errors
-/// A variable that it reads has lost its value; it has done nothing then.
+/// Fails if a variable that it reads has lost its value; the program code then has no effect.
 pub(crate) fn run(
     program: &NcProgram,
     block: &Block,
@@ -79,7 +79,7 @@ pub(crate) fn run(
     Ok(())
 }
 
-/// True when a program code reads a variable that other writers may change.
+/// Returns true if a program code reads a variable that other writers may change.
 pub(crate) fn reads_shared(program: &NcProgram, block: &Block) -> bool {
     let code = program.program_code(block);
     let expression = code.and_then(|code| code.expression);
@@ -90,7 +90,7 @@ pub(crate) fn reads_shared(program: &NcProgram, block: &Block) -> bool {
     })
 }
 
-/// True when a block reads a captured position.
+/// Returns true if a block reads a captured position.
 pub(crate) fn reads_captured_position(program: &NcProgram, block: &Block) -> bool {
     match program.program_code(block) {
         Some(code) => code

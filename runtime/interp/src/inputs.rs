@@ -22,15 +22,16 @@ pub struct Inputs<'a> {
     pub work_offsets: &'a WorkOffsets,
     /// P and Q.
     pub variables: &'a Variables,
-    /// The tool that is selected (D17); `None` when none is, or one that is not in the table: G41 to G44 then warn.
+    /// The selected tool (D17); `None` if no tool is selected, or one that is not in the table: G41 to G44
+    /// then warn.
     pub tool: Option<Tool>,
     /// The tool table by number, for dialects whose words name an offset.
     pub tools: &'a BTreeMap<u16, Tool>,
-    /// `_CNC_CapturedPosition<n>` of the last G31, in command units (D41). `None` while a G31 that has been given out is
-    /// unfinished: a block that reads one gives `Item::NeedsStandstill` (D15).
+    /// `_CNC_CapturedPosition<n>` of the last G31, in command units (D41). `None` while a returned G31 is
+    /// unfinished: a block that reads a captured position returns `Item::NeedsStandstill` (D15).
     pub captured: Option<[f64; AXES_MAX]>,
-    /// Where the next block counts from, machine coordinates: the end of all that has been given out so far, with a
-    /// change of tool length that nothing has moved for yet (D22). `None` while it is open where a G31 ends: a block that
-    /// takes it into its own gives `Item::NeedsStandstill`.
+    /// Position from which the next block is measured, machine coordinates: the end of all items returned so
+    /// far, with a change of tool length that no motion has applied yet (D22). `None` while the end of a G31
+    /// is unknown: a block that needs the position returns `Item::NeedsStandstill`.
     pub position: Option<AxisVector>,
 }

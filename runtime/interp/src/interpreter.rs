@@ -1,4 +1,4 @@
-//! From the program tree to items for the coordinator: a pull interface, pure.
+//! Converts the program tree to items, which the coordinator requests one by one. Has no side effects.
 
 mod alarms;
 mod modal_state;
@@ -35,15 +35,15 @@ pub use modal_state::ModalState;
 struct Frame {
     program: Arc<NcProgram>,
     number: u16,
-    /// Index of the block to come.
+    /// Index of the next block.
     next: usize,
-    /// How often the program runs again after its M99.
+    /// Number of further runs of the program after its M99.
     repeats_left: u16,
     /// The block interpreted last.
     origin: Origin,
 }
 
-/// Whether there is anything left to interpret.
+/// State of the interpretation.
 #[derive(Debug)]
 enum State {
     Running,
@@ -53,11 +53,12 @@ enum State {
 
 /// Interprets the program of one coordinate system.
 ///
-/// A block gives its items in this order: warnings, the transform, the motion (or [`Action::None`]), and the items of
-/// its M code. An auxiliary output thus follows its block's own motion (in a dialect whose M codes act before it, it
-/// comes first, and so does a stop); the coordinator decides by the M code's setting when it is made (D31, D32). In a
-/// block without motion M00, M01, M02 and M30 give nothing before their own item; M98 and M99 give [`Action::None`],
-/// which ends a chain (M1c). So do [`STEPS_IN_CHAIN_MAX`] blocks without an item.
+/// The items of a block come in this order: warnings, the transform, the motion (or [`Action::None`]), and
+/// the items of its M code. An auxiliary output thus follows the motion of its block; in a dialect whose M
+/// codes take effect before the motion, an output or a stop comes first. By the setting of the M code, the
+/// coordinator decides when the output is made (D31, D32). In a block without motion, M00, M01, M02 and M30
+/// have only their own item; M98 and M99 have [`Action::None`], which ends a chain (M1c).
+/// [`STEPS_IN_CHAIN_MAX`] blocks without an item also end a chain.
 #[derive(Debug)]
 pub struct Interpreter {
     dialect: &'static Dialect,
@@ -75,26 +76,26 @@ pub struct Interpreter {
     locals: Vec<Locals>,
     /// Number of blocks since the last item that moves, waits or outputs.
     idle_steps: u32,
-    /// A loop without an item reads P or Q: it waits until they are written.
+    /// True if a loop without an item reads P or Q: the program waits until another writer changes them.
     is_waiting: bool,
     /// Programs called since the start.
     called: BTreeSet<u16>,
     /// Blocks since the start.
     steps: u64,
-    /// The block that the last item began with; none where it had been read before.
+    /// The first block that was read for the last item; `None` if no block was read for it.
     began: Option<Origin>,
-    /// The program begins in the start-up state, whose work coordinate system is not selected yet.
+    /// True if the program begins in the start-up state, whose work coordinate system is not yet selected.
     opens: bool,
     state: State,
 }
 
 /// Returns the error text for calling a program that does not exist.
 pub fn not_there(number: u16) -> String {
-    format!("program {number} is not there")
+    format!("program {number} does not exist")
 }
 
 impl Interpreter {
-    /// An interpreter without a program, in the start-up modal state.
+    /// Creates an interpreter without a program, in the start-up modal state.
     pub fn new(settings: &CoordinateSystemSettings, dialect: &'static Dialect) -> Self {
         let start_up = Modal::start_up(dialect, settings);
         Self {
@@ -133,7 +134,7 @@ impl Interpreter {
         self.state = State::Running;
     }
 
-    /// No program, in the start-up modal state.
+    /// Removes the program, and restores the start-up modal state.
     pub fn reset(&mut self) {
         self.modal = self.start_up.clone();
         self.kept = None;
@@ -153,30 +154,32 @@ impl Interpreter {
         self.state = State::Ended(Origin::default());
     }
 
-    /// Numbers of the programs that were called since the start, ascending.
+    /// Returns the numbers of the programs that were called since the start, ascending.
     pub fn called(&self) -> impl Iterator<Item = u16> {
         self.called.iter().copied()
     }
 
-    /// True when all items of the block interpreted last have been given out.
+    /// Returns true if all items of the last interpreted block have been returned.
     pub fn is_between_blocks(&self) -> bool {
         self.queue.is_empty() && self.cycle.is_none()
     }
 
-    /// The next item. After [`Item::End`] and after an alarm the answer repeats until [`Interpreter::start`].
+    /// Returns the next item. After [`Item::End`] and after an alarm, returns the same result until
+    /// [`Interpreter::start`].
     ///
     /// # Errors
-    /// An alarm that stops the coordinate system; nothing of its block has been given out: a value out of its range
-    /// (D11) or not finite (D07), a missing program (D12), a missing end, a program with errors, or
+    /// Returns an alarm that stops the coordinate system, before any item of its block: for a value out of
+    /// its range (D11) or not finite (D07), a missing program (D12), a missing end, a program with errors, or
     /// `blocks_without_motion_max` blocks without an item that read neither P nor Q.
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Result<Item, Alarm> {
         let item = self.next_unless(inputs, |_, _| false)?;
         Ok(item.unwrap_or_else(|| Item::End(self.origin())))
     }
 
-    /// Returns the next item like [`Interpreter::next`], but `None` before a block for which `is_awaited` returns true,
-    /// given the number of its program and its index there: then nothing of it has been interpreted, and all preceding
-    /// items have been returned. It is called once for each block that is interpreted.
+    /// Returns the next item like [`Interpreter::next`], but `None` before a block for which `is_awaited`
+    /// returns true, given the number of its program and its index there. This block has then not been
+    /// interpreted, and all preceding items have been returned. `is_awaited` is called once for each block
+    /// that is interpreted.
     ///
     /// # Errors
     /// Fails like [`Interpreter::next`].
@@ -213,7 +216,7 @@ impl Interpreter {
             self.steps += 1;
             let steps_max = self.limits.blocks_without_motion_max;
             let step = if self.idle_steps > steps_max {
-                let text = format!("{steps_max} blocks have given neither motion nor output");
+                let text = format!("{steps_max} blocks in a row gave neither motion nor output");
                 Err(Alarm::new(&STEP_LIMIT, text))
             } else {
                 self.step(inputs)
@@ -227,12 +230,12 @@ impl Interpreter {
         }
     }
 
-    /// Blocks interpreted since the start of the program, those passed over included.
+    /// Returns the number of blocks interpreted since the start of the program, including skipped ones.
     pub fn steps(&self) -> u64 {
         self.steps
     }
 
-    /// The modal state after the last interpreted block.
+    /// Returns the modal state after the last interpreted block.
     pub fn modal(&self) -> &Modal {
         &self.modal
     }
@@ -243,12 +246,13 @@ impl Interpreter {
         self.stack.iter().map(|frame| frame.origin)
     }
 
-    /// The first block, skipped ones included, that was read for the last item; none where that had been read before.
+    /// Returns the first block, including skipped ones, that was read for the last item; `None` if no block
+    /// was read for it.
     pub fn began(&self) -> Option<Origin> {
         self.began
     }
 
-    /// The block interpreted last.
+    /// Returns the block interpreted last.
     fn origin(&self) -> Origin {
         self.stack.last().map(|frame| frame.origin).unwrap_or_default()
     }
@@ -309,7 +313,7 @@ impl Interpreter {
             return Ok(());
         };
         let (mut fault, lost) = (None, Cell::new(None));
-        // the path stage knows it
+        // the path stage knows the position
         let position = TextPosition::unknown();
         let reading = Reading {
             dialect: self.dialect,
@@ -396,7 +400,7 @@ impl Interpreter {
         for text in draft.warnings.drain(..) {
             self.queue.push_back(Item::Warning(origin, text));
         }
-        // these end a chain of motions by themselves
+        // each of these items ends a chain of motions
         let own_item = match draft.flow {
             Flow::Stop { .. } | Flow::End => true,
             Flow::Return => self.stack.len() == 1,
@@ -456,10 +460,10 @@ impl Interpreter {
         if times == 0 {
             return Ok(());
         }
-        // the main program is no call
+        // the main program is not a call
         if self.stack.len() > CALL_DEPTH_MAX {
             let text =
-                format!("the call of program {number} is deeper than {CALL_DEPTH_MAX} and is not made");
+                format!("the call of program {number} is nested deeper than {CALL_DEPTH_MAX} and is skipped");
             self.queue.push_back(Item::Warning(origin, text));
             return Ok(());
         }
@@ -473,7 +477,8 @@ impl Interpreter {
         Ok(())
     }
 
-    /// M99: the next repetition of the call, the caller, or the end of the main program.
+    /// Executes M99: continues with the next repetition of the call or with the caller, or ends the main
+    /// program.
     fn leave(&mut self, origin: Origin) {
         let called = self.stack.len() > 1;
         match self.stack.last_mut() {
@@ -522,7 +527,7 @@ fn execute(execution: &mut Execution<'_>) {
     if execution.opens {
         open(execution);
     }
-    // all are active before the first has its effect: words may be in any order (D02)
+    // all codes are active before the first takes effect: words may be in any order (D02)
     for (code, _) in modal_codes() {
         if code.group == ModalGroup::Motion {
             execution.modal.end_cycle(execution.dialect);
@@ -563,7 +568,7 @@ fn open(execution: &mut Execution<'_>) {
     }
 }
 
-/// True for items that move, wait or output.
+/// Returns true for items that move, wait or output.
 fn goes_on(item: &Item) -> bool {
     match item {
         Item::Block(block) => !matches!(

@@ -22,16 +22,16 @@ pub enum Side {
 /// Effect of the selected tool's length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum LengthOffset {
-    /// Not at all.
+    /// No effect.
     #[default]
     Off,
-    /// It is added to Z.
+    /// The length is added to Z.
     Added,
-    /// It is subtracted from Z.
+    /// The length is subtracted from Z.
     Subtracted,
 }
 
-/// The level that a fixed cycle ends at.
+/// The level at which a fixed cycle ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ReturnLevel {
     /// Z where the cycle began.
@@ -69,13 +69,13 @@ pub enum ModalValue {
     Cycle(Option<&'static Cycle>),
     /// Level to which fixed cycles return.
     ReturnLevel(ReturnLevel),
-    /// Whether blocks may blend.
+    /// Selects whether blocks may blend.
     PathControl(PathControl),
-    /// Whether ramps span blocks.
+    /// Selects whether ramps span blocks.
     MultiBlock(MultiBlock),
-    /// A change of shape is on, or off.
+    /// A change of shape, on or off.
     Shape(Shape, bool),
-    /// The spindle turns, or rests.
+    /// True if the spindle turns.
     Spindle(bool),
 }
 
@@ -90,10 +90,10 @@ pub enum MotionKind {
     Arc,
 }
 
-/// The part that a code has in its block.
+/// Role of a code in its block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
-    /// It only sets or requests its values: it moves nothing, and positions do not change.
+    /// A code that only sets or requests values: it moves nothing, and positions do not change.
     Plain,
     /// A modal motion.
     Motion(MotionKind),
@@ -105,9 +105,9 @@ pub enum Role {
     ToReference,
     /// An arc about the corner between two motions in cutter compensation.
     Corner,
-    /// It rests; its words are times, whatever their addresses.
+    /// A dwell; its words are times, whatever their addresses.
     Dwell,
-    /// It changes which positions values mean.
+    /// A code that changes the coordinates of later positions.
     Coordinates,
     /// An output to the sequence program.
     Auxiliary,
@@ -121,7 +121,7 @@ pub enum Role {
     Stop,
 }
 
-/// The modal values; `None` where they are unknown.
+/// The modal values; `None` if unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct InForce {
     /// The plane.
@@ -142,13 +142,13 @@ pub struct InForce {
     pub cycle: Option<Option<&'static Cycle>>,
     /// Level to which fixed cycles return.
     pub return_level: Option<ReturnLevel>,
-    /// Whether blocks may blend.
+    /// Selects whether blocks may blend.
     pub path_control: Option<PathControl>,
-    /// Whether ramps span blocks.
+    /// Selects whether ramps span blocks.
     pub multi_block: Option<MultiBlock>,
-    /// Which changes of shape are on.
+    /// The changes of shape that are on.
     pub shapes: [Option<bool>; 3],
-    /// Whether the spindle turns.
+    /// True if the spindle turns.
     pub spindle: Option<bool>,
 }
 
@@ -214,7 +214,7 @@ impl InForce {
         both(&mut self.spindle, other.spindle);
     }
 
-    /// True in cutter compensation.
+    /// Returns true in cutter compensation.
     pub(crate) fn compensates(&self) -> bool {
         matches!(self.side, Some(Side::Left | Side::Right))
     }

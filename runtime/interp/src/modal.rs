@@ -12,7 +12,7 @@ use crate::dialect::Dialect;
 use crate::fixed_cycles::Cycle;
 use crate::meaning::{InForce, ModalValue};
 
-/// The words of a fixed cycle that stay until G80 (D42), in mm and s; `None` where not programmed.
+/// The words of a fixed cycle that stay until G80 (D42), in mm and s; `None` if not programmed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CycleWords {
     /// Initial level: Z where the cycle began.
@@ -34,7 +34,7 @@ pub struct CycleWords {
 pub struct CycleLevel {
     /// The value of the word, mm.
     pub value: f64,
-    /// Whether it is a position, or a distance from another level.
+    /// Selects a position, or a distance from another level.
     pub distance: Distance,
 }
 
@@ -90,11 +90,11 @@ pub struct Modal {
     codes: [Option<&'static Code>; ModalGroup::COUNT],
     /// The values that these codes have set.
     pub in_force: InForce,
-    /// F as it is written, mm/min, above the maximum feedrate too; 0: never programmed.
+    /// F as written, mm/min, possibly above the maximum feedrate; 0: never programmed.
     pub feedrate_mm_min: f64,
-    /// F as blocks of rotary axes alone read it, deg/min: a number of degrees, whatever the unit of lengths.
+    /// F for blocks that move rotary axes only, deg/min, independent of the unit of lengths.
     pub feedrate_deg_min: f64,
-    /// F has been programmed; until then the default feedrate applies, which is expressed in the unit of lengths (D25).
+    /// True if F has been programmed; until then the default feedrate applies, in the unit of lengths (D25).
     pub is_feed_programmed: bool,
     /// S, r/min.
     pub spindle_speed_r_min: f64,
@@ -108,16 +108,16 @@ pub struct Modal {
     pub transform: Transform,
     /// G40, G41 or G42 with the tool's radius and the plane.
     pub compensation: Compensation,
-    /// Cutter compensation has been switched and no motion has led in or out since.
+    /// True if cutter compensation was switched on or off, and no motion has led in or out since.
     pub lead_pending: bool,
     /// Words that a fixed cycle keeps.
     pub cycle: CycleWords,
-    /// The unit of lengths has been used, and stays.
+    /// True if the unit of lengths has been used, and must stay.
     pub unit_settled: bool,
 }
 
 impl Modal {
-    /// The state at start-up: the manual's initial codes, and feedrate and times of the settings.
+    /// Returns the state at start-up: the manual's initial codes, and feedrate and times of the settings.
     pub(crate) fn start_up(dialect: &Dialect, settings: &CoordinateSystemSettings) -> Self {
         let of_text = Self::of_text(dialect, settings.unit);
         Self {
@@ -157,7 +157,7 @@ impl Modal {
         modal
     }
 
-    /// Makes a code the active one of its group.
+    /// Makes a code the active code of its group.
     pub(crate) fn remember(&mut self, code: &'static Code) {
         self.codes[code.group as usize] = Some(code);
         if let Some(value) = code.sets {
@@ -205,12 +205,12 @@ impl Modal {
         self.in_force.plane.unwrap_or_default()
     }
 
-    /// Millimetres of a programmed length of 1 (D25).
+    /// Returns the millimetres of a programmed length of 1 (D25).
     pub fn unit(&self) -> f64 {
         self.in_force.unit.unwrap_or_default().mm()
     }
 
-    /// The name of the unit of lengths.
+    /// Returns the name of the unit of lengths.
     pub fn unit_text(&self) -> &'static str {
         match self.in_force.unit {
             Some(Unit::Inch) => "inch",
@@ -223,12 +223,12 @@ impl Modal {
         self.in_force.distance.unwrap_or_default()
     }
 
-    /// Whether blocks may blend.
+    /// Returns whether blocks may blend.
     pub fn path_control(&self) -> PathControl {
         self.in_force.path_control.unwrap_or_default()
     }
 
-    /// Whether ramps span blocks.
+    /// Returns whether ramps span blocks.
     pub fn multi_block(&self) -> MultiBlock {
         self.in_force.multi_block.unwrap_or_default()
     }
@@ -246,12 +246,13 @@ impl Modal {
             .filter_map(|group| self.code(*group).map(|code| (group.number(), code.code)))
     }
 
-    /// `"G54"` to `"G59"`. `None` if no work coordinate system is selected (the start-up state).
+    /// Returns `"G54"` to `"G59"`; `None` if no work coordinate system is selected (the start-up state).
     pub fn work_offset(&self) -> Option<&'static str> {
         self.code(ModalGroup::WorkCoordinates).map(|code| code.code)
     }
 
-    /// True in cutter compensation, where the program cannot be stopped between blocks (manual, G41 and G42).
+    /// Returns true in cutter compensation, where the program cannot be stopped between blocks (manual, G41
+    /// and G42).
     pub fn compensates(&self) -> bool {
         self.in_force.compensates()
     }

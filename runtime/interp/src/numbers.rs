@@ -44,7 +44,7 @@ enum Kind {
     LengthOrFeedrate,
     Angle,
     Time,
-    /// It has the written value.
+    /// The written value.
     Plain,
 }
 
@@ -78,7 +78,7 @@ pub(crate) fn meant(value: f64, spec: &WordSpec, word: &Word, unit: Unit, option
     }
 }
 
-/// The numbers that a word may be written with, and their unit, in mm.
+/// Returns the range of numbers that may be written in a word, with their unit, in mm.
 pub(crate) fn written_range(spec: &WordSpec) -> String {
     let both = |with_point: f64, unit: &str| {
         format!(
@@ -110,7 +110,7 @@ pub(crate) fn judge_written(
     let name = word.address.text();
     if spec.integer && has_point {
         let message = format!("{name} ({}) is written with a decimal point", spec.meaning);
-        fault(diagnostics::INTEGER_NEEDED.at(word.span(), message, "Write it without one."));
+        fault(diagnostics::INTEGER_NEEDED.at(word.span(), message, "Write it without a decimal point."));
         return false;
     }
     let max = match (has_point, kind(spec), unit) {
@@ -130,7 +130,7 @@ pub(crate) fn judge_written(
 pub(crate) fn judge_block_number(word: &Word, fault: &mut dyn FnMut(Diagnostic)) {
     let number = word.number().unwrap_or_default();
     if !word.is_whole() || number < 0.0 {
-        let message = format!("N{number} is no block number");
+        let message = format!("N{number} is not a block number");
         let help = "Write N and 1 to 8 digits.";
         fault(diagnostics::CODE_NUMBER.at(word.span(), message, help));
     }
@@ -141,11 +141,11 @@ fn out_of_range(name: &str, written: f64, meaning: &str, max: f64, how: &str, sp
     diagnostics::OUT_OF_RANGE.at(
         span,
         format!("{name}{written} ({meaning}) is out of the range of -{max} to {max} {how} a decimal point"),
-        "Write a value within it.",
+        "Write a value within the range.",
     )
 }
 
-/// The number of a G word: a constant that is not negative.
+/// Returns the number of a G word: a constant that is not negative.
 pub(crate) fn code_number(word: &Word) -> Option<f64> {
     word.number().filter(|value| *value >= 0.0)
 }
@@ -166,7 +166,7 @@ pub(crate) fn constant_needed(word: &Word, kind: &str, example: &str) -> Diagnos
         .map_or_else(|| "[...]".to_owned(), |value| value.to_string());
     diagnostics::CODE_NUMBER.at(
         word.span(),
-        format!("{name}{shown} is no code number"),
+        format!("{name}{shown} is not a code number"),
         format!("Write {kind} such as {example}."),
     )
 }

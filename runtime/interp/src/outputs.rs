@@ -31,7 +31,7 @@ pub struct WrittenOutput {
     pub line: u32,
 }
 
-/// The outputs of a program, in the order of the text.
+/// Returns the outputs of a program, in the order of the text.
 pub fn programmed_outputs<'a>(
     program: &'a NcProgram,
     dialect: &Dialect,

@@ -4,16 +4,17 @@ use tandem_syntax::{Function, Operator};
 
 use crate::arithmetic::{binary, call};
 
-/// The numbers that a value may be.
+/// The possible numbers of a value.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Range {
-    /// The smallest; above `high` where it is no number for sure.
+    /// The smallest possible number; above `high` if the value is certainly not a number.
     pub low: f64,
-    /// The largest.
+    /// The largest possible number.
     pub high: f64,
-    /// It may be no number.
+    /// True if the value may be not a number.
     pub nan: bool,
-    /// Its source values can have been written by the program only, or no time has passed since.
+    /// True if only the program can have written its source values, or if no time has passed since it wrote
+    /// them.
     pub own: bool,
 }
 
@@ -25,7 +26,7 @@ impl PartialEq for Range {
 }
 
 impl Range {
-    /// Nothing is known.
+    /// The range of an unknown value.
     pub const ANY: Self = Self {
         low: f64::NEG_INFINITY,
         high: f64::INFINITY,
@@ -33,7 +34,7 @@ impl Range {
         own: true,
     };
 
-    /// One value; it may be no number.
+    /// Returns the range of one value, which may be not a number.
     pub fn of(value: f64) -> Self {
         if value.is_nan() {
             return Self {
@@ -58,7 +59,7 @@ impl Range {
         }
     }
 
-    /// The value where there is one only.
+    /// Returns the value if the range has only one.
     pub fn value(self) -> Option<f64> {
         if self.low > self.high {
             return Some(f64::NAN);

@@ -28,7 +28,7 @@ pub fn restrictions_of(code: &Code, dialect: &Dialect) -> Vec<String> {
     texts
 }
 
-/// True if the forbidden element is this code or its effect.
+/// Returns true if the forbidden element is this code or its effect.
 fn is_of(what: What, code: &Code) -> bool {
     let is_cycle = matches!(code.sets, Some(ModalValue::Cycle(Some(_))));
     match what {
@@ -44,7 +44,7 @@ fn is_of(what: What, code: &Code) -> bool {
     }
 }
 
-/// True when a restriction applies because of this code.
+/// Returns true if a restriction applies because of this code.
 fn holds_in(during: During, code: &Code) -> bool {
     match during {
         During::CycleBegin | During::Cycle | During::Drilling => {

@@ -22,7 +22,7 @@ pub use usual::USUAL;
 /// A combination that is not allowed in a block.
 #[derive(Debug)]
 pub struct Restriction {
-    /// When it applies.
+    /// Condition under which the restriction applies.
     pub during: During,
     /// The forbidden element.
     pub what: What,
@@ -55,14 +55,17 @@ impl Restriction {
     }
 }
 
-/// When a restriction applies.
+/// Condition under which a restriction applies.
+///
+/// The lead-out is pending from the block that switches cutter compensation off to the motion that leads out,
+/// both included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum During {
     /// Always.
     Always,
     /// Distances are incremental in the block.
     Incremental,
-    /// The unit of lengths has been used.
+    /// An earlier block has a coordinate, a unit code or a work coordinate system, so that the unit stays.
     UnitSettled,
     /// The block drills.
     Drilling,
@@ -74,21 +77,20 @@ pub enum During {
     CycleBegin,
     /// A fixed cycle is active, and the block does not end it.
     Cycle,
-    /// The next motion leads cutter compensation in or out.
+    /// The next motion in the plane, which may be that of the block, leads cutter compensation in or out.
     Lead,
-    /// Cutter compensation has been on before the block, or its lead-out is pending, and the block does not change
-    /// that.
+    /// Cutter compensation is on before and after the block, or its lead-out is pending.
     Compensation,
     /// Cutter compensation is on after the block.
     CompensatedBlock,
     /// Cutter compensation is on after the block, or its lead-out is pending.
     CompensationOrWayOut,
-    /// Cutter compensation is on at the end of the block, or its lead-out is pending; the block's own motion is not the
-    /// lead-out.
+    /// After the block, cutter compensation is on, or its lead-out is still pending because no word of the
+    /// block moves in the plane.
     CompensatedEnd,
     /// Cutter compensation is on before or after the block, or a lead-in or lead-out is pending.
     AnyCompensation,
-    /// A tool offset is active in the block.
+    /// A tool offset is in force before the block, or the block switches one on.
     ToolOffset,
 }
 
@@ -153,7 +155,8 @@ fn first(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
     broken.next().or_else(|| arc_shape::find(words, with))
 }
 
-/// True for a block of a straight motion and its words only, where nothing restricts it: most blocks of a program.
+/// Returns true for a block of a straight motion and its words only, which nothing restricts: most blocks of
+/// a program.
 #[inline]
 fn is_plain(words: &BlockWords, modal: &Modal) -> bool {
     let straight = |code: &Code| matches!(code.role, Role::Motion(MotionKind::Rapid | MotionKind::Linear));
@@ -164,7 +167,8 @@ fn is_plain(words: &BlockWords, modal: &Modal) -> bool {
         && modal.in_force.side == Some(Side::Off)
 }
 
-/// Follows which motion leads compensation in and out, when the block has been found right.
+/// Records whether a lead-in or lead-out is pending after a block, and its other modal values. The block must
+/// be free of errors.
 #[inline]
 pub(crate) fn follow(words: &BlockWords, modal: &mut Modal) {
     if words.has_codes() || modal.lead_pending || !modal.unit_settled {
@@ -177,7 +181,7 @@ fn follow_closely(words: &BlockWords, modal: &mut Modal) {
     if let (Some(side), Some(before)) = (own_side(words), modal.in_force.side)
         && (before == Side::Off) != (side == Side::Off)
     {
-        // an offset that has not been started need not be cancelled
+        // an offset that has not been led in needs no lead-out
         modal.lead_pending = !modal.lead_pending;
     }
     if modal.lead_pending && moves_in_plane(words, modal) {
@@ -207,7 +211,7 @@ fn follow_codes(words: &BlockWords, modal: &mut Modal) {
     }
 }
 
-/// True when the current motion takes a word that may move in the plane of the compensation.
+/// Returns true if the current motion takes a word that may move in the plane of the compensation.
 pub(crate) fn moves_in_plane(words: &BlockWords, modal: &Modal) -> bool {
     let outside = match modal.in_force.plane {
         Some(Plane::Xy) => Address::Z,
@@ -234,12 +238,12 @@ fn sets_unit(code: &Code) -> bool {
     matches!(code.sets, Some(ModalValue::Unit(_)))
 }
 
-/// The G code of the block that is so.
+/// Returns the first G code of the block for which `is_so` returns true.
 fn g_code(words: &BlockWords, is_so: impl Fn(&Code) -> bool) -> Option<&'static Code> {
     words.codes().find(|code| is_so(code))
 }
 
-/// True when the current motion or cycle takes a word of the block.
+/// Returns true if the current motion or cycle takes a word of the block.
 fn moves(words: &BlockWords) -> bool {
     !words.taken.is_empty()
 }
@@ -248,7 +252,7 @@ fn moves_by(words: &BlockWords, kind: MotionKind) -> bool {
     moves(words) && words.taker.is_some_and(|code| code.role == Role::Motion(kind))
 }
 
-/// The address of the centre along an axis of the plane.
+/// Returns the address of the centre along an axis of the plane.
 pub(crate) fn centre(axis: Axis) -> Address {
     match axis {
         Axis::X => Address::I,
@@ -266,7 +270,7 @@ fn state(words: &BlockWords, modal: &Modal) -> impl Fn(During) -> bool {
     let switches_on = own.compensates();
     let after = (before && own.side != Some(Side::Off)) || switches_on;
     let leads = modal.lead_pending != (after != before);
-    // the tool position before the lead-out depends on that motion
+    // until the lead-out, the position of the tool depends on that motion
     let way_out = leads && !after;
     let leads_out_here = way_out && moves_in_plane(words, modal);
     let pending = in_force.side.is_some() && modal.lead_pending;
@@ -369,12 +373,12 @@ fn found(what: What, words: &BlockWords, modal: &Modal) -> Option<(Address, Stri
     }
 }
 
-/// The words that the cycle of the block begins with.
+/// Returns the words that the cycle of the block begins with.
 fn needed(words: &BlockWords) -> &'static [Address] {
     words.sets().cycle.flatten().map_or(&[][..], |cycle| cycle.needed)
 }
 
-/// A text with its marks replaced.
+/// Returns a text with its marks replaced.
 #[cold]
 pub(crate) fn written(text: &str, needed: &[Address], dialect: &Dialect, found: &str) -> String {
     let names = |last, is_meant: fn(&Code) -> bool| dialect.names(last, is_meant);

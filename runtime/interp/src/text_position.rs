@@ -10,7 +10,8 @@ use crate::execution::axis_of;
 use crate::meaning::{ModalValue, Role};
 use crate::modal::Modal;
 
-/// True for a code that does not change the coordinates or the unit, and that moves by the current motion alone.
+/// Returns true for a code that does not change the coordinates or the unit, and that moves by the current
+/// motion alone.
 fn is_harmless(code: &Code) -> bool {
     match code.sets {
         Some(ModalValue::Unit(_) | ModalValue::Length(_) | ModalValue::Cycle(_) | ModalValue::Shape(..)) => {
@@ -44,7 +45,7 @@ impl TextPosition {
         *self != before
     }
 
-    /// A point that the text does not show.
+    /// Creates a point that the text does not show.
     pub(crate) fn unknown() -> Self {
         let mut position = AxisVector::ZERO;
         for axis in Axis::ALL {

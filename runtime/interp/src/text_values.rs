@@ -16,9 +16,9 @@ const FOLLOWED_MAX: usize = 1024;
 pub(crate) struct Values {
     locals: Arc<BTreeMap<u16, Range>>,
     shared: Arc<BTreeMap<(u8, u16), Range>>,
-    /// Something was written into Q or P, and no time has passed since.
+    /// True if Q or P was written, and no time has passed since.
     fresh: bool,
-    /// Nothing is known of any L: the program is not seen from its head.
+    /// True if no L is known, because the program was not followed from its start.
     unknown: bool,
 }
 
@@ -63,7 +63,7 @@ impl Values {
         }
     }
 
-    /// From here on other writers may change Q and P.
+    /// Records that time passes, so that other writers may have changed Q and P.
     pub fn pass_time(&mut self) {
         if std::mem::take(&mut self.fresh) {
             for range in Arc::make_mut(&mut self.shared).values_mut() {
@@ -91,7 +91,7 @@ impl Values {
         self.unknown = caller.unknown;
     }
 
-    /// L are zero again: another repetition of a call begins.
+    /// Sets L to zero, for a further repetition of a call.
     pub fn repeat(&mut self) {
         self.locals = Arc::default();
     }

@@ -32,7 +32,7 @@ fn check(source: &str, expect: &[&str]) {
     );
 }
 
-/// Checks a text as it stands.
+/// Checks a text without additions.
 fn check_whole(source: &str, expect: &[&str]) {
     assert_eq!(findings(source, &CheckContext::default()), expect, "{source:?}");
 }
@@ -59,7 +59,7 @@ fn words_of_arcs_and_cycles_belong_to_later_blocks_too() {
     check("G05 P1 Q2\nP5", &["1:1 E0101", "2:1 E0108"]);
     check("G28 P1\nP5", &["1:5 E0108", "2:1 E0108"]);
     check("G02 X1 I2 F0", &["1:11 E0109"]);
-    // what a subprogram or a branch leaves in force the text does not show
+    // the text does not show the codes in force after a subprogram or a branch
     check("M98 P1000\nX1 I1", &[]);
     check("if(P1==1) M98 P1000\nX3 I5", &["2:4 W0009"]);
 }

@@ -86,7 +86,7 @@ fn what_the_checker_calls_clean_stops_by_no_alarm_that_its_text_decides() {
 }
 
 #[test]
-fn dgshape_what_the_checker_calls_clean_stops_by_no_alarm_that_its_text_decides() {
+fn dgshape_program_checked_clean_raises_no_alarm_decided_by_its_text() {
     let wanted = if is_long() { CLEAN } else { CLEAN / 5 };
     clean_programs_run_clean(wanted, Made::dgshape, &[(0.0, 0), (0.0, 1)]);
 }

@@ -50,7 +50,7 @@ fn each_word_of_another_control_has_its_help() {
             "Write Q100 for #100, [Q100] as the value of a word",
         ),
         ("X#101", "E0003", "Write Q101 for #101"),
-        ("#3000=1", "E0003", "There are no system variables"),
+        ("#3000=1", "E0003", "System variables do not exist"),
         ("#[1]=1", "E0003", "Write L1, Q1 or P1"),
         ("%", "E0003", "Remove the line"),
         ("X1;", "E0003", "Remove it: a block ends with its line."),
@@ -175,7 +175,7 @@ fn dialect_dgshape_says_what_to_write_for_codes_that_it_does_not_have() {
         ("G95", "E0101", "Calculate F"),
         ("G96", "E0101", "Write the speed"),
         ("G97", "E0101", "Remove it: S"),
-        ("M04", "E0104", "Write M03: it alone starts the spindle"),
+        ("M04", "E0104", "Write M03: only M03 starts the spindle"),
         ("M97 P5", "E0104", "Write the blocks of the subprogram"),
         ("M98 P1000", "E0104", "Write the blocks of the subprogram"),
         ("M99", "E0104", "Write M30"),
@@ -252,7 +252,7 @@ fn the_end_that_is_missing_names_the_codes_that_the_dialect_has() {
     );
 }
 
-/// True when a test names it, with or without the leading zero of its number.
+/// True if a test names it, with or without the leading zero of its number.
 fn proved(own: &str, name: &str) -> bool {
     let (letter, number) = name.split_at(1);
     own.contains(&format!("\"{name}")) || own.contains(&format!("\"{letter}0{number}")) || own.contains(name)

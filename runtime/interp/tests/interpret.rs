@@ -205,7 +205,7 @@ fn d27_g09_acts_at_its_place_among_the_axis_words() {
 }
 
 #[test]
-fn d16_d20_work_offsets_are_read_at_their_block_and_come_before_its_motion() {
+fn d16_d20_work_offsets_are_read_at_their_block_and_precede_its_motion() {
     let mut run = Run::new("G54\nG59 X1\nG54\nM30");
     run.work_offsets.0[0][Axis::X] = 10.0;
     run.work_offsets.0[5][Axis::X] = 60.0;
@@ -344,10 +344,9 @@ fn d12_a_call_deeper_than_8_is_not_made() {
     let motions: Vec<&String> = items.iter().filter(|item| item.contains("linear")).collect();
     assert_eq!(motions.len(), 8);
     assert_eq!(motions[7], "1008:1 linear X8");
-    assert!(
-        items
-            .contains(&"1008:2 warning the call of program 1009 is deeper than 8 and is not made".to_owned())
-    );
+    assert!(items.contains(
+        &"1008:2 warning the call of program 1009 is nested deeper than 8 and is skipped".to_owned()
+    ));
     assert_eq!(items.last().map(String::as_str), Some("1:2 end"));
 }
 
@@ -411,7 +410,7 @@ fn an_alarm_repeats_until_the_next_start() {
     assert!(run.next().is_ok());
 }
 
-/// The first answer that is not a block without movement, and how many of those came before it.
+/// Returns the first item that is not a block without movement, and the number of such blocks before it.
 fn after_no_movement(run: &mut Run) -> (usize, Result<Item, Alarm>) {
     let mut passed = 0;
     loop {

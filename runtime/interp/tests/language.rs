@@ -1,4 +1,4 @@
-//! Chapter 4 and the codes whose motion is not built, as the path stage gets them: one test a rule.
+//! Chapter 4 and the codes without path geometry, as the path stage receives them: one test for each rule.
 
 #![allow(
     clippy::panic,
@@ -242,7 +242,7 @@ fn d15_a_captured_position_waits_for_the_end_of_its_g31() {
 }
 
 #[test]
-fn d15_a_block_that_takes_the_position_into_its_own_waits_for_the_end_of_a_g31() {
+fn d15_block_that_uses_the_position_waits_for_the_end_of_g31() {
     for (block, waits) in [
         ("G68 X1 R90", true),
         ("G51 X1 Y2 P2", true),
@@ -505,7 +505,7 @@ fn d17_g41_to_g44_without_a_tool_warn_and_count_it_as_0() {
         let mut run = Run::new(&format!("{code}\nM30"));
         run.tool = None;
         let warning =
-            format!("1:1 warning {code}: no tool of the tool table is selected; its {what} counts as 0 mm");
+            format!("1:1 warning {code}: no tool of the tool table is selected; a {what} of 0 mm is used");
         assert_eq!(run.items()[0], warning);
     }
 }
@@ -558,7 +558,7 @@ fn where_a_program_cannot_be_stopped_between_blocks_is_known() {
 }
 
 #[test]
-fn a_program_begins_in_the_start_up_state_and_manual_data_input_in_what_is_in_force() {
+fn program_starts_in_the_start_up_state_and_mdi_in_the_current_state() {
     let mut run = Run::new("G91 F500 G54\nM30");
     assert!((0..9).any(|_| matches!(run.next(), Ok(Item::End(_)))));
     assert!(run.interpreter.is_between_blocks());

@@ -71,28 +71,31 @@ fn what_is_wrong_on_all_ways_is_an_error() {
 #[test]
 fn what_is_wrong_on_some_ways_is_a_warning_that_names_the_way() {
     let cases = [
-        ("G02 X1 R5\nif(P1==1) G01 X2\nX3 R5", "after line 2 with the if"),
-        ("if(P1==1)\n{\nG02 X1 R5\n}\nX3 R5", "after line 1 without the if"),
+        (
+            "G02 X1 R5\nif(P1==1) G01 X2\nX3 R5",
+            "if the condition in line 2 is true",
+        ),
+        (
+            "if(P1==1)\n{\nG02 X1 R5\n}\nX3 R5",
+            "if the condition in line 1 is false",
+        ),
         (
             "if(P1==1) G02 X1 R5 else G01 X1\nX3 R5",
-            "after line 1 without the if",
+            "if the condition in line 1 is false",
         ),
-        (
-            "G91\nwhile(P1==1) G02 X1 R5\nX3 R5",
-            "after line 2 without another turn of the loop",
-        ),
+        ("G91\nwhile(P1==1) G02 X1 R5\nX3 R5", "after the loop of line 2"),
         (
             "G02 X1 R5\n/2 G01 X3\nX4 R5",
-            "after line 2 when that block is not skipped",
+            "if the block in line 2 is not skipped",
         ),
-        ("/2 G02 X1 R5\nX4 R5", "after line 1 when that block is skipped"),
+        ("/2 G02 X1 R5\nX4 R5", "if the block in line 1 is skipped"),
         (
             "switch(P1){case 4: G02 X1 R5\nbreak\ndefault: G00 X1}\nX3 R5",
-            "after line 1 without one of the cases",
+            "if no case in line 1 matches",
         ),
         (
             "G02 X1 R5\nswitch(P1){case 4: G00 X1\nbreak}\nX3 R5",
-            "after line 2 with case 4",
+            "if case 4 in line 2 matches",
         ),
     ];
     for (source, way) in cases {
@@ -319,7 +322,7 @@ fn a_missing_feedrate_is_told_where_the_machine_has_none() {
 }
 
 #[test]
-fn a_thread_without_a_spindle_speed_is_told_where_the_machine_has_a_spindle() {
+fn thread_without_spindle_speed_is_reported_if_the_machine_has_a_spindle() {
     let found = |source: &str, has_spindle| {
         let context = CheckContext {
             has_spindle: Some(has_spindle),

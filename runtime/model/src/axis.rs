@@ -43,27 +43,27 @@ impl Axis {
         Axis::V,
     ];
 
-    /// Those whose vector length F counts (manual: the feedrate is that of X, Y, Z).
+    /// The axes for whose vector F is the speed (manual: the feedrate is that of X, Y, Z).
     pub const ORTHOGONAL: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
 
-    /// Place in an [`AxisVector`], 0 to 7.
+    /// Returns the place in an [`AxisVector`], 0 to 7.
     pub const fn index(self) -> usize {
         self as usize
     }
 
-    /// The letter, upper case.
+    /// Returns the letter, upper case.
     pub const fn letter(self) -> char {
         ['X', 'Y', 'Z', 'A', 'B', 'C', 'U', 'V'][self as usize]
     }
 
-    /// The axis of a letter, read without regard to case.
+    /// Returns the axis of a letter, read without regard to case.
     pub fn from_letter(letter: char) -> Option<Axis> {
         Axis::ALL
             .into_iter()
             .find(|axis| axis.letter() == letter.to_ascii_uppercase())
     }
 
-    /// True for X, Y and Z.
+    /// Returns true for X, Y and Z.
     pub const fn is_orthogonal(self) -> bool {
         matches!(self, Axis::X | Axis::Y | Axis::Z)
     }
@@ -82,27 +82,27 @@ impl AxisSet {
         self.0 |= 1 << axis.index();
     }
 
-    /// The set as a number: bit 0 is X.
+    /// Returns the set as a number: bit 0 is X.
     pub const fn bits(self) -> u8 {
         self.0
     }
 
-    /// The set of such a number.
+    /// Returns the set of such a number.
     pub const fn from_bits(bits: u8) -> Self {
         AxisSet(bits)
     }
 
-    /// True when the axis is in the set.
+    /// Returns true if the axis is in the set.
     pub const fn contains(self, axis: Axis) -> bool {
         self.0 & (1 << axis.index()) != 0
     }
 
-    /// True when no axis is in the set.
+    /// Returns true if no axis is in the set.
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// The axes of the set in the order of their index.
+    /// Returns the axes of the set in the order of their index.
     pub fn iter(self) -> impl Iterator<Item = Axis> {
         let mut bits = self.0;
         std::iter::from_fn(move || {
@@ -138,7 +138,7 @@ impl AxisVector {
         AxisVector(std::array::from_fn(|i| f(self.0[i], other.0[i])))
     }
 
-    /// This vector with the values of another one on some axes.
+    /// Returns this vector with the values of another one on some axes.
     #[inline]
     #[must_use]
     pub fn replaced(self, axes: AxisSet, by: AxisVector) -> AxisVector {
@@ -148,39 +148,39 @@ impl AxisVector {
         }))
     }
 
-    /// Value by value sum.
+    /// Returns the sum, value by value.
     #[inline]
     #[must_use]
     pub fn plus(self, other: AxisVector) -> AxisVector {
         self.zip(other, |a, b| a + b)
     }
 
-    /// Value by value difference.
+    /// Returns the difference, value by value.
     #[inline]
     #[must_use]
     pub fn minus(self, other: AxisVector) -> AxisVector {
         self.zip(other, |a, b| a - b)
     }
 
-    /// Every value times a factor.
+    /// Returns every value multiplied by a factor.
     #[inline]
     #[must_use]
     pub fn scaled(self, factor: f64) -> AxisVector {
         AxisVector(self.0.map(|value| value * factor))
     }
 
-    /// Vector length over X, Y and Z, mm.
+    /// Returns the vector length over X, Y and Z, mm.
     pub fn orthogonal_length(self) -> f64 {
         let [x, y, z, ..] = self.0;
         (x * x + y * y + z * z).sqrt()
     }
 
-    /// Vector length over the axes that are not X, Y or Z, degrees.
+    /// Returns the vector length over the axes that are not X, Y or Z, degrees.
     pub fn rotary_length(self) -> f64 {
         self.0[3..].iter().map(|value| value * value).sum::<f64>().sqrt()
     }
 
-    /// True when every value is a finite number.
+    /// Returns true if every value is a finite number.
     pub fn is_finite(self) -> bool {
         self.0.iter().all(|value| value.is_finite())
     }

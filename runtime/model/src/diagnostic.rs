@@ -27,7 +27,7 @@ pub struct Diagnostic {
 }
 
 impl Diagnostic {
-    /// True for errors.
+    /// Returns true for errors.
     pub fn is_error(&self) -> bool {
         self.severity == Severity::Error
     }

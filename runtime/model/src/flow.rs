@@ -31,12 +31,12 @@ pub struct Output {
     pub origin: Origin,
     /// M number, 0 to 191.
     pub m: u16,
-    /// VA to VH in order; `None` where not programmed.
+    /// VA to VH in order; `None` if not programmed.
     pub params: [Option<f64>; 8],
 }
 
 impl Output {
-    /// True when at least one of VA to VH is programmed; such an output is always `after_motion` (D30).
+    /// Returns true if at least one of VA to VH is programmed; such an output is always `after_motion` (D30).
     pub fn has_params(&self) -> bool {
         self.params.iter().any(Option::is_some)
     }
@@ -375,7 +375,7 @@ pub enum Path {
 }
 
 impl Path {
-    /// Start point.
+    /// Returns the start point.
     pub fn start(&self) -> AxisVector {
         match self {
             Path::Line { from, .. } => *from,
@@ -383,7 +383,7 @@ impl Path {
         }
     }
 
-    /// End point.
+    /// Returns the end point.
     pub fn end(&self) -> AxisVector {
         match self {
             Path::Line { to, .. } => *to,
@@ -391,7 +391,7 @@ impl Path {
         }
     }
 
-    /// Length to which F refers: mm, or degrees for a block of rotary axes only.
+    /// Returns the length to which F refers: mm, or degrees for a block of rotary axes only.
     pub fn length(&self) -> f64 {
         match self {
             Path::Line { length, .. } => *length,
@@ -399,7 +399,7 @@ impl Path {
         }
     }
 
-    /// Bound of the change of an axis per unit of the path's length; 0 for an axis that rests.
+    /// Returns the bound of the change of an axis per unit of the path's length; 0 for an axis that rests.
     #[inline]
     pub fn steepest(&self, axis: Axis) -> f64 {
         match self {
@@ -411,7 +411,7 @@ impl Path {
         }
     }
 
-    /// The point at `distance` from the start, 0 to the path's length; both ends are exact.
+    /// Returns the point at `distance` from the start, 0 to the path's length; both ends are exact.
     pub fn point_at(&self, distance: f64) -> AxisVector {
         match self {
             Path::Line { from, to, length } => {

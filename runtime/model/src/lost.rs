@@ -3,7 +3,7 @@
 /// Marks a lost value: a NaN whose bits no calculation gives and no interface accepts.
 pub const LOST: f64 = f64::from_bits(0x7ffc_4c4f_5354_2121);
 
-/// True for a lost value.
+/// Returns true for a lost value.
 #[inline]
 pub fn is_lost(value: f64) -> bool {
     value.to_bits() == LOST.to_bits()

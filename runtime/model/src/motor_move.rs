@@ -18,12 +18,12 @@ pub struct MotorMove {
 }
 
 impl MotorMove {
-    /// Time from start to rest, s.
+    /// Returns the time from start to rest, s.
     pub fn duration_s(&self) -> f64 {
         2.0 * self.ramp_s + self.cruise_s
     }
 
-    /// The shortest move from rest to rest over a signed distance; a distance of 0 is no move.
+    /// Returns the shortest move from rest to rest over a signed distance; a distance of 0 is no move.
     ///
     /// Without a jerk limit: trapezoid, or triangle when `D < v^2/a`. With one, the ramp to a speed w has jerk phases of
     /// `ts` and an acceleration time `ta = w/a_peak`: `ts = a/j` where w is enough to reach a (`w >= a^2/j`), else
@@ -45,7 +45,7 @@ impl MotorMove {
         }
     }
 
-    /// Signed velocity `t_s` seconds after the start.
+    /// Returns the signed velocity `t_s` seconds after the start.
     pub fn velocity_at(&self, t_s: f64) -> f64 {
         let left = self.duration_s() - t_s;
         if self.ramp_s <= 0.0 || t_s <= 0.0 || left <= 0.0 {
@@ -76,7 +76,7 @@ impl MotorMove {
         }
     }
 
-    /// Distance from the start after `t_s` seconds.
+    /// Returns the distance from the start after `t_s` seconds.
     #[inline]
     pub fn distance(&self, t_s: f64) -> f64 {
         if self.ramp_s <= 0.0 || t_s <= 0.0 {
@@ -104,7 +104,7 @@ pub struct MotorLimits {
     pub jerk: Option<f64>,
 }
 
-/// Peak speed, ramp time and jerk time.
+/// Returns the peak speed, ramp time and jerk time.
 fn without_jerk_limit(way: f64, velocity: f64, acceleration: f64) -> (f64, f64, f64) {
     if way >= velocity * velocity / acceleration {
         (velocity, velocity / acceleration, 0.0)
@@ -115,7 +115,7 @@ fn without_jerk_limit(way: f64, velocity: f64, acceleration: f64) -> (f64, f64, 
     }
 }
 
-/// Peak speed, ramp time and jerk time.
+/// Returns the peak speed, ramp time and jerk time.
 fn with_jerk_limit(way: f64, velocity: f64, acceleration: f64, jerk: f64) -> (f64, f64, f64) {
     let full_jerk_s = acceleration / jerk;
     let full = if velocity >= acceleration * full_jerk_s {
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn m1i_a_move_leaves_what_its_ramps_do_not_need_of_the_maximum_acceleration() {
+    fn m1i_move_leaves_the_acceleration_its_ramps_do_not_need() {
         // v = 10, a = 50: ramps of 0.2 s, cruise 0.2 s; the motor may do 200, so each ramp takes a quarter of it.
         let moved = MotorMove {
             velocity: -10.0,

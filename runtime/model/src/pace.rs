@@ -23,14 +23,14 @@ pub struct PathPlace {
 /// The part of a block's plan time that a profile passes at the rate 1, or -1 when it falls.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stretch {
-    /// Plan time at its begin, s.
+    /// Plan time at its start, s.
     pub from_s: f64,
     /// Plan time at its end, s.
     pub to_s: f64,
 }
 
 impl Stretch {
-    /// All of a block of this plan time, forward.
+    /// Returns all of a block of this plan time, forward.
     pub fn whole(plan_s: f64) -> Self {
         Self {
             from_s: 0.0,
@@ -38,7 +38,7 @@ impl Stretch {
         }
     }
 
-    /// True when plan time falls.
+    /// Returns true if plan time falls.
     pub fn is_backward(self) -> bool {
         self.to_s < self.from_s
     }
@@ -48,7 +48,7 @@ impl Stretch {
         (self.to_s - self.from_s).abs()
     }
 
-    /// Plan time `t_s` seconds after its begin, s.
+    /// Returns the plan time `t_s` seconds after its start, s.
     pub fn plan_time(self, t_s: f64) -> f64 {
         if t_s >= self.duration_s() {
             self.to_s
@@ -69,8 +69,8 @@ pub struct Pace {
     pub ends_s: f64,
     /// The feed override that its full rate was planned for; 1 or more.
     pub feed_override: f64,
-    /// Once this profile is known, the motion may continue to the end of this segment, backward to its begin: from there it
-    /// can still come to rest within the known profiles.
+    /// Once this profile is known, the motion may continue to the end of this segment, and backward to its start.
+    /// From there the motion can still come to rest within the known profiles.
     pub free_to: u64,
 }
 
@@ -79,9 +79,9 @@ pub struct Pace {
 pub struct PacePiece {
     /// Time of its begin within the profile, s.
     pub begins_s: f64,
-    /// Plan time at its begin, s.
+    /// Plan time at its start, s.
     pub plan_s: f64,
-    /// Plan time per time at its begin; 1: as planned without look-ahead, negative: backward.
+    /// Plan time per time at its start; 1: as planned without look-ahead, negative: backward.
     pub rate: f64,
     /// Change of the rate per second; with a growth, of the rate of the distance.
     pub rate_change: f64,
@@ -94,14 +94,14 @@ pub struct PacePiece {
 }
 
 impl PacePiece {
-    /// Plan time `past_s` seconds after its begin, s.
+    /// Returns the plan time `past_s` seconds after its start, s.
     fn plan_time(&self, past_s: f64) -> f64 {
         let rate_change = self.rate_change + self.rate_jerk * past_s / 3.0;
         let distance_s = past_s * (self.rate + rate_change * past_s / 2.0);
         self.plan_s + self.growth.plan_s(distance_s)
     }
 
-    /// Time within the profile at this plan time, s, and the rate there; `None` at rest.
+    /// Returns the time within the profile at this plan time, s, and the rate there; `None` at rest.
     fn when(&self, plan_s: f64) -> Option<(f64, f64)> {
         let past_s = plan_s - self.plan_s;
         let distance_s = self.growth.distance_s(past_s);
@@ -148,7 +148,7 @@ impl Default for SlewRoom {
 }
 
 impl SlewRoom {
-    /// The room that both leave.
+    /// Returns the room that both leave.
     #[must_use]
     pub fn worst(self, other: SlewRoom) -> Self {
         Self {
@@ -158,7 +158,7 @@ impl SlewRoom {
         }
     }
 
-    /// The room on the same path in the opposite direction.
+    /// Returns the room on the same path in the opposite direction.
     #[must_use]
     pub fn reversed(self) -> Self {
         Self {
@@ -168,12 +168,13 @@ impl SlewRoom {
         }
     }
 
-    /// Largest fall of the override factor per second, from `factor` on.
+    /// Returns the largest fall of the override factor per second, from `factor` on.
     pub fn fall(self, factor: f64) -> f64 {
         self.slope * (1.0 - self.braking * factor * factor).max(0.0)
     }
 
-    /// Square of the factor `time_s` before it is `square`, falling as fast as this room and `slope` per second allow.
+    /// Returns the square of the factor `time_s` before it is `square`, falling as fast as this room and
+    /// `slope` per second allow.
     pub fn square_before(&self, square: f64, slope: f64, time_s: f64) -> f64 {
         let by_room = if self.slope.is_finite() {
             let gained = 2.0 * self.slope * time_s;
@@ -184,8 +185,8 @@ impl SlewRoom {
         by_room.min(square + 2.0 * slope * time_s)
     }
 
-    /// Largest rise of the override factor per second, from `factor` on, to at most 1 within `period_s`:
-    /// `s = slope (1 - driving (o + s T)^2)`, with `(o + s T)^2 <= o^2 + 2 s T`.
+    /// Returns the largest rise of the override factor per second, from `factor` on, to at most 1 within
+    /// `period_s`: `s = slope (1 - driving (o + s T)^2)`, with `(o + s T)^2 <= o^2 + 2 s T`.
     pub fn rise(self, factor: f64, period_s: f64) -> f64 {
         let room = (1.0 - self.driving * factor * factor).max(0.0);
         room / (1.0 / self.slope + 2.0 * self.driving * period_s)
@@ -193,7 +194,7 @@ impl SlewRoom {
 }
 
 impl Pace {
-    /// A pace of these pieces, in order; those beyond [`PACE_PIECES_MAX`] are dropped.
+    /// Creates a pace of these pieces, in order; those beyond [`PACE_PIECES_MAX`] are dropped.
     pub fn new(
         pieces: impl IntoIterator<Item = PacePiece>,
         ends_s: f64,
@@ -214,17 +215,17 @@ impl Pace {
         pace
     }
 
-    /// Plan time at the begin of the profile, s.
+    /// Returns the plan time at the start of the profile, s.
     pub fn begins_s(&self) -> f64 {
         self.pieces().first().map_or(self.ends_s, |first| first.plan_s)
     }
 
-    /// True when plan time falls.
+    /// Returns true if plan time falls.
     pub fn is_backward(&self) -> bool {
         self.ends_s < self.begins_s()
     }
 
-    /// True when the motion may continue through this segment once this profile is known.
+    /// Returns true if the motion may continue through this segment once this profile is known.
     pub fn frees(&self, segment: u64) -> bool {
         if self.is_backward() {
             segment >= self.free_to
@@ -233,7 +234,8 @@ impl Pace {
         }
     }
 
-    /// Time within the profile at this plan time, s, and the rate there; `None` outside of this profile.
+    /// Returns the time within the profile at this plan time, s, and the rate there; `None` outside of this
+    /// profile.
     pub fn when(&self, plan_s: f64) -> Option<(f64, f64)> {
         let way_s = |to_s: f64| if self.is_backward() { -to_s } else { to_s };
         if way_s(plan_s) < way_s(self.begins_s()) || way_s(plan_s) >= way_s(self.ends_s) {
@@ -245,12 +247,12 @@ impl Pace {
         self.pieces().get(begun.saturating_sub(1))?.when(plan_s)
     }
 
-    /// The pieces in order.
+    /// Returns the pieces in order.
     pub fn pieces(&self) -> &[PacePiece] {
         self.pieces.get(..self.count).unwrap_or(&[])
     }
 
-    /// Plan time `t_s` seconds after the start of the profile, s.
+    /// Returns the plan time `t_s` seconds after the start of the profile, s.
     pub fn plan_time(&self, t_s: f64) -> f64 {
         let pieces = self.pieces();
         let begun = pieces.partition_point(|piece| piece.begins_s <= t_s);
@@ -265,7 +267,7 @@ impl Pace {
         }
     }
 
-    /// The room that the motors leave between two times of the profile.
+    /// Returns the room that the motors leave between two times of the profile.
     pub fn room(&self, from_s: f64, to_s: f64) -> SlewRoom {
         let pieces = self.pieces();
         let first = pieces

@@ -14,7 +14,7 @@ pub enum Turn {
 }
 
 impl Turn {
-    /// The other sense.
+    /// Returns the other sense.
     #[must_use]
     pub const fn reversed(self) -> Self {
         match self {
@@ -37,7 +37,7 @@ pub enum Plane {
 }
 
 impl Plane {
-    /// First and second axis: counter-clockwise turns the first towards the second.
+    /// Returns the first and second axis: counter-clockwise turns the first towards the second.
     pub const fn axes(self) -> [Axis; 2] {
         match self {
             Plane::Xy => [Axis::X, Axis::Y],
@@ -46,7 +46,7 @@ impl Plane {
         }
     }
 
-    /// The one of X, Y and Z that is not in the plane.
+    /// Returns the one of X, Y and Z that is not in the plane.
     pub const fn normal(self) -> Axis {
         match self {
             Plane::Xy => Axis::Z,

@@ -21,7 +21,7 @@ pub struct Profile {
     pub law: Law,
     /// Time from start to end at 100 percent, s.
     pub duration_s: f64,
-    /// True when it ends at rest with an in-position check.
+    /// True if it ends at rest with an in-position check.
     pub exact_stop: bool,
 }
 
@@ -127,7 +127,7 @@ pub struct Ramped {
     pub plan_s: f64,
 }
 
-/// The begin of the next block within the profile of the one before it (M1b).
+/// The start of the next block within the profile of the one before it (M1b).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lead {
     /// The next block's geometry.
@@ -141,12 +141,12 @@ pub struct Lead {
 pub struct ChainPlace {
     /// Number of the segment that the chain begins with.
     pub first_segment: u64,
-    /// Time from the begin of the chain to the end of the profile at 100 percent, s.
+    /// Time from the start of the chain to the end of the profile at 100 percent, s.
     pub ends_s: f64,
 }
 
 impl Law {
-    /// Which override scales its time.
+    /// Returns the override that scales its time.
     pub fn time_base(&self) -> TimeBase {
         match self {
             Law::Ramped { .. } | Law::Paced { .. } => TimeBase::Feed,
@@ -156,7 +156,7 @@ impl Law {
     }
 }
 
-/// Position `t_s` seconds after the start of motors that move alone; exact at the ends of each.
+/// Returns the position `t_s` seconds after the start of motors that move alone; exact at the ends of each.
 fn alone([from, to]: [&AxisVector; 2], moves: &[MotorMove; AXES_MAX], t_s: f64) -> AxisVector {
     AxisVector(std::array::from_fn(|i| {
         if t_s >= moves[i].duration_s() {
@@ -168,7 +168,7 @@ fn alone([from, to]: [&AxisVector; 2], moves: &[MotorMove; AXES_MAX], t_s: f64) 
 }
 
 impl Ramped {
-    /// Machine position at a plan time; exact at the end.
+    /// Returns the machine position at a plan time; exact at the end.
     pub fn position(&self, plan_s: f64) -> AxisVector {
         if plan_s >= self.plan_s {
             return self.end();
@@ -177,8 +177,8 @@ impl Ramped {
         self.beyond(self.path.point_at(gone), stopped_s)
     }
 
-    /// Distance along its own path at a plan time, and P of the ramp at its end: with the speed of the next block, the
-    /// distance along that one's path.
+    /// Returns the distance along its own path at a plan time, and P of the ramp at its end: with the speed
+    /// of the next block, the distance along that one's path.
     #[inline]
     pub fn gone(&self, plan_s: f64) -> (f64, f64) {
         let stopped_s = self
@@ -188,12 +188,14 @@ impl Ramped {
         (gone, stopped_s)
     }
 
-    /// Machine position at its end: that of its path, and what the next block has covered by then.
+    /// Returns the machine position at its end: that of its path, and what the next block has covered by
+    /// then.
     pub fn end(&self) -> AxisVector {
         self.beyond(self.path.end(), self.stop.duration_s() / 2.0)
     }
 
-    /// A point of its own path, moved by what the next block has covered, `ramped_s` being P of the common ramp.
+    /// Returns a point of its own path, moved by what the next block has covered, `ramped_s` being P of the
+    /// common ramp.
     fn beyond(&self, own: AxisVector, ramped_s: f64) -> AxisVector {
         match &self.next {
             Some(Lead { path, speed }) => own.plus(path.point_at(speed * ramped_s).minus(path.start())),
@@ -203,7 +205,7 @@ impl Ramped {
 }
 
 impl Profile {
-    /// Where the block ends as programmed, machine coordinates; backward, where it begins.
+    /// Returns the programmed end of the block, machine coordinates; backward, its start.
     pub fn target(&self) -> AxisVector {
         match &self.law {
             Law::Paced { block, pace } if pace.is_backward() => block.path.start(),
@@ -214,7 +216,8 @@ impl Profile {
         }
     }
 
-    /// Last position of the profile, machine coordinates: its target, and what the next block has covered by then.
+    /// Returns the last position of the profile, machine coordinates: its target, and what the next block has
+    /// covered by then.
     pub fn end(&self) -> AxisVector {
         match &self.law {
             Law::Ramped { block, .. } => block.end(),
@@ -223,8 +226,8 @@ impl Profile {
         }
     }
 
-    /// Commanded machine position `t_s` seconds after the start; exact at both ends. For a time before the start, the
-    /// position at the start.
+    /// Returns the commanded machine position `t_s` seconds after the start; exact at both ends. For a time
+    /// before the start, the position at the start.
     pub fn position(&self, t_s: f64) -> AxisVector {
         if t_s >= self.duration_s {
             return self.end();
@@ -244,7 +247,7 @@ impl Profile {
         }
     }
 
-    /// Plan time within the block `t_s` seconds after the start, s: what [`PathPlace`] counts.
+    /// Returns the plan time within the block `t_s` seconds after the start, s: what [`PathPlace`] counts.
     pub fn plan_time(&self, t_s: f64) -> f64 {
         match &self.law {
             Law::Paced { pace, .. } => pace.plan_time(t_s),
@@ -253,7 +256,8 @@ impl Profile {
         }
     }
 
-    /// True when it begins at rest, or at a pace of its own; else the time base begins at 0, as after a feed hold.
+    /// Returns true if it begins at rest, or at a pace of its own; else the time base begins at 0, as after a
+    /// feed hold.
     pub fn begins_at_its_rate(&self) -> bool {
         match &self.law {
             Law::Motors { moves, stretch, .. } => {
@@ -263,7 +267,8 @@ impl Profile {
         }
     }
 
-    /// The same motion over another stretch of its plan time, if it is a rapid or rest; any other unchanged.
+    /// Returns the same motion over another stretch of its plan time, if it is a rapid or rest; any other
+    /// unchanged.
     #[must_use]
     pub fn over(&self, passed: Stretch) -> Self {
         let mut profile = self.clone();
@@ -274,8 +279,9 @@ impl Profile {
         profile
     }
 
-    /// Revolutions that the spindle has turned `t_s` seconds after the start, clockwise positive. `None` if the spindle
-    /// is not locked to this profile. At any time in proportion to the distance, exact at both ends.
+    /// Returns the revolutions that the spindle has turned `t_s` seconds after the start, clockwise positive.
+    /// `None` if the spindle is not locked to this profile. At any time in proportion to the distance, exact
+    /// at both ends.
     pub fn spindle_revolutions(&self, t_s: f64) -> Option<f64> {
         match self.law {
             Law::Tap { revolutions, .. } if revolutions != 0.0 => Some(revolutions * self.tap_share(t_s)),
@@ -283,7 +289,7 @@ impl Profile {
         }
     }
 
-    /// Share of a move in a thread, 0 to 1; 0 for another law.
+    /// Returns the share of a move in a thread, 0 to 1; 0 for another law.
     fn tap_share(&self, t_s: f64) -> f64 {
         let Law::Tap {
             rate, start, stop, ..

@@ -10,7 +10,7 @@ pub struct UnitRamp {
 }
 
 impl UnitRamp {
-    /// The ramp of these times. An acceleration time below the jerk time is raised to it.
+    /// Returns the ramp of these times. An acceleration time below the jerk time is raised to it.
     pub fn new(ta_s: f64, ts_s: f64) -> Self {
         Self {
             ta_s: ta_s.max(ts_s),
@@ -31,8 +31,8 @@ impl UnitRamp {
         }
     }
 
-    /// The shortest ramp with at least these times whose slope `dS/dt` is at most `slope` per second, and whose change of
-    /// slope at most `change` per second squared.
+    /// Returns the shortest ramp with at least these times whose slope `dS/dt` is at most `slope` per second,
+    /// and whose change of slope at most `change` per second squared.
     #[must_use]
     pub fn within(self, slope: f64, change: f64) -> Self {
         let ta_s = self.ta_s.max(1.0 / slope);
@@ -48,26 +48,26 @@ impl UnitRamp {
         }
     }
 
-    /// The largest slope of S, per second, and the largest change of that, per second squared; infinite without a jerk
-    /// time.
+    /// Returns the largest slope of S, per second, and the largest change of that, per second squared;
+    /// infinite without a jerk time.
     #[inline]
     pub fn steepest(self) -> [f64; 2] {
         [1.0 / self.ta_s, 1.0 / (self.ta_s * self.ts_s)]
     }
 
-    /// The jerk time `ts`, s.
+    /// Returns the jerk time `ts`, s.
     #[inline]
     pub fn jerk_time_s(self) -> f64 {
         self.ts_s
     }
 
-    /// Duration `ta + ts`, s.
+    /// Returns the duration `ta + ts`, s.
     #[inline]
     pub fn duration_s(self) -> f64 {
         self.ta_s + self.ts_s
     }
 
-    /// S(t): share of the final speed at `t_s` seconds, 0 before the ramp and 1 after it.
+    /// Returns S(t): the share of the final speed at `t_s` seconds, 0 before the ramp and 1 after it.
     #[inline]
     pub fn speed(self, t_s: f64) -> f64 {
         let duration = self.duration_s();
@@ -82,7 +82,8 @@ impl UnitRamp {
         }
     }
 
-    /// P(t): integral of S up to `t_s` seconds; half the duration at its end, growing with t after it.
+    /// Returns P(t): the integral of S up to `t_s` seconds; half the duration at its end, growing with t
+    /// after it.
     #[inline]
     pub fn distance(self, t_s: f64) -> f64 {
         let duration = self.duration_s();
@@ -97,14 +98,16 @@ impl UnitRamp {
         }
     }
 
-    /// Begin and end of the jerk phase, of the phase of constant acceleration, and of the second jerk phase, s.
+    /// Returns begin and end of the jerk phase, of the phase of constant acceleration, and of the second jerk
+    /// phase, s.
     #[inline]
     pub fn phases(self) -> [[f64; 2]; 3] {
         let Self { ta_s: ta, ts_s: ts } = self;
         [[0.0, ts], [ts, ta], [ta, ta + ts]]
     }
 
-    /// First and second derivative of S at `t_s`, by the formula of the phase that contains `within_s`; 0 outside the ramp.
+    /// Returns the first and second derivative of S at `t_s`, by the formula of the phase that contains
+    /// `within_s`; 0 outside the ramp.
     #[inline]
     pub fn slopes(self, t_s: f64, within_s: f64) -> [f64; 2] {
         let Self { ta_s: ta, ts_s: ts } = self;
@@ -119,7 +122,7 @@ impl UnitRamp {
         }
     }
 
-    /// S(t) up to ta: first jerk phase and constant acceleration.
+    /// Returns S(t) up to ta: first jerk phase and constant acceleration.
     #[inline]
     fn rising_speed(self, t_s: f64) -> f64 {
         let Self { ta_s: ta, ts_s: ts } = self;
@@ -130,7 +133,7 @@ impl UnitRamp {
         }
     }
 
-    /// P(t) up to ta: first jerk phase and constant acceleration.
+    /// Returns P(t) up to ta: first jerk phase and constant acceleration.
     #[inline]
     fn rising_distance(self, t_s: f64) -> f64 {
         let Self { ta_s: ta, ts_s: ts } = self;

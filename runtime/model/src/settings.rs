@@ -121,7 +121,7 @@ pub struct NcOptions {
 }
 
 impl NcOptions {
-    /// A speed within those of the spindle that are set here, r/min.
+    /// Returns a speed within those of the spindle that are set here, r/min.
     pub fn spindle_speed_within(&self, wanted_r_min: f64) -> f64 {
         let fastest = match self.max_spindle_speed_r_min {
             max if max > 0.0 => max,
@@ -177,7 +177,7 @@ pub enum CompensationStart {
 pub struct MCodeSet([u64; 3]);
 
 impl MCodeSet {
-    /// True for an M code of the set.
+    /// Returns true for an M code of the set.
     pub fn contains(&self, m: u16) -> bool {
         let word = self.0.get(usize::from(m / 64));
         word.is_some_and(|word| word & (1 << (m % 64)) != 0)
@@ -255,14 +255,14 @@ impl SimulatedRound {
 }
 
 impl SimulatedSkip {
-    /// The position at which it turns on.
+    /// Returns the position at which it turns on.
     pub fn threshold(self) -> f64 {
         match self {
             SimulatedSkip::Below(threshold) | SimulatedSkip::Above(threshold) => threshold,
         }
     }
 
-    /// True when the input is on at this position.
+    /// Returns true if the input is on at this position.
     pub fn is_on(self, position: f64) -> bool {
         match self {
             SimulatedSkip::Below(threshold) => position < threshold,
@@ -317,7 +317,7 @@ impl Default for MotionOptions {
 }
 
 impl Default for CoordinateSystemSettings {
-    /// Coordinate system 1 without motors, and the defaults of a configuration.
+    /// Returns coordinate system 1 without motors, with the defaults of a configuration.
     fn default() -> Self {
         Self {
             number: 1,
@@ -342,7 +342,7 @@ impl Default for CoordinateSystemSettings {
 }
 
 impl CoordinateSystemSettings {
-    /// The axes that the coordinate system has.
+    /// Returns the axes that the coordinate system has.
     pub fn axes(&self) -> AxisSet {
         Axis::ALL
             .into_iter()
@@ -395,9 +395,9 @@ pub struct MotorSettings {
 }
 
 impl MotorSettings {
-    /// A motor of these limits without jerk limit, soft limits and lag, and otherwise with the defaults of a configuration:
-    /// rapid at the limits, G31 at a tenth of the velocity, in position within 0.01 in 2 s, oriented at 100 r/min to 0
-    /// degrees.
+    /// Creates a motor of these limits without jerk limit, soft limits and lag, and otherwise with the
+    /// defaults of a configuration: rapid at the limits, G31 at a tenth of the velocity, in position within
+    /// 0.01 in 2 s, oriented at 100 r/min to 0 degrees.
     pub fn new(number: u16, kind: MotorKind, max_velocity: f64, max_acceleration: f64) -> Self {
         Self {
             number,
@@ -453,7 +453,7 @@ impl Tool {
         radius: LOST,
     };
 
-    /// True when its data is lost.
+    /// Returns true if its data is lost.
     pub fn is_lost(&self) -> bool {
         is_lost(self.length) || is_lost(self.radius)
     }

@@ -10,12 +10,12 @@ pub struct Span {
 }
 
 impl Span {
-    /// The range from `start` to before `end`.
+    /// Returns the range from `start` to before `end`.
     pub const fn new(start: u32, end: u32) -> Self {
         Self { start, end }
     }
 
-    /// The smallest range that holds both.
+    /// Returns the smallest range that holds both.
     #[must_use]
     pub fn to(self, other: Span) -> Span {
         Span::new(self.start.min(other.start), self.end.max(other.end))

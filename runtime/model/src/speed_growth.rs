@@ -13,18 +13,20 @@ const THIRD_POWERS: f64 = 4.0;
 /// A step shorter than this share of the plan time is rounding.
 const ROUNDING: f64 = 1e-16;
 
-/// The speed relative to that at the begin of the piece: a polynomial of second degree in the plan time since then, above
-/// zero on the whole piece. Without growth it is 1.
+/// The speed relative to the speed at the start of the piece.
+///
+/// It is a polynomial of second degree in the plan time since the start, and above zero on the whole piece. Without
+/// growth, it is 1.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SpeedGrowth {
-    /// First derivative at the begin, per second.
+    /// First derivative at the start, per second.
     pub first: f64,
     /// Second derivative, per second squared.
     pub second: f64,
 }
 
 impl SpeedGrowth {
-    /// True when the speed is constant.
+    /// Returns true if the speed is constant.
     pub fn is_none(self) -> bool {
         self.first == 0.0 && self.second == 0.0
     }
@@ -38,17 +40,19 @@ impl SpeedGrowth {
         }
     }
 
-    /// The speed `plan_s` seconds of plan time after the begin, relative to that at the begin.
+    /// Returns the speed `plan_s` seconds of plan time after the start, relative to that at the start.
     pub fn speed(self, plan_s: f64) -> f64 {
         1.0 + plan_s * (self.first + plan_s * self.second / 2.0)
     }
 
-    /// The distance covered `plan_s` seconds of plan time after the begin, in seconds at the initial speed.
+    /// Returns the distance covered `plan_s` seconds of plan time after the start, in seconds at the initial
+    /// speed.
     pub fn distance_s(self, plan_s: f64) -> f64 {
         plan_s * (1.0 + plan_s * (self.first + plan_s * self.second / 3.0) / 2.0)
     }
 
-    /// Plan time after the begin at which this distance is covered, s: the inverse of [`SpeedGrowth::distance_s`].
+    /// Returns the plan time after the begin at which this distance is covered, s: the inverse of
+    /// [`SpeedGrowth::distance_s`].
     pub fn plan_s(self, distance_s: f64) -> f64 {
         if self.is_none() {
             return distance_s;
@@ -124,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn plan_time_is_found_where_the_speed_grows_a_millionfold_from_a_slope_of_zero() {
+    fn plan_time_is_found_where_speed_grows_a_millionfold_from_zero_slope() {
         for second in [2e1, 2e3, 2e6] {
             let growth = SpeedGrowth { first: 0.0, second };
             for k in 0..=100 {

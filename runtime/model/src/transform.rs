@@ -50,7 +50,8 @@ pub struct Rotation {
 }
 
 impl Transform {
-    /// The machine position of a programmed point: mirror, scaling, rotation, local, work offset, tool length.
+    /// Returns the machine position of a programmed point: mirror, scaling, rotation, local, work offset,
+    /// tool length.
     #[inline]
     pub fn forward(&self, point: AxisVector) -> AxisVector {
         let point = if self.only_shifts() {
@@ -65,13 +66,14 @@ impl Transform {
         point
     }
 
-    /// True without mirror, scaling and rotation: the case of most programs, for which a point does not leave the registers.
+    /// Returns true without mirror, scaling and rotation: most programs, for which a point stays in the
+    /// registers.
     #[inline]
     fn only_shifts(&self) -> bool {
         self.mirror.is_none() && self.scaling.is_none() && self.rotation.is_none()
     }
 
-    /// Mirrored, scaled and rotated.
+    /// Returns the point mirrored, scaled and rotated.
     #[inline(never)]
     fn formed(&self, point: AxisVector) -> AxisVector {
         let mut point = self.mirrored(point);
@@ -83,7 +85,8 @@ impl Transform {
         self.rotated(point, 1.0)
     }
 
-    /// The machine distance of a programmed distance: [`forward`](Self::forward) without centres and offsets.
+    /// Returns the machine distance of a programmed distance: [`forward`](Self::forward) without centres and
+    /// offsets.
     pub fn linear(&self, mut distance: AxisVector) -> AxisVector {
         if let Some(mirror) = &self.mirror {
             for axis in mirror.axes.iter() {
@@ -101,7 +104,7 @@ impl Transform {
         }
     }
 
-    /// The programmed point of a machine position. Scale factors must not be zero.
+    /// Returns the programmed point of a machine position. Scale factors must not be zero.
     #[inline]
     pub fn inverse(&self, mut point: AxisVector) -> AxisVector {
         if self.tool_length != 0.0 {
@@ -115,7 +118,7 @@ impl Transform {
         }
     }
 
-    /// Rotated, scaled and mirrored back.
+    /// Returns the point rotated, scaled and mirrored back.
     #[inline(never)]
     fn formed_back(&self, point: AxisVector) -> AxisVector {
         let mut point = self.rotated(point, -1.0);
@@ -127,7 +130,7 @@ impl Transform {
         self.mirrored(point)
     }
 
-    /// Mirrored about the centre; its own inverse.
+    /// Returns the point mirrored about the centre; the inverse is the same function.
     fn mirrored(&self, mut point: AxisVector) -> AxisVector {
         if let Some(mirror) = &self.mirror {
             for axis in mirror.axes.iter() {
@@ -137,7 +140,7 @@ impl Transform {
         point
     }
 
-    /// Rotated about the centre, forth (`sense` 1) or back (-1).
+    /// Returns the point rotated about the centre, forth (`sense` 1) or back (-1).
     fn rotated(&self, mut point: AxisVector, sense: f64) -> AxisVector {
         if let Some(rotation) = &self.rotation {
             let from_centre = turned(rotation, point.minus(rotation.centre), sense);
@@ -148,7 +151,7 @@ impl Transform {
         point
     }
 
-    /// The position of a tool at this machine position in the coordinates that G51 scales.
+    /// Returns the position of a tool at this machine position in the coordinates that G51 scales.
     pub fn before_scaling(&self, machine: AxisVector) -> AxisVector {
         Self {
             mirror: None,
@@ -158,7 +161,7 @@ impl Transform {
         .inverse(machine)
     }
 
-    /// The position of a tool at this machine position in the coordinates that G68 turns.
+    /// Returns the position of a tool at this machine position in the coordinates that G68 turns.
     pub fn before_rotation(&self, machine: AxisVector) -> AxisVector {
         Self {
             rotation: None,
@@ -168,7 +171,7 @@ impl Transform {
     }
 }
 
-/// The vector turned in the rotation's plane, forth (`sense` 1) or back (-1).
+/// Returns the vector turned in the rotation's plane, forth (`sense` 1) or back (-1).
 fn turned(rotation: &Rotation, vector: AxisVector, sense: f64) -> AxisVector {
     let [first, second] = rotation.plane.axes();
     let (sin, cos) = sine_and_cosine(rotation.angle_deg);
@@ -179,7 +182,7 @@ fn turned(rotation: &Rotation, vector: AxisVector, sense: f64) -> AxisVector {
     turned
 }
 
-/// Exact at whole quarter turns, so that they leave no rounding error on the other axis.
+/// Returns sine and cosine, exact at whole quarter turns, which leave no rounding error on the other axis.
 fn sine_and_cosine(angle_deg: f64) -> (f64, f64) {
     let within = angle_deg.rem_euclid(360.0);
     let quarters = [

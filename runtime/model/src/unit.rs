@@ -11,7 +11,7 @@ pub enum Unit {
 }
 
 impl Unit {
-    /// Millimetres of a programmed length of 1.
+    /// Returns the millimetres of a programmed length of 1.
     pub const fn mm(self) -> f64 {
         match self {
             Unit::Millimetre => 1.0,

@@ -30,7 +30,7 @@ pub struct VariableArray {
 }
 
 impl VariableArray {
-    /// An array of `count` variables.
+    /// Creates an array of `count` variables.
     pub fn new(count: usize) -> Self {
         Self {
             values: (0..count).map(|_| AtomicU64::new(0)).collect(),
@@ -38,7 +38,8 @@ impl VariableArray {
         }
     }
 
-    /// An array of its own with the same values, which remembers the variables that are set or read from now on.
+    /// Returns an array of its own with the same values, which remembers the variables that are set or read
+    /// from now on.
     #[must_use]
     pub fn watched_copy(&self) -> Self {
         let copy = |value: &AtomicU64| AtomicU64::new(value.load(Ordering::Relaxed));
@@ -48,13 +49,15 @@ impl VariableArray {
         }
     }
 
-    /// Index and value of each variable that was set since [`VariableArray::watched_copy`], ascending.
+    /// Returns the index and value of each variable that was set since [`VariableArray::watched_copy`],
+    /// ascending.
     pub fn written(&self) -> impl Iterator<Item = (usize, f64)> {
         self.marked(WRITTEN)
             .filter_map(|index| Some((index, self.value(index)?)))
     }
 
-    /// Index of each variable that was read since [`VariableArray::watched_copy`] before it was set, ascending.
+    /// Returns the index of each variable that was read since [`VariableArray::watched_copy`] before it was
+    /// set, ascending.
     pub fn read_first(&self) -> impl Iterator<Item = usize> {
         self.marked(READ_FIRST)
     }
@@ -77,7 +80,7 @@ impl VariableArray {
         }
     }
 
-    /// The value of a variable; `None` beyond the array.
+    /// Returns the value of a variable; `None` beyond the array.
     pub fn get(&self, index: usize) -> Option<f64> {
         if let Some(mark) = self.marks.as_ref().and_then(|marks| marks.get(index))
             && mark.load(Ordering::Relaxed) == 0
@@ -104,12 +107,12 @@ impl VariableArray {
         true
     }
 
-    /// Number of variables.
+    /// Returns the number of variables.
     pub fn len(&self) -> usize {
         self.values.len()
     }
 
-    /// True for an array of no variables.
+    /// Returns true for an array of no variables.
     pub fn is_empty(&self) -> bool {
         self.values.is_empty()
     }
@@ -125,7 +128,7 @@ pub struct Variables {
 }
 
 impl Variables {
-    /// The variables of a coordinate system together with the P variables of the controller.
+    /// Returns the variables of a coordinate system together with the P variables of the controller.
     pub fn new(global: VariableArray) -> Self {
         Self {
             global,
@@ -165,7 +168,7 @@ mod tests {
         copy.lose_unwritten();
         assert_eq!(copy.get(1), Some(2.0));
         assert!(copy.get(0).is_some_and(crate::lost::is_lost));
-        assert_eq!(array.get(0), Some(1.0), "the array itself is as it was");
+        assert_eq!(array.get(0), Some(1.0), "the original array is unchanged");
         assert_eq!(array.written().count(), 0);
     }
 

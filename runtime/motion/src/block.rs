@@ -14,7 +14,7 @@ pub(crate) struct RampedBlock {
 }
 
 impl RampedBlock {
-    /// True when its path itself rests at a plan time.
+    /// Returns true if its path itself rests at a plan time.
     pub(crate) fn begins_at_rest(&self, plan_s: f64) -> bool {
         self.ramped.begun_s + plan_s == 0.0
     }
@@ -23,7 +23,7 @@ impl RampedBlock {
         self.ramped.next.is_none()
     }
 
-    /// As planned.
+    /// Returns the profile as planned.
     pub(crate) fn profile(&self) -> Profile {
         let law = Law::Ramped {
             block: self.ramped.clone(),

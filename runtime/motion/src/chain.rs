@@ -30,7 +30,7 @@ pub(crate) struct Block {
     pub(crate) epoch: u32,
     pub(crate) origin: Origin,
     pub(crate) path: Path,
-    /// From rest to rest.
+    /// The block from rest to rest.
     pub(crate) alone: Alone,
 }
 
@@ -41,7 +41,7 @@ struct Link {
     /// Path units per second; final once the stop ramp is known, with [`ShortBlock::Shrink`] from the beginning.
     speed: f64,
     is_first: bool,
-    /// As programmed for the first block until the second is known.
+    /// The start ramp; until the second block is known, as programmed for the first block.
     start: UnitRamp,
     /// Ramp to the next block, or to rest. `None` if it is not known yet.
     stop: Option<UnitRamp>,
@@ -82,7 +82,7 @@ impl Chain {
         {
             let ramp = match rule {
                 ShortBlock::Shrink => last.block.alone.stop_to_rest(last.block_s()),
-                // The ramps determine the speed, and that the path: they are as programmed.
+                // the ramps are as programmed, because they determine the speed, and so the path
                 ShortBlock::Extend => last.block.alone.stop,
             };
             last.end_with(ramp, rule);
@@ -155,7 +155,7 @@ impl Chain {
 }
 
 impl Link {
-    /// Time of the block at its speed, s.
+    /// Returns the time of the block at its speed, s.
     fn block_s(&self) -> f64 {
         self.block.path.length() / self.speed
     }

@@ -7,8 +7,9 @@
 //! superposed ramps (M1b, G501). With G500 the chain keeps its path and slows down before a motor would exceed its
 //! maximum acceleration (M1d, `look_ahead`).
 //!
-//! Our decisions: the rapid limits of a motor apply as configured, even above its maxima. With G501 a block at feedrate
-//! respects `max_velocity` but not `max_acceleration`, which the manual does not check there; with G500 it respects both.
+//! Decisions: the rapid limits of a motor apply as configured, even above its maxima. With G501 a block at
+//! feedrate respects `max_velocity` but not `max_acceleration`, which the manual does not check there; with
+//! G500 it respects both.
 
 mod block;
 mod chain;

@@ -9,7 +9,7 @@ use tandem_model::{Alarm, Axis};
 /// a thousandth of the time.
 pub(crate) const ACCELERATION_RESERVE: f64 = 2e-3;
 
-/// A limit of the motor of an axis.
+/// Returns a limit of the motor of an axis.
 ///
 /// # Errors
 /// `LIMIT_ZERO` unless it is a number above zero.
@@ -17,7 +17,7 @@ pub(crate) fn of_axis(axis: Axis, name: &str, limit: f64) -> Result<f64, Alarm> 
     of(format_args!("axis {}", axis.letter()), name, limit)
 }
 
-/// A limit of a motor.
+/// Returns a limit of a motor.
 ///
 /// # Errors
 /// `LIMIT_ZERO` unless it is a number above zero.
@@ -29,7 +29,7 @@ pub(crate) fn of(motor: impl Display, name: &str, limit: f64) -> Result<f64, Ala
     Err(Alarm::new(&LIMIT_ZERO, text))
 }
 
-/// True for a number above zero.
+/// Returns true for a number above zero.
 pub(crate) fn is_valid(limit: f64) -> bool {
     limit > 0.0 && limit.is_finite()
 }

@@ -1,4 +1,4 @@
-//! Segments in, profiles out.
+//! Converts segments to profiles.
 
 use std::collections::VecDeque;
 
@@ -33,7 +33,7 @@ pub struct Planner {
 }
 
 impl Planner {
-    /// A planner whose first profile has segment number 1 and epoch 0.
+    /// Creates a planner whose first profile has segment number 1 and epoch 0.
     pub fn new(settings: &CoordinateSystemSettings) -> Self {
         Self {
             settings: settings.clone(),
@@ -69,7 +69,8 @@ impl Planner {
         self.look_ahead.set_feed_override(factor);
     }
 
-    /// The motion has passed this segment: the last 10,000 passed segments are kept, and fewer than 128 more.
+    /// Records that the motion has passed this segment. The last 10,000 passed segments are kept, and fewer
+    /// than 128 more.
     pub fn passed(&mut self, segment: u64) {
         self.record.passed(segment);
     }
@@ -80,7 +81,7 @@ impl Planner {
     }
 
     /// Returns a place within a G500 block already output, at least `ahead_s` of plan time beyond this one, where a
-    /// [`Planner::replan`] may begin while the machine moves. `None` if there is none.
+    /// [`Planner::replan`] may begin while the machine moves; `None` without such a place.
     pub fn place_ahead(&self, from: PathPlace, ahead_s: f64) -> Option<PathPlace> {
         self.record.place_ahead(from, ahead_s)
     }
@@ -97,7 +98,7 @@ impl Planner {
         self.record.replace(new.from, new.record);
     }
 
-    /// True when [`Planner::retrace`] finds a return path from this place.
+    /// Returns true if [`Planner::retrace`] finds a return path from this place.
     pub fn has_way_back(&self, from: PathPlace) -> bool {
         self.record.has_way_back(from)
     }
@@ -203,7 +204,7 @@ impl Planner {
         Ok(())
     }
 
-    /// The settings in use.
+    /// Returns the settings in use.
     pub fn settings(&self) -> &CoordinateSystemSettings {
         &self.settings
     }
@@ -213,13 +214,13 @@ impl Planner {
         self.settings = settings.clone();
     }
 
-    /// Number of the last segment pushed; 0 before the first.
+    /// Returns the number of the last segment pushed; 0 before the first.
     pub fn last_segment(&self) -> u64 {
         self.last_segment
     }
 }
 
-/// The consumer of a chain's blocks.
+/// Returns the consumer of a chain's blocks.
 fn onward(
     multi_block: MultiBlock,
     look_ahead: &mut LookAhead,

@@ -19,9 +19,9 @@ const ROUNDING: f64 = 2e-9;
 pub(crate) struct Alone {
     /// F within its limits, path units per second: the speed of a block that is long enough.
     pub(crate) limit: f64,
-    /// With ta, as programmed.
+    /// Ramp with ta, as programmed.
     pub(crate) start: UnitRamp,
-    /// With td, as programmed.
+    /// Ramp with td, as programmed.
     pub(crate) stop: UnitRamp,
     /// Limits of the ramps from rest and to rest. `None` keeps the programmed ones.
     soft: Option<Soft>,
@@ -37,29 +37,29 @@ struct Soft {
 }
 
 impl Alone {
-    /// The ramps from rest to this speed and back.
+    /// Returns the ramps from rest to this speed and back.
     fn ramps(&self, speed: f64) -> [UnitRamp; 2] {
         [self.start_to(speed), self.stop_from(speed)]
     }
 
-    /// The ramp from rest to this speed.
+    /// Returns the ramp from rest to this speed.
     fn start_to(&self, speed: f64) -> UnitRamp {
         self.soft.map_or(self.start, |soft| soft.ramp(self.start, speed))
     }
 
-    /// The ramp from this speed to rest.
+    /// Returns the ramp from this speed to rest.
     fn stop_from(&self, speed: f64) -> UnitRamp {
         self.soft.map_or(self.stop, |soft| soft.ramp(self.stop, speed))
     }
 
-    /// Returns the ramp at the begin of a chain whose first block takes this time. If that is too short for the limits
+    /// Returns the ramp at the start of a chain whose first block takes this time. If that is too short for the limits
     /// of the motors, it is the ramp of the smallest jerk, which look-ahead slows down; without a jerk limit the
     /// programmed ramp is shortened (rule `shrink`).
     pub(crate) fn start_from_rest(&self, block_s: f64) -> UnitRamp {
         self.within(self.start_to(self.limit), self.start, block_s)
     }
 
-    /// The ramp at the end of a chain, likewise.
+    /// Returns the ramp at the end of a chain, by the same rule.
     pub(crate) fn stop_to_rest(&self, block_s: f64) -> UnitRamp {
         self.within(self.stop_from(self.limit), self.stop, block_s)
     }
@@ -74,14 +74,15 @@ impl Alone {
         }
     }
 
-    /// Upper bound of the duration of [`Alone::rest_to_rest`], s.
+    /// Returns the upper bound of the duration of [`Alone::rest_to_rest`], s.
     pub(crate) fn duration_s_max(&self, length: f64) -> f64 {
         stop_to_stop(length, self.limit, self.ramps(self.limit)).1
     }
 
-    /// Speed between the ramps, the ramps and the duration over this length, from rest to rest: `t_end = L/v + (Ta +
-    /// Td)/2`, or, when it is too short to reach v, the peak at which the ramps fill it. Ramps as programmed keep their time
-    /// (rule `extend`); those within limits of the motors are shorter for a lower peak.
+    /// Returns the speed between the ramps, the ramps and the duration over this length, from rest to rest:
+    /// `t_end = L/v + (Ta + Td)/2`, or, when it is too short to reach v, the peak at which the ramps fill it.
+    /// Ramps as programmed keep their time (rule `extend`); those within limits of the motors are shorter for
+    /// a lower peak.
     pub(crate) fn rest_to_rest(&self, length: f64) -> (f64, [UnitRamp; 2], f64) {
         let fits = |speed: f64| {
             let [start, stop] = self.ramps(speed);
@@ -99,7 +100,7 @@ impl Alone {
 }
 
 impl Soft {
-    /// Along a line; `None` unless a motor with a maximum jerk moves.
+    /// Returns the limits along a line; `None` unless a motor with a maximum jerk moves.
     fn along(settings: &CoordinateSystemSettings, path: &Path) -> Result<Option<Self>, Alarm> {
         let mut motors = settings.motors.iter().flatten();
         if motors.all(|motor| motor.max_jerk.is_none()) {
@@ -125,15 +126,15 @@ impl Soft {
         Ok(Some(soft).filter(|soft| is_line && soft.jerk.is_finite()))
     }
 
-    /// The programmed ramp, lengthened until no motor exceeds its limits.
+    /// Returns the programmed ramp, lengthened until no motor exceeds its limits.
     fn ramp(self, programmed: UnitRamp, speed: f64) -> UnitRamp {
         programmed.within(self.acceleration / speed, self.jerk / speed)
     }
 }
 
-/// The speed of a block along a path and its ramps. With G500, where a motor that moves on a line has a maximum jerk, the
-/// ramps from rest and to rest respect it and the maximum accelerations: a line between two stops then has the 7 segments
-/// of M1d.
+/// Returns the speed of a block along a path and its ramps. With G500, where a motor that moves on a line has
+/// a maximum jerk, the ramps from rest and to rest respect it and the maximum accelerations: a line between
+/// two stops then has the 7 segments of M1d.
 pub(crate) fn plan(
     settings: &CoordinateSystemSettings,
     path: &Path,
@@ -163,8 +164,8 @@ pub(crate) fn plan(
     })
 }
 
-/// Speed and duration from rest to rest: the limit where the length is enough for both ramps, else the peak at which they
-/// fill it.
+/// Returns the speed and duration from rest to rest: the limit where the length is enough for both ramps,
+/// else the peak at which they fill it.
 pub(crate) fn stop_to_stop(length: f64, limit: f64, [start, stop]: [UnitRamp; 2]) -> (f64, f64) {
     let ramps_s = start.duration_s() + stop.duration_s();
     if length / limit >= ramps_s / 2.0 {
@@ -174,11 +175,11 @@ pub(crate) fn stop_to_stop(length: f64, limit: f64, [start, stop]: [UnitRamp; 2]
     }
 }
 
-/// F in units per second, clipped by the coordinate system's maximum feedrate and slowed until no motor exceeds its
-/// maximum velocity.
+/// Returns F in units per second, limited by the coordinate system's maximum feedrate and slowed until no
+/// motor exceeds its maximum velocity.
 ///
 /// # Errors
-/// The feedrate, its maximum, or the velocity of a motor that moves is not a number above 0.
+/// Fails if the feedrate, its maximum, or the velocity of a motor that moves is not a number above 0.
 pub fn speed_limit(settings: &CoordinateSystemSettings, path: &Path, feed: Feed) -> Result<f64, Alarm> {
     let feedrate = feed.feedrate_mm_min;
     check_finite("The feedrate", feedrate)?;
@@ -209,7 +210,7 @@ pub fn speed_limit(settings: &CoordinateSystemSettings, path: &Path, feed: Feed)
     }
 }
 
-/// G500: each motor that moves must have a maximum acceleration.
+/// Checks for G500 that each motor that moves has a maximum acceleration.
 fn check_acceleration(settings: &CoordinateSystemSettings, path: &Path) -> Result<(), Alarm> {
     for axis in Axis::ALL {
         let motor = settings.motors[axis.index()].as_ref();

@@ -7,7 +7,7 @@ use tandem_model::{AXES_MAX, Alarm, Axis, AxisVector};
 
 use crate::limit;
 
-/// The motion of a G00 block and its duration, which is that of the slowest motor.
+/// Returns the motion of a G00 block and its duration, which is that of the slowest motor.
 pub(crate) fn plan(
     settings: &CoordinateSystemSettings,
     from: AxisVector,
@@ -25,7 +25,7 @@ pub(crate) fn plan(
     Ok((law, duration_s))
 }
 
-/// The motion of a G31 block while no skip input comes: as G00, at the skip velocities.
+/// Returns the motion of a G31 block without a skip input: as G00, at the skip velocities.
 pub(crate) fn plan_skip(
     settings: &CoordinateSystemSettings,
     from: AxisVector,
@@ -35,7 +35,7 @@ pub(crate) fn plan_skip(
     Ok((Law::Skip { from, to, moves }, duration_s))
 }
 
-/// The shortest move of each motor at a velocity of this name, and the time of the slowest.
+/// Returns the shortest move of each motor at a velocity of this name, and the time of the slowest.
 fn moves(
     settings: &CoordinateSystemSettings,
     [from, to]: [AxisVector; 2],
@@ -78,8 +78,8 @@ fn moves(
     Ok((moves, duration_s))
 }
 
-/// Limits of each motor in proportion to its distance, as high as all motors allow: then all make the same share of their
-/// way at each time, and the path is straight.
+/// Sets the limits of each motor in proportion to its distance, as high as all motors allow. Then all motors
+/// cover the same share of their distances at each time, and the path is straight.
 fn keep_together(moving: &mut [Option<(f64, MotorLimits)>; AXES_MAX]) {
     let of_way = |of: fn(&MotorLimits) -> f64| {
         let ratios = moving

@@ -22,7 +22,7 @@ const SEGMENTS_MAX: usize = 65_536;
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Record {
     entries: VecDeque<Entry>,
-    /// No return into this segment or an earlier one is possible.
+    /// The last segment into which no return is possible.
     barrier: u64,
     /// The farthest place where a return has begun: dwells before it are not repeated.
     turned_at: Option<PathPlace>,
@@ -53,7 +53,7 @@ impl Entry {
         }
     }
 
-    /// Plan time at its end, s.
+    /// Returns the plan time at its end, s.
     pub(crate) fn plan_s(&self) -> f64 {
         match self {
             Entry::Paced(block) | Entry::Ramped(block) => block.ramped.plan_s,
@@ -61,12 +61,12 @@ impl Entry {
         }
     }
 
-    /// True when it can be passed backward.
+    /// Returns true if it can be passed backward.
     fn has_way_back(&self) -> bool {
         matches!(self, Entry::Paced(_) | Entry::Alone(_))
     }
 
-    /// A time at rest.
+    /// Returns true for a time at rest.
     pub(crate) fn is_dwell(&self) -> bool {
         matches!(self, Entry::Alone(profile) if matches!(profile.law, Law::Rest { .. }))
     }
@@ -93,7 +93,7 @@ impl Record {
         self.extend(std::iter::once(entry));
     }
 
-    /// The motion has passed this segment.
+    /// Records that the motion has passed this segment.
     pub(crate) fn passed(&mut self, segment: u64) {
         let Some(first) = self.entries.front().map(Entry::segment) else {
             return;
@@ -112,7 +112,7 @@ impl Record {
         self.barrier = segment;
     }
 
-    /// Index of the segment at a place or after it, and plan time within it, s.
+    /// Returns the index of the segment at a place or after it, and plan time within it, s.
     fn find(&self, place: PathPlace) -> (usize, f64) {
         let at = self
             .entries
@@ -129,7 +129,7 @@ impl Record {
         }
     }
 
-    /// See [`Planner::place_ahead`](crate::Planner::place_ahead).
+    /// Implements [`Planner::place_ahead`](crate::Planner::place_ahead).
     pub(crate) fn place_ahead(&self, from: PathPlace, ahead_s: f64) -> Option<PathPlace> {
         let (first, at_s) = self.find(from);
         let mut left_s = at_s + ahead_s;
@@ -138,7 +138,7 @@ impl Record {
             if let Entry::Paced(block) = entry
                 && left_s < whole_s
             {
-                // Never at its very ends, where the block changes.
+                // never exactly at the ends, where the block changes
                 let plan_s = left_s.max(0.5 * whole_s.min(ahead_s));
                 return Some(PathPlace {
                     segment: block.segment,
@@ -157,13 +157,13 @@ impl Record {
         self.extend(by.entries.into_iter());
     }
 
-    /// The entries after a place, and plan time within the first, s.
+    /// Returns the entries after a place, and plan time within the first, s.
     pub(crate) fn ahead(&self, from: PathPlace) -> (impl Iterator<Item = &Entry>, f64) {
         let (first, from_s) = self.find(from);
         (self.entries.range(first.min(self.entries.len())..), from_s)
     }
 
-    /// The part of a dwell that has been waited, s: in total it is waited once.
+    /// Returns the part of a dwell that was already waited, s. In total, a dwell is waited once.
     pub(crate) fn waited_s(&self, entry: &Entry) -> f64 {
         match self.turned_at {
             Some(at) if entry.is_dwell() && entry.segment() < at.segment => entry.plan_s(),
@@ -181,7 +181,7 @@ impl Record {
         (self.entries.range(..end).rev().take_while(is_open), plan_s)
     }
 
-    /// True when a return from this place is possible.
+    /// Returns true if a return from this place is possible.
     pub(crate) fn has_way_back(&self, from: PathPlace) -> bool {
         let (mut behind, _) = self.behind(from);
         behind.any(|entry| !entry.is_dwell() && entry.plan_s() > 0.0)

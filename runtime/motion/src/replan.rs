@@ -46,7 +46,7 @@ impl Replan {
         new
     }
 
-    /// Plans the way back from a place at rest; no profiles: there is none.
+    /// Plans the way back from a place at rest; without profiles if no way back exists.
     pub(crate) fn backward(record: &Record, held: &LookAhead, from: PathPlace) -> Self {
         let mut new = Self::empty(from, held);
         if !record.has_way_back(from) {
@@ -63,7 +63,7 @@ impl Replan {
         new
     }
 
-    /// True when the motion may continue from its place: it can come to rest again within the new plan.
+    /// Returns true if the motion may continue from its place, because it can stop within the new plan.
     pub fn can_begin(&self) -> bool {
         self.profiles.back().is_some_and(|last| match &last.law {
             Law::Paced { pace, .. } => pace.free_to >= self.from.segment,
@@ -112,7 +112,7 @@ impl Replan {
     }
 }
 
-/// True when the path is at rest where a passage leaves an entry.
+/// Returns true if the path is at rest at the point where a passage leaves an entry.
 fn passes_to_rest(entry: &Entry, passage: Passage) -> bool {
     match entry {
         Entry::Paced(block) if passage.is_backward => block.begins_at_rest(0.0),
@@ -121,7 +121,7 @@ fn passes_to_rest(entry: &Entry, passage: Passage) -> bool {
     }
 }
 
-/// True when the motion begins at rest where the path as planned is moving.
+/// Returns true if the motion begins at rest at a point where the planned path moves.
 fn is_begun_within(entry: &Entry, passage: Passage) -> bool {
     match entry {
         Entry::Paced(block) if passage.is_backward => passage.from_s > 0.0 || !block.ends_at_rest(),
@@ -130,7 +130,7 @@ fn is_begun_within(entry: &Entry, passage: Passage) -> bool {
     }
 }
 
-/// The stretch of an entry outside of chains. On the way back dwells are skipped.
+/// Returns the stretch of an entry outside of chains. On the way back, dwells are skipped.
 fn stretch(record: &Record, entry: &Entry, passage: Passage) -> Stretch {
     let whole_s = entry.plan_s();
     if passage.is_backward {

@@ -11,7 +11,8 @@ use tandem_model::{Alarm, AxisVector};
 
 use crate::{limit, ramped};
 
-/// The motion and its duration, as a G01 block from rest to rest within the limits of Z and of the spindle.
+/// Returns the motion and its duration, as a G01 block from rest to rest within the limits of Z and of the
+/// spindle.
 pub(crate) fn plan(
     settings: &CoordinateSystemSettings,
     [from, to]: [AxisVector; 2],

@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn sequence_numbers_have_no_gap_over_a_hundred_thousand_changes_though_the_ring_is_short() {
+    fn sequence_numbers_have_no_gap_over_100000_changes_in_a_short_ring() {
         let (mut buffer, at) = buffer(2, 1000);
         let mut next = buffer.first();
         let mut seen = 0;

@@ -46,14 +46,14 @@ impl Machine {
 /// Users of this server.
 pub struct Access {
     machine: Machine,
-    /// Clients without a user may read.
+    /// True if clients without a user may read.
     is_anonymous_allowed: bool,
     users: Mutex<Users>,
 }
 
 #[derive(Default)]
 struct Users {
-    /// By session token.
+    /// Users by session token.
     known: BTreeMap<String, User>,
     /// Number of logins so far.
     count: u64,
@@ -136,15 +136,15 @@ impl AuthManager for Access {
         match tokio::time::timeout(LOGIN_TIMEOUT, connecting).await {
             Ok(Ok(plc)) => Ok(self.keep(username, token, plc)),
             Ok(Err(error)) => {
-                tracing::warn!(user = username, %error, "the machine does not take a user");
+                tracing::warn!(user = username, %error, "the machine rejects the user");
                 Err(Error::new(StatusCode::BadIdentityTokenRejected, error))
             }
             Err(_) => {
                 tracing::warn!(
                     user = username,
-                    "the machine does not take a user, or does not answer"
+                    "the machine rejects the user, or does not answer"
                 );
-                let why = format!("the machine did not take the user within {LOGIN_TIMEOUT:?}");
+                let why = format!("the machine did not accept the user within {LOGIN_TIMEOUT:?}");
                 Err(Error::new(StatusCode::BadIdentityTokenRejected, why))
             }
         }

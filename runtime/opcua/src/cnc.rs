@@ -25,7 +25,7 @@ const MOVED_MIN: f64 = 1e-6;
 /// Relative deviation from the commanded speed within which a spindle is at its speed.
 const SPEED_TOLERANCE: f64 = 0.01;
 
-/// Path of the channel of a coordinate system.
+/// Returns the path of the channel of a coordinate system.
 pub fn channel_path(info: &CoordinateSystemInfo) -> String {
     format!("{INTERFACE}/CncChannelList/cs{}", info.number)
 }
@@ -187,12 +187,12 @@ fn unit_of(view: &View, letter: &str, motor: u16) -> Unit {
     }
 }
 
-/// Values of the machine as a whole.
+/// Adds the values of the machine as a whole.
 pub fn machine_values(view: &View, values: &mut Values) {
     values.put(INTERFACE, "VendorRevision", Some(view.presence.version.as_str()));
 }
 
-/// Values of a coordinate system, its axes and its spindle.
+/// Adds the values of a coordinate system, its axes and its spindle.
 pub fn channel_values(info: &CoordinateSystemInfo, channel: &Channel, values: &mut Values) {
     let path = channel_path(info);
     state_values(&path, channel, values);
@@ -352,7 +352,7 @@ fn spindle_values(path: &str, channel: &Channel, values: &mut Values) {
     values.put(path, "ActStatus", status);
 }
 
-/// `CncSpindleTurnDirection`: None, CW, CCW.
+/// Returns `CncSpindleTurnDirection`: None, CW, CCW.
 pub fn turn_direction(rpm: f64) -> i32 {
     if rpm > MOVED_MIN {
         1
@@ -363,7 +363,7 @@ pub fn turn_direction(rpm: f64) -> i32 {
     }
 }
 
-/// `CncSpindleStatus`: Stopped, `InTargetArea`, Accelerating, Decelerating.
+/// Returns `CncSpindleStatus`: Stopped, `InTargetArea`, Accelerating, Decelerating.
 fn spindle_status(actual: f64, wanted: f64) -> i32 {
     if (actual - wanted).abs() <= wanted * SPEED_TOLERANCE + MOVED_MIN {
         i32::from(wanted > 0.0)
@@ -374,7 +374,7 @@ fn spindle_status(actual: f64, wanted: f64) -> i32 {
     }
 }
 
-/// `CncChannelProgramStatus`: Stopped, Running, Waiting, Interrupted, Canceled.
+/// Returns `CncChannelProgramStatus`: Stopped, Running, Waiting, Interrupted, Canceled.
 fn program_status(state: &State) -> i32 {
     if matches!(state.run_kind, Some(RunKind::Jog | RunKind::Home)) {
         return 0;
@@ -394,7 +394,7 @@ fn program_status(state: &State) -> i32 {
     }
 }
 
-/// `CncChannelStatus`: Active, Interrupted, Reset.
+/// Returns `CncChannelStatus`: Active, Interrupted, Reset.
 pub fn channel_status(execution: Execution) -> i32 {
     match execution {
         Execution::Active | Execution::Wait => 0,
@@ -406,7 +406,7 @@ pub fn channel_status(execution: Execution) -> i32 {
     }
 }
 
-/// `CncOperationMode`: Manual, MDA, Automatic.
+/// Returns `CncOperationMode`: Manual, MDA, Automatic.
 fn operation_mode(run_kind: Option<RunKind>) -> i32 {
     match run_kind {
         Some(RunKind::Jog | RunKind::Home) => 0,

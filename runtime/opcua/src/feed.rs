@@ -109,11 +109,11 @@ impl Feed {
             )
         };
         if shape(&before) != shape(&self.view) {
-            tracing::info!("the machine is another one: its nodes are built anew");
+            tracing::info!("another machine answers: its nodes replace the previous ones");
             self.manager.inner().rebuild(&self.manager, &self.view);
             self.written.clear();
         }
-        tracing::info!(machine = %self.view.birth.machine, "the machine is heard");
+        tracing::info!(machine = %self.view.birth.machine, "the machine sends messages");
         let now = DateTime::now();
         self.tell(Change::Machine, now);
         for number in self.view.channels.keys().copied().collect::<Vec<_>>() {
@@ -131,7 +131,7 @@ impl Feed {
                 Ok(Some(message)) => message,
                 Err(_) if heard.elapsed() < SILENCE => continue,
                 Err(_) => {
-                    tracing::warn!("the machine is not heard");
+                    tracing::warn!("the machine sends no messages");
                     return;
                 }
             };
@@ -141,7 +141,7 @@ impl Feed {
             let boot = self.view.boot.clone();
             let change = self.view.take(&message);
             if !self.view.presence.online || self.view.boot != boot {
-                tracing::warn!("the machine has gone, or was started again");
+                tracing::warn!("the machine is offline, or was restarted");
                 return;
             }
             if let Some(change) = change {

@@ -166,7 +166,7 @@ fn build_monitored(builder: &mut Builder<'_>, path: &str, name: &str, type_id: u
     builder.set(&format!("{path}/Name"), name);
 }
 
-/// Values of the machine as a whole.
+/// Adds the values of the machine as a whole.
 pub fn machine_values(view: &View, spaces: Spaces, values: &mut Values) {
     let version = Some(view.presence.version.as_str());
     let identification = format!("{MACHINE}/Identification");
@@ -242,7 +242,7 @@ fn put_state(path: &str, namespace: u16, state: Option<(&'static str, u32)>, val
     );
 }
 
-/// Values of a coordinate system.
+/// Adds the values of a coordinate system.
 pub fn channel_values(info: &CoordinateSystemInfo, channel: &Channel, values: &mut Values) {
     let path = channel_path(info);
     let state = channel.state.as_ref();
@@ -276,7 +276,7 @@ pub fn channel_values(info: &CoordinateSystemInfo, channel: &Channel, values: &m
     }
 }
 
-/// `ChannelMode`: Automatic, `MdaMdi`, `JogManual`; Reference is 6.
+/// Returns `ChannelMode`: Automatic, `MdaMdi`, `JogManual`; Reference is 6.
 fn channel_mode(run_kind: Option<RunKind>) -> i32 {
     match run_kind {
         Some(RunKind::Mdi) => 1,
@@ -286,7 +286,7 @@ fn channel_mode(run_kind: Option<RunKind>) -> i32 {
     }
 }
 
-/// Values of the active program: that of the first coordinate system.
+/// Adds the values of the active program: that of the first coordinate system.
 pub fn program_values(program: &ActiveProgram, spaces: Spaces, values: &mut Values) {
     let known = program.known();
     values.put(PROGRAM, "Name", known.map(|known| known.name.as_str()));

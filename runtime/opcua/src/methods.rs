@@ -111,7 +111,11 @@ pub async fn call(
     match tokio::time::timeout(PATIENCE, carried_out).await {
         Ok(Ok(outcome)) => outcome,
         Ok(Err(error)) => Outcome::of(StatusCode::BadUnexpectedError, "invalid", error.to_string()),
-        Err(_) => Outcome::of(StatusCode::GoodCompletesAsynchronously, "accepted", "it goes on"),
+        Err(_) => Outcome::of(
+            StatusCode::GoodCompletesAsynchronously,
+            "accepted",
+            "the command continues",
+        ),
     }
 }
 

@@ -117,7 +117,7 @@ pub const METHODS: [Method; 17] = [
     of(
         "Start",
         Does::Command("start"),
-        "Starts the loaded program from its head.",
+        "Starts the loaded program from line 1.",
         &[],
     ),
     of(
@@ -126,11 +126,16 @@ pub const METHODS: [Method; 17] = [
         "Loads a program and runs it once for each part.",
         &[
             PROGRAM,
-            ("parts", DataTypeId::UInt32, false, "How many, 1 to 1000000"),
+            (
+                "parts",
+                DataTypeId::UInt32,
+                false,
+                "Number of parts, 1 to 1000000",
+            ),
         ],
     ),
     of("Hold", Does::Command("hold"), "Feed hold.", &[]),
-    of("Resume", Does::Command("resume"), "Goes on after a pause.", &[]),
+    of("Resume", Does::Command("resume"), "Continues after a pause.", &[]),
     of(
         "Stop",
         Does::Command("stop"),
@@ -164,13 +169,18 @@ pub const METHODS: [Method; 17] = [
         "Home",
         Does::Command("home"),
         "Returns axes to their reference points.",
-        &[("axes", DataTypeId::String, true, "Axis letters; none: all axes")],
+        &[(
+            "axes",
+            DataTypeId::String,
+            true,
+            "Axis letters; an empty list selects all axes",
+        )],
     ),
     of(
         "AcknowledgeAlarm",
         Does::Command("alarm_acknowledge"),
         "Acknowledges an alarm.",
-        &[("id", DataTypeId::UInt64, false, "Of AlarmIds")],
+        &[("id", DataTypeId::UInt64, false, "Id of the alarm, of AlarmIds")],
     ),
     of(
         "SetOverrides",
@@ -199,7 +209,7 @@ pub const METHODS: [Method; 17] = [
     of(
         "ResetMCode",
         Does::ResetMCode,
-        "Resets an M code by hand: the program goes on.",
+        "Resets an M code by hand: the program continues.",
         &[BOOT_ID, SEQ],
     ),
     of(
@@ -210,13 +220,13 @@ pub const METHODS: [Method; 17] = [
             BOOT_ID,
             SEQ,
             ("code", DataTypeId::UInt16, false, "0 to 9999"),
-            ("text", DataTypeId::String, false, "Of the alarm"),
+            ("text", DataTypeId::String, false, "Text of the alarm"),
         ],
     ),
     of(
         "RedeliverMCode",
         Does::RedeliverMCode,
-        "Gives an M code whose handler was lost to a handler again.",
+        "Delivers an M code of a lost handler to a handler again.",
         &[BOOT_ID, SEQ, ("how", DataTypeId::String, false, "verify or redo")],
     ),
     of(
@@ -232,7 +242,7 @@ pub const METHODS: [Method; 17] = [
     ),
 ];
 
-/// Path of a coordinate system.
+/// Returns the path of a coordinate system.
 pub fn channel_path(number: CoordinateSystemNumber) -> String {
     format!("{ROOT}/cs{number}")
 }
@@ -253,7 +263,7 @@ pub fn build(builder: &mut Builder<'_>, view: &View) {
     variables(builder, ROOT, &OF_MACHINE, &root);
     let outputs = [
         ("code", DataTypeId::String, false, "ok, or the refusal's code"),
-        ("text", DataTypeId::String, false, "What, why, and what to do"),
+        ("text", DataTypeId::String, false, "Result, reason, and remedy"),
     ];
     let outputs = outputs.map(argument);
     for info in &view.birth.coordinate_systems {
@@ -274,7 +284,7 @@ fn variables(builder: &mut Builder<'_>, path: &str, all: &[(&str, DataTypeId, bo
     }
 }
 
-/// Values of the machine as a whole.
+/// Adds the values of the machine as a whole.
 pub fn machine_values(view: &View, values: &mut Values) {
     values.put(ROOT, "Machine", Some(view.birth.machine.as_str()));
     values.put(ROOT, "BootId", Some(view.boot.0.as_str()));
@@ -310,7 +320,7 @@ fn of_each<T, V>(all: Option<&[T]>, value: impl Fn(&T) -> V) -> Option<Vec<V>> {
     all.map(|all| all.iter().map(value).collect())
 }
 
-/// Values of a coordinate system.
+/// Adds the values of a coordinate system.
 pub fn channel_values(info: &CoordinateSystemInfo, channel: &Channel, values: &mut Values) {
     let path = channel_path(info.number);
     let state = channel.state.as_ref();

@@ -121,7 +121,7 @@ async fn connect(machine: &Machine, user: Option<&Credentials>) -> anyhow::Resul
             Ok(plc) => return Ok(plc),
             Err(error @ plc_api::Error::Address { .. }) => return Err(error.into()),
             Err(error) => {
-                tracing::warn!("{error}; looking for it again");
+                tracing::warn!("{error}; trying again");
                 tokio::time::sleep(AGAIN_AFTER).await;
             }
         }
@@ -135,8 +135,8 @@ async fn refuse_without_users(machine: &Machine) -> anyhow::Result<()> {
     let is_taken = matches!(tokio::time::timeout(LOGIN_TIMEOUT, stranger).await, Ok(Ok(_)));
     ensure!(
         !is_taken,
-        "the machine has no users, so that whoever reaches this server could command it: give the runtime a token_file, or \
-         listen on the loopback"
+        "the machine has no users, so that every client of this server could command it: give the runtime a \
+         token_file, or listen on the loopback interface"
     );
     Ok(())
 }

@@ -55,7 +55,7 @@ pub const PERCENT: Unit = Unit {
 };
 
 impl From<Unit> for Variant {
-    /// The identifier is calculated from the letters of the code (OPC 10000-8, 5.6.3).
+    /// Converts a unit; its identifier is calculated from the letters of the code (OPC 10000-8, 5.6.3).
     fn from(unit: Unit) -> Self {
         let unit_id = unit
             .code
@@ -71,7 +71,7 @@ impl From<Unit> for Variant {
     }
 }
 
-/// Lowest and highest value.
+/// Returns the lowest and highest value.
 pub fn range(low: f64, high: f64) -> Variant {
     ExtensionObject::from_message(Range { low, high }).into()
 }

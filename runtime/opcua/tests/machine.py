@@ -47,7 +47,7 @@ location = "hall 2"
 
 
 def free_port() -> int:
-    """A port that nobody listens on."""
+    """Return a free port."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
@@ -55,7 +55,7 @@ def free_port() -> int:
 
 
 def wait_for_line(log: Path, pattern: str, process: subprocess.Popen[bytes]) -> str:
-    """What the pattern's group is in what a process has said."""
+    """Wait for a pattern in the output of a process: its group."""
     end = time.monotonic() + PATIENCE_S
     while time.monotonic() < end:
         found = re.search(pattern, log.read_text())
@@ -89,7 +89,7 @@ class Process:
 
 
 class Machine:
-    """The demo machine without its handlers: an M code is open until somebody resets it."""
+    """The demo machine without its handlers: an M code is pending until an operator resets it."""
 
     def __init__(self, folder: Path, more: str = "") -> None:
         self.folder = folder

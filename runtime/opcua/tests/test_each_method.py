@@ -34,7 +34,7 @@ def text(said: str) -> bytes:
 
 @contextmanager
 def handler(machine: Machine, token: str) -> Iterator[None]:
-    """A handler of M20 that says over MQTT that it is there; it goes as a process that dies."""
+    """A handler of M20 with a presence over MQTT; its connection ends like that of a process that dies."""
     with socket.create_connection(("127.0.0.1", machine.mqtt), timeout=10) as link:
         topic = "tandem/v1/mill-1/handler/handler/presence"
         # MQTT 3.1.1 with user, password and a retained will
@@ -45,7 +45,7 @@ def handler(machine: Machine, token: str) -> Iterator[None]:
         presence = {"online": True, "handles": [{"cs": 1, "m": 20}]}
         link.sendall(packet(0x31, text(topic) + json.dumps(presence).encode()))
         yield
-        # without a goodbye, the will is said
+        # without a DISCONNECT packet, the broker publishes the will
         link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
 
 

@@ -23,7 +23,7 @@ OF_TYPE = {
     NOTIFICATION: ("Identifier",),
     TRANSITION: ("Name", "JobIdentifier"),
 }
-"""What each type adds."""
+"""Fields that each type adds."""
 
 FIELDS = {
     ua.ObjectIds.BaseEventType: ("EventType", "SourceNode", "SourceName", "Message", "Severity", "Time"),
@@ -42,7 +42,7 @@ def field(type_id: ua.NodeId, path: list[ua.QualifiedName]) -> ua.SimpleAttribut
 
 
 class Events:
-    """What a subscription has got."""
+    """Events of a subscription."""
 
     def __init__(self) -> None:
         self.got: asyncio.Queue[Any] = asyncio.Queue()

@@ -1,4 +1,4 @@
-"""The machine tool of OPC 40501: each of its nodes tells what REST tells, through a run, pauses, an alarm and a restart."""
+"""The machine tool of OPC 40501: its nodes have the values of REST, through a run, pauses, an alarm and a restart."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from test_lost import until
 from test_nodes import PAUSED, differences, unmapped, variables
 
 PROGRAM = "N10 G17 G90 G54\nN20 M00\nN30 M20\nN40 G01 X20 F600\nN50 M77\nN60 M30\n"
-"""Number 8: it pauses, waits, moves, and comes to an M code that nobody knows."""
+"""Program 8: it pauses, waits, moves, and reaches an M code without a handler."""
 
 MODES = {None: 0, "program": 0, "mdi": 1, "jog": 2, "home": 6}
 """ChannelMode of a run."""
@@ -32,7 +32,7 @@ def program_state(state: dict[str, Any]) -> str:
 
 
 def channel(machine: Machine, cs: int) -> dict[str, Any]:
-    """What REST says that a monitored channel and its spindle are."""
+    """Expected values of a monitored channel and its spindle, from REST."""
     state, overrides = machine.get(f"/cs/{cs}/state"), machine.get(f"/cs/{cs}/overrides")
     word = state["execution"]
     path = f"MachineTool/Monitoring/cs{cs}"
@@ -58,7 +58,7 @@ def channel(machine: Machine, cs: int) -> dict[str, Any]:
 
 
 def whole(machine: Machine, last: tuple[str, int, int] | None) -> dict[str, Any]:
-    """What REST says that all nodes are, with the name, number and node of the last transition."""
+    """Expected values of all nodes, from REST, with the name, number and node of the last transition."""
     version = subprocess.run([TANDEM, "--version"], capture_output=True, text=True, check=True).stdout.split()[1]
     states = [machine.get(f"/cs/{cs}/state") for cs in (1, 2)]
     plate = machine.get("/machine")["identification"]
@@ -144,7 +144,7 @@ def test_each_node_of_the_machine_tool_tells_what_rest_tells(machine: Machine, t
             machine.ask("POST", "/cs/1/resume", {})
             machine.until("STOPPED")
             await agree(("RunningToAborted", 6, 108))
-            assert machine.get("/alarms")["alarms"], "the M code that nobody knows is an alarm"
+            assert machine.get("/alarms")["alarms"], "an M code without a handler is an alarm"
             machine.command(1, "reset")
             await agree(("AbortedToInitializing", 8, 102))
             machine.ask("POST", "/cs/1/mdi", {"text": "M20"})

@@ -1,4 +1,4 @@
-"""Commands and M codes, with the rights of the user who has logged in."""
+"""Commands and M codes, with the rights of the logged-in user."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every node that is mapped tells what REST tells, through a run."""
+"""Every mapped node has the value of REST, through a run."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def program_status(state: dict[str, Any]) -> int:
 
 
 def channel(machine: Machine, cs: int) -> dict[str, Any]:
-    """What REST says that the nodes of a channel, its axes and its spindle are."""
+    """Expected values of the nodes of a channel, its axes and its spindle, from REST."""
 
     def get(what: str) -> Any:
         return machine.get(f"/cs/{cs}/{what}")
@@ -102,7 +102,7 @@ def channel(machine: Machine, cs: int) -> dict[str, Any]:
 
 
 def whole(machine: Machine) -> dict[str, Any]:
-    """What REST says that all nodes are."""
+    """Expected values of all nodes, from REST."""
     version = subprocess.run([TANDEM, "--version"], capture_output=True, text=True, check=True).stdout.split()[1]
     about = {
         "CNC/VendorName": "Tandem",
@@ -131,7 +131,7 @@ def same(value: Any, expected: Any) -> bool:
 
 
 async def differences(client: Client, nodes: dict[str, Node], whole: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """Where nodes and what REST says differ after a moment."""
+    """Differences between nodes and REST after a moment."""
     end = time.monotonic() + 5
     while True:
         expected = whole()
@@ -183,7 +183,7 @@ def test_every_mapped_node_tells_what_rest_tells_through_a_run(machine: Machine,
 
 
 async def unmapped(nodes: dict[str, Node], expected: dict[str, Any]) -> list[str]:
-    """Where a node is good without a mapping, or has one and is not good, or does not say that it is not supported."""
+    """Nodes with a wrong status: good without a mapping, mapped and not good, or unmapped and not BadNotSupported."""
     wrong = []
     for path, node in nodes.items():
         said = await node.read_data_value(raise_on_bad_status=False)

@@ -10,7 +10,7 @@ use crate::stage::PathStage;
 use crate::transform;
 
 impl PathStage {
-    /// The path of an arc; `None` for R0 without a distance.
+    /// Returns the path of an arc; `None` for R0 without a distance.
     pub(crate) fn arc(&self, block: &Block, arc: &Arc) -> Result<Option<Path>, Alarm> {
         let plane = arc.plane.axes();
         if let Some(axis) = plane.into_iter().find(|axis| !self.axes.contains(*axis)) {
@@ -59,7 +59,7 @@ impl PathStage {
         self.around(from_start, to, arc, turn).map(Path::Arc).map(Some)
     }
 
-    /// The arc about a centre, given from the start point.
+    /// Returns the arc about a centre, given from the start point.
     fn around(&self, from_start: [f64; 2], to: AxisVector, arc: &Arc, turn: Turn) -> Result<ArcPath, Alarm> {
         let [first, second] = arc.plane.axes();
         let centre = [self.at[first] + from_start[0], self.at[second] + from_start[1]];
@@ -94,7 +94,7 @@ impl PathStage {
     }
 }
 
-/// The parts of a transform that distort an arc of this plane.
+/// Returns the parts of a transform that distort an arc of this plane.
 fn distortion(transform: &Transform, plane: Plane) -> String {
     let scaling = transform.scaling.map(|Scaling { factors, .. }| {
         let [x, y, z] = factors;
@@ -107,7 +107,7 @@ fn distortion(transform: &Transform, plane: Plane) -> String {
     format!("The arc is in {plane}{scaling}{rotation}")
 }
 
-/// The letters of the words of a centre.
+/// Returns the letters of the words of a centre.
 fn centre_words(plane: Plane) -> &'static str {
     match plane {
         Plane::Xy => "IJ",
@@ -116,8 +116,9 @@ fn centre_words(plane: Plane) -> &'static str {
     }
 }
 
-/// The centre from the start point: the middle of the chord, and `sqrt(R^2 - c^2/4)` to its left for an arc up to a
-/// half circle turning counter-clockwise or a larger one turning clockwise, else to its right.
+/// Returns the centre, measured from the start point: from the middle of the chord, `sqrt(R^2 - c^2/4)` to
+/// the left for a counter-clockwise arc up to a half circle and for a larger clockwise arc, otherwise to the
+/// right.
 fn centre_from_radius(
     chord: [f64; 2],
     radius: f64,
@@ -135,7 +136,7 @@ fn centre_from_radius(
         let text = format!("R {radius:.6} mm is smaller than half the distance to the target, {half:.6} mm");
         return Err(Alarm::new(&ARC_IMPOSSIBLE, text).of_words("R"));
     }
-    // (R - h)(R + h) keeps its digits where R is hardly more than half the chord.
+    // (R - h)(R + h) keeps its digits if R is only slightly more than half the chord.
     let off_chord = ((radius.abs() - half) * (radius.abs() + half)).max(0.0).sqrt();
     let left = (radius > 0.0) == (turn == Turn::CounterClockwise);
     let side = if left { off_chord } else { -off_chord } / length;

@@ -18,7 +18,7 @@ struct Side {
 }
 
 impl Side {
-    /// At this share of the blend's distance from the joint.
+    /// Returns the bound at this share of the blend's distance from the joint.
     fn at(self, share: f64) -> f64 {
         (self.steep * share).min(self.height)
     }
@@ -84,8 +84,9 @@ impl PathStage {
             for value in [below, above] {
                 if let Some((which, limit)) = self.limit_passed(axis, value) {
                     let text = format!(
-                        "Blended with the block before, axis {} may go to {value:.6} (machine), beyond its {which} limit \
-                         {limit:.6}; a lower F, shorter ramps or G61 keep it nearer to the path",
+                        "Blended with the block before, axis {} may move to {value:.6} (machine), beyond its \
+                         {which} limit {limit:.6}; a lower F, shorter ramps or G61 keep it nearer to the \
+                         path",
                         axis.letter()
                     );
                     return Err(Alarm::new(&SOFT_LIMIT, text).of_words(axis.letter()));
@@ -96,7 +97,8 @@ impl PathStage {
     }
 }
 
-/// The largest distance of both together. Between the shares at which one of them reaches its maximum the sum is convex.
+/// Returns the largest distance of both together. Between the shares at which one of them reaches its maximum
+/// the sum is convex.
 fn farthest([first, second]: [Side; 2]) -> f64 {
     [0.0, 1.0 - first.full(), second.full(), 1.0]
         .into_iter()
@@ -104,17 +106,17 @@ fn farthest([first, second]: [Side; 2]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Upper bound of the duration of a blend, s.
+/// Returns the upper bound of the duration of a blend, s.
 fn ramp_s(feed: &Feed) -> f64 {
     (feed.ta_ms.max(feed.td_ms).max(feed.ts_ms) + feed.ts_ms) / 1000.0
 }
 
-/// Upper bound of the length of a block's part in a blend: short blocks have shorter ramps.
+/// Returns the upper bound of the length of a block's part in a blend: short blocks have shorter ramps.
 fn zone(path: &Path, feed: &Feed, ramp_s: f64) -> f64 {
     (feed.feedrate_mm_min / 60.0 * ramp_s / 2.0).min(path.length() / 2.0)
 }
 
-/// A bound of the slope that is cheap on arcs: X, Y and Z never move farther than the path.
+/// Returns a bound of the slope that is cheap on arcs: X, Y and Z never move farther than the path.
 fn steepest_at_most(path: &Path, axis: Axis) -> f64 {
     if axis.is_orthogonal() {
         1.0

@@ -10,7 +10,7 @@ use tandem_model::{Alarm, Axis, AxisVector};
 /// millionth of a micrometre. Without it F of a block of rotary axes would count along a rounding error of X.
 pub const LENGTH_MIN: f64 = 1e-9;
 
-/// The straight line between two machine positions; `None` when they are equal but for rounding.
+/// Returns the straight line between two machine positions; `None` if they are equal but for rounding.
 pub(crate) fn line_between(from: AxisVector, to: AxisVector) -> Result<Option<Path>, Alarm> {
     if !moves(from, to) {
         return Ok(None);
@@ -26,7 +26,7 @@ pub(crate) fn line_between(from: AxisVector, to: AxisVector) -> Result<Option<Pa
     Ok(Some(Path::Line { from, to, length }))
 }
 
-/// True for positions that differ by more than rounding.
+/// Returns true for positions that differ by more than rounding.
 pub(crate) fn moves(from: AxisVector, to: AxisVector) -> bool {
     to.minus(from)
         .0
@@ -34,7 +34,8 @@ pub(crate) fn moves(from: AxisVector, to: AxisVector) -> bool {
         .any(|distance| distance.abs() >= LENGTH_MIN)
 }
 
-/// True for a path on which X, Y and Z move only by rounding. Its length is only calculated in that case.
+/// Returns true for a path on which X, Y and Z move only by rounding. Its length is only calculated in that
+/// case.
 pub(crate) fn turns_only(way: AxisVector) -> bool {
     let stands = |axis: Axis| way[axis].abs() < LENGTH_MIN;
     Axis::ORTHOGONAL.into_iter().all(stands) && way.orthogonal_length() < LENGTH_MIN

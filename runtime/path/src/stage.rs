@@ -1,4 +1,4 @@
-//! Blocks in, segments out.
+//! Converts blocks to segments.
 
 use tandem_model::alarm::{COMPENSATION_REFUSED, FEEDRATE_MISSING, VALUE_OUT_OF_RANGE, check_finite};
 use tandem_model::flow::{
@@ -23,22 +23,22 @@ pub struct PathStage {
     pub(crate) at: AxisVector,
     /// Change of the tool length that no motion block has applied yet (D22), mm.
     pub(crate) tool_shift: f64,
-    /// Between blocks and segments: G41 and G42.
+    /// Cutter compensation (G41, G42), applied to the segments of blocks.
     pub(crate) compensator: Compensator,
-    /// Its output for one block; kept to reuse the memory.
+    /// Output of the compensator for one block; kept to reuse the memory.
     legs: Vec<Leg>,
     /// The last segment, until it is known whether it ends in a stop.
     held_back: Option<Segment>,
     /// Number of the last motion.
     serial: u64,
-    /// The last segment is a G31 whose end is not known yet.
+    /// True if the last segment is a G31 whose end is not yet known.
     is_skipping: bool,
     /// Moves beyond soft limits that were permitted. With `None` such moves are rejected.
     pub(crate) passed_limits: Option<Vec<Alarm>>,
 }
 
 impl PathStage {
-    /// A stage at a machine position, with the identity transform.
+    /// Creates a stage at a machine position, with the identity transform.
     pub fn new(settings: &CoordinateSystemSettings, at: MachinePosition) -> Self {
         Self {
             settings: settings.clone(),
@@ -56,13 +56,13 @@ impl PathStage {
         }
     }
 
-    /// Dry run: further cutting blocks move at the feedrate of dry run in place of F. A thread keeps F and S, and so its
-    /// pitch.
+    /// Switches dry run on or off: in dry run, further cutting blocks move at the feedrate of dry run instead
+    /// of F. A thread keeps F and S, and so its pitch.
     pub fn set_dry_run(&mut self, on: bool) {
         self.dry_run = on;
     }
 
-    /// True in dry run.
+    /// Returns true in dry run.
     pub fn is_dry_run(&self) -> bool {
         self.dry_run
     }
@@ -72,10 +72,10 @@ impl PathStage {
     /// blocks are held back.
     ///
     /// # Errors
-    /// Returns an alarm at the block's origin when it cannot run; the stage is then as before the block, which outputs
-    /// nothing: `VALUE_NOT_FINITE`, `VALUE_OUT_OF_RANGE` (negative dwell, scale factor 0, reference point not 1 to 4),
-    /// `AXIS_MISSING`, `SOFT_LIMIT`, `FEEDRATE_MISSING`, `OFFSET_IN_FORCE` (D23), `ARC_IMPOSSIBLE`, `ARC_DISTORTED`
-    /// (D21), `SPINDLE_SPEED_MISSING`, `TAP_OFF_AXIS`.
+    /// Returns an alarm at the origin of a block that cannot run; the stage is then unchanged, and the block
+    /// outputs nothing: `VALUE_NOT_FINITE`, `VALUE_OUT_OF_RANGE` (negative dwell, scale factor 0, reference
+    /// point not 1 to 4), `AXIS_MISSING`, `SOFT_LIMIT`, `FEEDRATE_MISSING`, `OFFSET_IN_FORCE` (D23),
+    /// `ARC_IMPOSSIBLE`, `ARC_DISTORTED` (D21), `SPINDLE_SPEED_MISSING`, `TAP_OFF_AXIS`.
     ///
     /// With cutter compensation also `COMPENSATION_REFUSED`, `COMPENSATION_LEAD_SHORT`, `COMPENSATION_ARC_SMALL`,
     /// `COMPENSATION_CORNER`, `COMPENSATION_SPIRAL`, `COMPENSATION_LOOK_AHEAD` and `OVERCUT`, at the first block that
@@ -115,12 +115,13 @@ impl PathStage {
         joined
     }
 
-    /// True from the lead-in of cutter compensation to its lead-out: the program may neither wait nor end.
+    /// Returns true from the lead-in of cutter compensation to its lead-out: the program must neither wait
+    /// nor end.
     pub fn is_compensating(&self) -> bool {
         self.compensator.is_on()
     }
 
-    /// After a stop or reset: this position, the identity transform, nothing held back.
+    /// Restarts after a stop or reset at this position, with the identity transform and nothing held back.
     pub fn restart(&mut self, at: MachinePosition) {
         self.at = at.0;
         self.tool_shift = 0.0;
@@ -130,7 +131,8 @@ impl PathStage {
         self.is_skipping = false;
     }
 
-    /// At this position with the transform and the pending change of tool length of another stage, nothing held back.
+    /// Restarts at this position, with the transform and the pending change of tool length of another stage,
+    /// and nothing held back.
     pub fn restore_transform(&mut self, at: MachinePosition, of: &PathStage) {
         self.restart(at);
         self.transform = of.transform;
@@ -142,12 +144,13 @@ impl PathStage {
         &self.transform
     }
 
-    /// Upper bound of the segments still to come of the blocks pushed so far; some may be left out to prevent an overcut.
+    /// Returns the upper bound of the segments still to come of the blocks pushed so far; some may be left
+    /// out to prevent an overcut.
     pub fn held_back(&self) -> usize {
         usize::from(self.held_back.is_some()) + self.compensator.pending()
     }
 
-    /// Number of the last motion that it was given.
+    /// Returns the number of the last motion pushed.
     pub fn last_serial(&self) -> u64 {
         self.serial
     }
@@ -175,8 +178,7 @@ impl PathStage {
         let compensated = block.compensation != Compensation::Off || self.compensator.is_on();
         match &block.action {
             Action::Skip(_) | Action::ThreadAhead(_) | Action::Tap(_) if compensated => {
-                let text =
-                    "neither a skip nor a thread may move during cutter compensation or before its lead-out";
+                let text = "a skip (G31) and a thread are not allowed during cutter compensation or before its lead-out";
                 return Err(Alarm::new(&COMPENSATION_REFUSED, text));
             }
             Action::None => {
@@ -259,12 +261,13 @@ impl PathStage {
         Ok(())
     }
 
-    /// True from a G31 that moves to [`PathStage::skipped_to`]: no block may be pushed.
+    /// Returns true from a G31 that moves to [`PathStage::skipped_to`]: no block may be pushed.
     pub fn is_skipping(&self) -> bool {
         self.is_skipping
     }
 
-    /// After G31: the machine rests here, perhaps short of the target. The transform stays.
+    /// Sets the position after a G31, at which the machine rests, possibly before the target. The transform
+    /// stays.
     pub fn skipped_to(&mut self, at: MachinePosition) {
         self.at = at.0;
         self.is_skipping = false;
@@ -289,8 +292,8 @@ impl PathStage {
         self.at = to;
     }
 
-    /// G28, G30: G00 to the middle point, then to the reference point, named axes only; none named: all, and straight
-    /// to the reference point (D24).
+    /// Outputs G28 or G30: G00 of the named axes to the middle point, then to the reference point. Without
+    /// named axes, all axes move directly to the reference point (D24).
     fn reference(
         &mut self,
         block: &Block,
@@ -354,7 +357,7 @@ impl PathStage {
         self.compensator.round_next(rounding);
     }
 
-    /// Takes a cutting block along this path. With `None` it does not move.
+    /// Takes a cutting block along this path; with `None`, the block does not move.
     fn feed(
         &mut self,
         block: &Block,
@@ -445,7 +448,7 @@ impl PathStage {
         Ok(())
     }
 
-    /// The machine rests between the blocks so far and the next one.
+    /// Requests a stop between the blocks so far and the next one.
     fn stop(&mut self, out: &mut Vec<Segment>) {
         if self.compensator.is_on() {
             self.compensator.stop();
@@ -471,7 +474,7 @@ impl PathStage {
         Ok(Some(Side { plane, tool }))
     }
 
-    /// The feedrate of a block along its path, at most the maximum.
+    /// Returns the feedrate of a block along its path, at most the maximum.
     fn feed_along(&self, block: &Block, path: &Path) -> Result<Feed, Alarm> {
         let in_degrees = self.settings.path.rotary_feed == RotaryFeed::Degrees;
         let rotary_only = match path {
@@ -494,7 +497,7 @@ impl PathStage {
         Ok(feed)
     }
 
-    /// Feedrate as programmed and ramp times; a block of rotary axes only has its own feedrate.
+    /// Returns the feedrate as programmed and ramp times; a block of rotary axes only has its own feedrate.
     pub(crate) fn feed_in_force(&self, block: &Block, rotary_only: bool) -> Result<Feed, Alarm> {
         let programmed = if rotary_only {
             block.feedrate_deg_min
@@ -537,13 +540,13 @@ impl PathStage {
     }
 }
 
-/// The work position of a machine position: the transform undone (D20), tool length included.
+/// Returns the work position of a machine position: reverses the transform (D20), including the tool length.
 pub fn work_position(transform: &Transform, machine: MachinePosition) -> WorkPosition {
     WorkPosition(transform.inverse(machine.0))
 }
 
-/// True for a block that ends a chain when it does not move: each one with G501, with G500 only one with G09
-/// (M1c).
+/// Returns true for a block that ends a chain if it does not move: with G501 every block, with G500 only a
+/// block with G09 (M1c).
 fn ends_chain(block: &Block) -> bool {
     block.multi_block == MultiBlock::Off || block.exact_stop_before || block.exact_stop_after
 }

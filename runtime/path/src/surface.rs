@@ -36,7 +36,7 @@ impl PathStage {
         Ok(Some(Path::Line { from, to, length }))
     }
 
-    /// True for a block of A alone on which F has no effect.
+    /// Returns true for a block of A alone on which F has no effect.
     pub(crate) fn turns_freely(&self, from: AxisVector, to: AxisVector) -> bool {
         let way = to.minus(from);
         let is_alone = self.settings.path.rotary_feed == RotaryFeed::Surface
@@ -46,7 +46,7 @@ impl PathStage {
         is_alone && (on_surface() < LENGTH_MIN || self.is_highest(from))
     }
 
-    /// How far the tool is from the centre of rotation at a machine position, mm.
+    /// Returns the distance of the tool from the axis of A at a machine position, mm.
     fn radius_about_a(&self, machine: AxisVector) -> f64 {
         let at = self.transform.inverse(machine);
         at[Axis::Y].hypot(at[Axis::Z])
@@ -57,7 +57,7 @@ impl PathStage {
         highest.is_some_and(|(which, _)| which == "upper")
     }
 
-    /// The length that takes the motor's time at its maximum velocity at the maximum feedrate.
+    /// Returns the length that takes, at the maximum feedrate, the time of the motor at its maximum velocity.
     fn length_of_free_turn(&self, way: AxisVector) -> f64 {
         let motor = self.settings.motors[Axis::A.index()].as_ref();
         let velocity = motor.map_or(1.0, |motor| motor.max_velocity);

@@ -63,15 +63,16 @@ impl PathStage {
         Ok(())
     }
 
-    /// The end of a move in the thread from here, its feedrate, and its revolutions without sign; 0: no spindle is locked to
-    /// it. They are the machine's Z travel times S / F, whatever the transforms.
+    /// Returns the end of a move in the thread from the present position, its feedrate, and its revolutions
+    /// without sign: the machine's Z travel times S / F, whatever the transforms. 0 revolutions: no spindle
+    /// is locked to the move.
     fn thread(&mut self, block: &Block, tap: &Tap) -> Result<(AxisVector, Feed, f64), Alarm> {
         let to = self.target(block, &tap.target)?;
         let aside = Axis::ALL
             .into_iter()
             .find(|&axis| axis != Axis::Z && (to[axis] - self.at[axis]).abs() >= LENGTH_MIN);
         if let Some(axis) = aside {
-            let text = format!("The way along Z would move axis {}, too", axis.letter());
+            let text = format!("The motion along Z would also move axis {}", axis.letter());
             return Err(Alarm::new(&TAP_OFF_AXIS, text));
         }
         self.refuse_beyond(self.within_all_soft_limits(self.at, to), block.origin)?;
@@ -91,7 +92,8 @@ impl PathStage {
         Ok((to, feed, revolutions))
     }
 
-    /// Without a spindle locked to Z nothing slows the spindle down with it: the pitch is right only at F itself.
+    /// Rejects an F that Z cannot reach without a spindle locked to Z: the spindle would not slow down with
+    /// Z, and the pitch would be wrong.
     fn as_fast_as_f(&self, feed: Feed) -> Result<(), Alarm> {
         let z = self.settings.motors[Axis::Z.index()].as_ref();
         let velocity = z.map_or(f64::INFINITY, |motor| motor.max_velocity);
@@ -101,8 +103,8 @@ impl PathStage {
             return Ok(());
         }
         let text = format!(
-            "F of {feedrate} mm/min is above the {most} that Z can go; without a spindle in the coordinate system the thread \
-             would have another pitch"
+            "F of {feedrate} mm/min is above the maximum of Z, {most} mm/min; without a spindle in the \
+             coordinate system the thread would have another pitch"
         );
         Err(Alarm::new(&VALUE_OUT_OF_RANGE, text).of_words("F"))
     }

@@ -9,7 +9,7 @@ use crate::stage::PathStage;
 use crate::transform::{self, finite};
 
 impl PathStage {
-    /// The machine position that axis words lead to, on axes that the coordinate system has.
+    /// Returns the machine position of axis words, which may name only axes of the coordinate system.
     pub(crate) fn target(&self, block: &Block, words: &AxisWords) -> Result<AxisVector, Alarm> {
         if let Some(axis) = words.named.iter().find(|axis| !self.axes.contains(*axis)) {
             return Err(Self::axis_missing(axis));
@@ -84,7 +84,7 @@ impl PathStage {
         }
     }
 
-    /// D23.
+    /// Rejects a block while cutter compensation is on (D23).
     pub(crate) fn without_compensation(&self, block: &Block, what: &str) -> Result<(), Alarm> {
         if block.compensation == Compensation::Off && !self.compensator.is_on() {
             return Ok(());
@@ -93,7 +93,7 @@ impl PathStage {
         Err(Alarm::new(&OFFSET_IN_FORCE, text))
     }
 
-    /// D23.
+    /// Rejects a block while a tool length offset is in force (D23).
     pub(crate) fn without_tool_length(&self, what: &str) -> Result<(), Alarm> {
         let length = self.transform.tool_length;
         if length == 0.0 {
@@ -103,7 +103,8 @@ impl PathStage {
         Err(Alarm::new(&OFFSET_IN_FORCE, text))
     }
 
-    /// Permits and records moves beyond soft limits from now on: for a program that is only examined and moves nothing.
+    /// Permits and records moves beyond soft limits from now on. For the check of a program, which moves
+    /// nothing.
     pub fn let_limits_pass(&mut self) {
         self.passed_limits.get_or_insert_default();
     }
@@ -162,7 +163,7 @@ impl PathStage {
         self.settings.motors[axis.index()].as_ref()?.soft_limits
     }
 
-    /// The axes with soft limits.
+    /// Returns the axes with soft limits.
     pub(crate) fn limited_axes(&self) -> impl Iterator<Item = Axis> {
         (self.axes.iter()).filter(|axis| self.soft_limits(*axis).is_some())
     }
@@ -173,11 +174,11 @@ impl PathStage {
         };
         let letter = axis.letter();
         let text =
-            format!("Axis {letter} would go to {value:.6} (machine), beyond its {which} limit {limit:.6}");
+            format!("Axis {letter} would move to {value:.6} (machine), beyond its {which} limit {limit:.6}");
         Err(Alarm::new(&SOFT_LIMIT, text).of_words(letter))
     }
 
-    /// Name and position of the soft limit that a value exceeds.
+    /// Returns the name and position of the soft limit that a value exceeds.
     pub(crate) fn limit_passed(&self, axis: Axis, value: f64) -> Option<(&'static str, f64)> {
         let [lowest, highest] = self.soft_limits(axis)?;
         if value < lowest - LENGTH_MIN {
@@ -190,7 +191,7 @@ impl PathStage {
     }
 }
 
-/// True for a block that moves: G02 and G03 also do so without axis words.
+/// Returns true for a block that moves: G02 and G03 also do so without axis words.
 fn is_motion(block: &Block, words: &AxisWords) -> bool {
     !words.named.is_empty() || matches!(block.action, Action::Arc(_))
 }

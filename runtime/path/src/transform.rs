@@ -5,7 +5,8 @@ use tandem_model::flow::Transform;
 use tandem_model::plane::Plane;
 use tandem_model::{Alarm, Axis, AxisSet, AxisVector};
 
-/// The axes that words of these axes move: a word of one axis of the rotation's plane moves both.
+/// Returns the axes that words of these axes move: a word of one axis of the rotation's plane moves both
+/// axes.
 pub(crate) fn moved(transform: &Transform, named: AxisSet) -> AxisSet {
     let mut moved = named;
     if let Some(rotation) = &transform.rotation {
@@ -19,8 +20,8 @@ pub(crate) fn moved(transform: &Transform, named: AxisSet) -> AxisSet {
     moved
 }
 
-/// The scale of an arc of this plane, and whether its sense of turning changes; `None` when the result is no arc of this
-/// plane (D21).
+/// Returns the scale of an arc of this plane, and whether its sense of turning changes; `None` if the
+/// result is no arc of this plane (D21).
 pub(crate) fn arc_scale(transform: &Transform, plane: Plane) -> Option<(f64, bool)> {
     let rotated_out = transform
         .rotation
@@ -48,8 +49,8 @@ pub(crate) fn arc_scale(transform: &Transform, plane: Plane) -> Option<(f64, boo
     equal.then_some((first.abs(), first * second < 0.0))
 }
 
-/// True when left of the programmed path is right of the machine's path: when the images of the plane's axes turn in the
-/// opposite sense.
+/// Returns true if the left side of the programmed path is the right side of the machine's path, because the
+/// transformed axes of the plane turn in the opposite sense.
 pub(crate) fn swaps_sides(transform: &Transform, plane: Plane) -> bool {
     if transform.mirror.is_none() && transform.scaling.is_none() && transform.rotation.is_none() {
         return false;
@@ -64,8 +65,11 @@ pub(crate) fn swaps_sides(transform: &Transform, plane: Plane) -> bool {
     a[first] * b[second] - a[second] * b[first] < 0.0
 }
 
+/// Checks the values of a transform.
+///
 /// # Errors
-/// `VALUE_NOT_FINITE` when any value of the transform is not a number; `VALUE_OUT_OF_RANGE` for a scale factor of 0.
+/// Returns `VALUE_NOT_FINITE` if a value of the transform is not a number; `VALUE_OUT_OF_RANGE` for a scale
+/// factor of 0.
 pub(crate) fn check(transform: &Transform) -> Result<(), Alarm> {
     finite(transform.work_offset, "work offset")?;
     finite(transform.local, "local offset")?;
@@ -91,8 +95,10 @@ pub(crate) fn check(transform: &Transform) -> Result<(), Alarm> {
         .try_for_each(|(name, value)| check_finite(format_args!("The {name}"), value))
 }
 
+/// Checks the values of a vector.
+///
 /// # Errors
-/// `VALUE_NOT_FINITE`, with the name of the first axis whose value is not a number.
+/// Returns `VALUE_NOT_FINITE`, with the name of the first axis whose value is not a number.
 #[inline]
 pub(crate) fn finite(vector: AxisVector, name: &str) -> Result<(), Alarm> {
     if vector.0.iter().fold(true, |all, value| all & value.is_finite()) {

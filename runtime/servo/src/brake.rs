@@ -2,18 +2,19 @@
 
 use tandem_model::{AXES_MAX, AxisVector};
 
-/// Each motor from its velocity to rest at its own deceleration, off the path.
+/// Braking of each motor from its velocity to rest at its own deceleration, off the path.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Brake {
     from: AxisVector,
     velocity: AxisVector,
-    /// Above 0, or infinite: that motor stops at once.
+    /// Deceleration above 0; a motor with an infinite value stops at once.
     deceleration: [f64; AXES_MAX],
     cycles: u64,
 }
 
 impl Brake {
-    /// Velocities in units per second. A deceleration that is not above 0 stops its motor at once.
+    /// Creates the braking from velocities in units per second. A deceleration that is not above 0 stops its
+    /// motor at once.
     pub(crate) fn new(from: AxisVector, velocity: AxisVector, deceleration: [f64; AXES_MAX]) -> Self {
         Self {
             from,
@@ -23,7 +24,7 @@ impl Brake {
         }
     }
 
-    /// The position of the next cycle, and whether all motors rest there.
+    /// Returns the position of the next cycle, and whether all motors rest there.
     pub(crate) fn cycle(&mut self, period_s: f64) -> (AxisVector, bool) {
         self.cycles += 1;
         let t_s = self.cycles as f64 * period_s;
@@ -42,7 +43,7 @@ impl Brake {
     }
 }
 
-/// A limit that is not above 0 is none.
+/// Returns a limit above 0, or infinity for any other value.
 pub(crate) fn or_unlimited(limit: f64) -> f64 {
     if limit > 0.0 { limit } else { f64::INFINITY }
 }

@@ -7,10 +7,10 @@ use std::fmt;
 pub struct Command {
     /// Position at the end of this cycle, mm or degrees from the machine's zero. Never NaN or infinite.
     pub position: f64,
-    /// The drive is to have power and to follow `position`. Otherwise `position` is where the motor is expected to be, and the
-    /// drive must not move to it.
+    /// True if the drive must have power and follow `position`. Otherwise `position` is the expected position
+    /// of the motor, and the drive must not move to it.
     pub enable: bool,
-    /// The drive is to clear its fault: from a reset on until it reports none or has taken too long.
+    /// True if the drive must clear its fault: from a reset until it reports no fault, or until a time limit.
     pub clear_fault: bool,
 }
 
@@ -19,16 +19,17 @@ pub struct Command {
 pub struct Feedback {
     /// Actual position, mm or degrees from the machine's zero; finite. Without meaning while the motor is not homed.
     pub position: f64,
-    /// The drive has power and follows its command.
+    /// True if the drive has power and follows its command.
     pub is_enabled: bool,
-    /// The position refers to the machine's zero: by an absolute encoder, or since the drive was homed.
+    /// True if the position refers to the machine's zero: by an absolute encoder, or since the drive was
+    /// homed.
     pub is_homed: bool,
     /// The drive's own fault code; 0 for none. With a fault it does not follow.
     pub fault: u16,
 }
 
 impl Feedback {
-    /// A motor at this position that is homed and follows.
+    /// Returns the report of a motor at this position that is homed and follows.
     pub fn following(position: f64) -> Self {
         Self {
             position,
@@ -47,10 +48,10 @@ impl Feedback {
     }
 }
 
-/// How the exchange of one servo cycle went.
+/// Result of the exchange of one servo cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CycleResult {
-    /// Each motor has its command, and all feedback is of this cycle.
+    /// Each motor has its command, and all feedback is from this cycle.
     OnTime,
     /// As on time, but the exchange ended later than the bus allows.
     Late,
@@ -58,7 +59,7 @@ pub enum CycleResult {
     Lost,
 }
 
-/// How many exchanges did not go as they should, since the start.
+/// Number of failed exchanges since the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct BusCounts {
     /// Cycles that ended late.
@@ -67,7 +68,7 @@ pub struct BusCounts {
     pub lost: u64,
 }
 
-/// Cuts the power of all drives without the bus, such as by an output of the computer.
+/// Function that cuts the power of all drives without the bus, for example by an output of the computer.
 pub type Cutoff = Box<dyn Fn() + Send>;
 
 /// The bus to the drives of all motors. A motor's place is its place among all motors of the machine: in the order of the
@@ -105,8 +106,8 @@ pub trait DriveBus: fmt::Debug + Send {
         2
     }
 
-    /// True when the feedback of the motor at this place is always the command of the same cycle: simulated time may leave out
-    /// cycles in which such a motor moves. Called once, before the first cycle.
+    /// Returns true if the feedback of the motor at this place is always the command of the same cycle.
+    /// Simulated time may then skip cycles in which the motor moves. Called once, before the first cycle.
     fn is_ideal(&self, place: usize) -> bool {
         let _ = place;
         false

@@ -1,4 +1,4 @@
-//! One coordinate system's end in the servo, and the coordinator's end of it.
+//! The channel of one coordinate system: its end in the servo, and its end in the coordinator.
 
 use std::sync::Arc;
 
@@ -56,12 +56,12 @@ pub struct Channel {
     pub(crate) braking: Option<Brake>,
     /// Epoch of a running stop or abort.
     pub(crate) stopping: Option<u32>,
-    /// Older profiles never run.
+    /// Oldest epoch whose profiles run.
     pub(crate) epoch: u32,
     pub(crate) hold: Hold,
-    /// The hold acts in a thread, too.
+    /// True if the hold also acts in a thread.
     pub(crate) holds_in_thread: bool,
-    /// Cycles since set points moved last; `u64::MAX` before they do.
+    /// Number of cycles since setpoints last moved; `u64::MAX` if they have not moved yet.
     pub(crate) still_cycles: u64,
     /// The latest pass in a thread, from the start of the pass in to the end of the pass out, including dwell and waits
     /// between: feed hold waits unless it acts in phase, and the spindle follows. `None` if the tool is out.
@@ -84,26 +84,26 @@ pub struct Channel {
     /// Which override scales the block of the setpoint.
     pub(crate) time_base: Option<TimeBase>,
     pub(crate) last_segment: u64,
-    /// An event was emitted in this cycle.
+    /// True if an event was emitted in this cycle.
     pub(crate) reported: bool,
-    /// In this cycle nothing moves, and no motion is pending.
+    /// True if nothing moves in this cycle, and no motion is pending.
     pub(crate) rests: bool,
 }
 
-/// Feed hold.
+/// State of feed hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Hold {
     Off,
-    /// To begin when the block is over.
+    /// The hold begins at the end of the block.
     AfterBlock,
-    /// Commanded; [`Event::Held`] is still to come.
+    /// The hold is commanded; [`Event::Held`] follows.
     ComingToRest,
     /// [`Event::Held`] was emitted.
     AtRest,
 }
 
 impl Hold {
-    /// True while the command decelerates to rest or rests.
+    /// Returns true while the command decelerates to rest or rests.
     pub(crate) fn holds(self) -> bool {
         matches!(self, Hold::ComingToRest | Hold::AtRest)
     }
@@ -202,22 +202,23 @@ pub(crate) fn channel(
 }
 
 impl Channel {
-    /// The commanded position of the last cycle, mm or degrees from the machine's zero.
+    /// Returns the commanded position of the last cycle, mm or degrees from the machine's zero.
     pub fn setpoint(&self) -> AxisVector {
         self.setpoint
     }
 
-    /// Angle of the spindle in the last cycle, degrees, 0 to below 360, clockwise positive; 0 without one.
+    /// Returns the angle of the spindle in the last cycle, degrees, 0 to below 360, clockwise positive; 0
+    /// without one.
     pub fn spindle_deg(&self) -> f64 {
         self.spindle_state().angle_deg
     }
 
-    /// True when cycles of the spindle change nothing, or there is none.
+    /// Returns true if cycles of the spindle change nothing, or the channel has no spindle.
     pub(crate) fn spindle_rests(&self) -> bool {
         self.spindle.as_ref().is_none_or(SpindleLink::is_at_rest)
     }
 
-    /// True when further cycles change at most the angle of the spindle.
+    /// Returns true if further cycles change at most the angle of the spindle.
     pub(crate) fn spindle_is_steady(&self) -> bool {
         (self.spindle.as_ref()).is_none_or(|spindle| spindle.is_steady() && self.thread.is_none())
     }
@@ -228,8 +229,9 @@ impl Channel {
             .map_or(SpindleState::default(), SpindleLink::state)
     }
 
-    /// True when the channel is idle: no profile or control is pending, none runs or waits for its motors, nothing
-    /// brakes, no drive is being enabled, the spindle is not being oriented. A turning spindle is allowed.
+    /// Returns true if the channel is idle: no profile or control is pending, none runs or waits for its
+    /// motors, nothing brakes, no drive is being enabled, the spindle is not being oriented. A turning
+    /// spindle is allowed.
     pub fn is_idle(&self) -> bool {
         self.current.is_none()
             && self.braking.is_none()
@@ -241,27 +243,28 @@ impl Channel {
     }
 
     /// Returns the origin of the block of the last cycle's setpoint, including its end point and the wait for its
-    /// motors. `None` when no block runs, and while an abort brakes.
+    /// motors. `None` if no block runs, and while an abort brakes.
     pub fn executing(&self) -> Option<Origin> {
         self.executing
     }
 
-    /// True when the last cycle emitted an event, or was slowed down by a lack of profiles.
+    /// Returns true if the last cycle emitted an event, or was slowed down by a lack of profiles.
     pub fn has_reported(&self) -> bool {
         self.reported
     }
 
-    /// Which override scales the block of [`Channel::executing`]: [`TimeBase::Rapid`] for G00, G28, G30, G53 and G31.
+    /// Returns the override that scales the block of [`Channel::executing`]: [`TimeBase::Rapid`] for G00,
+    /// G28, G30, G53 and G31.
     pub fn time_base(&self) -> Option<TimeBase> {
         self.time_base
     }
 
-    /// Number of the segment that runs or ran last; 0 before the first.
+    /// Returns the number of the segment that runs or ran last; 0 before the first.
     pub fn segment(&self) -> u64 {
         self.last_segment
     }
 
-    /// Profiles that wait in the ring, those of an old epoch included.
+    /// Returns the profiles that wait in the ring, those of an old epoch included.
     pub fn profiles_waiting(&self) -> usize {
         self.profiles.slots()
     }
@@ -283,7 +286,7 @@ impl Channel {
         }
     }
 
-    /// Commanded speed over X, Y, Z, mm/min; deg/min over the other axes when X, Y, Z rest.
+    /// Returns the commanded speed over X, Y, Z, mm/min; deg/min over the other axes when X, Y, Z rest.
     fn feedrate_mm_min(&self) -> f64 {
         let orthogonal = self.velocity.orthogonal_length();
         let speed = if orthogonal > 0.0 {

@@ -10,10 +10,10 @@ use tandem_model::{Axis, AxisSet, MachinePosition, Origin};
 /// A command to one channel. Taken at the start of a servo cycle, in the order given.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Control {
-    /// Feed hold: the time base decreases to 0 with `hold_slew_ms`, then [`Event::Held`]. No profile starts until
-    /// [`Control::Resume`]. While the tool is in a thread, the hold waits until the pass out is finished, unless
-    /// [`Control::HoldInPhase`] follows. A block that reaches its end point is finished all the same. Ignored during a
-    /// stop or an abort.
+    /// Feed hold: the time base decreases to 0 with `hold_slew_ms`, then [`Event::Held`]. No profile starts
+    /// until [`Control::Resume`]. While the tool is in a thread, the hold waits until the pass out is
+    /// finished, unless [`Control::HoldInPhase`] follows. A block that reaches its end point is still
+    /// finished. Ignored during a stop or an abort.
     Hold,
     /// Feed hold that also acts while the tool is in a thread: the motion and its spindle decelerate to rest in phase,
     /// and continue in phase after [`Control::Resume`].
@@ -54,7 +54,7 @@ pub enum Control {
     /// the actual position of the cycle that takes this, so it is not exact; an input that is on at its start captures
     /// there.
     SkipInput {
-        /// CNC motor number; one that no axis has changes nothing.
+        /// CNC motor number; a number without an axis has no effect.
         motor: u16,
         /// On or off.
         on: bool,
@@ -70,7 +70,7 @@ pub enum Control {
     /// Requests [`Event::SpindleReached`] for the last command: when the spindle has reached its speed within this
     /// share of it, standstill, or its orientation; immediately while a thread is cut. A newer request replaces it.
     AwaitSpindle {
-        /// Names it in the event.
+        /// Id that the event contains.
         id: u64,
         /// Greatest difference from the commanded speed as a share of it, 0 to 1.
         within: f64,
@@ -124,7 +124,7 @@ pub enum Event {
     },
     /// The command is at rest under feed hold. Once for each [`Control::Hold`] that took effect.
     Held {
-        /// The place; between two blocks at the end of the one that was passed, backward at its begin.
+        /// The place; between two blocks at the end of the one that was passed, backward at its start.
         at: PathPlace,
     },
     /// The motion is held as by [`Control::HoldInPhase`], because the servo was late while its set points moved, were about to, or
@@ -137,7 +137,7 @@ pub enum Event {
     /// A [`Splice`](crate::Splice) was executed or rejected.
     Spliced {
         /// True if its profiles run. False if the previous plan continues: the place was passed, the machine did not
-        /// rest, or it would have had to slow down there.
+        /// rest, or the new plan was slower at the place.
         taken: bool,
     },
     /// The command is at rest after [`Control::Stop`] or [`Control::Abort`]. The running segment is abandoned, without
@@ -155,7 +155,7 @@ pub enum Event {
         /// Id of the [`Control::AwaitSpindle`].
         id: u64,
     },
-    /// Something is wrong. The channel starts nothing until [`Control::Stop`] or [`Control::Abort`].
+    /// The channel has a fault. It starts nothing until [`Control::Stop`] or [`Control::Abort`].
     Fault(Fault),
 }
 
@@ -171,7 +171,8 @@ pub enum Fault {
         /// Command minus actual position, mm or degrees.
         following_error: f64,
     },
-    /// A profile does not begin where the machine is, or has a position that is not a number. Not started.
+    /// A profile does not begin at the position of the machine, or has a position that is not a number. Not
+    /// started.
     PositionJump {
         /// CNC motor number; 0 for an axis without a motor.
         motor: u16,
@@ -198,7 +199,7 @@ pub enum Fault {
     },
     /// More frames of the bus were lost in a row than it allows.
     BusLost {
-        /// How many.
+        /// Number of cycles.
         cycles: u32,
     },
     /// A drive has no power: it lost it, or was not enabled in time.
@@ -215,7 +216,7 @@ pub enum Fault {
         /// Its axis.
         axis: Axis,
     },
-    /// The spindle turns, or is about to, where a thread begins. Not started.
+    /// The spindle turns, or is about to turn, at the start of a thread. The thread was not started.
     SpindleTurns {
         /// Its speed, r/min, clockwise positive.
         rpm: f64,
@@ -223,7 +224,7 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// The reason why a drive cannot follow: a fault, or no power.
+    /// Returns the reason why a drive cannot follow: a fault, or no power.
     pub(crate) fn of_drive(motor: u16, axis: Option<Axis>, is_enabled: bool, code: u16) -> Option<Fault> {
         if code != 0 {
             Some(Fault::DriveFault { motor, axis, code })
@@ -234,7 +235,7 @@ impl Fault {
         }
     }
 
-    /// The alarm of this fault. Allocates its text: for the coordinator, not for a servo cycle.
+    /// Returns the alarm of this fault. Allocates its text, so a servo cycle must not call it.
     pub fn alarm(self) -> Alarm {
         let named = |motor: u16, axis: Option<Axis>| match axis {
             Some(axis) => format!("motor {motor} (axis {})", axis.letter()),
@@ -248,7 +249,7 @@ impl Fault {
                 following_error,
             } => {
                 let motor = of_axis(motor, axis);
-                let text = format!("{motor} is {following_error:.6} away from its command");
+                let text = format!("{motor} is {following_error:.6} away from its commanded position");
                 (&IN_POSITION_TIMEOUT, text)
             }
             Fault::PositionJump { motor, axis, jump } => {
@@ -258,7 +259,7 @@ impl Fault {
             }
             Fault::RanOut { segment } => (
                 &MOTION_RAN_OUT,
-                format!("Nothing followed segment {segment} in time; the motors brake off the path"),
+                format!("No motion followed segment {segment} in time; the motors brake and leave the path"),
             ),
             Fault::SpindleMissing => (
                 &SPINDLE_MISSING,
@@ -272,7 +273,7 @@ impl Fault {
             Fault::BusLost { cycles } => (
                 &DRIVE_BUS_LOST,
                 format!(
-                    "The bus to the drives has lost {cycles} frames in a row; the motors brake off the path"
+                    "The bus to the drives has lost {cycles} frames in a row; the motors brake and leave the path"
                 ),
             ),
             Fault::NotEnabled { motor, axis } => {
@@ -281,11 +282,13 @@ impl Fault {
             }
             Fault::NotHomed { motor, axis } => {
                 let motor = of_axis(motor, axis);
-                (&MOTOR_NOT_HOMED, format!("{motor} does not know its position"))
+                (&MOTOR_NOT_HOMED, format!("The position of {motor} is unknown"))
             }
             Fault::SpindleTurns { rpm } => (
                 &SPINDLE_TURNS,
-                format!("The spindle turns at {rpm:.3} r/min, or is about to turn; the thread was not begun"),
+                format!(
+                    "The spindle turns at {rpm:.3} r/min, or is about to turn; the thread was not started"
+                ),
             ),
         };
         Alarm::new(entry, text)

@@ -36,7 +36,7 @@ const EVENTS_RESERVE: usize = 9;
 const END_TOLERANCE: f64 = 1e-6;
 
 impl Channel {
-    /// First half of a servo cycle at this time: writes the motors' commands.
+    /// Executes the first half of a servo cycle at this time: writes the motors' commands.
     pub(crate) fn command(&mut self, time_s: f64, commands: &mut [Command]) {
         self.rests = self.stays_at_rest();
         if self.rests {
@@ -74,8 +74,9 @@ impl Channel {
         self.turn_spindle();
     }
 
-    /// Second half: processes the motors' reports. Returns `true` when the cycle emitted an event, or was slowed down
-    /// by a lack of profiles. `bus_lost` is the number of frames lost in a row, if more than allowed.
+    /// Executes the second half: processes the motors' reports. Returns true if the cycle emitted an event,
+    /// or was slowed down by a lack of profiles. `bus_lost` is the number of frames lost in a row, if more
+    /// than allowed.
     pub(crate) fn conclude(&mut self, time_s: f64, feedback: &[Feedback], bus_lost: Option<u32>) -> bool {
         self.motors.take_feedback(feedback);
         self.keep_trace(time_s);
@@ -102,9 +103,10 @@ impl Channel {
         self.reported
     }
 
-    /// True when nothing is left to do but the drives' work: nothing moves, and no motion or control is pending.
+    /// Returns true if nothing is left to do but the drives' work: nothing moves, and no motion or control is
+    /// pending.
     fn stays_at_rest(&self) -> bool {
-        // once at rest it stays there until something arrives
+        // a channel at rest stays at rest until a profile or a control arrives
         self.profiles.is_empty()
             && self.controls.is_empty()
             && self.motors.has_settled()
@@ -121,7 +123,7 @@ impl Channel {
             && self.thread.is_none()
     }
 
-    /// While a thread is cut the spindle follows the motion, including dwell and deceleration.
+    /// Turns the spindle with the motion while a thread is cut, including dwell and deceleration.
     fn turn_spindle(&mut self) {
         let (Some(spindle), Some(_)) = (&mut self.spindle, self.thread) else {
             return;
@@ -135,7 +137,7 @@ impl Channel {
         spindle.follow(ThreadStep::Turn(revolutions));
     }
 
-    /// The cycle of the spindle, after that of the motors.
+    /// Executes the cycle of the spindle, after that of the motors.
     pub(crate) fn cycle_spindle(&mut self) {
         match self.spindle.as_mut().map(|spindle| spindle.cycle(self.period_s)) {
             Some(Ok(ends)) => {
@@ -208,7 +210,7 @@ impl Channel {
         }
     }
 
-    /// The next profile gives its start point, at rest, if it may start.
+    /// Starts the next profile from rest, if it may start: its start point is the setpoint.
     fn start_from_rest(&mut self, time_s: f64) {
         if self.is_held() || self.faulted || self.stopping.is_some() || self.events.slots() < EVENTS_RESERVE {
             return;
@@ -247,7 +249,8 @@ impl Channel {
         self.sample(time_s, 0.0);
     }
 
-    /// True when the next profile is no pass into a thread, or the spindle's drive has power to follow it.
+    /// Returns true if the next profile is not a pass into a thread, or the spindle's drive has power to
+    /// follow it.
     fn has_spindle(&mut self) -> bool {
         match (self.profiles.peek().map(|next| &next.law), &mut self.spindle) {
             (Ok(Law::Tap { .. }), Some(spindle)) => spindle.has_power(),
@@ -255,7 +258,7 @@ impl Channel {
         }
     }
 
-    /// The spindle follows from here on; it must rest where the thread begins.
+    /// Makes the spindle follow from now on; it must be at rest at the start of the thread.
     fn enter_thread(&mut self, leg: TapLeg) -> Result<(), Fault> {
         if let Some(spindle) = &mut self.spindle {
             if leg == TapLeg::In && !spindle.rests() {
@@ -268,7 +271,7 @@ impl Channel {
         Ok(())
     }
 
-    /// The spindle no longer follows: it is at rest, or brakes from its speed.
+    /// Ends the following of the spindle, which is at rest, or brakes from its speed.
     pub(crate) fn leave_thread(&mut self, brakes: bool) {
         if self.thread.take().is_some()
             && let Some(spindle) = &mut self.spindle
@@ -289,17 +292,17 @@ impl Channel {
             )
     }
 
-    /// A profile waits that is not of an old epoch.
+    /// Returns true if a profile waits that is not of an old epoch.
     fn has_next(&self) -> bool {
         self.profiles
             .peek()
             .is_ok_and(|profile| profile.epoch >= self.epoch)
     }
 
-    /// The next profile, if there is one, becomes the current one.
+    /// Makes the next profile, if present, the current one.
     fn take_next(&mut self) {
         self.current = None;
-        // Straight from the ring: a profile is large.
+        // directly from the ring, because a profile is large
         if self.has_next()
             && let Ok(profile) = self.profiles.pop()
         {
@@ -307,7 +310,7 @@ impl Channel {
         }
     }
 
-    /// The running profile advances by one period of its time base.
+    /// Advances the running profile by one period of its time base.
     fn go_on(&mut self, time_s: f64) {
         if let Some(cycles) = &mut self.ended_cycles {
             *cycles += 1;
@@ -336,7 +339,7 @@ impl Channel {
             Some(target) => (target, self.override_slope),
         };
         let slope = match &profile.law {
-            // Nothing moves, so there is nothing to slew: a dwell stops and continues at once.
+            // nothing moves, so no slew is needed: a dwell stops and continues at once
             Law::Rest { .. } => f64::INFINITY,
             Law::Tap {
                 rate, revolutions, ..
@@ -356,7 +359,7 @@ impl Channel {
         self.sample(time_s, t_s);
     }
 
-    /// True when feed hold acts: while the tool is in a thread only one in phase.
+    /// Returns true if feed hold acts; in a thread, only a hold in phase acts.
     fn is_held(&self) -> bool {
         self.hold.holds() && self.may_hold()
     }
@@ -365,7 +368,7 @@ impl Channel {
         self.thread.is_none() || self.holds_in_thread
     }
 
-    /// Feed hold, also in a thread.
+    /// Begins a feed hold that also acts in a thread.
     pub(crate) fn hold_in_phase(&mut self) {
         self.hold = Hold::ComingToRest;
         self.holds_in_thread = true;
@@ -377,7 +380,8 @@ impl Channel {
         self.holds_in_thread = false;
     }
 
-    /// The setpoint at a profile time; at the end of a profile that another follows without a stop, in that one.
+    /// Sets the setpoint at a profile time; past the end of a profile without a stop, within the next
+    /// profile.
     fn sample(&mut self, time_s: f64, t_s: f64) {
         let mut t_s = t_s;
         for _ in 0..JOINTS_PER_CYCLE {
@@ -427,11 +431,12 @@ impl Channel {
             t_s = -left_s;
             self.time.carry(t_s);
         }
-        // The time beyond is given up: made up later it would be a jump.
+        // The time beyond is discarded: added later, it would be a jump.
         self.time.carry(0.0);
     }
 
-    /// A position that is not a number is never commanded: the channel rests where it is, with a fault.
+    /// Sets the setpoint. A position that is not a number is never commanded: the channel rests, with a
+    /// fault.
     fn move_to(&mut self, position: AxisVector) {
         let not_finite = Axis::ALL.into_iter().find(|&axis| !position[axis].is_finite());
         if let Some(axis) = not_finite {
@@ -442,7 +447,8 @@ impl Channel {
         }
     }
 
-    /// As a share of what a pace was planned for: that is the fastest that the motors allow.
+    /// Returns the override of a profile; for a paced one, as a share of the override that its pace was
+    /// planned for, which is the largest that the motors allow.
     pub(crate) fn override_of(&self, profile: &Profile) -> f64 {
         match (profile.law.time_base(), &profile.law) {
             (_, Law::Paced { pace, .. }) => {
@@ -459,8 +465,8 @@ impl Channel {
         }
     }
 
-    /// G31: motors whose input has switched on turn back from the next cycle on; one that is beyond its threshold at
-    /// the start stays there.
+    /// Turns back the motors of a G31 whose input has switched on, from the next cycle on. A motor that is
+    /// beyond its threshold at the start stays there.
     fn check_skip_inputs(&mut self) {
         let Some(profile) = &self.current else { return };
         if !matches!(profile.law, Law::Skip { .. }) {
@@ -506,7 +512,7 @@ impl Channel {
         self.hold_after_block(origin, next);
     }
 
-    /// Between two profiles: feed hold begins here when it was to begin after this block.
+    /// Begins a feed hold between two profiles, if it was commanded for the end of this block.
     fn hold_after_block(&mut self, ended: Origin, next: Option<Origin>) {
         if self.hold == Hold::AfterBlock && next != Some(ended) {
             self.hold = Hold::ComingToRest;
@@ -551,12 +557,13 @@ impl Channel {
         self.ended_cycles = None;
     }
 
-    /// The reserve ensures that there is room.
+    /// Emits an event; the reserve ensures that the ring has room.
     pub(crate) fn tell(&mut self, event: Event) {
         self.reported |= self.events.push(event).is_ok();
     }
 
-    /// At a joint the motion cannot wait: without room the event is omitted.
+    /// Emits an event at a joint. The motion cannot wait there, so that the event is omitted if the ring is
+    /// full.
     pub(crate) fn tell_joint(&mut self, event: Event) {
         if self.events.slots() >= EVENTS_RESERVE {
             self.tell(event);

@@ -9,7 +9,8 @@ use crate::control::Fault;
 use crate::power::Power;
 
 impl Channel {
-    /// True when the axes' drives follow. Otherwise they are being enabled, or there is a fault, and motion waits.
+    /// Returns true if the axes' drives follow. Otherwise they are being enabled, or there is a fault, and
+    /// motion waits.
     pub(crate) fn has_power(&mut self) -> bool {
         if !self.power.is_commanded() {
             let trouble = self.motors.trouble(self.bus_lost);
@@ -24,7 +25,7 @@ impl Channel {
         self.power == Power::On
     }
 
-    /// A reset: takes effect when the channel is at rest.
+    /// Requests a reset, which takes effect when the channel is at rest.
     pub(crate) fn ask_for_reset(&mut self) {
         self.power.ask_for_reset();
         if let Some(spindle) = &mut self.spindle {
@@ -32,7 +33,7 @@ impl Channel {
         }
     }
 
-    /// At rest: after a reset the motors stay where they are.
+    /// Executes a requested reset at rest: the motors keep their positions.
     pub(crate) fn reset_drives(&mut self) {
         if self.power.reset() {
             self.setpoint = self.motors.actual();
@@ -51,7 +52,7 @@ impl Channel {
         }
     }
 
-    /// True if the motors report the expected state.
+    /// Returns true if the motors report the expected state.
     pub(crate) fn is_as_commanded(&self) -> bool {
         match self.power {
             Power::Off | Power::Tripped { .. } => true,
@@ -69,7 +70,7 @@ impl Channel {
         }
     }
 
-    /// The servo has failed: nothing that was planned or commanded runs any more, and there is no power.
+    /// Switches the power off after a failure of the servo; all planned and commanded motion is discarded.
     pub(crate) fn power_off(&mut self, time_s: f64) {
         self.give_up();
         (self.braking, self.stopping, self.thread) = (None, None, None);
@@ -86,20 +87,20 @@ impl Channel {
         self.publish(time_s);
     }
 
-    /// The motors brake; at rest they lose power.
+    /// Makes the motors brake; at rest they lose power.
     fn trip(&mut self, fault: Fault) {
         self.power = Power::Tripped { resets: false };
         self.brake_for(fault);
     }
 
-    /// The motors brake off the path.
+    /// Makes the motors brake, off the path.
     pub(crate) fn brake_for(&mut self, fault: Fault) {
         self.begin_braking();
         self.leave_thread(true);
         self.fail(fault);
     }
 
-    /// Each motor brakes on its own, if none does yet.
+    /// Makes each motor brake on its own, unless they brake already.
     pub(crate) fn begin_braking(&mut self) {
         if self.braking.is_none() {
             let deceleration = self.motors.deceleration();

@@ -21,12 +21,13 @@ pub struct Hardware {
     pub bus: Box<dyn DriveBus>,
     /// Report of each motor before the first cycle, by its place on the bus. Missing places report the default.
     pub at_start: Vec<Feedback>,
-    /// The spindle of each coordinate system, in their order; one left out has none.
+    /// The spindle of each coordinate system, in their order; `None`, or a missing entry, for one without a
+    /// spindle.
     pub spindles: Vec<Option<Box<dyn Spindle>>>,
 }
 
 impl Hardware {
-    /// Simulated drives, at the positions of their settings, and simulated spindles.
+    /// Creates simulated drives, at the positions of their settings, and simulated spindles.
     pub fn simulated(systems: &[&CoordinateSystemSettings]) -> Self {
         let spindles = systems.iter().map(|system| {
             let spindle = SimulatedSpindle::new(system.spindle.as_ref()?, system.servo_period_s);
@@ -40,7 +41,7 @@ impl Hardware {
         }
     }
 
-    /// The factory of [`Hardware::simulated`].
+    /// Returns the factory of [`Hardware::simulated`].
     pub fn simulated_factory() -> HardwareFactory {
         Box::new(|systems| Ok(Self::simulated(systems)))
     }

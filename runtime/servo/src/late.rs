@@ -28,14 +28,15 @@ impl Channel {
             self.hold_in_phase();
             self.tell(Event::Late { cycles });
         } else {
-            // a feed hold that waits for the end of a thread waits no longer
+            // a feed hold that waits for the end of a thread now acts in the thread
             self.holds_in_thread |= self.hold == Hold::ComingToRest;
             self.tell_joint(Event::Late { cycles });
         }
         true
     }
 
-    /// True when set points move, are about to, or have just moved: not in a dwell, under a hold, or before the drives have power.
+    /// Returns true if setpoints move, are about to move, or have just moved: not in a dwell, under a hold,
+    /// or before the drives have power.
     fn is_in_motion(&self) -> bool {
         let is_motion = |profile: &Profile| !matches!(profile.law, Law::Rest { .. });
         match &self.current {

@@ -19,7 +19,7 @@ struct Motor {
     number: u16,
     in_position: f64,
     timeout_s: f64,
-    /// As set from outside.
+    /// The skip input as set from outside.
     skip_is_set: bool,
     simulated_skip: Option<SimulatedSkip>,
     /// Limits of the move back to a captured position.
@@ -35,7 +35,7 @@ pub(crate) struct Motors {
     with_motor: AxisSet,
     /// Object that a simulated probe touches.
     round: Option<SimulatedRound>,
-    /// On the bus.
+    /// Places of the motors on the bus.
     places: Range<usize>,
     is_ideal: bool,
     actual: AxisVector,
@@ -47,8 +47,8 @@ pub(crate) struct Motors {
 }
 
 impl Motors {
-    /// With places on the bus from `first_place` on, at their reported positions. An axis without a motor is at 0, follows its
-    /// command ideally and is not checked.
+    /// Creates motors with places on the bus from `first_place` on, at their reported positions. An axis
+    /// without a motor is at 0, follows its command ideally and is not checked.
     pub(crate) fn new(
         settings: &CoordinateSystemSettings,
         first_place: usize,
@@ -149,7 +149,8 @@ impl Motors {
         homed
     }
 
-    /// The gravest first: a fault of a drive, a motor that is not homed, a drive without power.
+    /// Returns the most serious trouble: a fault of a drive, then a motor that is not homed, then a drive
+    /// without power.
     #[cold]
     fn find_trouble(&self, feedback: &[Feedback]) -> Option<Fault> {
         let motors = self.by_place.iter().zip(feedback);
@@ -166,7 +167,7 @@ impl Motors {
         faults.min_by_key(|(rank, _)| *rank).map(|(_, fault)| fault)
     }
 
-    /// True when every motor is homed and follows.
+    /// Returns true if every motor is homed and follows.
     pub(crate) fn are_operational(&self) -> bool {
         self.trouble.is_none()
     }
@@ -177,20 +178,20 @@ impl Motors {
         lost.or(self.trouble)
     }
 
-    /// A motor that is outside its in-position window, which would jump when it is enabled.
+    /// Returns the fault of a motor outside its in-position window, which would jump when it is enabled.
     pub(crate) fn elsewhere(&self, setpoint: AxisVector) -> Option<Fault> {
         let (motor, axis, jump) = self.outside(setpoint).next()?;
         let motor = motor.number;
         Some(Fault::PositionJump { motor, axis, jump })
     }
 
-    /// True when no motor moved, was homed or lost its reference in the last cycle. A drive may settle one bit away
-    /// from its command: with the same command nothing changes any more.
+    /// Returns true if no motor moved, was homed or lost its reference in the last cycle. A drive may settle
+    /// one bit away from its command: with the same command nothing changes any more.
     pub(crate) fn has_settled(&self) -> bool {
         self.settled
     }
 
-    /// True when every motor is at its command, independent of its past.
+    /// Returns true if every motor is at its command, independent of its past.
     pub(crate) fn are_ideal(&self) -> bool {
         self.is_ideal
     }
@@ -204,7 +205,7 @@ impl Motors {
         self.homed
     }
 
-    /// `max_acceleration` of each motor.
+    /// Returns `max_acceleration` of each motor.
     pub(crate) fn deceleration(&self) -> [f64; AXES_MAX] {
         self.deceleration
     }
@@ -239,12 +240,12 @@ impl Motors {
         self.round?.touched(place, at)
     }
 
-    /// CNC motor number of an axis; 0 without one.
+    /// Returns the CNC motor number of an axis; 0 without a motor.
     pub(crate) fn number(&self, axis: Axis) -> u16 {
         self.axes[axis.index()].as_ref().map_or(0, |motor| motor.number)
     }
 
-    /// The motors outside their in-position windows, with their following errors.
+    /// Returns the motors outside their in-position windows, with their following errors.
     fn outside(&self, command: AxisVector) -> impl Iterator<Item = (&Motor, Axis, f64)> {
         Axis::ALL.into_iter().filter_map(move |axis| {
             let motor = self.axes[axis.index()].as_ref()?;
@@ -254,7 +255,8 @@ impl Motors {
         })
     }
 
-    /// True when every motor is in position, `waited_s` after the command has stopped; an error if one takes too long.
+    /// Returns true if every motor is in position, `waited_s` after the command has stopped; an error if a
+    /// motor takes too long.
     pub(crate) fn in_position(&self, command: AxisVector, waited_s: f64) -> Result<bool, Fault> {
         let late = self
             .outside(command)
@@ -270,8 +272,8 @@ impl Motors {
     }
 }
 
-/// The first axis that would jump if the profile started here, and by how much; NaN when the profile's start or end
-/// is not a number.
+/// Returns the first axis that would jump if the profile started now, and the size of the jump; NaN if the
+/// profile's start or end is not a number.
 pub(crate) fn first_jump(profile: &Profile, setpoint: AxisVector) -> Option<(Axis, f64)> {
     let start = profile.position(0.0);
     let end = profile.end();

@@ -30,12 +30,12 @@ impl PathTime {
         self.rate
     }
 
-    /// Profile time of the last cycle, s.
+    /// Returns the profile time of the last cycle, s.
     pub(crate) fn now_s(&self) -> f64 {
         self.anchor_s + self.cycles as f64 * (self.rate * self.period_s)
     }
 
-    /// A profile begins at this rate and at this profile time.
+    /// Begins a profile at this rate and at this profile time.
     pub(crate) fn begin(&mut self, rate: f64, at_s: f64) {
         self.rate = rate;
         self.carry(at_s);
@@ -46,7 +46,7 @@ impl PathTime {
         self.begin(0.0, self.now_s());
     }
 
-    /// A profile follows another without a stop: at this profile time; the rate stays.
+    /// Begins a profile that follows another without a stop, at this profile time; the rate stays.
     pub(crate) fn carry(&mut self, at_s: f64) {
         self.anchor_s = at_s;
         self.cycles = 0;
@@ -57,7 +57,8 @@ impl PathTime {
         self.cycles += cycles;
     }
 
-    /// One cycle towards a target rate with a change of at most `slope` per second; gives the profile time.
+    /// Advances by one cycle towards a target rate, with a change of at most `slope` per second; returns the
+    /// profile time.
     pub(crate) fn advance(&mut self, target: f64, slope: f64) -> f64 {
         let change = target - self.rate;
         if change == 0.0 {
@@ -79,7 +80,7 @@ impl PathTime {
     }
 }
 
-/// Slope of a slew of 100 percent in this time, per second; at once when the time is not above 0.
+/// Returns the slope of a slew of 100 percent in this time, per second; infinite if the time is not above 0.
 pub(crate) fn slope(slew_ms: f64) -> f64 {
     if slew_ms > 0.0 {
         1000.0 / slew_ms

@@ -1,5 +1,6 @@
-//! Whether drives have power: those of a channel's axes together, and that of its spindle. They are enabled before the first
-//! motion. A drive that fails, or a lost bus, takes it away until a reset or the next motion.
+//! Power of the drives: of those of a channel's axes together, and of that of its spindle. They are enabled
+//! before the first motion. A drive that fails, or a lost bus, takes the power away until a reset or the next
+//! motion.
 //!
 //! ```text
 //!                  motion                    all drives follow
@@ -11,31 +12,31 @@
 
 use crate::control::Fault;
 
-/// Time that drives have to be enabled in, their faults cleared included, s.
+/// Time limit for enabling the drives, including the clearing of their faults, s.
 const ENABLING_S: f64 = 2.0;
 
 /// Power of drives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Power {
-    /// Not asked for since the start.
+    /// Not requested since the start.
     Off,
     /// Off after a fault.
     Tripped {
-        /// They are to be enabled once the channel is at rest.
+        /// True if the drives must be enabled when the channel is at rest.
         resets: bool,
     },
-    /// Commanded, and not yet reported.
+    /// Commanded, and not yet reported by the drives.
     Enabling {
-        /// Since it was commanded.
+        /// Cycles since the command.
         cycles: u64,
-        /// The faults of the drives are to be cleared.
+        /// True if the faults of the drives must be cleared.
         clears: bool,
     },
     On,
 }
 
 impl Power {
-    /// True when the drives are to have power.
+    /// Returns true if the drives must have power.
     pub(crate) fn is_commanded(self) -> bool {
         matches!(self, Power::Enabling { .. } | Power::On)
     }
@@ -44,12 +45,12 @@ impl Power {
         matches!(self, Power::Enabling { .. })
     }
 
-    /// True when the drives are to clear their faults.
+    /// Returns true if the drives must clear their faults.
     pub(crate) fn clears_faults(self) -> bool {
         matches!(self, Power::Enabling { clears: true, .. })
     }
 
-    /// For motion, where power is not commanded yet; `follows`: the drives have it already.
+    /// Requests power for a motion, if not yet commanded; `follows`: the drives already have power.
     pub(crate) fn ask(&mut self, follows: bool) {
         *self = if follows {
             Power::On
@@ -61,14 +62,15 @@ impl Power {
         };
     }
 
-    /// Takes effect when the channel is at rest.
+    /// Requests a reset, which takes effect when the channel is at rest.
     pub(crate) fn ask_for_reset(&mut self) {
         if let Power::Tripped { resets } = self {
             *resets = true;
         }
     }
 
-    /// The channel is at rest; true when a reset is pending: faults are cleared, and the drives enabled.
+    /// Executes a pending reset when the channel is at rest: clears faults and enables the drives. Returns
+    /// true if a reset was pending.
     pub(crate) fn reset(&mut self) -> bool {
         let resets = *self == (Power::Tripped { resets: true });
         if resets {
@@ -80,8 +82,8 @@ impl Power {
         resets
     }
 
-    /// Runs one cycle, with the fault that prevents the drives from following. Returns `true` when they have begun to
-    /// follow; an error if they must lose power.
+    /// Runs one cycle, with the fault that prevents the drives from following. Returns true if they have
+    /// begun to follow; an error if they must lose power.
     pub(crate) fn watch(&mut self, trouble: Option<Fault>, period_s: f64) -> Result<bool, Fault> {
         let (is_late, clears) = match self {
             Power::Off | Power::Tripped { .. } => return Ok(false),

@@ -9,8 +9,8 @@ use rtrb::chunks::ReadChunk;
 use rtrb::{Consumer, PeekError, PopError, Producer, PushError, RingBuffer};
 use tandem_model::profile::Profile;
 
-/// Boxes that a producer keeps for profiles to come; further ones are freed. Reason: the coordinator prepares at most as many
-/// profiles in one turn.
+/// Number of boxes that a producer keeps for later profiles; further ones are freed. Reason: the coordinator
+/// prepares at most as many profiles in one turn.
 const KEPT_MAX: usize = 256;
 
 /// The coordinator's end of a queue.
@@ -27,10 +27,10 @@ pub struct ProfileConsumer {
     used: Producer<Box<Profile>>,
 }
 
-/// Creates a queue in which at most `profiles_max` profiles wait; it refuses more.
+/// Creates a queue in which at most `profiles_max` profiles wait; it rejects further ones.
 pub fn profile_queue(profiles_max: usize) -> (ProfileProducer, ProfileConsumer) {
     let (ring_in, ring_out) = RingBuffer::new(profiles_max);
-    // while the consumer has a box in its hand, the producer may make another one
+    // while the consumer uses a box, the producer may make another one
     let (used_in, used_out) = RingBuffer::new(profiles_max + 1);
     let producer = ProfileProducer {
         ring: ring_in,
@@ -47,7 +47,7 @@ impl ProfileProducer {
     /// Appends a profile.
     ///
     /// # Errors
-    /// The queue is full.
+    /// Fails if the queue is full.
     #[expect(clippy::result_large_err, reason = "the caller keeps the profile")]
     pub fn push(&mut self, profile: Profile) -> Result<(), PushError<Profile>> {
         if self.ring.is_full() {
@@ -68,19 +68,19 @@ impl ProfileProducer {
             .map_err(|PushError::Full(boxed)| PushError::Full(*boxed))
     }
 
-    /// Profiles for which there is room.
+    /// Returns the number of profiles for which the queue has room.
     pub fn slots(&self) -> usize {
         self.ring.slots()
     }
 
-    /// Profiles for which there is room in an empty queue.
+    /// Returns the number of profiles for which an empty queue has room.
     pub fn capacity(&self) -> usize {
         self.ring.buffer().capacity()
     }
 }
 
 impl ProfileConsumer {
-    /// The profile that waits longest.
+    /// Returns the profile that waits longest.
     pub(crate) fn peek(&self) -> Result<&Profile, PeekError> {
         self.ring.peek().map(AsRef::as_ref)
     }
@@ -100,13 +100,13 @@ impl ProfileConsumer {
         }
     }
 
-    /// All profiles that wait, in two parts.
+    /// Returns all profiles that wait, in two parts.
     pub(crate) fn waiting(&mut self) -> Option<ReadChunk<'_, Box<Profile>>> {
         let known = self.ring.slots();
         self.ring.read_chunk(known).ok()
     }
 
-    /// Profiles that wait.
+    /// Returns the number of profiles that wait.
     pub(crate) fn slots(&self) -> usize {
         self.ring.slots()
     }
@@ -115,7 +115,7 @@ impl ProfileConsumer {
         self.ring.is_empty()
     }
 
-    /// Profiles for which there is room in an empty queue.
+    /// Returns the number of profiles for which an empty queue has room.
     pub(crate) fn capacity(&self) -> usize {
         self.ring.buffer().capacity()
     }
@@ -168,7 +168,7 @@ mod tests {
                 assert_eq!(consumer.pop().unwrap().segment, 5 * round + n);
             }
         }
-        // one more than wait: a box that is in no ring
+        // one more than the waiting ones: a box that is in no ring
         assert!(places.len() <= 6, "{} places", places.len());
         for n in 0..4096 {
             producer.push(dwell(n)).unwrap();

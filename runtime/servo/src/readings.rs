@@ -28,7 +28,7 @@ pub struct Reading {
     pub segment: u64,
     /// Plan time within the block, s; between two blocks at its end, or infinite.
     pub plan_s: f64,
-    /// Origin of the block of the commanded position, including its end point. `None` when no block runs.
+    /// Origin of the block of the commanded position, including its end point. `None` if no block runs.
     pub executing: Option<Origin>,
     /// True under feed hold, including deceleration and, in a thread, the wait for the end of the pass out.
     pub held: bool,
@@ -59,8 +59,8 @@ const ORIENTED: u64 = 4;
 /// The set of axes that are homed begins at this bit of the flags.
 const HOMED_SHIFT: u32 = 8;
 
-/// A snapshot that the servo cycle writes and anyone reads: a sequence lock of atomics. The writer never waits;
-/// a reader that overlaps with a write reads again.
+/// A snapshot that the servo cycle writes for any number of readers: a sequence lock of atomics. The writer
+/// never waits; a reader that overlaps with a write reads again.
 #[derive(Debug)]
 pub struct Readings {
     /// Odd while a write is under way.
@@ -78,7 +78,7 @@ impl Default for Readings {
 }
 
 impl Readings {
-    /// The values of the last servo cycle, all of the same cycle.
+    /// Returns the values of the last servo cycle, all of the same cycle.
     pub fn read(&self) -> Reading {
         let mut spins = 0_u32;
         loop {
@@ -97,7 +97,7 @@ impl Readings {
         }
     }
 
-    /// Publishes a cycle's values. One writer only: the channel.
+    /// Publishes a cycle's values. Only the channel writes.
     pub(crate) fn write(&self, reading: &Reading) {
         self.change(|cells| {
             let (single, vectors) = cells.split_at(VECTORS);
@@ -127,7 +127,7 @@ impl Readings {
     }
 }
 
-/// Number of cells in front of those of the vectors.
+/// Returns the number of cells in front of those of the vectors.
 fn pack(reading: &Reading) -> [u64; VECTORS] {
     let mut cells = [0; VECTORS];
     cells[TIME] = reading.time_s.to_bits();
@@ -178,7 +178,7 @@ fn unpack(cells: &[u64; CELLS]) -> Reading {
     }
 }
 
-/// The lowest bits of a cell, as `pack` put them there.
+/// Returns the lowest bits of a cell, as `pack` put them there.
 fn low_bits<T: TryFrom<u64> + Default>(cell: u64) -> T {
     let bits = 8 * size_of::<T>();
     T::try_from(cell & ((1 << bits) - 1)).unwrap_or_default()

@@ -1,12 +1,12 @@
-//! How fast the motion may be so that it can come to rest on its path within the known profiles (M1d): a chain whose next
-//! blocks are late, or do not fit into a short ring, slows down and never runs out.
+//! The largest speed at which the motion can stop on its path within the known profiles (M1d): a chain whose
+//! next blocks are late, or do not fit into a short ring, slows down and never runs out.
 
 use tandem_model::profile::{Law, Profile, SlewRoom};
 
 use crate::profile_queue::ProfileConsumer;
 
-/// Profiles of a G500 chain examined in one cycle: bounds the time of the cycle. Where more are needed the motion is slower
-/// than it could be.
+/// Profiles of a G500 chain examined in one cycle: bounds the time of the cycle. If more are needed, the
+/// motion is slower than necessary.
 const PACED_MAX: usize = 128;
 
 /// Servo periods kept in reserve at the end of the known profiles.
@@ -33,7 +33,7 @@ pub(crate) struct Way<'a> {
 }
 
 impl<'a> Way<'a> {
-    /// With this slope of feed hold.
+    /// Creates the path to rest with this slope of feed hold.
     pub(crate) fn new(running: &'a Profile, now_s: f64, hold_slope: f64, period_s: f64) -> Self {
         Self {
             running,
@@ -68,7 +68,8 @@ impl<'a> Way<'a> {
         Some(rate)
     }
 
-    /// True when the motion can stop within the running profile and the queued ones, after a cycle with this factor.
+    /// Returns true if the motion can stop within the running profile and the queued ones, after a cycle with
+    /// this factor.
     fn allows(&self, waiting: &mut ProfileConsumer, factor: f64) -> bool {
         factor == 0.0 || with_waiting(waiting, |known| self.is_way_to_rest(known, factor))
     }
@@ -78,7 +79,7 @@ impl<'a> Way<'a> {
         self.is_free(known, factor) || is_paced && self.allows_paced(known, factor)
     }
 
-    /// True if the motion can continue with this factor, now and at any earlier time.
+    /// Returns true if the motion can continue with this factor, now and at any earlier time.
     fn is_free(&self, known: [&[Box<Profile>]; 2], factor: f64) -> bool {
         self.running.exact_stop
             || match (&self.running.law, newest(known).map(|newest| &newest.law)) {
@@ -91,29 +92,29 @@ impl<'a> Way<'a> {
             }
     }
 
-    /// True if every cycle with this factor up to here stays away from the end of the known profiles.
+    /// Returns true if every cycle with this factor up to here stays away from the end of the known profiles.
     pub(crate) fn is_steady(&self, waiting: &mut ProfileConsumer, factor: f64) -> bool {
         with_waiting(waiting, |known| self.is_free(known, factor))
     }
 
-    /// Profile time at the end of the coming cycle.
+    /// Returns the profile time at the end of the coming cycle.
     fn next_s(&self, factor: f64) -> f64 {
         self.now_s + factor * self.period_s
     }
 
-    /// Kept in reserve at the end of the known profiles, s.
+    /// Returns the time kept in reserve at the end of the known profiles, s.
     fn left_s(&self, factor: f64) -> f64 {
         (LATE_PERIODS * factor + REST_PERIODS) * self.period_s
     }
 
-    /// The factor falls evenly.
+    /// Returns true if the motion can stop with a factor that falls evenly.
     fn allows_even(&self, known: [&[Box<Profile>]; 2], factor: f64) -> bool {
         let needed_s = factor * factor / (2.0 * self.slope) + self.left_s(factor);
         let running_s = self.running.duration_s - self.next_s(factor);
         running_s + self.waiting_s(known) >= needed_s
     }
 
-    /// Time of the running profile's chain that waits, s; infinite when its end is known.
+    /// Returns the time of the waiting part of the running profile's chain, s; infinite if its end is known.
     fn waiting_s(&self, known: [&[Box<Profile>]; 2]) -> f64 {
         let Some(newest) = newest(known) else { return 0.0 };
         match (&self.running.law, &newest.law) {
@@ -127,7 +128,8 @@ impl<'a> Way<'a> {
         }
     }
 
-    /// Each piece has its own limit. Works backwards from the end of the known profiles.
+    /// Returns true if the motion can stop with the limit of each piece. Works backwards from the end of the
+    /// known profiles.
     fn allows_paced(&self, [first, second]: [&[Box<Profile>]; 2], factor: f64) -> bool {
         let from_s = self.next_s(factor);
         let first = first.get(..PACED_MAX).unwrap_or(first);
@@ -174,7 +176,7 @@ fn with_waiting(waiting: &mut ProfileConsumer, look: impl FnOnce([&[Box<Profile>
     })
 }
 
-/// True when a chain that begins at this override can stop within the queued profiles.
+/// Returns true if a chain that begins at this override can stop within the queued profiles.
 pub(crate) fn is_known(waiting: &mut ProfileConsumer, factor: f64, hold_slope: f64, period_s: f64) -> bool {
     with_waiting(waiting, |[first, second]| {
         first.split_first().is_some_and(|(running, first)| {
@@ -183,7 +185,8 @@ pub(crate) fn is_known(waiting: &mut ProfileConsumer, factor: f64, hold_slope: f
     })
 }
 
-/// True when the motion can stop within the queued profiles, to which it switches at this time of the first profile.
+/// Returns true if the motion can stop within the queued profiles, to which it switches at this time of the
+/// first profile.
 pub(crate) fn may_go_over(waiting: &mut ProfileConsumer, factor: f64, at_s: f64, period_s: f64) -> bool {
     with_waiting(waiting, |[first, second]| {
         first.split_first().is_some_and(|(running, first)| {

@@ -18,7 +18,7 @@ const LOST_MAX_S: f64 = 0.09;
 pub struct Servo {
     channels: Vec<Channel>,
     bus: Box<dyn DriveBus>,
-    /// By the motors' places on the bus.
+    /// Commands by the motors' places on the bus.
     commands: Box<[Command]>,
     feedback: Box<[Feedback]>,
     counts: BusCounts,
@@ -27,7 +27,7 @@ pub struct Servo {
     keeps_speed: bool,
     period_s: f64,
     cycles: u64,
-    /// A call of the bus has panicked: it is not called again.
+    /// True if a call of the bus has panicked; the bus is not called again.
     has_bus_failed: bool,
 }
 
@@ -89,7 +89,7 @@ impl Servo {
     }
 
     /// Runs one servo cycle: time advances by one period, each channel gives its setpoint, and the bus exchanges them
-    /// for the motors' reports. Returns `true` when any channel emitted an event, or was slowed down by a lack of
+    /// for the motors' reports. Returns true if any channel emitted an event, or was slowed down by a lack of
     /// profiles. Never allocates, locks, waits or panics, as long as the bus and the spindles do not.
     pub fn cycle(&mut self) -> bool {
         self.cycles += 1;
@@ -158,7 +158,7 @@ impl Servo {
         self.bus.cutoff()
     }
 
-    /// How many exchanges were late or lost.
+    /// Returns the number of exchanges that were late or lost.
     pub fn bus_counts(&self) -> BusCounts {
         self.counts
     }
@@ -193,20 +193,20 @@ impl Servo {
         }
     }
 
-    /// Time of the last cycle: cycles times the servo period, s. 0 before the first.
+    /// Returns the time of the last cycle: cycles times the servo period, s. 0 before the first.
     pub fn time_s(&self) -> f64 {
         self.cycles as f64 * self.period_s
     }
 
-    /// The channel of an index, in the order given to [`Servo::new`].
+    /// Returns the channel of an index, in the order given to [`Servo::new`].
     ///
     /// # Panics
-    /// When there is no such channel.
+    /// Panics if the channel does not exist.
     pub fn channel(&self, index: usize) -> &Channel {
         &self.channels[index]
     }
 
-    /// All channels, in the order given to [`Servo::new`].
+    /// Returns all channels, in the order given to [`Servo::new`].
     pub fn channels(&self) -> &[Channel] {
         &self.channels
     }

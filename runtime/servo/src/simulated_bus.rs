@@ -12,7 +12,7 @@ pub struct SimulatedBus {
 }
 
 impl SimulatedBus {
-    /// A drive for each motor of these coordinate systems.
+    /// Creates a bus with a drive for each motor of these coordinate systems.
     pub fn new<'a>(systems: impl IntoIterator<Item = &'a CoordinateSystemSettings>) -> Self {
         let drives = systems.into_iter().flat_map(|system| {
             let motors = system.motors.iter().flatten();
@@ -74,7 +74,8 @@ struct SimulatedDrive {
 }
 
 impl SimulatedDrive {
-    /// At rest at a position, and homed. `lag_ms` is the time constant of its following error, at least 0.
+    /// Creates a drive at rest at a position, and homed. `lag_ms` is the time constant of its following
+    /// error, at least 0.
     fn new(lag_ms: f64, period_s: f64, at: f64) -> Self {
         let lag_periods = (lag_ms / 1000.0 / period_s).max(0.0);
         Self {
@@ -90,7 +91,7 @@ impl SimulatedDrive {
         }
     }
 
-    /// Takes the commanded position of this cycle and gives the actual one.
+    /// Takes the commanded position of this cycle and returns the actual position.
     fn cycle(&mut self, command: f64) -> f64 {
         let step = command - self.command;
         // Error of a line command: it settles at step * lag_periods.

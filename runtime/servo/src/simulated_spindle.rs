@@ -9,7 +9,8 @@ use crate::spindle::{Orientation, Spindle, SpindleState, ThreadStep};
 /// Degrees per second of one revolution per minute.
 const DEGREES_PER_SECOND: f64 = 6.0;
 
-/// A spindle that comes back from a thread to within this angle of its orientation position is oriented: rounding.
+/// Angle within which a spindle that returns from a thread is at its orientation position, because of
+/// rounding.
 const ORIENTED_WITHIN_DEG: f64 = 1e-6;
 
 /// A spindle that changes its speed by at most `max_acceleration` (r/min per second; not above 0: at once).
@@ -29,22 +30,22 @@ pub struct SimulatedSpindle {
     angle_deg: f64,
     approach: Option<Approach>,
     oriented: bool,
-    /// An orientation was commanded and has not ended.
+    /// True if an orientation was commanded and has not ended.
     orienting: bool,
-    /// While a thread is cut.
+    /// The lock to the motion while a thread is cut.
     lock: Option<Lock>,
 }
 
-/// The spindle follows a motion.
+/// State of a spindle that follows a motion.
 #[derive(Debug, Clone, Copy)]
 struct Lock {
-    /// Angle where the motion in the thread begins.
+    /// Angle at the start of the motion in the thread.
     from_deg: f64,
-    /// Revolutions from there, clockwise positive.
+    /// Revolutions from that angle, clockwise positive.
     revolutions: f64,
 }
 
-/// The last turn of an orientation: on at orientation speed, then down to rest at the position.
+/// The last turn of an orientation: first at orientation speed, then decelerating to rest at the position.
 #[derive(Debug, Clone, Copy)]
 struct Approach {
     from_deg: f64,
@@ -56,7 +57,7 @@ struct Approach {
 }
 
 impl SimulatedSpindle {
-    /// With the speeds, acceleration and orientation of its motor, at rest at angle 0.
+    /// Creates a spindle with the speeds, acceleration and orientation of its motor, at rest at angle 0.
     pub fn new(motor: &MotorSettings, period_s: f64) -> Self {
         Self {
             period_s,
@@ -75,8 +76,8 @@ impl SimulatedSpindle {
         }
     }
 
-    /// The thread is over, or was given up: the spindle rests, or brakes from its speed. It is oriented again where it has
-    /// returned to where it began.
+    /// Ends the lock after a finished or abandoned thread: the spindle rests, or brakes from its speed. It is
+    /// oriented again if it has returned to its starting angle.
     fn let_go(&mut self, brakes: bool) {
         if self.lock.take().is_none() {
             return;
@@ -92,7 +93,7 @@ impl SimulatedSpindle {
         }
     }
 
-    /// To orientation speed in the direction that the spindle turns already; from rest clockwise.
+    /// Changes to orientation speed in the present direction of the spindle; from rest, clockwise.
     fn begin_orientation(&mut self) {
         let rpm = if self.rpm < 0.0 {
             -self.orientation_rpm
@@ -122,7 +123,7 @@ impl SimulatedSpindle {
         });
     }
 
-    /// One cycle of the last turn; true when the spindle rests at its position.
+    /// Executes one cycle of the last turn; returns true if the spindle rests at its position.
     fn turn_to_position(&mut self, approach: &mut Approach) -> bool {
         approach.cycles += 1;
         let t_s = approach.cycles as f64 * self.period_s;
@@ -154,7 +155,7 @@ impl SimulatedSpindle {
 }
 
 impl Spindle for SimulatedSpindle {
-    /// It always has power.
+    /// Does nothing: the simulated spindle always has power.
     fn power(&mut self, _enable: bool, _clear_fault: bool) {}
 
     fn command(&mut self, direction: SpindleDirection, rpm: f64) {

@@ -31,7 +31,7 @@ impl Turned {
         self.at_s + self.braking_s + self.back.duration_s()
     }
 
-    /// As [`MotorMove::room`]: braking is the second half of a move.
+    /// Returns the room like [`MotorMove::room`]: braking is the second half of a move.
     fn room(&self, max_acceleration: f64, from_s: f64, to_s: f64) -> SlewRoom {
         let brakes = MotorMove {
             velocity: self.velocity,
@@ -57,7 +57,7 @@ impl Turned {
 }
 
 impl SkipRun {
-    /// Time of the profile, s, with the motors that have turned back.
+    /// Returns the time of the profile, s, with the motors that have turned back.
     pub(crate) fn duration_s(&self, profile: &Profile) -> f64 {
         let Law::Skip { moves, .. } = &profile.law else {
             return profile.duration_s;
@@ -69,7 +69,7 @@ impl SkipRun {
             .fold(0.0, f64::max)
     }
 
-    /// Position of all motors.
+    /// Returns the position of all motors.
     pub(crate) fn position(&self, profile: &Profile, t_s: f64) -> AxisVector {
         let position = profile.position(t_s);
         if !matches!(profile.law, Law::Skip { .. }) {
@@ -78,7 +78,8 @@ impl SkipRun {
         self.put_in(position, |turned| turned.position(t_s))
     }
 
-    /// The range that the motors of G00 and G31 leave for overrides and feed hold between two times of the profile.
+    /// Returns the range that the motors of G00 and G31 leave for overrides and feed hold between two times
+    /// of the profile.
     pub(crate) fn room(
         &self,
         profile: &Profile,
@@ -107,7 +108,7 @@ impl SkipRun {
         self.put_in(profile.end(), |turned| turned.captured)
     }
 
-    /// The motors that have captured a position.
+    /// Returns the motors that have captured a position.
     pub(crate) fn captured(&self) -> AxisSet {
         Axis::ALL
             .into_iter()
@@ -115,14 +116,14 @@ impl SkipRun {
             .collect()
     }
 
-    /// True while this motor is still moving to the target.
+    /// Returns true while this motor is still moving to the target.
     pub(crate) fn seeks(&self, profile: &Profile, axis: Axis) -> bool {
         let i = axis.index();
         matches!(&profile.law, Law::Skip { moves, .. } if moves[i].duration_s() > 0.0)
             && self.turned[i].is_none()
     }
 
-    /// The motor's input has come on at a profile time: it turns back to `captured`.
+    /// Turns a motor back to `captured`, because its input has switched on at a profile time.
     pub(crate) fn turn_back(
         &mut self,
         profile: &Profile,

@@ -16,28 +16,28 @@ pub struct SpindleState {
     pub rpm: f64,
     /// Angle, degrees, 0 to below 360, clockwise positive.
     pub angle_deg: f64,
-    /// Whether it is oriented.
+    /// Progress of an orientation.
     pub orientation: Orientation,
-    /// It neither turns nor is about to, but for a thread.
+    /// True if the spindle neither turns nor is about to turn, except for a thread.
     pub rests: bool,
-    /// Without a command further cycles change nothing but its angle, and at speed 0 nothing: then cycles may be left out.
-    /// Never true of a drive that may report a fault at any time.
+    /// True if, without a command, further cycles change only its angle, and at speed 0 nothing: cycles may
+    /// then be skipped. Always false for a drive that may report a fault at any time.
     pub is_steady: bool,
-    /// The drive has power and follows commands.
+    /// True if the drive has power and follows commands.
     pub is_enabled: bool,
     /// The drive's own fault code; 0 for none. With a fault it does not follow.
     pub fault: u16,
 }
 
-/// Whether a spindle is oriented.
+/// Progress of an orientation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Orientation {
-    /// It is not, or a thread turns it.
+    /// The spindle is not oriented, or a thread turns it.
     #[default]
     Open,
-    /// Commanded, and not ended yet.
+    /// The orientation is commanded, and not finished.
     Pending,
-    /// It rests at its orientation position.
+    /// The spindle rests at its orientation position.
     Reached,
 }
 
@@ -51,22 +51,22 @@ pub enum ThreadStep {
     Turn(Option<f64>),
     /// The thread has ended or was abandoned: the spindle rests, or with `brakes` decelerates to rest.
     End {
-        /// The thread was broken off while it turned.
+        /// True if the thread was aborted while the spindle turned.
         brakes: bool,
     },
 }
 
 /// The spindle of a coordinate system. It must not allocate, lock, wait or panic.
 pub trait Spindle: fmt::Debug + Send {
-    /// Whether the drive is to have power from now on, and is to clear its fault. It is enabled before the first command that
-    /// turns it; without power it must not turn.
+    /// Commands whether the drive must have power from now on, and clear its fault. The drive is enabled
+    /// before the first command that turns it; without power it must not turn.
     fn power(&mut self, enable: bool, clear_fault: bool);
 
     /// Turns at this speed, stops, or orients. `rpm` applies to `Cw` and `Ccw` only, by its magnitude, up to the
     /// maximum of the spindle; NaN is replaced by 0.
     fn command(&mut self, direction: SpindleDirection, rpm: f64);
 
-    /// A step of a thread.
+    /// Executes a step of a thread.
     fn follow(&mut self, step: ThreadStep);
 
     /// Ends a servo cycle, after commands and feedback of the motors were exchanged, and returns its report.
@@ -93,7 +93,7 @@ pub(crate) struct SpindleLink {
     /// The last command.
     target: (SpindleDirection, f64),
     awaited: Option<Awaited>,
-    /// A call of the device has panicked after a failure of the servo.
+    /// True if a call of the device has panicked after a failure of the servo.
     has_failed: bool,
 }
 
@@ -107,14 +107,14 @@ struct Awaited {
 /// Waits and commands that a cycle of the spindle has completed.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct SpindleEnds {
-    /// A commanded orientation.
+    /// True if a commanded orientation has ended.
     pub(crate) orientation: bool,
-    /// The wait of this id.
+    /// Id of a wait that has ended.
     pub(crate) reached: Option<u64>,
 }
 
 impl SpindleLink {
-    /// An acceleration that is not above 0 is replaced by infinity.
+    /// Creates the link. An acceleration that is not above 0 is replaced by infinity.
     pub(crate) fn new(device: Box<dyn Spindle>, motor: &MotorSettings) -> Self {
         Self {
             state: device.state(),
@@ -135,27 +135,29 @@ impl SpindleLink {
         self.state
     }
 
-    /// True when it neither turns nor is about to, but for a thread.
+    /// Returns true if the spindle neither turns nor is about to turn, except for a thread.
     pub(crate) fn rests(&self) -> bool {
         self.state.rests && self.pending.is_none()
     }
 
-    /// True when further cycles change at most its angle.
+    /// Returns true if further cycles change at most its angle.
     pub(crate) fn is_steady(&self) -> bool {
         self.state.is_steady && !self.power.is_enabling() && self.awaited.is_none()
     }
 
-    /// True when further cycles change nothing.
+    /// Returns true if further cycles change nothing.
     pub(crate) fn is_at_rest(&self) -> bool {
         self.is_steady() && self.state.rpm == 0.0
     }
 
-    /// True while its drive is being enabled, an orientation is unfinished, or a wait for the command is pending.
+    /// Returns true while its drive is being enabled, an orientation is unfinished, or a wait for the command
+    /// is pending.
     pub(crate) fn is_busy(&self) -> bool {
         self.power.is_enabling() || self.state.orientation == Orientation::Pending || self.awaited.is_some()
     }
 
-    /// A command waits for the end of a thread, and one that turns it for power.
+    /// Commands the spindle. In a thread, the command waits for its end; a command that turns the spindle
+    /// waits for power.
     pub(crate) fn command(&mut self, direction: SpindleDirection, rpm: f64) {
         self.target = (direction, rpm);
         let waits = self.in_thread || (direction != SpindleDirection::Stop && !self.has_power());
@@ -186,8 +188,8 @@ impl SpindleLink {
         self.awaited = Some(Awaited { id, within });
     }
 
-    /// True when the spindle has reached the last command. A command that waits for the end of a thread is treated as
-    /// reached, because the thread may need the answer to end.
+    /// Returns true if the spindle has reached the last command. A command that waits for the end of a thread
+    /// is treated as reached, because the thread may need the answer to end.
     fn has_reached(&self, within: f64) -> bool {
         if self.in_thread {
             return true;
@@ -239,7 +241,7 @@ impl SpindleLink {
         })
     }
 
-    /// True when its drive follows; otherwise it is being enabled.
+    /// Returns true if its drive follows; otherwise it is being enabled.
     pub(crate) fn has_power(&mut self) -> bool {
         if !self.power.is_commanded() {
             self.power.ask(self.trouble().is_none());
@@ -248,19 +250,19 @@ impl SpindleLink {
         self.power == Power::On
     }
 
-    /// A reset: takes effect when the channel is at rest.
+    /// Requests a reset, which takes effect when the channel is at rest.
     pub(crate) fn ask_for_reset(&mut self) {
         self.power.ask_for_reset();
     }
 
-    /// At rest: after a reset its fault is cleared, and it is enabled.
+    /// Executes a requested reset at rest: clears the fault of the spindle, and enables it.
     pub(crate) fn reset(&mut self) {
         if self.power.reset() {
             self.apply_power();
         }
     }
 
-    /// The servo has failed. A device that panics is not called again.
+    /// Switches the power off after a failure of the servo. A device that panics is not called again.
     pub(crate) fn power_off(&mut self) {
         self.pending = None;
         self.power = Power::Tripped { resets: false };
@@ -285,8 +287,8 @@ impl SpindleLink {
         Fault::of_drive(self.motor, None, self.state.is_enabled, self.state.fault)
     }
 
-    /// The greatest change of a time base per second at which a motion that turns the spindle at this speed at 100
-    /// percent keeps its acceleration.
+    /// Returns the greatest change of a time base per second at which a motion that turns the spindle at this
+    /// speed at 100 percent keeps its acceleration.
     pub(crate) fn steepest_slope(&self, rpm: f64) -> f64 {
         self.acceleration / rpm.abs()
     }

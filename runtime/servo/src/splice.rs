@@ -8,7 +8,8 @@ use tandem_model::profile::{Law, PathPlace, Profile};
 
 use crate::profile_queue::ProfileConsumer;
 
-/// Splices that may wait, and rings that may wait to be taken back: the coordinator gives one at a time.
+/// Maximum number of waiting splices, and of rings that wait for their return: the coordinator sends one
+/// splice at a time.
 pub(crate) const SPLICES_MAX: usize = 4;
 
 /// Share of the override at which the motion reaches the place, so that the new plan is never slower there.
@@ -46,6 +47,6 @@ impl Splice {
 pub(crate) struct Joint {
     /// Time within the old profile, s.
     pub(crate) at_s: f64,
-    /// Rate of the old plan over that of the new one: times the override factor it is the new one.
+    /// Rate of the old plan divided by that of the new one: the override factor is multiplied by this ratio.
     pub(crate) ratio: f64,
 }

@@ -30,7 +30,7 @@ impl Channel {
         }
     }
 
-    /// True when the motion has not reached this place.
+    /// Returns true if the motion has not reached this place.
     fn is_ahead(&self, place: PathPlace) -> bool {
         if place.segment != self.last_segment {
             return place.segment > self.last_segment;
@@ -41,12 +41,12 @@ impl Channel {
         }
     }
 
-    /// Where this profile leads to the new plan.
+    /// Returns the joint of this profile with the new plan.
     pub(crate) fn joint(&self, profile: &Profile) -> Option<Joint> {
         self.splice.as_ref()?.joint(profile)
     }
 
-    /// Switches at the joint, with the profile time beyond it; false when the new plan is slower there.
+    /// Switches at the joint, with the profile time beyond it; returns false if the new plan is slower there.
     pub(crate) fn go_over(&mut self, joint: Joint, beyond_s: f64) -> bool {
         let Some(mut splice) = self.splice.take() else {
             return false;
@@ -55,7 +55,7 @@ impl Channel {
         let at_s = beyond_s * joint.ratio;
         let taken =
             factor <= 1.0 + ROUNDING && rest::may_go_over(&mut splice.profiles, factor, at_s, self.period_s);
-        // what may be switched to has a first profile
+        // a plan that may be switched to has a first profile
         if taken && let Ok(first) = splice.profiles.pop() {
             self.current = Some(first);
             self.time.begin(factor.min(1.0), at_s);
@@ -64,7 +64,7 @@ impl Channel {
         taken
     }
 
-    /// The plan is given up.
+    /// Discards the new plan.
     pub(crate) fn give_up_splice(&mut self) {
         if let Some(splice) = self.splice.take() {
             self.settle(splice.profiles, false);
@@ -78,7 +78,7 @@ impl Channel {
         } else {
             profiles
         };
-        // There is room: one splice at a time.
+        // the ring has room: one splice at a time
         let _ = self.unread.push(unread);
         self.tell(Event::Spliced { taken });
     }

@@ -4,7 +4,7 @@ use tandem_model::profile::{Law, Profile, Stretch};
 use tandem_model::settings::{MotorKind, MotorSettings};
 use tandem_model::{AxisVector, Origin};
 
-/// 4000 r/min at most, 1000 r/min per second, orientation at 60 r/min to 90 degrees.
+/// Returns a spindle: 4000 r/min at most, 1000 r/min per second, orientation at 60 r/min to 90 degrees.
 pub(crate) fn spindle() -> MotorSettings {
     MotorSettings {
         kind: MotorKind::Spindle,
@@ -16,12 +16,12 @@ pub(crate) fn spindle() -> MotorSettings {
     }
 }
 
-/// 500 mm/s, 5000 mm/s^2, in position within 0.01 mm in 2 s, no lag.
+/// Returns a motor: 500 mm/s, 5000 mm/s^2, in position within 0.01 mm in 2 s, no lag.
 pub(crate) fn motor(number: u16) -> MotorSettings {
     MotorSettings::new(number, MotorKind::Linear, 500.0, 5000.0)
 }
 
-/// A second at rest at zero.
+/// Returns a second at rest at zero.
 pub(crate) fn dwell(segment: u64) -> Profile {
     Profile {
         segment,

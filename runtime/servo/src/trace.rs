@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use tandem_model::{Axis, AxisSet, AxisVector};
 
-/// Samples that are kept.
+/// Number of samples that are kept.
 pub const TRACE_SAMPLES: u64 = 6000;
 
 /// Time between two samples, s, as nearly as whole servo periods give it.
@@ -48,7 +48,7 @@ pub struct TraceMotion {
 pub struct Trace {
     axes: Vec<Axis>,
     interval_s: f64,
-    /// Samples whose writing has begun, and those that are complete.
+    /// Number of samples whose writing has begun, and of complete samples.
     begun: AtomicU64,
     complete: AtomicU64,
     cells: Box<[AtomicU64]>,
@@ -72,7 +72,7 @@ impl Trace {
         &self.axes
     }
 
-    /// Time between two samples, s.
+    /// Returns the time between two samples, s.
     pub fn interval_s(&self) -> f64 {
         self.interval_s
     }
@@ -117,7 +117,7 @@ impl Trace {
         &self.cells[place..place + width]
     }
 
-    /// One writer only: the channel.
+    /// Writes a sample. Only the channel writes.
     fn write(&self, cycle: &Cycle, acceleration: AxisVector) {
         let number = self.complete.load(Ordering::Relaxed);
         self.begun.store(number + 1, Ordering::Relaxed);
@@ -157,7 +157,7 @@ pub(crate) struct Cycle {
 pub(crate) struct Tracer {
     trace: Arc<Trace>,
     period_s: f64,
-    /// Cycles from one sample to the next, and those that are left.
+    /// Cycles from one sample to the next, and the remaining ones.
     every: u32,
     left: u32,
     /// Velocity of the cycle before the next due one. `None` if it is unknown.
@@ -183,7 +183,7 @@ impl Tracer {
         Arc::clone(&self.trace)
     }
 
-    /// Records the velocity of each cycle. Returns the acceleration of one that is due, which is then kept.
+    /// Records the velocity of each cycle. Returns the acceleration of a cycle that is due and must be kept.
     pub(crate) fn see(&mut self, velocity: AxisVector) -> Option<AxisVector> {
         if self.left > 0 {
             self.left -= 1;
@@ -192,7 +192,7 @@ impl Tracer {
             }
             return None;
         }
-        // after omitted cycles the next one serves as well
+        // after skipped cycles, the next cycle is used
         let before = self.before.replace(velocity)?;
         self.left = self.every - 1;
         Some(velocity.minus(before).scaled(1.0 / self.period_s))
@@ -203,7 +203,7 @@ impl Tracer {
         self.trace.write(cycle, acceleration);
     }
 
-    /// Cycles were left out.
+    /// Records that cycles were skipped.
     pub(crate) fn skip(&mut self, cycles: u64) {
         self.before = None;
         self.left = self
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn every_tenth_of_a_millisecond_cycle_is_kept_with_the_change_of_its_velocity() {
+    fn every_tenth_1_ms_cycle_is_recorded_with_its_velocity_change() {
         let mut tracer = Tracer::new(axes(), PERIOD_S);
         (1..=31).for_each(|n| see(&mut tracer, &cycle(n)));
         let (first, samples) = tracer.trace().read(0, 100);

@@ -289,7 +289,7 @@ fn the_servo_cycle_neither_allocates_nor_frees() {
     }
     assert_eq!(calls, 0, "calls of the allocator");
 
-    // The test has been where it meant to be.
+    // The test has reached all intended states.
     let events: Vec<Event> = std::iter::from_fn(|| handle.events.pop().ok()).collect();
     let some = |wanted: fn(&Event) -> bool| events.iter().any(wanted);
     assert!(some(|event| matches!(event, Event::Finished { .. })));

@@ -89,8 +89,9 @@ fn of_machine(new: &New) -> Ran {
         &format!("tandem cert new: {}", cert.display()),
     );
     say(format!(
-        "{} and {} are for {}.\nWrite into the configuration:\n\n[tls]\ncert_file = \"{}\"\nkey_file = \"{}\"\n\nClients trust it by \
-         {}; it counts for {} days.",
+        "Certificate {} and key {} are written, for {}.\n\
+         Write into the configuration:\n\n[tls]\ncert_file = \"{}\"\nkey_file = \"{}\"\n\n\
+         Clients verify the machine with {}. The certificate is valid for {} days.",
         cert.display(),
         key.display(),
         names.join(", "),
@@ -125,7 +126,8 @@ fn of_client(client: &Client) -> Ran {
     let command = format!("tandem cert client {name} --role {}", client.role);
     tell(client.config.as_deref(), &command);
     say(format!(
-        "{} and {} are for {name}. {} has its entry; a runtime that runs with the file reads it within 5 s.",
+        "Certificate {} and key {} are written, for {name}. The entry is in {}; a running runtime with this \
+         token file reads it within 5 s.",
         cert.display(),
         key.display(),
         file.display()
@@ -142,7 +144,8 @@ struct Made {
 /// Creates a self-signed certificate that can authenticate only itself.
 fn make(name: &str, names: &[String], days: u64, purpose: ExtendedKeyUsagePurpose) -> anyhow::Result<Made> {
     let key = KeyPair::generate()?;
-    let mut params = CertificateParams::new(names.to_vec()).context("a name cannot be in a certificate")?;
+    let mut params =
+        CertificateParams::new(names.to_vec()).context("a name is not valid in a certificate")?;
     let mut subject = DistinguishedName::new();
     subject.push(DnType::CommonName, name);
     params.distinguished_name = subject;
@@ -174,7 +177,7 @@ fn names_of_this_computer(host: &str) -> anyhow::Result<Vec<String>> {
     if !host.contains('.') {
         names.push(format!("{host}.local"));
     }
-    let interfaces = if_addrs::get_if_addrs().context("the addresses of this computer are not known")?;
+    let interfaces = if_addrs::get_if_addrs().context("cannot read the addresses of this computer")?;
     let is_of_one_link = |address: &IpAddr| matches!(address, IpAddr::V6(v6) if v6.is_unicast_link_local());
     let addresses = interfaces.iter().map(if_addrs::Interface::ip);
     names.extend(
@@ -195,7 +198,7 @@ fn write_new(path: &Path, text: &str, mode: u32) -> anyhow::Result<()> {
         .open(path)
         .with_context(|| {
             format!(
-                "cannot write {}; remove it, or name another folder by --out",
+                "cannot write {}; remove it, or name another folder with --out",
                 path.display()
             )
         })?;

@@ -85,7 +85,7 @@ impl Arguments {
             }
             let header = [("--main", self.main), ("--subprogram", self.subprogram)];
             if let Some((flag, _)) = header.iter().find(|(_, number)| number.is_some()) {
-                bail!("{flag} is the header of one program; compile one at a time with it");
+                bail!("{flag} is for one program; compile one program at a time with this option");
             }
         }
         let Some(folder) = &self.out_dir else {
@@ -96,11 +96,11 @@ impl Arguments {
             let result = result(path, folder);
             let shown = result.display();
             if is_same_file(&result, path) {
-                bail!("{shown} is the program itself; name another --out-dir");
+                bail!("the result {shown} would replace the program; name another --out-dir");
             }
             if let Some(other) = results.insert(result.clone(), path) {
                 bail!(
-                    "{} and {} would both become {shown}; compile them into two folders",
+                    "{} and {} would both be written to {shown}; compile them into two folders",
                     other.display(),
                     path.display()
                 );

@@ -24,8 +24,8 @@ pub struct Arguments {
     /// Writes the program into this file instead of to standard output
     #[arg(short, long, value_name = "OUT.nc")]
     output: Option<PathBuf>,
-    /// Configuration of the machine that the program was written for, with the settings that its dialect leaves to the
-    /// machine
+    /// Configuration of the machine that the program was written for; it supplies the settings that the
+    /// dialect leaves to the machine
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
 }
@@ -68,7 +68,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     let text = read_program(&arguments.file)?;
     ensure!(
         !is_wide(&text),
-        "{} is in UTF-16, and a program is read as UTF-8: save it as UTF-8",
+        "{} is encoded in UTF-16, but programs are read as UTF-8. Save the program as UTF-8",
         shown(&arguments.file)
     );
     let converted = convert(&text, source, settings);
@@ -81,7 +81,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
             );
             ensure!(
                 !is_same,
-                "{} is the program itself; name another file",
+                "the result {} would replace the program; name another file",
                 path.display()
             );
             std::fs::write(path, &converted.text)

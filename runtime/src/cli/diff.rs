@@ -29,14 +29,15 @@ pub struct Arguments {
     /// NC dialect of the programs; default: that of the configuration
     #[arg(long, value_parser = dialects::find)]
     dialect: Option<&'static Dialect>,
-    /// Coordinate system that runs both programs; default: the one whose `programs` in --config name the file. A file
-    /// that they do not name runs in that of the other file, otherwise in 1
+    /// Coordinate system that runs both programs; default: the one whose `programs` in --config name the
+    /// file. If no `programs` name a file, its program runs in the coordinate system of the other file,
+    /// otherwise in 1
     #[arg(long)]
     cs: Option<CoordinateSystemNumber>,
-    /// Path difference below which two programs count as equal, in mm or degrees
+    /// Path difference below which two programs are equal, in mm or degrees
     #[arg(long, value_name = "MM", default_value_t = 0.001)]
     tolerance: f64,
-    /// Difference in the time of a block below which two programs count as equal, in seconds
+    /// Difference in the time of a block below which two programs are equal, in seconds
     #[arg(long, value_name = "SECONDS", default_value_t = 0.005)]
     time_tolerance: f64,
     /// Prints one JSON object instead of text
@@ -96,7 +97,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         }
         let [old_s, new_s] = [&old, &new].map(|program| program.outcome.cycle_time_s());
         let verdict = if is_equal {
-            "no difference in way, M codes and time"
+            "no difference in path, M codes and time"
         } else {
             "they differ"
         };

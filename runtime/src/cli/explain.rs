@@ -40,7 +40,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     let alarm_text = |code| machine.as_ref()?.alarms.get(&code).cloned();
     let Some(page) = explain_here(&what, arguments.dialect, &declared, alarm_text) else {
         anyhow::bail!(
-            "nothing here is called {what}; did you mean {}? tandem explain lists all diagnostics",
+            "{what} is unknown; did you mean {}? tandem explain lists all diagnostics",
             nearest(&what, arguments.dialect)
         );
     };

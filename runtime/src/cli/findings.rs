@@ -148,7 +148,7 @@ impl Findings {
         };
         match self.diagnostics.len() {
             0 => say(format!(
-                "{}: 0 errors\n  M codes that it serves: {serves}",
+                "{}: 0 errors\n  M codes that the program serves: {serves}",
                 self.file
             )),
             errors => say(format!("{}: {}", self.file, counted(errors, "error"))),

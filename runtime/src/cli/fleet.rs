@@ -69,7 +69,8 @@ fn allow_files(wanted: u64) -> anyhow::Result<()> {
     let most = limit.maximum.unwrap_or(wanted);
     ensure!(
         most >= wanted,
-        "so many machines need {wanted} open files, and this user may have {most}: raise it by ulimit -Hn, or take fewer"
+        "the machines need {wanted} open files, and this user may have {most}: raise the \
+         limit with ulimit -Hn, or run fewer machines"
     );
     let raised = Rlimit {
         current: Some(wanted),
@@ -110,7 +111,7 @@ async fn start(order: &Order<'_>, count: u64) -> anyhow::Result<Vec<FleetMachine
     for some in numbers.chunks(AT_ONCE) {
         machines.extend(try_join_all(some.iter().map(|number| FleetMachine::start(order, *number))).await?);
         if told.elapsed() >= Duration::from_secs(2) {
-            say(format!("{} of {count} machines are there", machines.len()));
+            say(format!("{} of {count} machines have started", machines.len()));
             told = Instant::now();
         }
     }

@@ -43,7 +43,7 @@ fn lay_out(path: &Path, arguments: &Arguments) -> Ran {
     let text = read_program(path)?;
     anyhow::ensure!(
         !text.contains(char::REPLACEMENT_CHARACTER),
-        "{}: left as it is; it holds bytes that are not UTF-8, which would be lost: save it as UTF-8",
+        "{}: not changed; formatting would lose bytes that are not UTF-8. Save the file as UTF-8",
         shown(path)
     );
     let is_filter = path == Path::new(STANDARD_INPUT) && !arguments.check;
@@ -52,10 +52,7 @@ fn lay_out(path: &Path, arguments: &Arguments) -> Ran {
         Err(found) => {
             let findings = Findings::new(path, &text.as_str().into(), Check::default(), found);
             complain(findings.text());
-            complain(format!(
-                "{}: left as it is; correct the errors first",
-                shown(path)
-            ));
+            complain(format!("{}: not changed; correct the errors first", shown(path)));
             (None, EXIT_FOUND)
         }
     };

@@ -105,11 +105,12 @@ const CONTENT: &str = "  \
   tandem.toml       motors, axes, M codes
   nc/1.nc           an NC program
   src/lib.rs        handlers of M codes
-  tests/program.rs  the whole of it in a unit test
+  tests/program.rs  a unit test of machine, program and handlers
 ";
 
 /// Next steps for the user.
-const NEXT: &str = "There: cargo test; then tandem serve --config tandem.toml, and cargo run beside it.";
+const NEXT: &str = "Next, in this folder: cargo test; then tandem serve --config tandem.toml and, in a second shell, cargo \
+     run.";
 
 #[derive(Args)]
 pub struct Arguments {
@@ -162,8 +163,8 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     let crates = match &checkout {
         Some(checkout) => format!("It uses plc-api and tandem-runtime of {}.", checkout.display()),
         None => format!(
-            "It asks for plc-api and tandem-runtime {} of crates.io. Where they are not published, name a checkout: \
-             tandem init DIR --checkout PATH",
+            "It uses plc-api and tandem-runtime {} of crates.io. If they are not published, name \
+             a checkout: tandem init DIR --checkout PATH",
             env!("CARGO_PKG_VERSION")
         ),
     };
@@ -222,8 +223,8 @@ fn name_of(file_name: &str) -> anyhow::Result<String> {
     }
     if TAKEN.contains(&name) {
         bail!(
-            "a package cannot be called {name}, which means something else to Rust; name another folder, such as \
-             {name}-machine"
+            "a package cannot be called {name}, because Rust or cargo reserves this name; name another \
+             folder, such as {name}-machine"
         );
     }
     Ok(name.to_owned())

@@ -147,7 +147,7 @@ fn report(shown: &str, verified: &Verified) -> u8 {
     );
     let old = match verified.not_chained {
         0 => String::new(),
-        old => format!(", and {old} before them of versions without a chain, which are not chained"),
+        old => format!(", and {old} earlier lines that are not chained, from versions without a chain"),
     };
     say(format!(
         "{shown}: {} lines of the chain{old}, from {first} to {last}.",
@@ -158,14 +158,15 @@ fn report(shown: &str, verified: &Verified) -> u8 {
     }
     if verified.is_whole() {
         say(
-            "The chain is whole. Keep the head elsewhere: verify --head shows later that all up to it is as it was.",
+            "The chain is intact. Keep the head in another place: verify --head shows later whether lines \
+             have changed.",
         );
         return EXIT_OK;
     }
     say(if verified.chained == 0 {
         "Nothing is chained."
     } else {
-        "The chain is not whole."
+        "The chain is not intact."
     });
     EXIT_FOUND
 }

@@ -35,7 +35,7 @@ pub struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Ran {
-    let command = std::env::current_exe().context("cannot find this command itself")?;
+    let command = std::env::current_exe().context("cannot find the path of this executable")?;
     let setup = Setup::new(arguments.config.clone(), arguments.dialect);
     let (connection, writer) = transport::stdio();
     let ended = server::serve(&connection, setup, command);

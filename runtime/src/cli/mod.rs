@@ -37,7 +37,7 @@ use clap::{Parser, Subcommand};
 use tandem_runtime::program_store::{read_text, read_text_from};
 use tandem_runtime::{Config, ConfigError, Machine};
 
-/// Clean, completed, or stopped in order.
+/// Clean, completed, or shut down on request.
 const EXIT_OK: u8 = 0;
 /// Errors were found, or an alarm ended the program.
 const EXIT_FOUND: u8 = 1;

@@ -21,7 +21,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     let (settings, problems) = settings(&config);
     ensure!(problems.is_empty(), problems.join("\n"));
     let tokens = settings.tokens.as_ref().context(
-        "[http] token_file is not set: there are no users; make one with tandem token NAME --role ROLE --file FILE",
+        "[http] token_file is not set: there are no users; run tandem token NAME --role ROLE --file FILE",
     )?;
     let root = settings.mqtt.root(&settings.machine);
     say(mosquitto_acl(&root, settings.mqtt.username.as_deref(), tokens).trim_end());

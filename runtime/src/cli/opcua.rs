@@ -13,7 +13,7 @@ use super::Ran;
 const PROGRAM: &str = "tandem-opcua";
 
 #[derive(Args)]
-#[command(after_help = "tandem-opcua --help tells its options; the book has a page on OPC UA.")]
+#[command(after_help = "tandem-opcua --help prints all options; the book has a page on OPC UA.")]
 pub struct Arguments {
     /// Options of tandem-opcua, such as --connect and --listen, each with an address
     #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "OPTION")]
@@ -26,8 +26,9 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     command.args(&arguments.options);
     match end_as(command) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => bail!(
-            "{PROGRAM} is not installed: it is a program of its own, and is neither beside tandem nor on PATH. \
-             Build it with cargo build --release --manifest-path runtime/opcua/Cargo.toml, and put it beside tandem"
+            "{PROGRAM} is not installed: this separate program is neither in the folder of tandem nor on \
+             PATH. Build it \
+             with cargo build --release --manifest-path runtime/opcua/Cargo.toml, and copy it into the folder of tandem"
         ),
         ended => ended.with_context(|| format!("cannot start {}", program.display())),
     }

@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn the_isometric_view_shows_each_axis_equally_long_and_x_and_y_60_degrees_beside_z() {
+    fn isometric_view_shows_equal_axes_with_x_and_y_at_60_degrees_to_z() {
         let axis = |axis| {
             let mut at = AxisVector::ZERO;
             at[axis] = 1.0;

@@ -123,11 +123,11 @@ async fn serve(servable: Servable, arguments: &Arguments) -> anyhow::Result<bool
     announce(&settings, &gateway, is_demo);
     for address in taken {
         say(format!(
-            "{address} is taken by another program, so that the demo has a free port instead."
+            "{address} is in use by another program; the demo uses a free port instead."
         ));
     }
     let failed = until_stop(&runtime, &gateway, &mut signals).await;
-    say("Stopping: motion comes to rest on its path.");
+    say("Stopping: the axes decelerate along the path.");
     runtime.shutdown().await;
     if let Some(sequence) = sequence {
         sequence.abort();
@@ -160,7 +160,7 @@ async fn until_stop(runtime: &Runtime, gateway: &Gateway, signals: &mut Signals)
 async fn run_demo(plc: Plc, is_built_in: bool) {
     let opening = async {
         if is_built_in && let Err(error) = open_demo(&plc).await {
-            tracing::warn!("the demo opens without a program: {error}");
+            tracing::warn!("the demo starts without a loaded program: {error}");
         }
     };
     let (ran, ()) = tokio::join!(demo_sequence_program().run(&plc), opening);

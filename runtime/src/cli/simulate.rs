@@ -313,7 +313,7 @@ impl Plan {
         let number = (wanted..=PROGRAM_NUMBER_MAX)
             .chain(1..wanted)
             .find(|number| !self.programs.contains_key(number))
-            .context("there is no program number left")?;
+            .context("no program number is free")?;
         let rules = self.machine.text_rules_of(system.dialect);
         self.jobs.push(Job { cs, program: number });
         let mut left = vec![(number, file.to_owned())];
@@ -323,7 +323,8 @@ impl Plan {
                 None => {}
                 Some(known) if known.text() == text => continue,
                 Some(_) => bail!(
-                    "{}: program {number} is another file already; all programs that run at the same time share their numbers",
+                    "{}: another file already has program number {number}; programs of one simulation share \
+                     the numbers",
                     shown(&path)
                 ),
             }

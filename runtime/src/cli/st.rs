@@ -20,15 +20,16 @@ pub struct Arguments {
     /// Only checks the program (default without --run)
     #[arg(long, conflicts_with = "run")]
     check: bool,
-    /// Runs the program, if it has no errors, until Ctrl-C: then it accepts no further M code and completes the pending
-    /// ones; a second Ctrl-C ends it at once
+    /// Runs the program if it has no errors. After Ctrl-C the program accepts no further M code and completes
+    /// the pending ones; a second Ctrl-C ends it at once
     #[arg(long, requires = "connect")]
     run: bool,
     #[arg(
         long,
         value_name = "ADDRESS",
         requires = "run",
-        help = "The machine of --run: mqtt://[user:token@]host[:port]/[prefix/]machine or http://[user:token@]host[:port], with TLS mqtts:// or https://"
+        help = "Machine for --run: mqtt://[user:token@]host[:port]/[prefix/]machine or \
+                http://[user:token@]host[:port], with TLS mqtts:// or https://"
     )]
     connect: Option<String>,
     /// Time from one scan to the next, ms
@@ -152,7 +153,10 @@ async fn serve(address: &str, options: MqttOptions, sequence: SequenceProgram) -
                 (Received::Stop, Some(first)) => {
                     // the receiver is the program, which is running
                     let _ = first.send(());
-                    say("It takes no further M code, and ends when those that are open have ended; Ctrl-C ends it at once.");
+                    say(
+                        "The program accepts no further M code and ends after the pending ones. Ctrl-C ends \
+                         it at once.",
+                    );
                 }
                 (Received::Stop, None) => return Ok(()),
             },

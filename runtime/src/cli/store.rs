@@ -34,7 +34,7 @@ enum Action {
         /// Restores lost values from the last good generation, which is older than the lost values
         #[arg(long)]
         yes: bool,
-        /// Accepts the file of a damaged program as it is now
+        /// Accepts the present text of a damaged program
         #[arg(long, value_name = "NUMBER")]
         program: Vec<u16>,
     },
@@ -71,8 +71,8 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
             record(&folder, &format!("tandem store import {shown}"));
             let count = folder
                 .import(&text)
-                .with_context(|| format!("{shown} is not taken over"))?;
-            say(format!("{count} values are taken over from {shown}."));
+                .with_context(|| format!("{shown} is not imported"))?;
+            say(format!("{count} values are imported from {shown}."));
             Ok(EXIT_OK)
         }
     }
@@ -86,7 +86,7 @@ fn open(machine: &Machine) -> anyhow::Result<DataFolder> {
 /// Records the user and the command in the journal. A journal that cannot be written does not prevent a repair.
 fn record(folder: &DataFolder, command: &str) {
     if let Err(error) = folder.record(os_user(), command) {
-        complain(format!("the journal does not tell of this command: {error}"));
+        complain(format!("the journal does not record this command: {error}"));
     }
 }
 
@@ -102,7 +102,7 @@ fn verify(folder: &DataFolder) -> u8 {
         say(format!("{}: nothing is damaged.", folder.path().display()));
         return EXIT_OK;
     }
-    say("tandem store repair shows what can be done.");
+    say("tandem store repair lists the possible repairs.");
     EXIT_FOUND
 }
 
@@ -110,9 +110,9 @@ fn repair(folder: &mut DataFolder, yes: bool, programs: &[u16]) -> Ran {
     for number in programs {
         record(folder, &format!("tandem store repair --program {number}"));
         let taken = folder.accept_program(*number);
-        taken.with_context(|| format!("program {number} is not taken over"))?;
+        taken.with_context(|| format!("the file of program {number} is not accepted"))?;
         say(format!(
-            "program {number} is taken as it is now; check it before it runs."
+            "program {number} is accepted with its present text; check the program before it runs."
         ));
     }
     let (written, offers) = folder.offers();
@@ -122,18 +122,19 @@ fn repair(folder: &mut DataFolder, yes: bool, programs: &[u16]) -> Ran {
         record(folder, "tandem store repair --yes");
         let left = folder.repair().context("there is no good generation")?;
         say(
-            "Lost values are taken from the last good generation. They are older: check them before anything moves.",
+            "Lost values are restored from the last good generation. They are older: check them before \
+             anything moves.",
         );
         for what in &left {
             say(format!(
-                "still lost: {what}; write it anew over REST or in the HMI"
+                "still lost: {what}; write this value again over REST or in the HMI"
             ));
         }
         return Ok(if left.is_empty() { EXIT_OK } else { EXIT_FOUND });
     } else {
         match &written {
             Some(written) => say(format!(
-                "Lost values, and what the last good generation, of {written}, has:"
+                "Lost values, with their values in the last good generation, of {written}:"
             )),
             None => say("Lost values. There is no good generation:"),
         }
@@ -141,12 +142,12 @@ fn repair(folder: &mut DataFolder, yes: bool, programs: &[u16]) -> Ran {
             let older = offer.older.as_deref().unwrap_or("nothing");
             say(format!("  {}: {older}", offer.what));
         }
-        say("--yes takes the older values over. A value can also be written anew over REST or in the HMI.");
+        say("--yes restores the older values. A value can also be written again over REST or in the HMI.");
     }
     let damaged: Vec<String> = folder.verify().damaged;
     for damage in damaged.iter().filter(|damage| damage.starts_with("program ")) {
         say(format!(
-            "  {damage}; store it again, or take it as it is with --program NUMBER"
+            "  {damage}; store the program again, or accept its present text with --program NUMBER"
         ));
     }
     Ok(if offers.is_empty() && damaged.is_empty() {

@@ -37,7 +37,8 @@ pub struct Arguments {
     /// Configuration of the machine whose journal records the token; the machine must not run
     #[arg(long, value_name = "FILE", requires = "file")]
     config: Option<PathBuf>,
-    /// For a person: a PIN, read from standard input, instead of a token; for `POST /api/v1/login` and the HMI
+    /// Creates the entry of a person, with a PIN from standard input instead of a token; for `POST
+    /// /api/v1/login` and the HMI
     #[arg(long)]
     pin: bool,
 }
@@ -55,7 +56,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     let new = new_token(name, role, until).map_err(Error::msg)?;
     let Some(path) = &arguments.file else {
         say(format!(
-            "token: {}\nIt is shown once. Its entry of the token file:\n\n{}",
+            "token: {}\nThe token is shown only once. Its entry for the token file:\n\n{}",
             new.token,
             new.entry.trim_end()
         ));
@@ -71,7 +72,9 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     add_entry(path, &new.entry)?;
     tell(arguments.config.as_deref(), &command(arguments));
     say(format!(
-        "token: {}\nIt is shown once. {shown} has its entry; a runtime that runs with the file reads it within 5 s.",
+        "token: {}\nThe token is shown only once. Its entry is in {shown}; a running runtime with this file \
+         reads \
+         the entry within 5 s.",
         new.token
     ));
     Ok(EXIT_OK)
@@ -91,7 +94,7 @@ fn of_person(arguments: &Arguments, role: Role, until: Option<SystemTime>) -> Ra
         .lock()
         .take(PIN_LINE_MAX)
         .read_line(&mut pin)
-        .context("no PIN can be read")?;
+        .context("cannot read the PIN")?;
     let entry = pin_entry(name, role, pin.trim_end_matches(['\r', '\n']), until).map_err(Error::msg)?;
     let Some(path) = &arguments.file else {
         say(entry.trim_end());
@@ -107,7 +110,7 @@ fn of_person(arguments: &Arguments, role: Role, until: Option<SystemTime>) -> Ra
     add_entry(path, &entry)?;
     tell(arguments.config.as_deref(), &command(arguments));
     say(format!(
-        "{} has the entry of {name}; a runtime that runs with the file reads it within 5 s.",
+        "{} has the entry of {name}; a running runtime with this token file reads it within 5 s.",
         path.display()
     ));
     Ok(EXIT_OK)
@@ -123,15 +126,15 @@ fn command(arguments: &Arguments) -> String {
 /// Records a command that grants access in the journal of a machine, or prints why it was not recorded.
 pub(super) fn tell(config: Option<&Path>, command: &str) {
     let Some(path) = config else {
-        complain("No journal tells of this: --config names the machine whose journal does.");
+        complain("This command is in no journal: --config names the machine whose journal records it.");
         return;
     };
     let told = read_config(Some(path))
         .and_then(|(_, machine)| Ok(DataFolder::record_in(&machine, os_user(), command)?));
     match told {
         Ok(true) => {}
-        Ok(false) => complain("No journal tells of this: the machine has none yet."),
-        Err(error) => complain(format!("The journal does not tell of this: {error:#}.")),
+        Ok(false) => complain("This command is in no journal: the machine has no journal yet."),
+        Err(error) => complain(format!("The journal does not record this command: {error:#}.")),
     }
 }
 

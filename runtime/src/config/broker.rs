@@ -90,12 +90,12 @@ impl TryFrom<Text> for Broker {
         for text in texts {
             let node = external(&text)?;
             if nodes.contains(&node) {
-                return Err(format!("[mqtt] broker: {node} is there twice"));
+                return Err(format!("[mqtt] broker: {node} is listed twice"));
             }
             nodes.push(node);
         }
         if nodes.iter().any(|node| node.tls != nodes[0].tls) {
-            return Err("[mqtt] broker: all addresses have TLS (mqtts), or none".into());
+            return Err("[mqtt] broker: write either all addresses with TLS (mqtts), or none".into());
         }
         Ok(Self::External(nodes))
     }
@@ -104,7 +104,7 @@ impl TryFrom<Text> for Broker {
 fn external(text: &str) -> Result<ExternalBroker, String> {
     if text.contains('@') {
         return Err(
-            "[mqtt] broker: a user and password do not belong into the address; write username and password_file"
+            "[mqtt] broker: the address must not contain a user or password; write username and password_file"
                 .into(),
         );
     }
@@ -119,7 +119,7 @@ fn parse(text: &str) -> Result<ExternalBroker, &'static str> {
     let (tls, authority) = match text.split_once("://") {
         Some(("mqtt", authority)) => (false, authority),
         Some(("mqtts", authority)) => (true, authority),
-        _ => return Err("it is not an address of MQTT"),
+        _ => return Err("it is not an MQTT address"),
     };
     let (host, port) = if let Some(rest) = authority.strip_prefix('[') {
         let (host, port) = rest
@@ -144,7 +144,7 @@ fn parse(text: &str) -> Result<ExternalBroker, &'static str> {
     Ok(ExternalBroker {
         tls,
         host: host.to_owned(),
-        port: port.ok_or("its port is not one of 1 to 65535")?,
+        port: port.ok_or("its port is not 1 to 65535")?,
     })
 }
 
@@ -191,7 +191,7 @@ mod tests {
             (&["mqtt://a"; 17], "write 1 to 16"),
             (&["mqtt://a", "mqtt://a:1883"], "twice"),
             (&["mqtt://a", "mqtts://b"], "or none"),
-            (&["mqtt://a", "embedded"], "not an address"),
+            (&["mqtt://a", "embedded"], "not an MQTT address"),
         ] {
             let error = of(texts).unwrap_err();
             assert!(error.contains(why), "{error}");

@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn a_key_that_nothing_reads_is_named_with_its_place_and_the_nearest_known_one() {
+    fn unknown_key_is_reported_with_position_and_nearest_known_key() {
         let text = "[machine]\nname = \"m\"\nservo_periode_us = 1000\n[[motor]]\nnumber = 1\nkind = \"linear\"\n\
                     max_velocity = 5\nmax_acceleration = 5\n[[coordinate_system]]\nnumber = 1\naxes = { X = 1 }\n";
         let text = refusal(text);
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_words_and_keys_are_named_together_with_what_does_not_fit_in_the_order_of_the_text() {
+    fn wrong_words_keys_and_conflicts_are_reported_together_in_text_order() {
         let text = "[machine]\nnames = 5\n[[motor]]\nnumber = 1\nkind = \"line\"\nmax_velocity = 0\nmax_acceleration = 5\n\
                     [[coordinate_system]]\nnumber = 1\naxes = { X = 1, Y = 7 }\nunits = \"cm\"\nspindle = 9\n";
         let refusal = refusal(text);
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn what_follows_from_a_value_that_is_missing_or_cannot_be_read_is_not_told() {
+    fn errors_caused_by_missing_or_unreadable_values_are_not_reported() {
         let text = "[[motor]]\nnumber = \"one\"\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
                     [[motor]]\nnumber = 2\nkind = \"linear\"\n[[coordinate_system]]\nnumber = 1\naxes = { X = 1, Y = 2 }\n\
                     hold_slew_ms = [\"a\"]\n";

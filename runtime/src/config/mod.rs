@@ -49,7 +49,7 @@ pub use variables::{PublishedConfig, VariablesConfig};
 use words::{CompensationFeedWord, MotorKindWord, OvercutWord, ShortBlockWord, UnitWord};
 pub use words::{EncoderKind, OnBusLoss, RoundKind};
 
-/// Smallest rate and window. Reason: with less, nothing moves.
+/// Smallest rate and window. Reason: with smaller values nothing moves.
 const RATE_MIN: f64 = 1e-9;
 
 /// Largest velocity, acceleration and jerk, units per second, squared, cubed. Reason: their squares are still finite.

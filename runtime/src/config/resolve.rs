@@ -185,7 +185,8 @@ impl Config {
         let declared = io.inputs.get(name);
         if declared.is_none_or(|declared| declared.kind != IoKind::Bool) {
             let text = format!(
-                "[mtconnect] emergency_stop = \"{name:.40}\": there is no such input that is on or off; write [io.in.{name:.40}]"
+                "[mtconnect] emergency_stop = \"{name:.40}\": there is no on/off input with this name; \
+                 write [io.in.{name:.40}]"
             );
             problems.add("mtconnect.emergency_stop", text);
         }
@@ -198,7 +199,8 @@ impl Config {
         if let Err(why) = &read {
             let path = path.display();
             let text = format!(
-                "[machine] served = \"{path}\": {why}; write it by SequenceProgram::served, or take the key out"
+                "[machine] served = \"{path}\": {why}; write the file with SequenceProgram::served, or \
+                 remove the key"
             );
             problems.add("machine.served", text);
         }
@@ -247,7 +249,7 @@ impl Config {
             }
             if RUNTIME_M_CODES.contains(&m) {
                 let text =
-                    format!("the runtime handles M{m:02} itself, and nothing reads this table; take it out");
+                    format!("the runtime handles M{m:02} itself, so this table has no effect; remove it");
                 of_table.problem("", text);
             }
             let mut checked = problems.of(path, format!("[m_code.{key}] "));
@@ -312,7 +314,7 @@ impl Config {
             let name = format!("[[coordinate_system]] number = {}: ", config.number);
             let mut checked = problems.of(path, name);
             if config.number == 0 {
-                checked.problem("number", "coordinate systems count from 1");
+                checked.problem("number", "coordinate systems are numbered from 1");
             }
             checked.check_ranges(config, &["number"]);
             for motor in config.axes.values().copied().chain(config.spindle) {
@@ -509,7 +511,7 @@ mod tests {
     }
 
     #[test]
-    fn each_coordinate_system_has_its_dialect_and_one_number_is_one_program_of_one_dialect() {
+    fn each_coordinate_system_has_a_dialect_and_a_program_number_only_one() {
         let mut config = Config::demo();
         config.coordinate_system[1].dialect = dialects::dgshape();
         let machine = config.resolve().unwrap();

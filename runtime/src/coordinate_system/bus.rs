@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_that_waits_when_the_broker_is_lost_is_held_and_a_reset_is_latched() {
+    fn waiting_run_is_held_when_the_broker_is_lost_and_a_reset_is_latched() {
         let lines = with_run("M77\nM30\n", true, async |plc, served| {
             until(plc, Execution::Wait).await;
             served.notice(BusLink {
@@ -126,7 +126,11 @@ mod tests {
             });
             plc.sleep(std::time::Duration::from_secs(5)).await;
             let held = plc.coordinate_system(1).state().await.unwrap();
-            assert_eq!(held.execution, Execution::FeedHold, "nothing goes on by itself");
+            assert_eq!(
+                held.execution,
+                Execution::FeedHold,
+                "nothing resumes without a command"
+            );
             plc.coordinate_system(1).resume().await.unwrap();
             until(plc, Execution::ProgramCompleted).await;
         });
@@ -143,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn motion_goes_on_without_the_broker_until_the_program_waits_and_an_operator_resumes_without_it() {
+    fn motion_continues_without_broker_until_a_wait_and_operator_can_resume() {
         with_run("G01 X50 F600\nM77\nM78\nM30\n", true, async |plc, served| {
             plc.sleep(std::time::Duration::from_secs(1)).await;
             served.notice(BusLink {
@@ -166,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn an_output_that_nobody_has_claimed_is_published_again_when_the_server_end_has_connected_again() {
+    fn unclaimed_output_is_republished_when_the_server_end_reconnects() {
         with_run("M77\nM30\n", false, async |plc, served| {
             until(plc, Execution::Wait).await;
             assert_eq!(

@@ -41,7 +41,8 @@ impl CoordinateSystem {
             }
             self.carry_out_command(command);
         } else if let Err(command) = self.commands.defer(command) {
-            let refusal = Refusal::new(RefusalCode::Unavailable, "too many commands wait; try again");
+            let text = "too many commands wait; send the command again";
+            let refusal = Refusal::new(RefusalCode::Unavailable, text);
             command.refuse(&self.context, refusal);
         } else {
             self.carry_out_deferred();
@@ -73,7 +74,7 @@ impl CoordinateSystem {
         let said = self.context.shared.replied(&command.meta.memory);
         if let Some(said) = said.filter(|_| !command.command.is_urgent()) {
             if command.wait && self.commands.awaits(&command.meta.command_id) {
-                // sent twice, and both callers wait until it is done
+                // sent twice: both callers wait until the command is done
                 self.commands.awaiting.push(Awaiting {
                     verb: command.command.verb(),
                     ends_jog: false,
@@ -93,7 +94,8 @@ impl CoordinateSystem {
         }
     }
 
-    /// Validates a command and executes it unless it is refused. `notes` are worth knowing and refuse nothing.
+    /// Validates a command and executes it unless it is refused. `notes` inform the operator and refuse
+    /// nothing.
     pub(super) fn accept_command(&mut self, command: Deferred, notes: Vec<String>) {
         let verb = command.command.verb();
         if self.needs_no_run(&command.command, &command.meta) {
@@ -182,11 +184,13 @@ impl CoordinateSystem {
                 .as_ref()
                 .is_some_and(|expected| expected != boot_id)
             {
-                return failed("the runtime was started again since; read its state".into());
+                return failed("the runtime was restarted in the meantime; read its state".into());
             }
             let rev = self.context.shared.state_rev(Some(self.context.number));
             if expect.state_rev.is_some_and(|expected| expected != rev) {
-                return failed(format!("the state has changed since; its rev is {rev} now"));
+                return failed(format!(
+                    "the state has changed in the meantime; its rev is now {rev}"
+                ));
             }
         }
         self.judge_lease(verb, meta)?;
@@ -320,7 +324,7 @@ impl CoordinateSystem {
     /// Prepares a run; its program is loaded again.
     fn prepare_run(&self, order: RunOrder, meta: &CommandMeta) -> Result<Prepared, Refusal> {
         let number = order.program.or(self.commands.program).ok_or_else(|| {
-            let text = "run is not allowed: no program is loaded; name one";
+            let text = "run is not allowed: no program is loaded; name a program";
             Refusal::new(RefusalCode::NotAllowed, text)
         })?;
         let main = self.context.stored(number)?;
@@ -482,7 +486,7 @@ fn judge_program(meta: &CommandMeta, number: Option<u16>, hash: Option<&str>) ->
         Some(number) => condition.judge(number, hash),
         None => Err(Refusal::new(
             RefusalCode::PreconditionFailed,
-            "no program is loaded; load the one that is expected",
+            "no program is loaded; load the expected program",
         )),
     }
 }

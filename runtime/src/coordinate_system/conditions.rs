@@ -19,7 +19,7 @@ use crate::config::CoordinateSystem as Configured;
 use crate::program_store::{StoredProgram, called_by};
 use crate::shared::Shared;
 
-/// A program with those that it may call, and all data that they read.
+/// A program with the programs that it may call, and all data that they read.
 #[derive(Debug)]
 pub(crate) struct Conditions {
     pub main: Arc<StoredProgram>,
@@ -42,7 +42,7 @@ pub(crate) struct Conditions {
     pub from: Option<LineStart>,
     /// Key of all conditions except position and variables: it changes when any of them changes.
     pub key: u64,
-    /// Key of the position, compared to the nanometre: rounding of a sum is no change.
+    /// Key of the position, compared to the nanometre: a rounding error of a sum is not a change.
     pub position_key: u64,
 }
 

@@ -53,11 +53,11 @@ impl CutShort {
 /// Returns code and text of the reason why a run by hand was ended.
 fn reason_of(why: End, alarm: &str) -> (&'static str, String) {
     let (code, text) = match why {
-        End::Stop => ("stop", "a stop command ended it"),
-        End::Abort => ("aborted", "an abort command ended it"),
-        End::Reset { .. } => ("reset", "a reset ended it"),
+        End::Stop => ("stop", "a stop command ended the motion"),
+        End::Abort => ("aborted", "an abort command ended the motion"),
+        End::Reset { .. } => ("reset", "a reset ended the motion"),
         End::Alarm => return ("alarm", format!("alarm {alarm}")),
-        End::JogEnded(JogStop::Commanded) => ("ended", "its end was commanded"),
+        End::JogEnded(JogStop::Commanded) => ("ended", "the end of the jog was commanded"),
         End::JogEnded(JogStop::NotRefreshed) => {
             let ms = REFRESH_S * 1000.0;
             let text = format!(
@@ -66,7 +66,7 @@ fn reason_of(why: End, alarm: &str) -> (&'static str, String) {
             return ("not_refreshed", text);
         }
         End::JogEnded(JogStop::Held(cause)) => match cause {
-            Cause::Operator | Cause::SingleBlock | Cause::WayBackEnded => ("hold", "a hold ended it"),
+            Cause::Operator | Cause::SingleBlock | Cause::WayBackEnded => ("hold", "a hold ended the motion"),
             Cause::Interlock => ("interlock", "the interlock was set"),
             Cause::BusLoss => ("bus_lost", "the connection to the MQTT broker was lost"),
             Cause::ServoLate => ("servo_late", "the servo was late"),
@@ -111,7 +111,7 @@ impl CoordinateSystem {
             Kind::Manual => {
                 let missed = run.missed_touch?;
                 let reason = format!(
-                    "the G31 in line {} ended without a touch; check the probe, or where it searches",
+                    "the G31 in line {} ended without a touch; check the probe and the searched position",
                     missed.line
                 );
                 Some(self.failure("no_touch", &reason, run.from, None))
@@ -142,7 +142,7 @@ impl CoordinateSystem {
         };
         Failure {
             code,
-            text: format!("it moved {words}: {reason}"),
+            text: format!("the motion covered {words}: {reason}"),
             moved,
         }
     }

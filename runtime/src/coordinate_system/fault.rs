@@ -25,7 +25,7 @@ use super::run_state::End;
 use crate::journal::{Event, RaisedAlarm, RunEnd};
 
 impl CoordinateSystem {
-    /// Stops the motion, on its path or with `abort` by the shortest way. Relies on no other part.
+    /// Stops the motion: on its path, or with `abort` by the shortest path. Relies on no other part.
     pub(super) fn brake_at_once(&mut self, abort: bool) {
         self.servo.stop_at_once(abort);
     }

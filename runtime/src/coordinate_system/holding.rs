@@ -47,7 +47,8 @@ impl CoordinateSystem {
         self.context.record(Event::Hold { reason, m, seq });
     }
 
-    /// Processes a hold of the servo, which was late by this number of cycles while the motors moved.
+    /// Processes the servo's report that it holds the motion because it was late by this number of cycles.
+    /// Raises a warning and holds the run; if no motion is pending, the servo resumes instead.
     pub(super) fn on_servo_late(&mut self, cycles: u64) {
         if self.rests_by_itself() {
             // the servo holds a motion that has just ended; the run has no motion to hold
@@ -56,8 +57,8 @@ impl CoordinateSystem {
         }
         let late_s = cycles as f64 * self.context.configured.settings.servo_period_s;
         let text = format!(
-            "for {late_s:.3} s the motors got no set points ({cycles} servo cycles); the motion is held on its path where \
-             it was"
+            "the motors received no setpoints for {late_s:.3} s ({cycles} servo cycles); the motion is held \
+             on its path"
         );
         self.context
             .warn_standing(&SERVO_LATE, Some(self.context.number), &text);
@@ -99,8 +100,8 @@ impl CoordinateSystem {
         self.outputs.ledger.handler_online(now, handler_id, presence);
     }
 
-    /// Processes the loss of a handler instance: its outputs and levels wait for it, except for sources that are on
-    /// without it.
+    /// Processes the loss of a handler instance: its outputs and levels wait for its return, except for
+    /// levels that are on without a handler.
     pub(super) fn on_handler_left(&mut self, handler_id: &str, instance: Option<&str>, departure: Departure) {
         let (now, grace_s) = (self.context.now(), self.context.shared.machine.handler_grace_s);
         self.outputs
@@ -151,8 +152,8 @@ impl CoordinateSystem {
             let within = self.pipeline.anywhere(compensates);
             if let Some(within) = within.or_else(|| self.pipeline.anywhere(cycles)) {
                 let text = format!(
-                    "single block cannot be switched on within {within}, nor before one that is already read; wait \
-                     for its end"
+                    "single block cannot be switched on within {within}, nor if {within} has already been \
+                     read ahead; wait for its end"
                 );
                 return Err(Refusal::new(RefusalCode::NotAllowed, text));
             }
@@ -239,7 +240,7 @@ impl CoordinateSystem {
             self.context.view.update(|place| place.executing = origin);
         }
         if self.pipeline.interpreter.modal().compensates() {
-            let text = "single block is on, and cutter compensation cannot be stopped between blocks";
+            let text = "single block is on, and the motion cannot stop between blocks of cutter compensation";
             return self.raise_entry(&COMPENSATION_REFUSED, text, origin);
         }
         self.drive(RunEvent::BlockEnded);
@@ -301,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn a_servo_that_is_late_in_motion_holds_with_a_standing_warning_and_a_resume_goes_on() {
+    fn late_servo_in_motion_holds_with_a_warning_until_reset_and_can_resume() {
         let (journal, lines) = kept_journal();
         let bench = Bench::new()
             .journal(journal)
@@ -381,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn a_jog_ends_manual_data_input_and_homing_are_held_when_the_servo_is_late() {
+    fn late_servo_ends_a_jog_and_holds_manual_data_input_and_homing() {
         let play = Bench::new().play(async |scene, runtime| {
             let (plc, system) = (scene.plc(), scene.cs(1));
             let jogger = scene.cs(1);
@@ -395,7 +396,7 @@ mod tests {
             let rests = x(plc).await;
             assert!(rests < stood + 25.0, "{stood} {rests}");
             let refused = system.jog('X', 6000.0, None, "j").await;
-            assert!(refused.is_err(), "a refresh does not begin it again");
+            assert!(refused.is_err(), "a refresh does not restart the jog");
             assert_eq!(standing(plc).await.len(), 1);
             for home in [false, true] {
                 let moving = scene.cs(1);

@@ -20,7 +20,7 @@ pub(super) const REFRESH_S: f64 = 0.2;
 /// End point of a jog on an axis without soft limit: the largest value of a program word, mm or degrees.
 const DISTANCE_MAX: f64 = 1_000_000.0;
 
-/// Shorter distances are no motion, mm or degrees.
+/// Distances below this are no motion, mm or degrees.
 pub(super) const DISTANCE_MIN: f64 = 1e-9;
 
 impl CoordinateSystem {

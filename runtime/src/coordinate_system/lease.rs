@@ -1,7 +1,7 @@
 //! The control lease: while a client holds it, only commands with its fence start motion. The lease is optional.
 //!
-//! It orders commands of several clients and proves no identity: every operator may read the fence. A run continues
-//! when the lease changes hands; hold, stop, abort and reset are for everyone.
+//! The lease orders the commands of several clients. It proves no identity: every operator may read the
+//! fence. A run continues when the lease changes hands; hold, stop, abort and reset are for everyone.
 
 use plc_api::execution::wire_name;
 use plc_api::handshake::Now;
@@ -53,7 +53,7 @@ impl ControlLease {
         self.held.as_ref().map(|held| held.until_s)
     }
 
-    /// Takes the lease, or renews it with its own fence.
+    /// Takes the lease, or renews it if its fence is given.
     fn take(&mut self, now: Now, take: &LeaseTake, client_id: &str) -> Result<Lease, Refusal> {
         let holder = take.holder.as_deref().unwrap_or(client_id);
         if !(1..=LEASE_HOLDER_MAX).contains(&holder.chars().count()) {
@@ -97,7 +97,7 @@ impl ControlLease {
     fn judge(&self, fence: Option<u64>, what: &str) -> Result<(), Refusal> {
         let cs = self.cs;
         let holder = self.held().map_or_else(
-            || "nobody holds it now".to_owned(),
+            || "no client holds it now".to_owned(),
             |held| {
                 format!(
                     "{} holds it until {}",
@@ -112,14 +112,15 @@ impl ControlLease {
             (Some(fence), _) => {
                 let text = format!(
                     "{what} is refused: the control lease {fence} of coordinate system {cs} has ended, and {holder}; \
-                     look at the state of the machine, then take the lease again"
+                     check the state of the machine, then take the lease again"
                 );
                 Err(Refusal::new(RefusalCode::LeaseLost, text))
             }
             (None, Some(_)) => {
                 let text = format!(
-                    "{what} is refused: coordinate system {cs} is under a control lease, and {holder}; wait for its end, \
-                     or have an administrator break it; hold, stop, abort and reset are free"
+                    "{what} is refused: coordinate system {cs} is under a control lease, and {holder}; wait \
+                     for the end of the lease, \
+                     or ask an administrator to break it; hold, stop, abort and reset need no lease"
                 );
                 Err(Refusal::new(RefusalCode::Busy, text))
             }
@@ -287,7 +288,7 @@ mod tests {
     fn a_lease_ends_by_its_time_and_not_before() {
         let mut lease = ControlLease::new(1, at(0.0));
         lease.take(at(0.0), &take(None, None), "a").unwrap();
-        assert_eq!(lease.until_s(), Some(30.0), "30 s where none is named");
+        assert_eq!(lease.until_s(), Some(30.0), "30 s if no ttl is given");
         assert_eq!(lease.expire(29.999), None);
         let refusal = lease.take(at(29.0), &take(None, None), "b").unwrap_err();
         assert_eq!(refusal.code, RefusalCode::Busy);

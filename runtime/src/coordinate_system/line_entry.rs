@@ -90,10 +90,10 @@ impl CoordinateSystem {
             self.pipeline.enter(*arrival)
         } else {
             let name =
-                |tool: Option<u16>| tool.map_or("an unknown one".to_owned(), |id| format!("tool {id}"));
+                |tool: Option<u16>| tool.map_or("an unknown tool".to_owned(), |id| format!("tool {id}"));
             let (needed, here) = (name(arrival.tool), name(self.inputs.tool));
             let text = format!(
-                "the program has {needed} in line {}, and in the spindle is {here}",
+                "the program needs {needed} in line {}, but the spindle has {here}",
                 target.line
             );
             Err(Alarm::new(&TOOL_DIFFERS, text))

@@ -138,8 +138,9 @@ pub(crate) fn line_state(
 /// Interprets the loaded program up to a line.
 ///
 /// # Errors
-/// Returns an error if the program does not reach the line, reaches it several times without a given `occurrence`, or
-/// stops before it by an alarm; also if the state there cannot be known, or no run can begin in it.
+/// Returns an error if the program does not reach the line, reaches it several times and no `occurrence` is
+/// given, or stops with an alarm before the line; also if the state at the line cannot be determined, or no
+/// run can begin in that state.
 pub(crate) fn search(
     shared: &Shared,
     conditions: &Conditions,
@@ -153,7 +154,7 @@ pub(crate) fn search(
         let times = Search::new(shared, conditions, (program, index)).count(from.from_line)?;
         if times > 1 {
             return Err(refused(format!(
-                "the program comes to line {} {times} times; say which one by occurrence, 1 to {times}",
+                "the program reaches line {} {times} times; choose one with occurrence, 1 to {times}",
                 from.from_line
             )));
         }
@@ -162,7 +163,7 @@ pub(crate) fn search(
     let mut search = Search::new(shared, conditions, (program, index));
     search.run_to(occurrence).map_err(|why| match why {
         Why::Ended if search.times > 0 => refused(format!(
-            "the program comes to line {} {} times, not {occurrence} times",
+            "the program reaches line {} {} times, not {occurrence} times",
             from.from_line, search.times
         )),
         why => why.refusal(from.from_line),
@@ -182,7 +183,7 @@ fn index_of(conditions: &Conditions, program: u16, line: u32) -> Result<usize, R
     }
     let next = blocks.iter().find(|block| block.line > line);
     let next = next.map_or_else(String::new, |block| {
-        format!("; the next one with a block is {}", block.line)
+        format!("; the next line with a block is {}", block.line)
     });
     Err(refused(format!(
         "line {line} of program {program} has no block{next}"
@@ -207,14 +208,14 @@ impl Why {
     fn refusal(self, line: u32) -> Refusal {
         match self {
             Why::Ended => refused(format!(
-                "with the inputs and values of now the program does not come to line {line}"
+                "with the present inputs and values the program does not reach line {line}"
             )),
             Why::Alarm(alarm) => {
                 let at = alarm
                     .origin
                     .map_or_else(String::new, |at| format!(" in line {}", at.line));
                 refused(format!(
-                    "an alarm stops the program{at} before line {line}: {}: {}",
+                    "an alarm stops the program{at} before it reaches line {line}: {}: {}",
                     alarm.entry.title, alarm.text
                 ))
             }
@@ -303,7 +304,9 @@ impl<'a> Search<'a> {
                 return Err(Why::Unknown(why));
             }
         }
-        Err(Why::Unknown(format!("it is more than {BLOCKS_MAX} blocks away")))
+        Err(Why::Unknown(format!(
+            "the line is more than {BLOCKS_MAX} blocks away"
+        )))
     }
 
     fn next(&mut self, occurrence: u32) -> Result<Option<Item>, Alarm> {
@@ -401,13 +404,14 @@ impl<'a> Search<'a> {
         let modal = self.interpreter.modal();
         if self.path.is_compensating() || modal.compensates() {
             let text = format!(
-                "line {line} is within cutter compensation; choose one before it begins, or behind its end"
+                "line {line} is within cutter compensation; choose a line before its start or after its end"
             );
             return Err(refused(text));
         }
         if modal.fixed_cycle().is_some() {
             let text = format!(
-                "line {line} is within a fixed cycle; choose the line of its code, or one behind its end"
+                "line {line} is within a fixed cycle; choose the line of the cycle's code, or a line after \
+                 the end of the cycle"
             );
             return Err(refused(text));
         }

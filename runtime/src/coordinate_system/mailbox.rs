@@ -181,7 +181,8 @@ impl Mailbox {
             "the runtime is stopping".to_owned()
         } else {
             format!(
-                "an internal fault occurred in coordinate system {} before it answered; alarm {} says what to do",
+                "an internal fault occurred in coordinate system {} before it answered; alarm {} describes \
+                 the remedy",
                 self.number, RUNTIME_FAULT.number
             )
         };
@@ -542,7 +543,7 @@ mod tests {
     }
 
     #[test]
-    fn requests_that_find_somebody_at_work_are_left_to_the_task_in_their_order_and_urgent_ones_pass() {
+    fn requests_during_work_are_queued_in_order_and_urgent_ones_pass_them() {
         let (mailbox, _servo) = mailbox(Journal::to_log());
         let topics = [CsTopic::OptionalStop, CsTopic::DryRun].map(|topic| Topic::cs(1, topic));
         let mut said = mailbox.shared.hub.subscribe(Filter::Topics(topics.to_vec()));

@@ -26,7 +26,9 @@ impl CoordinateSystem {
         is_macro: bool,
     ) -> Result<(String, Option<Run>), Refusal> {
         if !self.context.shared.machine.takes_mdi {
-            let text = "this machine takes no manual data input: it is not signed; write a signed program, or set mdi = true in [programs]";
+            let text = "this machine runs signed programs only, and manual data input is not signed; write \
+                        a signed \
+                        program, or set mdi = true in [programs]";
             return Err(Refusal::new(RefusalCode::NotSigned, text));
         }
         if text.len() > MDI_BYTES_MAX {
@@ -116,7 +118,7 @@ impl CoordinateSystem {
             }
         }
         if main.number != 0 {
-            // the validated text, even if the store has another one since
+            // the validated text, even if the store now has another text
             programs.insert(main.number, Arc::clone(&main.tree));
         }
         Run {

@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn an_output_without_room_waits_for_its_own_m_number_or_the_oldest_once_the_motion_rests() {
+    fn output_without_room_waits_for_its_m_number_or_the_oldest_at_rest() {
         let outputs = open(&[10, 11]);
         let [first, second] = [0, 1].map(|place: usize| outputs.ledger.open()[place].notice.seq);
         let of = |m, is_at_rest| {

@@ -342,11 +342,11 @@ impl CoordinateSystem {
             self.servo.control(Control::AwaitSpindle { id, within });
             if turns {
                 format!(
-                    "the spindle is to reach {rpm:.0} r/min within {:.0} percent",
+                    "the spindle must reach {rpm:.0} r/min within {:.0} percent",
                     within * 100.0
                 )
             } else {
-                "the spindle is to come to rest".to_owned()
+                "the spindle must stop".to_owned()
             }
         };
         for seq in waiting {

@@ -94,7 +94,7 @@ impl CoordinateSystem {
             let now = self.context.shared.store.get(*number);
             if now.is_none_or(|now| now.sum() != hash) {
                 let text = format!(
-                    "program {number} was changed since the run began; order the parts that are missing"
+                    "program {number} was changed since the run began; order the remaining parts again"
                 );
                 return Err(Refusal::new(RefusalCode::PreconditionFailed, text));
             }

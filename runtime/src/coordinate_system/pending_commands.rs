@@ -119,7 +119,7 @@ impl Validation {
         if !asked.by.remove(&result.handler_id) || result.ok {
             return;
         }
-        let why = result.text.as_deref().unwrap_or("it gives no reason");
+        let why = result.text.as_deref().unwrap_or("no reason given");
         let why: String = why.chars().take(TEXT_MAX).collect();
         let (m, line) = (asked.m, asked.request.line);
         let place = place_of(asked.request.program, self.main);
@@ -156,7 +156,8 @@ impl Validation {
             for handler in asked.by.iter().filter(|handler| named.insert(handler.as_str())) {
                 let Validate { program, line, .. } = asked.request;
                 let note = format!(
-                    "handler {handler} did not answer within {PATIENCE_S} s whether it takes M{:02} of line {line}",
+                    "handler {handler} did not answer within {PATIENCE_S} s whether it accepts M{:02} of \
+                     line {line}",
                     asked.m
                 );
                 notes.push((at(program, line), note));
@@ -164,7 +165,7 @@ impl Validation {
         }
         if self.not_asked > 0 {
             let count = self.not_asked;
-            let note = format!("the parameters of {count} more M codes were not checked by their handlers");
+            let note = format!("handlers did not check the parameters of {count} more M codes");
             notes.push((at(self.main, 1), note));
         }
         notes
@@ -209,7 +210,7 @@ impl Commands {
     /// Refuses a motion command that was sent before a stop or abort and overtaken by it.
     pub fn judge_order(&self, verb: Verb, order: u64) -> Result<(), Refusal> {
         if verb.moves() && order < self.stopped_at {
-            let text = "a stop or abort that came after it has been carried out before it; command it again";
+            let text = "a later stop or abort was executed before this command; send the command again";
             return Err(Refusal::new(RefusalCode::NotAllowed, text));
         }
         Ok(())
@@ -221,7 +222,8 @@ impl Commands {
         awaiting.any(|awaiting| awaiting.meta.command_id == command_id)
     }
 
-    /// Answers those commands: `done`, each with its own note, or `failed` with the reason that prevented their effect.
+    /// Answers these commands: `done`, each with its own note, or `failed` with the reason that prevented
+    /// their effect.
     pub fn answer(
         &mut self,
         context: &Context,

@@ -545,7 +545,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_in_force_changes_with_the_block_that_moves_though_a_segment_is_held_back() {
+    fn modal_state_changes_with_the_moving_block_despite_a_held_segment() {
         let text = "G90 G01 X10 F3000\nY10 F6000\nG54 G00 Z5\nM30\n";
         let feedrate_is = |f: f64| move |change: &Change| (change.modal.feedrate_mm_min - f).abs() < 1e-9;
         assert_eq!(in_force_from(text, feedrate_is(3000.0)), Some(1));
@@ -556,7 +556,7 @@ mod tests {
     }
 
     #[test]
-    fn blocks_that_change_what_is_in_force_and_move_nothing_take_the_memory_of_one() {
+    fn non_moving_modal_changes_take_the_memory_of_one_change() {
         let text = "G01 X10 F3000\nP1 = 1\nwhile (P1 < 1000) {\nG90 F100\nG91 F[P1]\nG54\nG55\nP1 = P1 + 1\n}\nX20\nM30\n";
         with_program(text, |pipeline, inputs| {
             let mut most = 0;
@@ -570,7 +570,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_stopped_run_had_prepared_is_told_anew_when_the_next_one_comes_to_it() {
+    fn changes_prepared_by_a_stopped_run_are_reported_again_by_the_next_run() {
         with_program("G90 G01 X10 F3000\nX20\nM30\n", |pipeline, inputs| {
             for _ in 0..2 {
                 pipeline.next(inputs).unwrap();
@@ -587,7 +587,7 @@ mod tests {
     }
 
     #[test]
-    fn m1c_with_g500_an_offset_is_in_force_from_the_block_behind_it_on_though_no_chain_ends() {
+    fn m1c_g500_offset_is_in_force_from_the_next_block_without_chain_end() {
         let text = "G500 G90 G01 X10 F3000\nY10\nG54\nX20\nM30\n";
         assert_eq!(in_force_from(text, has_offset), Some(3));
     }

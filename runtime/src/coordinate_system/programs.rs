@@ -20,7 +20,7 @@ impl Context {
             if let Some(refusal) = self.shared.store.refuse_damaged(number) {
                 return refusal;
             }
-            let text = format!("program {number} is not in the store; write it first");
+            let text = format!("program {number} is not in the store; store the program first");
             Refusal::new(RefusalCode::NotFound, text)
         })
     }
@@ -105,7 +105,8 @@ impl Context {
         if own != here {
             let (number, cs) = (program.number, self.number);
             let text = format!(
-                "program {number} is of dialect {own}, and coordinate system {cs} speaks {here}; load it where {own} is spoken, or store it with dialect={here}"
+                "program {number} has dialect {own}, but coordinate system {cs} has {here}; load it in \
+                 a coordinate system with {own}, or store it with dialect={here}"
             );
             return Some(Refusal::new(RefusalCode::WrongDialect, text));
         }

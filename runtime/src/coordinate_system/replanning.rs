@@ -134,7 +134,7 @@ impl CoordinateSystem {
             return if self.state.retraces() {
                 Ok(())
             } else {
-                refused("back trace is not on; resume goes on with the program")
+                refused("back trace is not on; resume continues the program")
             };
         }
         let has_way_back = self
@@ -143,8 +143,9 @@ impl CoordinateSystem {
             .is_some_and(|at| self.pipeline.planner.has_way_back(at));
         if !has_way_back {
             return refused(
-                "there is no way back from here: back trace goes along what moved with G500, and not past an M code that \
-                 the program waited for, a tool change, G31, a thread, or the oldest block that is kept",
+                "back trace cannot go back from here: it follows only motion with G500, and does not pass \
+                 an M code that \
+                 the program waited for, a tool change, G31, a thread, or the oldest stored block",
             );
         }
         Ok(())

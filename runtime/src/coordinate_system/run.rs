@@ -298,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_that_waits_at_rest_has_a_time_to_wake_until_a_turn_has_seen_it_pass() {
+    fn run_waiting_at_rest_keeps_its_wake_time_until_a_turn_sees_it_pass() {
         let (clock, mut at_rest) = (Clock::simulated(), AtRest::default());
         for _ in 0..ITEMS_AT_REST_MAX {
             assert_eq!(at_rest.until_s(), None);

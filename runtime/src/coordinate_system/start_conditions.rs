@@ -82,7 +82,7 @@ impl CoordinateSystem {
 
     fn obstacles(&mut self) -> Vec<StartObstacle> {
         if !self.state.is_idle() {
-            let text = "a run is under way; let it end, or stop it";
+            let text = "a run is active; wait for its end, or stop it";
             return vec![StartObstacle::refusing(StartObstacleKind::Running, text)];
         }
         let mut obstacles = Vec::new();
@@ -161,7 +161,7 @@ impl CoordinateSystem {
         }
         let names = m_codes.iter().map(|m| format!("M{m:02}"));
         let text = format!(
-            "no handler is online for {}; start it, or an alarm ends the run there",
+            "no handler is online for {}; start the handler, otherwise an alarm ends the run at this M code",
             names.collect::<Vec<_>>().join(", ")
         );
         Some(StartObstacle {

@@ -40,7 +40,8 @@ impl WatchedClients {
         }
         if self.0.len() >= CLIENTS_MAX && !self.0.contains_key(&id) {
             let text = format!(
-                "client {id} is not watched: {CLIENTS_MAX} clients are; let one go by a heartbeat with ttl_ms 0"
+                "client {id} is not watched, because {CLIENTS_MAX} clients already are; release one by a \
+                 heartbeat with ttl_ms 0"
             );
             return Err(Refusal::new(RefusalCode::Unavailable, text));
         }
@@ -84,7 +85,7 @@ impl CoordinateSystem {
             return;
         }
         for (id, beat) in self.inputs.clients.lost(now_s) {
-            let text = format!("client {id} was not heard for {} ms", beat.ttl_ms);
+            let text = format!("client {id} sent no heartbeat for {} ms", beat.ttl_ms);
             self.context.warn_standing(&CLIENT_LOST, beat.cs, &text);
             self.hold_for(Cause::ClientLost, Reason::ClientLost);
         }
@@ -147,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn motion_is_held_when_a_watched_client_is_not_heard_any_more_and_a_resume_goes_on_without_it() {
+    fn motion_holds_when_a_watched_client_expires_and_resume_runs_without_it() {
         let (journal, lines) = kept_journal();
         let bench = Bench::new()
             .journal(journal)
@@ -168,13 +169,19 @@ mod tests {
                 (1, CLIENT_LOST.number, None)
             );
             assert!(
-                alarms[0].text.contains("client panel was not heard for 200 ms"),
+                alarms[0]
+                    .text
+                    .contains("client panel sent no heartbeat for 200 ms"),
                 "{alarms:?}"
             );
             plc.sleep(ms(1000)).await;
             say(plc, "panel", beat(200)).await.unwrap();
             let held = system.state().await.unwrap();
-            assert_eq!(held.execution, Execution::FeedHold, "nothing goes on by itself");
+            assert_eq!(
+                held.execution,
+                Execution::FeedHold,
+                "nothing resumes without a command"
+            );
             say(plc, "panel", beat(0)).await.unwrap();
             system.resume().await.unwrap();
             system.wait_until(Execution::ProgramCompleted).await.unwrap();
@@ -192,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn a_client_of_one_coordinate_system_holds_that_one_alone_also_while_it_waits() {
+    fn client_loss_holds_only_its_coordinate_system_even_during_a_dwell() {
         let bench = Bench::new()
             .subprogram(50, "M00\nG04 X60\nM30\n")
             .subprogram(60, "G01 X50 F60\nM30\n");
@@ -208,11 +215,7 @@ mod tests {
             scene.cs(1).wait_until(Execution::ProgramStopped).await.unwrap();
             plc.sleep(ms(400)).await;
             let paused = scene.cs(1).state().await.unwrap();
-            assert_eq!(
-                paused.execution,
-                Execution::ProgramStopped,
-                "it rests there already"
-            );
+            assert_eq!(paused.execution, Execution::ProgramStopped, "it already rests");
             scene.cs(1).resume().await.unwrap();
             say(plc, "cell-1", of_first).await.unwrap();
             let held = scene.cs(1).wait_until(Execution::FeedHold).await.unwrap();
@@ -247,7 +250,7 @@ mod tests {
             assert_eq!(
                 system.state().await.unwrap().execution,
                 Execution::Active,
-                "it went as it should"
+                "it behaved as required"
             );
             drop(system.heartbeat(ms(300)).await.unwrap());
             plc.sleep(ms(290)).await;
@@ -269,7 +272,7 @@ mod tests {
             assert!(!silent.is_finished(), "at rest, too");
             runtime.simulation().unwrap().delay_servo(ms(1000));
             plc.sleep(ms(2000)).await;
-            assert!(!silent.is_finished(), "it goes on before it is looked at again");
+            assert!(!silent.is_finished(), "it resumes before the next check");
             silent.abort();
         });
         play.unwrap();

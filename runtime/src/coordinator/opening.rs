@@ -93,7 +93,7 @@ impl Data {
         };
         let mut notes = notes(folder, &judged, aside.as_deref());
         if inspection.lacks_folders {
-            notes.push("programs/folders.json: it is missing; programs are in no folder".to_owned());
+            notes.push("programs/folders.json: the file is missing; programs are in no folder".to_owned());
         }
         let image = judged.image;
         let generations = Arc::clone(&held.generations);
@@ -119,7 +119,7 @@ impl Data {
         restored.outputs = restore_outputs(io, &self.image);
         let lost = restored.outputs.iter().filter(|(_, last)| last.is_none());
         self.notes.extend(lost.map(|(point, _)| {
-            format!("the last value of {point} is lost: look at the machine, then write or force this output")
+            format!("the last value of {point} is lost: inspect the machine, then write or force this output")
         }));
         let lines = &self.newest.lines;
         let mut change = replay_last_runs(tables.coordinate_systems(), &mut restored.last_runs, lines);
@@ -138,14 +138,16 @@ impl Data {
         }
         self.notes.extend(self.positions().lost().map(|cs| {
             format!(
-                "where the motors of coordinate system {cs} stand is lost: they are not homed; a reset after alarm 208 homes simulated ones"
+                "the motor positions of coordinate system {cs} are lost, so the motors are not homed; a \
+                 reset after alarm 208 homes simulated motors"
             )
         }));
         let replayed = &restored.last_runs;
         let lost = restored.lost_runs.iter().filter(|cs| !replayed.contains_key(cs));
         self.notes.extend(lost.map(|cs| {
             format!(
-                "how the last run of coordinate system {cs} ended is lost: look at the machine before a start"
+                "the end of the last run in coordinate system {cs} is lost: inspect the machine before a \
+                 start"
             )
         }));
         restored
@@ -225,7 +227,7 @@ fn notes(folder: &Path, judged: &Judged, aside: Option<&Path>) -> Vec<String> {
     match &judged.condition {
         Condition::Damaged(how) => {
             let aside = aside.map_or(String::new(), |aside| {
-                format!("; as it was found it is {}", aside.display())
+                format!("; the damaged store is kept as {}", aside.display())
             });
             let lost = match judged.lost.len() {
                 0 => "nothing is lost".to_owned(),
@@ -234,14 +236,14 @@ fn notes(folder: &Path, judged: &Judged, aside: Option<&Path>) -> Vec<String> {
             notes.push(format!("{}: {how}; {lost}{aside}", path.display()));
         }
         Condition::WithoutSums => notes.push(format!(
-            "{}: it is of a version without sums, so its values cannot be verified; look at them once",
+            "{}: written by a version without checksums, so its values cannot be verified; inspect them once",
             path.display()
         )),
         Condition::New | Condition::Whole => {}
     }
     if let Some(fault) = &judged.sums_fault {
         notes.push(format!(
-            "the checksums beside {}: {fault}; the values are kept, and are not verified",
+            "the checksum file of {}: {fault}; the values are kept, but not verified",
             path.display()
         ));
     }
@@ -354,7 +356,7 @@ impl ProgramFindings {
         }
         if let Some(folder) = &self.lost {
             let text = format!(
-                "{}: it was gone, and the programs in it are lost",
+                "{}: the folder was missing, and its programs are lost",
                 folder.display()
             );
             warn_standing(shared, &STORE_DAMAGED, &text);
@@ -367,7 +369,7 @@ impl ProgramFindings {
         }
         if self.without_sum > 0 {
             let text = format!(
-                "{} programs had no sum yet; they are taken as they are",
+                "{} programs had no checksum yet; their present texts are accepted",
                 self.without_sum
             );
             warn_once(shared, &STORE_DAMAGED, &text);

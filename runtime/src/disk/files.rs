@@ -55,7 +55,7 @@ pub(crate) fn tighten(path: &Path) {
         && metadata.mode() & 0o077 != 0
         && let Err(error) = fs::set_permissions(path, Permissions::from_mode(mode))
     {
-        tracing::warn!("{} can be read by others: {error}", path.display());
+        tracing::warn!("other users can read {}: {error}", path.display());
     }
 }
 
@@ -71,7 +71,7 @@ pub(crate) fn open_regular(path: &Path, options: &mut OpenOptions) -> io::Result
     }
     Err(io::Error::new(
         io::ErrorKind::InvalidInput,
-        "it is no regular file",
+        "it is not a regular file",
     ))
 }
 
@@ -84,7 +84,7 @@ pub(crate) fn read_regular(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     let file = open_regular(path, OpenOptions::new().read(true))?;
     file.take(most.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most {
-        let text = format!("it has more than {most} bytes");
+        let text = format!("the file has more than {most} bytes");
         return Err(io::Error::new(io::ErrorKind::FileTooLarge, text));
     }
     Ok(bytes)
@@ -232,7 +232,7 @@ impl Lock {
 pub(crate) fn in_use() -> io::Error {
     io::Error::new(
         io::ErrorKind::ResourceBusy,
-        "another runtime runs with this folder; stop it, or set another data_dir",
+        "another runtime uses this folder; stop that runtime, or set another data_dir",
     )
 }
 
@@ -266,8 +266,11 @@ impl Identity {
     pub fn check(self, path: &Path) -> io::Result<()> {
         match Self::at(path) {
             Ok(now) if now == self => Ok(()),
-            Ok(_) => Err(io::Error::other("it was replaced while the runtime had it open")),
-            Err(error) => Err(io::Error::new(error.kind(), format!("it is gone ({error})"))),
+            Ok(_) => Err(io::Error::other("it was replaced while the runtime was using it")),
+            Err(error) => Err(io::Error::new(
+                error.kind(),
+                format!("it does not exist any more ({error})"),
+            )),
         }
     }
 }
@@ -297,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_a_fifo_and_a_dead_link_are_no_regular_files_and_nobody_waits_for_them() {
+    fn folder_fifo_socket_and_dead_link_fail_without_waiting() {
         let folder = tempfile::tempdir().unwrap();
         let path = |name| folder.path().join(name);
         fs::create_dir(path("folder")).unwrap();

@@ -1,5 +1,5 @@
-//! The file system of the data folder: that of the operating system; in tests also a disk in memory that loses, tears and
-//! refuses what is written (`simulated`), under the same names.
+//! The file system of the data folder: that of the operating system; in tests also a disk in memory that
+//! loses, tears and refuses written data (`simulated`), under the same names.
 
 #[cfg(not(test))]
 pub(crate) use redb::backends::FileBackend;

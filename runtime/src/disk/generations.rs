@@ -2,8 +2,8 @@
 //!
 //! Each change of a file takes the next generation. A sealed line contains its own generation and, for each part, the
 //! newest generation that was on disk before the line was written. At a start an older copy of a part is recognized by
-//! the lines of the others. A kill or a power cut between two writes is never taken for an older copy, because a line
-//! names only what is on disk already.
+//! the lines of the others. A kill or a power cut between two writes is never taken for an older copy,
+//! because a line names only generations that are already on disk.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -97,7 +97,7 @@ impl Generations {
         &self.machine
     }
 
-    /// Takes over generations that were read; later ones are greater than all of them.
+    /// Adopts generations that were read; later generations are greater than all of them.
     pub fn learn(&self, read: &PartGenerations) {
         for (part, generation) in read {
             self.note_on_disk(*part, *generation);
@@ -105,7 +105,7 @@ impl Generations {
         }
     }
 
-    /// Takes over the generation of a line that was read.
+    /// Adopts the generation of a line that was read.
     pub fn learn_own(&self, seal: &Seal) {
         let part = match seal.kind {
             Kind::Store | Kind::StoreSums => StoredPart::Store,
@@ -117,12 +117,12 @@ impl Generations {
         self.learn(&[(part, seal.generation)].into());
     }
 
-    /// The generation of the next change.
+    /// Returns the generation of the next change.
     pub fn next(&self) -> u64 {
         self.last.fetch_add(1, Ordering::AcqRel) + 1
     }
 
-    /// The generation of the last change.
+    /// Returns the generation of the last change.
     pub fn last(&self) -> u64 {
         self.last.load(Ordering::Acquire)
     }
@@ -140,7 +140,7 @@ impl Generations {
             .collect()
     }
 
-    /// The seal of a line of this generation.
+    /// Returns the seal of a line of this generation.
     pub fn seal(&self, kind: Kind, generation: u64) -> Seal {
         Seal {
             kind,
@@ -150,7 +150,7 @@ impl Generations {
         }
     }
 
-    /// The seal of a line that vouches for no other file.
+    /// Returns the seal of a line that records no generations of other parts.
     pub fn plain_seal(&self, kind: Kind) -> Seal {
         Seal {
             known: PartGenerations::new(),
@@ -168,7 +168,7 @@ mod tests {
         let generations = Generations::new("mill");
         generations.learn(&[(StoredPart::Store, 7), (StoredPart::Journal, 9)].into());
         let first = generations.next();
-        assert_eq!(first, 10, "greater than all that was read");
+        assert_eq!(first, 10, "greater than all generations that were read");
         let seal = generations.seal(Kind::ProgramSums, first);
         assert_eq!(
             seal.known,

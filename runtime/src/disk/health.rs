@@ -44,13 +44,13 @@ impl Health {
         match attempt {
             Ok(_) => {
                 if faults.remove(&part).is_some() {
-                    tracing::warn!("{}: it is written again", part.alarm().title);
+                    tracing::warn!("{}: can be written again", part.alarm().title);
                 }
             }
             Err(error) => {
                 let text = error.to_string();
                 if !faults.contains_key(&part) {
-                    tracing::error!("{}: {text}; it is tried again", part.alarm().title);
+                    tracing::error!("{}: {text}; the runtime tries again", part.alarm().title);
                 }
                 faults.insert(part, text);
             }

@@ -65,7 +65,7 @@ pub(crate) fn read(kind: Kind, line: &[u8]) -> Read {
     }
 }
 
-/// Why a sealed line cannot be used.
+/// Reason why a sealed line cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Unusable {
     Damaged,
@@ -81,7 +81,7 @@ pub(crate) fn read_sealed(kind: Kind, line: &[u8]) -> Result<(Value, Seal), Unus
     match open(line) {
         None => Err(Unusable::Damaged),
         Some((_, None)) => Err(Unusable::Foreign(
-            "it is of an earlier version, whose lines have no seal".to_owned(),
+            "written by an earlier version, whose lines have no seal".to_owned(),
         )),
         Some((_, Some(seal))) if seal.kind != kind => {
             let text = format!("it contains lines of {}", wire_name(&seal.kind));

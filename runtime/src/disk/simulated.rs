@@ -113,7 +113,7 @@ impl FileExt for File {
     }
 }
 
-/// How a file is opened.
+/// Options for opening a file.
 #[derive(Debug, Clone)]
 pub(crate) struct OpenOptions {
     real: std::fs::OpenOptions,
@@ -148,7 +148,7 @@ impl OpenOptions {
         self
     }
 
-    /// Nothing of what is kept is opened so.
+    /// No stored file is opened with this option.
     pub fn truncate(&mut self, yes: bool) -> &mut Self {
         assert!(!yes, "the disk in memory truncates no file that it opens");
         self.real.truncate(yes);
@@ -193,7 +193,7 @@ impl OpenOptionsExt for OpenOptions {
     }
 }
 
-/// What is known of a file or folder.
+/// Metadata of a file or folder.
 #[derive(Debug, Clone)]
 pub(crate) enum Metadata {
     Real(std::fs::Metadata),
@@ -288,7 +288,7 @@ impl MetadataExt for Metadata {
     }
 }
 
-/// How a folder is made.
+/// Options for creating a folder.
 #[derive(Debug)]
 pub(crate) struct DirBuilder {
     real: std::fs::DirBuilder,

@@ -49,7 +49,7 @@ impl SumOfParts {
     }
 }
 
-/// Changes of checksums by name; `None`: no longer stored.
+/// Changes of checksums by name; `None` if the value is no longer stored.
 pub(crate) type SumChange = BTreeMap<String, Option<String>>;
 
 /// Content of a checksum file.
@@ -65,7 +65,7 @@ pub(crate) struct Sums {
     pub foreign: Option<String>,
     /// Seal of the newest line.
     pub seal: Option<Seal>,
-    /// Checksums by name; `None`: stored, but the checksum is unknown.
+    /// Checksums by name; `None` if the value is stored, but its checksum is unknown.
     pub by_name: BTreeMap<String, Option<String>>,
 }
 
@@ -115,8 +115,8 @@ impl Sums {
     /// Returns why the file cannot be used; `None` if it is usable.
     pub fn fault(&self) -> Option<String> {
         let fault = match (self.is_there, self.is_damaged) {
-            (false, _) => "it is missing or damaged",
-            (_, true) => "lines of it are damaged",
+            (false, _) => "the file is missing or damaged",
+            (_, true) => "lines are damaged",
             _ => return None,
         };
         Some(self.foreign.clone().unwrap_or_else(|| fault.to_owned()))
@@ -390,7 +390,7 @@ mod tests {
         assert_eq!(sums.fault().unwrap(), "it contains lines of program_sums");
         std::fs::write(&path, seal("{\"n\":1,\"sums\":{\"a\":\"1\"}}")).unwrap();
         let fault = read(&path).fault().unwrap();
-        assert!(fault.contains("of an earlier version"), "{fault}");
+        assert!(fault.contains("by an earlier version"), "{fault}");
     }
 
     #[test]

@@ -149,7 +149,7 @@ fn in_force(code: &Code) -> String {
         (ModalGroup::NonModal, Role::Auxiliary | Role::Call | Role::Return | Role::End | Role::Stop) => {
             String::new()
         }
-        (ModalGroup::NonModal, _) => "It holds for its block alone.".to_owned(),
+        (ModalGroup::NonModal, _) => "It is in force for its block only.".to_owned(),
         (group, _) => format!(
             "Modal group {} ({}): it stays in force until another code of the group.",
             group.number(),
@@ -179,7 +179,7 @@ fn of_address(address: Address, dialect: &Dialect) -> Option<String> {
     let modal = dialect.modal_words.get(address).map(|word| ("", word));
     let rows: Vec<_> = modal.into_iter().chain(of_codes).collect();
     let is_known = (dialect.grammar)().addresses.contains(address);
-    let title = "a word, with these codes or, where none stands before it, without a code in its block";
+    let title = "a word with these codes or, if no code precedes it, without a code in its block";
     (is_known && !rows.is_empty()).then(|| page(address.text(), title, &[table(rows.into_iter(), dialect)]))
 }
 
@@ -189,7 +189,8 @@ fn of_function(function: Function) -> String {
     let text = match function.domain() {
         "any" => "For any number.".to_owned(),
         domain => format!(
-            "For {domain}. Outside of that it gives what is not a number, and a word with such a value is an alarm (10, D07)."
+            "For {domain}. For other values the result is not a number (NaN), and a word with this value \
+             raises alarm 10 (D07)."
         ),
     };
     page(function.text(), function.meaning(), &[form, text])

@@ -201,7 +201,7 @@ fn a_superseded_instance_writes_no_output_and_no_level() {
 }
 
 #[test]
-fn a_handler_that_announced_its_return_and_stays_away_is_lost_at_that_time() {
+fn handler_with_announced_return_that_stays_offline_is_lost_then() {
     let [(_, leaves, _), _] = orderly();
     with_plant(async move |scene, _| {
         let port = under_way(scene).await;
@@ -217,7 +217,7 @@ fn a_handler_that_announced_its_return_and_stays_away_is_lost_at_that_time() {
 }
 
 #[test]
-fn a_closed_clamp_outlasts_a_short_loss_and_a_killed_handler_that_is_back_in_the_grace() {
+fn closed_clamp_survives_loss_shorter_than_grace_and_new_instance() {
     for (away_ms, instance) in [(200, "a"), (1900, "b")] {
         with_plant(async move |scene, _| {
             let port = under_way(scene).await;
@@ -295,7 +295,7 @@ async fn lose_before_m77(scene: &Scene) -> Arc<dyn Port> {
 }
 
 #[test]
-fn an_m_code_whose_handler_is_lost_waits_for_the_grace_and_is_then_unhandled() {
+fn m_code_of_lost_handler_waits_for_grace_then_unhandled_alarm() {
     with_plant(async |scene, _| {
         lose_before_m77(scene).await;
         scene.plc().sleep(Duration::from_millis(1990)).await;
@@ -346,7 +346,7 @@ fn an_m_code_goes_to_a_handler_that_is_back_within_the_grace() {
 }
 
 #[test]
-fn a_claimed_m_code_is_reported_as_lost_after_the_grace_unless_it_is_claimed_again() {
+fn claimed_m_code_reported_lost_after_grace_unless_claimed_again() {
     for (redelivery, reported) in [
         (Redelivery::Redo, None),
         (Redelivery::Ask, Some(Reason::HandlerLost)),

@@ -7,30 +7,31 @@ use plc_api::types::Timestamp;
 use plc_api::types::data::JournalFilter;
 use serde_json::Value;
 
-/// Outputs that are open at a time, in all coordinate systems: of more of them lines about the older ones are not found by
-/// their M number. Reason: eight coordinate systems of 64 open outputs, several times over.
+/// Maximum number of pending outputs whose M number is remembered, in all coordinate systems. If there are
+/// more, lines about the oldest are not found by M number. Reason: this is several times eight coordinate
+/// systems with 64 pending outputs.
 const OUTPUTS_MAX: usize = 4096;
 
-/// A filter over the lines of a journal, which come in the order in which they were written: a line of a claim names its
-/// output only, and a line of an alarm no run.
+/// A filter over the lines of a journal, applied in the order of writing. It remembers outputs and runs,
+/// because the line of a claim has no M number, and the line of an alarm has no run.
 #[derive(Debug, Default)]
 pub struct LineFilter {
     since: Option<String>,
     until: Option<String>,
     wanted: JournalFilter,
-    /// M numbers of the outputs that are open, by coordinate system and sequence number.
+    /// M numbers of the pending outputs, by coordinate system and sequence number.
     outputs: BTreeMap<(u64, u64), u64>,
-    /// The start of the runtime that the line before was of.
+    /// The start of the runtime that wrote the previous line.
     boot_id: String,
-    /// The run of each coordinate system.
+    /// The active run of each coordinate system.
     runs: BTreeMap<u64, String>,
 }
 
 impl LineFilter {
-    /// The filter of what somebody asks for; times that say how long ago count from `now`.
+    /// Creates the filter for a request; ages such as `2h` are relative to `now`.
     ///
     /// # Errors
-    /// A time cannot be read.
+    /// Returns an error if a time cannot be parsed.
     pub fn new(wanted: &JournalFilter, now: SystemTime) -> Result<Self, String> {
         let time = |name: &str, text: &Option<String>| {
             let read = text.as_deref().map(|text| time(name, text, now));
@@ -44,7 +45,7 @@ impl LineFilter {
         })
     }
 
-    /// True for a line that is wanted.
+    /// Returns true for a requested line.
     pub fn takes(&mut self, line: &Value) -> bool {
         let cs = line["cs"].as_u64().unwrap_or(0);
         let seq = seq_of(line).map(|seq| (cs, seq));
@@ -67,7 +68,7 @@ impl LineFilter {
         takes
     }
 
-    /// Notes what later lines do not say again.
+    /// Remembers values that later lines do not repeat.
     fn follow(&mut self, line: &Value, cs: u64, seq: Option<(u64, u64)>) {
         if line["boot_id"].as_str() != Some(&self.boot_id) {
             line["boot_id"]
@@ -89,7 +90,7 @@ impl LineFilter {
     }
 
     fn is_in_time(&self, line: &Value) -> bool {
-        // both are RFC 3339 in UTC with six digits behind the point: their order is that of time
+        // both are RFC 3339 in UTC with six decimals, so their alphabetical order is that of time
         let ts = line["ts"].as_str().unwrap_or_default();
         self.since.as_deref().is_none_or(|since| ts >= since)
             && self
@@ -109,7 +110,7 @@ impl LineFilter {
     fn is_of_run(&self, cs: u64) -> bool {
         let is = |wanted: &String| {
             let (boot_id, run) = wanted.split_once('/').unwrap_or((&self.boot_id, wanted));
-            // the whole name, or without the start that it begins with
+            // the whole name, or the name without the boot identifier at its beginning
             let is_it = |now: &String| {
                 let of_boot = now.strip_prefix(boot_id).and_then(|now| now.strip_prefix('-'));
                 now == run || of_boot == Some(run)
@@ -120,7 +121,7 @@ impl LineFilter {
     }
 }
 
-/// Sequence number of the output that a line is about; a request says it in its route.
+/// Returns the sequence number of the output in a line; a request has it in its route.
 fn seq_of(line: &Value) -> Option<u64> {
     let of_route = || {
         let (_, seq) = line["request"].as_str()?.split_once("/m_codes/")?;
@@ -129,10 +130,11 @@ fn seq_of(line: &Value) -> Option<u64> {
     line["seq"].as_u64().or_else(of_route)
 }
 
-/// Seconds from 1970 to the first year of five digits.
+/// Seconds from 1970 to the first year with five digits.
 const YEAR_10_000_S: u64 = 253_402_300_800;
 
-/// A time as it stands in lines: from `2h` (ago), `2026-11-25`, or `2026-11-25T10:00` with or without seconds, in UTC.
+/// Converts `2h` (ago), `2026-11-25`, or `2026-11-25T10:00` with or without seconds, in UTC, into the form of
+/// times in lines.
 fn time(name: &str, text: &str, now: SystemTime) -> Result<String, String> {
     let ago = |ago: Duration| now.checked_sub(ago);
     let whole = match text.trim_end_matches('Z') {
@@ -145,7 +147,7 @@ fn time(name: &str, text: &str, now: SystemTime) -> Result<String, String> {
         Ok(duration) => ago(duration),
         Err(_) => of_day(),
     };
-    // what no text can say is no time, either
+    // a time that the written form cannot express is rejected, too
     let is_said = |time: &SystemTime| {
         let seconds = time.duration_since(SystemTime::UNIX_EPOCH);
         seconds.is_ok_and(|since| since.as_secs() < YEAR_10_000_S)
@@ -153,7 +155,8 @@ fn time(name: &str, text: &str, now: SystemTime) -> Result<String, String> {
     match time.filter(is_said) {
         Some(time) => Ok(Timestamp::from_system_time(time).0),
         None => Err(format!(
-            "{name} {text:?}: write how long ago, such as 2h or 30m, or a time in UTC, such as 2026-11-25 or 2026-11-25T10:00"
+            "{name} {text:?}: write an age, such as 2h or 30m, or a time in UTC, such as 2026-11-25 or \
+             2026-11-25T10:00"
         )),
     }
 }
@@ -208,7 +211,7 @@ mod tests {
         }
     }
 
-    /// A run with an output, and what was around it.
+    /// A run with an output, and the lines before and after it.
     fn run_with_an_output() -> [Value; 9] {
         let line = |second: u32, cs: u32, mut fields: Value| {
             fields["ts"] = json!(format!("2026-11-25T09:00:{second:02}.000000Z"));
@@ -250,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_are_found_by_time_user_m_code_and_run_also_where_they_do_not_say_it() {
+    fn lines_found_by_time_user_m_code_and_run_without_naming_them() {
         let lines = run_with_an_output();
         let wanted = JournalFilter::default;
         assert_eq!(taken(&wanted(), &lines), (0..9).collect::<Vec<_>>());

@@ -38,8 +38,8 @@ pub(crate) trait WriteAhead: std::fmt::Debug + Send + Sync {
     /// Records closed outputs, without I/O: the line of the next output lists the pending ones.
     fn close(&self, line: &Line);
 
-    /// Writes the rest positions of a coordinate system's axes by motor number; `None`: they move. `after` is the
-    /// number of the newest line.
+    /// Writes the rest positions of a coordinate system's axes by motor number; `None` while they move.
+    /// `after` is the number of the newest line.
     ///
     /// # Errors
     /// Returns an error if the operating system refuses.
@@ -59,7 +59,7 @@ pub(crate) struct JournalWriter {
     pub lost: Arc<AtomicU64>,
     /// Number of the last line.
     pub last: Arc<AtomicU64>,
-    /// Storage for lines that must survive the process; `None`: the disk refuses it.
+    /// Storage for lines that must survive the process; `None` if the disk has failed.
     pub ahead: Option<Arc<dyn WriteAhead>>,
 }
 

@@ -1,13 +1,15 @@
-//! Starts of runs and outputs, written before anybody can hear of them.
+//! Starts of runs and outputs, written before any client can receive them.
 //!
 //! The journal collects its lines before it writes them, so a kill loses the lines collected so far, while a handler may
 //! already be working on the output. The thread that makes an output therefore first writes its line into a ring of slots
 //! in a file of fixed size. The line is then in the page cache of the operating system, which a kill of the process does
 //! not affect; nothing waits for the disk. At the next start, lines missing from the journal are taken from the ring.
 //!
-//! Resets are not written ahead: each would cost a write. The line of an output says which outputs before it are still open.
+//! Resets are not written ahead: each would cost a write. The line of an output lists the earlier outputs
+//! that are still pending.
 //!
-//! Behind the ring each coordinate system has a slot that says where its axes rest, or that they move.
+//! After the ring, each coordinate system has a slot with the rest positions of its axes, or with the note
+//! that they move.
 
 use std::collections::BTreeMap;
 use std::io::{self, Cursor, Write};
@@ -24,19 +26,22 @@ use crate::disk::fs::{File, FileExt as _, OpenOptions};
 use crate::disk::{Generations, Kind, Seal, number, open_regular, read_regular, read_sealed, seal_in_place};
 use crate::journal::{Event, Line, WriteAhead};
 
-/// Its file in the journal's folder.
+/// Name of the ring's file in the journal's folder.
 const AHEAD_FILE: &str = "ahead";
 
 /// Bytes of a slot. Reason: an output with eight parameters of all digits takes about 600.
 const SLOT_BYTES: usize = 1024;
 
-/// Number of slots. Reason: the busiest machine fills them in about 0.3 s, and the journal lags by 20 ms.
+/// Number of slots. Reason: the busiest machine fills them in about 0.3 s, and the journal lags by at most 20
+/// ms.
 const SLOTS: u64 = 512;
 
-/// Open outputs that a line names. Reason: with them it has room in its slot; where more are open it names none.
+/// Maximum number of pending outputs in a line. Reason: the line must fit into its slot. If more are pending,
+/// the line lists none.
 const NAMED_MAX: usize = 16;
 
-/// Field of an output's line: sequence numbers of the outputs before it that are open. It is in the ring alone.
+/// Field of an output's line: sequence numbers of the earlier outputs that are pending. Only lines of the
+/// ring have it.
 pub(super) const OPEN: &str = "open";
 
 /// The ring of a start of the runtime.
@@ -44,9 +49,9 @@ pub(super) const OPEN: &str = "open";
 pub(crate) struct Ahead {
     file: File,
     boot_id: BootId,
-    /// Text of the seal of each line. Reason: it is the same in all lines of a start.
+    /// Text of the seal of each line, stored once because all lines of a start have the same seal.
     seal: String,
-    /// Open outputs of each coordinate system.
+    /// Pending outputs of each coordinate system.
     open: Mutex<BTreeMap<CoordinateSystemNumber, Vec<u64>>>,
 }
 
@@ -54,11 +59,11 @@ impl Ahead {
     /// Creates an empty ring in a folder.
     ///
     /// # Errors
-    /// The disk refuses.
+    /// Returns an error if the disk operation fails.
     pub fn begin(folder: &Path, boot_id: BootId, generations: &Generations) -> io::Result<Self> {
         let path = folder.join(AHEAD_FILE);
         let file = open_regular(&path, OpenOptions::new().write(true).create(true).truncate(false))?;
-        // the slots behind it stay until the axes rest or move: they are of the start that they name
+        // the slots after the ring stay until the axes rest or move; each names the start that wrote it
         file.write_all_at(&vec![b'\n'; SLOT_BYTES * usize::try_from(SLOTS).unwrap_or(0)], 0)?;
         let open = Mutex::default();
         let seal = serde_json::to_string(&generations.plain_seal(Kind::Ahead))?;
@@ -70,7 +75,8 @@ impl Ahead {
         })
     }
 
-    /// Writes which outputs before this one are open, and counts it among them. A run begins without any.
+    /// Writes the earlier outputs that are pending, then adds this output to them. At the start of a run none
+    /// is pending.
     fn write_open(&self, line: &Line, cursor: &mut impl Write) -> io::Result<()> {
         let mut all = self.open.lock();
         let open = all.entry(line.cs).or_default();
@@ -87,7 +93,7 @@ impl Ahead {
 }
 
 impl WriteAhead for Ahead {
-    /// Writes a line into the slot of its number.
+    /// Writes a line into the slot for its number.
     fn write(&self, n: u64, line: &Line, time: SystemTime) -> io::Result<()> {
         let mut text = [0; SLOT_BYTES];
         let mut cursor = Cursor::new(&mut text[..]);
@@ -139,19 +145,19 @@ impl WriteAhead for Ahead {
     }
 }
 
-/// Where the axes of a coordinate system rest.
+/// Rest positions of the axes of a coordinate system.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub(super) struct Rest {
     pub cs: CoordinateSystemNumber,
-    /// The start of the runtime that wrote it.
+    /// The start of the runtime that wrote the slot.
     pub boot_id: BootId,
-    /// Number of the newest line of the journal when it was written.
+    /// Number of the newest line of the journal when the slot was written.
     pub after: u64,
-    /// `None`: they move.
+    /// `None` while the axes move.
     pub positions: Option<MotorPositions>,
 }
 
-/// Where the axes of each coordinate system of this machine rest, as far as it was written.
+/// Returns the written rest positions of this machine's coordinate systems.
 pub(super) fn recover_rests(folder: &Path, machine: &str) -> Vec<Rest> {
     let slots = slots(folder)
         .into_iter()
@@ -161,7 +167,7 @@ pub(super) fn recover_rests(folder: &Path, machine: &str) -> Vec<Rest> {
         .collect()
 }
 
-/// All sealed lines of the file.
+/// Returns all sealed lines of the file.
 fn slots(folder: &Path) -> Vec<(Value, Seal)> {
     let most = (SLOTS + u64::from(CoordinateSystemNumber::MAX) + 1) * SLOT_BYTES as u64;
     let bytes = read_regular(&folder.join(AHEAD_FILE), most).unwrap_or_default();
@@ -172,7 +178,7 @@ fn slots(folder: &Path) -> Vec<(Value, Seal)> {
         .collect()
 }
 
-/// The whole lines of a ring of this machine, ascending by number; none where there is no ring.
+/// Returns the intact lines of this machine's ring, ascending by number; none if there is no ring.
 pub(crate) fn recover(folder: &Path, machine: &str) -> Vec<Value> {
     let mut lines: Vec<Value> = slots(folder)
         .into_iter()
@@ -208,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_written_ahead_is_found_in_the_order_of_its_numbers_and_a_new_start_begins_anew() {
+    fn lines_written_ahead_recovered_by_number_and_new_start_clears_them() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(recover(folder.path(), ""), Vec::<Value>::new());
         let ahead = Ahead::begin(folder.path(), BootId("b1".to_owned()), &Generations::default()).unwrap();

@@ -105,14 +105,14 @@ pub(super) fn entry(line: &[u8]) -> Entry<'_> {
 pub(super) struct Mark {
     /// Number of the file.
     pub file: u64,
-    /// The hash before it; `None`: the chain begins here.
+    /// The hash before the line; `None` if the chain begins here.
     pub before: Option<Hash>,
     /// Reason for a new chain.
     pub why: Option<String>,
 }
 
 impl Mark {
-    /// Returns its event.
+    /// Returns the event of the line.
     pub fn to_json(&self) -> Value {
         let mut event = json!({"event": "chain", "file": self.file});
         match &self.before {
@@ -149,7 +149,8 @@ impl Mark {
 /// State of a journal, recorded outside of its files.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Anchor {
-    /// Hash of a line that must exist, the newest one when this was written; [`Hash::ORIGIN`]: none.
+    /// Hash of a line that must exist: the newest one when the anchor was written; [`Hash::ORIGIN`] if there
+    /// was none.
     pub hash: Hash,
     /// Number of that line.
     pub n: u64,
@@ -223,7 +224,7 @@ pub(crate) fn anchor_seal(folder: &Path) -> Option<Seal> {
     Anchor::read_with_seal(folder).1
 }
 
-/// Removes the remains of an anchor whose writing was cut short by a kill.
+/// Removes the incomplete anchor that a kill during its writing has left.
 pub(super) fn tidy_up(folder: &Path) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();

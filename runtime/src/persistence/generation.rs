@@ -1,6 +1,6 @@
-//! All kept values as one JSON document: what `store export` writes and `store import` reads, and the last good generation
-//! beside the store, from which a person may restore lost values. It is never used
-//! automatically, because it is older than the store.
+//! All kept values as one JSON document. `store export` writes it and `store import` reads it. The last good
+//! generation next to the store has this form, too: a person may restore lost values from it. The runtime
+//! never uses it automatically, because it is older than the store.
 
 use std::borrow::Cow;
 use std::io::{self, Write};
@@ -22,16 +22,16 @@ pub(crate) const GENERATION_FILE: &str = "state.last-good.json";
 /// Maximum size of a document, bytes.
 const BYTES_MAX: u64 = 256 << 20;
 
-/// The only form of the document so far.
+/// Version of the document's form; there is only one so far.
 const FORM: u32 = 1;
 
 #[derive(Debug, Deserialize)]
 struct Document {
     tandem_store: u32,
     written: Timestamp,
-    /// By name; null: the value is lost.
+    /// Values by name; null for a lost value.
     values: Map<String, Value>,
-    /// Checksum of the values; whoever edits the document by hand removes it.
+    /// Checksum of the values; a person who edits the document removes it.
     #[serde(default)]
     sum: Option<String>,
 }
@@ -41,7 +41,7 @@ struct Document {
 pub(crate) struct Generation {
     pub written: Timestamp,
     pub image: Image,
-    /// Names of values that were lost when it was written; they are not in the image.
+    /// Names of values that were lost when the document was written; they are not in the image.
     pub lost: Vec<String>,
 }
 
@@ -54,11 +54,11 @@ fn sum(values: &Map<String, Value>) -> String {
 }
 
 impl Generation {
-    /// Writes the text of what is kept now. One value at a time is converted and written: a text of thousands of runs is never in
-    /// memory as a whole.
+    /// Writes the document of an image. Values are converted and written one at a time, so that the text of
+    /// thousands of runs is never in memory as a whole.
     ///
     /// # Errors
-    /// The output refuses.
+    /// Returns an error if the output cannot be written.
     pub fn write_text(image: &Image, out: &mut dyn Write) -> io::Result<()> {
         let pages = image.pages.keys();
         let pages = pages.map(|(area, place)| Cow::from(page_name(*area, *place)));
@@ -86,10 +86,10 @@ impl Generation {
         writeln!(out, "\n}},\"sum\":\"{}\"}}", sum.finish())
     }
 
-    /// The same as a text.
+    /// Returns the document of an image as text.
     pub fn text(image: &Image) -> String {
         let mut text = Vec::new();
-        // memory does not refuse
+        // writing into memory never fails
         let _ = Self::write_text(image, &mut text);
         String::from_utf8_lossy(&text).into_owned()
     }
@@ -97,36 +97,39 @@ impl Generation {
     /// Writes the last good generation of a folder.
     ///
     /// # Errors
-    /// The disk refuses; the previous generation remains.
+    /// Returns an error if the disk operation fails; the previous generation then remains.
     pub fn write(folder: &Path, image: &Image) -> io::Result<()> {
         write_whole_by(&folder.join(GENERATION_FILE), |out| Self::write_text(image, out))
     }
 
-    /// The last good generation of a folder.
+    /// /// Reads the last good generation of a folder.
     ///
     /// # Errors
-    /// There is none, or it is damaged.
+    /// Returns an error if there is none, or if it is damaged.
     pub fn read(folder: &Path) -> io::Result<Self> {
         Self::read_from(&folder.join(GENERATION_FILE))
     }
 
-    /// The values of a file.
+    /// Reads the values of a file.
     ///
     /// # Errors
-    /// It does not exist, or is damaged.
+    /// Returns an error if the file does not exist or is damaged.
     pub fn read_from(path: &Path) -> io::Result<Self> {
         let bytes = read_regular(path, BYTES_MAX)?;
         Self::of_text(&String::from_utf8_lossy(&bytes), true)
     }
 
-    /// The values of a text. With `needs_sum` one without a sum is damaged.
+    /// Reads the values of a text. With `needs_sum`, a text without a checksum is treated as damaged.
     ///
     /// # Errors
-    /// It is not such a document, or its checksum does not match.
+    /// Returns an error if the text is not such a document, or if its checksum does not match.
     pub fn of_text(text: &str, needs_sum: bool) -> io::Result<Self> {
         let document: Document = serde_json::from_str(text).map_err(|error| invalid(error.to_string()))?;
         if document.tandem_store != FORM {
-            let text = format!("its form is {}; this version knows {FORM}", document.tandem_store);
+            let text = format!(
+                "the document has form {}; this version reads form {FORM}",
+                document.tandem_store
+            );
             return Err(invalid(text));
         }
         let is_whole = match &document.sum {
@@ -135,7 +138,7 @@ impl Generation {
         };
         if !is_whole {
             return Err(invalid(
-                "its sum is wrong: it is damaged; one that was edited by hand has no \"sum\"",
+                "the checksum is wrong, so the document is damaged; if you have edited it, remove \"sum\"",
             ));
         }
         let (mut image, mut lost) = (Image::default(), Vec::new());
@@ -151,7 +154,7 @@ impl Generation {
                 value => image.take_record(name, value.to_string().as_bytes()),
             };
             if !taken {
-                return Err(invalid(format!("{name} is of no known form")));
+                return Err(invalid(format!("{name} has an unknown form")));
             }
         }
         Ok(Self {
@@ -206,7 +209,10 @@ mod tests {
         let text = Generation::text(&image());
         assert_eq!(Generation::of_text(&text, true).unwrap().image, image());
         let edited = text.replace("\"tool/1\":7", "\"tool/1\":8");
-        assert!(Generation::of_text(&edited, false).is_err(), "its sum is wrong");
+        assert!(
+            Generation::of_text(&edited, false).is_err(),
+            "the checksum is wrong"
+        );
         let mut without: Value = serde_json::from_str(&edited).unwrap();
         without.as_object_mut().unwrap().remove("sum");
         let read = Generation::of_text(&without.to_string(), false).unwrap();
@@ -226,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn the_last_good_generation_is_read_back_and_with_a_flipped_bit_it_is_none() {
+    fn last_generation_is_read_back_and_a_flipped_bit_rejects_it() {
         let folder = tempfile::tempdir().unwrap();
         assert!(Generation::read(folder.path()).is_err());
         Generation::write(folder.path(), &image()).unwrap();

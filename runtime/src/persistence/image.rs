@@ -1,4 +1,4 @@
-//! The values to keep, as plain data: only what differs from the values on disk is written.
+//! The values to keep, as plain data: only values that differ from those on disk are written.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,8 @@ use tandem_model::variables::VariableArray;
 
 use crate::tables::{KeptValues, LOST_VALUE};
 
-/// Variables of one page. Reason: one that changes costs 1 KiB on disk, all of P 256 entries.
+/// Variables of one page. Reason: a changed variable costs 1 KiB on disk, and all P variables need only 256
+/// entries.
 pub(crate) const PAGE_VARIABLES: usize = 128;
 
 /// A run, and the number of the newest journal line at the time its state was read.
@@ -19,21 +20,21 @@ pub(crate) const PAGE_VARIABLES: usize = 128;
 pub(crate) struct KeptRun {
     #[serde(flatten)]
     pub run: LastRun,
-    /// Number of the line; 0: it was kept by a version without numbers.
+    /// Number of the line; 0 if a version without line numbers stored the run.
     #[serde(rename = "journal_line", default)]
     pub line: u64,
 }
 
-/// Beginning of the names of runs that have ended. A name has the place of the run in the ring of those that are kept.
+/// Prefix of the names of ended runs. The rest of a name is the index of the run in the ring of stored runs.
 pub(crate) const RUN_KEYS: &str = "run/";
 
 /// Name of the production counters.
 pub(crate) const PRODUCTION_KEY: &str = "production";
 
-/// Name of the numbers of the newest lines of the journal that runs and counters include.
+/// Name of the record with the numbers of the newest journal lines that runs and counters include.
 pub(crate) const RUN_LINES_KEY: &str = "run_lines";
 
-/// Name of a run that has ended, by its number.
+/// Returns the name of an ended run, by its number.
 pub(crate) fn run_key(n: u64) -> String {
     format!("{RUN_KEYS}{}", n % RUNS_KEPT as u64)
 }
@@ -46,14 +47,14 @@ pub(crate) type LastRuns = BTreeMap<CoordinateSystemNumber, KeptRun>;
 pub(crate) struct Page(pub [u64; PAGE_VARIABLES]);
 
 impl Page {
-    /// The page of an array; what lies beyond the array is zero.
+    /// Returns a page of an array; entries after the end of the array are zero.
     pub fn of(array: &VariableArray, place: u16) -> Self {
         let first = usize::from(place) * PAGE_VARIABLES;
         let bits = |index| array.get(first + index).map_or(0, f64::to_bits);
         Self(std::array::from_fn(bits))
     }
 
-    /// Sets the variables of an array.
+    /// Copies the page into an array.
     pub fn set(&self, array: &VariableArray, place: u16) {
         let first = usize::from(place) * PAGE_VARIABLES;
         for (number, bits) in (first..).zip(self.0) {
@@ -65,7 +66,7 @@ impl Page {
         self.0.iter().flat_map(|bits| bits.to_le_bytes()).collect()
     }
 
-    /// `None`: the number of bytes is wrong.
+    /// Returns `None` if the number of bytes is wrong.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let (chunks, rest) = bytes.as_chunks::<8>();
         let page = <&[[u8; 8]; PAGE_VARIABLES]>::try_from(chunks).ok()?;
@@ -73,12 +74,12 @@ impl Page {
     }
 }
 
-/// How many pages an array fills.
+/// Returns the number of pages of an array.
 pub(crate) fn pages(array: &VariableArray) -> u16 {
     u16::try_from(array.len().div_ceil(PAGE_VARIABLES)).unwrap_or(u16::MAX)
 }
 
-/// Name of a page of variables: `p/PLACE`, or `q/COORDINATE SYSTEM/PLACE`.
+/// Returns the name of a page of variables: `p/PLACE`, or `q/COORDINATE SYSTEM/PLACE`.
 pub(crate) fn page_name(area: u8, place: u16) -> String {
     match area {
         0 => format!("p/{place}"),
@@ -98,17 +99,17 @@ fn page_key(name: &str) -> Option<(u8, u16)> {
     }
 }
 
-/// All that is kept, or a change of it.
+/// All stored values, or a change of them.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Image {
-    /// By area (0: P, else the coordinate system of Q) and place.
+    /// Pages by area (0 for P, otherwise the coordinate system of Q) and place.
     pub pages: BTreeMap<(u8, u16), Page>,
     /// Values by their names.
     pub values: KeptValues,
 }
 
 impl Image {
-    /// The values of `self` that differ from those in `kept`.
+    /// Returns the values of `self` that differ from those in `kept`.
     pub fn beyond(mut self, kept: &Image) -> Image {
         self.pages.retain(|key, page| kept.pages.get(key) != Some(page));
         self.values
@@ -122,7 +123,7 @@ impl Image {
         self.values.extend(change.values);
     }
 
-    /// Every value as a record: its name, and its bytes.
+    /// Returns every value as a record: its name and its bytes.
     pub fn records(&self) -> impl Iterator<Item = (String, Vec<u8>)> {
         let pages = self.pages.iter();
         let pages = pages.map(|((area, place), page)| (page_name(*area, *place), page.to_bytes()));
@@ -130,7 +131,7 @@ impl Image {
         pages.chain(values.map(|(name, bytes)| (name.clone(), bytes.clone())))
     }
 
-    /// Applies a record. False if its form is unknown.
+    /// Applies a record. Returns false if its form is unknown.
     pub fn take_record(&mut self, name: &str, payload: &[u8]) -> bool {
         if let Some(key) = page_key(name) {
             let page = Page::from_bytes(payload);
@@ -143,7 +144,7 @@ impl Image {
         true
     }
 
-    /// Notes that a value is lost.
+    /// Marks a value as lost.
     pub fn lose(&mut self, name: &str) {
         match page_key(name) {
             Some(key) => {
@@ -155,7 +156,7 @@ impl Image {
         }
     }
 
-    /// True if the value exists or is marked as lost.
+    /// Returns true if the value exists or is marked as lost.
     pub fn has(&self, name: &str) -> bool {
         match page_key(name) {
             Some(key) => self.pages.contains_key(&key),
@@ -163,17 +164,17 @@ impl Image {
         }
     }
 
-    /// A page of variables by its name.
+    /// Returns a page of variables by its name.
     pub fn page(&self, name: &str) -> Option<&Page> {
         self.pages.get(&page_key(name)?)
     }
 
-    /// True for the name of a page of variables.
+    /// Returns true for the name of a page of variables.
     pub fn is_page(name: &str) -> bool {
         page_key(name).is_some()
     }
 
-    /// The names of all values.
+    /// Returns the names of all values.
     pub fn names(&self) -> Vec<String> {
         let pages = self.pages.keys().map(|(area, place)| page_name(*area, *place));
         pages.chain(self.values.keys().cloned()).collect()

@@ -1,4 +1,5 @@
-//! The thread that writes the journal to disk: a line of JSON for each event, gathered for a short time.
+//! The thread that writes the journal to disk: one JSON line per event, collected for a short time before
+//! each write.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -19,17 +20,19 @@ use crate::disk::{Generations, Health, Part, number, tighten};
 use crate::journal::{JournalWriter, Line, Message, WriteAhead};
 use crate::threads::{self, Thread};
 
-/// Time without lines after which the thread looks whether its file is there, and tries a disk that refused again.
+/// Time without lines after which the thread checks that its file still exists, and tries a failed disk
+/// again.
 const RETRY: Duration = Duration::from_secs(1);
 
-/// Lines that wait for the disk; more are dropped and counted. Reason: some seconds of the busiest machine.
+/// Maximum number of lines that wait for the disk; further lines are dropped and counted. Reason: this is
+/// enough for some seconds of the busiest machine.
 const WAITING_MAX: usize = 10_000;
 
-/// Time to gather lines for one write, from the first of them on. Reason: half of the 20 ms that the journal may be
-/// behind; the rest is the disk's.
+/// Time in which lines are collected for one write, from the first line on. Reason: half of the 20 ms by
+/// which the journal may lag; the disk has the other half.
 const GATHER: Duration = Duration::from_millis(10);
 
-/// A line as it is kept.
+/// Returns a line in its stored form.
 fn object(boot_id: &BootId, n: u64, line: &Line, time: SystemTime) -> Object {
     let mut json = line.to_json();
     json["boot_id"] = json!(boot_id);
@@ -38,14 +41,14 @@ fn object(boot_id: &BootId, n: u64, line: &Line, time: SystemTime) -> Object {
     Object::of(&json)
 }
 
-/// A journal that is opened to be written, with the lines that only the ring has written into its files.
+/// A journal opened for writing. Lines that only the ring contained are already in its files.
 struct Begun {
     newest: Newest,
     own: Own,
     files: io::Result<Files>,
 }
 
-/// A line of the ring as the journal would have had it.
+/// Returns a line of the ring in the form of the journal.
 fn as_written(line: &Value) -> Object {
     let mut line = line.clone();
     if let Some(fields) = line.as_object_mut() {
@@ -79,7 +82,7 @@ fn begin(folder: &Path, boot_id: BootId, generations: Arc<Generations>) -> Begun
 /// Writes a line into the journal of a machine that does not run.
 ///
 /// # Errors
-/// The disk refuses.
+/// Returns an error if the disk operation fails.
 pub(crate) fn append_line(folder: &Path, generations: Arc<Generations>, line: &Line) -> io::Result<()> {
     let Begun { own, files, .. } = begin(folder, BootId(COMMAND_LINE.to_owned()), generations);
     let mut files = files?;
@@ -88,7 +91,7 @@ pub(crate) fn append_line(folder: &Path, generations: Arc<Generations>, line: &L
     files.anchor()
 }
 
-/// The thread. Dropping it writes what waits and ends it.
+/// The thread. Dropping it writes all waiting lines and ends the thread.
 #[derive(Debug)]
 pub(crate) struct JournalThread {
     writer: JournalWriter,
@@ -96,11 +99,12 @@ pub(crate) struct JournalThread {
 }
 
 impl JournalThread {
-    /// Opens the journal of a folder, which is made if it is missing, and gives its newest lines. A journal that cannot be
-    /// read or written prevents nothing: it is tried again, and `health` says why meanwhile.
+    /// Opens the journal of a folder and returns its newest lines; a missing folder is created. A journal
+    /// that cannot be read or written prevents nothing: the thread tries it again, and `health` reports the
+    /// reason in the meantime.
     ///
     /// # Errors
-    /// The operating system gives no thread.
+    /// Returns an error if the operating system provides no thread.
     pub fn start(
         folder: &Path,
         boot_id: BootId,
@@ -137,7 +141,7 @@ impl JournalThread {
         Ok((Self { writer, thread }, newest))
     }
 
-    /// A handle for callers.
+    /// Returns a handle for callers.
     pub fn writer(&self) -> JournalWriter {
         self.writer.clone()
     }
@@ -145,7 +149,7 @@ impl JournalThread {
 
 impl Drop for JournalThread {
     fn drop(&mut self) {
-        // A thread that has ended is joined all the same.
+        // A thread that has already ended is joined, too.
         let _ = self.writer.lines.send(Message::Close);
         if let Some(thread) = self.thread.take() {
             thread.join();
@@ -153,22 +157,22 @@ impl Drop for JournalThread {
     }
 }
 
-/// What the thread works with.
+/// Data of the thread.
 struct Work {
     own: Own,
     folder: PathBuf,
-    /// `None` after a failure, until it opens again.
+    /// `None` after a failure, until the files are open again.
     files: Option<Files>,
     health: Arc<Health>,
     lost: Arc<AtomicU64>,
     inbox: Receiver<Message>,
-    /// The last round that did something.
+    /// Time of the last round that did something.
     #[cfg(test)]
     worked: Instant,
 }
 
 impl threads::Work for Work {
-    /// Without a line, too: the disk may have refused, and the folder may be gone.
+    /// Also limited without a line, because the disk may have failed, or the folder may have been removed.
     fn patience(&self) -> Duration {
         RETRY
     }
@@ -188,7 +192,7 @@ impl threads::Work for Work {
                 }
                 gather(&self.own.boot_id, first, &self.inbox)
             }
-            // a simulated thread comes more often than it must
+            // a simulated thread runs more rounds than necessary
             #[cfg(test)]
             Err(RecvTimeoutError::Timeout) if patience.is_zero() && self.worked.elapsed() < RETRY => {
                 return true;
@@ -216,7 +220,7 @@ impl threads::Work for Work {
 }
 
 impl Work {
-    /// Lines that could not be written before are counted in a line of their own.
+    /// The number of lines that could not be written earlier is a separate line.
     fn write(&mut self, mut batch: Vec<Object>) -> io::Result<()> {
         let files = match &mut self.files {
             Some(files) => files,
@@ -231,7 +235,8 @@ impl Work {
         Ok(())
     }
 
-    /// Notes the newest line beside the files: once all is quiet, since that is another wait for the disk.
+    /// Writes the newest line to the anchor. Called only when no lines arrive, because it adds another wait
+    /// for the disk.
     fn anchor(&mut self) -> io::Result<()> {
         match &mut self.files {
             Some(files) if files.is_ahead_of_anchor() => files.anchor(),
@@ -240,16 +245,18 @@ impl Work {
     }
 }
 
-/// How long to gather on, when the oldest line that waits was handed over this long ago. One that came while the lines
-/// before it were written has waited for that already: with writes of up to [`GATHER`] a line is on disk within twice
-/// as long.
+/// Returns the remaining time for collecting lines, if the oldest waiting line has this age. A line that
+/// arrived during the previous write has waited for that write already. If a write takes at most [`GATHER`],
+/// a line is on disk within twice that time.
 fn rest(age: Duration) -> Duration {
     GATHER.saturating_sub(age)
 }
 
-/// Takes what has come [`GATHER`] after the first line. False: the journal is to be closed.
+/// Takes the lines that have arrived [`GATHER`] after the first one. Returns false if the journal must be
+/// closed.
 ///
-/// Its thread sleeps in between instead of waiting for the next line: then no line but the first has to wake it.
+/// The thread sleeps in between instead of waiting for the next line, so that only the first line has to wake
+/// it.
 fn gather(boot_id: &BootId, first: Message, inbox: &Receiver<Message>) -> (Vec<Object>, bool) {
     let mut next = Some(first);
     let mut batch = Vec::new();
@@ -276,7 +283,7 @@ mod tests {
         fs::read_to_string(folder.join("journal.jsonl")).unwrap_or_default()
     }
 
-    /// Line number n, said at the start of 1970.
+    /// Returns line n, with a time at the start of 1970.
     fn line(n: usize) -> Line {
         Line {
             t_s: 0.5,
@@ -289,7 +296,7 @@ mod tests {
         }
     }
 
-    /// As it is kept, with this number.
+    /// Returns the line in its stored form, with this number.
     fn kept(number: usize, n: usize) -> Value {
         json!({
             "boot_id": "b1", "choices": [], "cs": 1, "event": "question", "n": number, "seq": n, "t_s": 0.5,
@@ -297,7 +304,7 @@ mod tests {
         })
     }
 
-    /// The lines of a journal but for those of the chain itself, without their hashes.
+    /// Returns the lines of a journal without their hashes, and without the lines of the chain itself.
     fn lines(folder: &Path) -> Vec<Value> {
         let mut lines = newest(folder, 0, 1000).lines;
         lines.retain(|line| line["event"] != "chain");
@@ -334,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_handed_over_stands_there_line_by_line_when_the_journal_is_closed() {
+    fn closed_journal_holds_all_lines_in_order_over_two_starts() {
         let folder = tempfile::tempdir().unwrap();
         for round in 0..2 {
             let (thread, _) = start(folder.path());
@@ -343,7 +350,7 @@ mod tests {
                 write(&thread.writer(), 100 * round + n);
             }
         }
-        // the first line is that of the chain, which goes on over both starts
+        // the first line is that of the chain, which continues over both starts
         let expected: Vec<Value> = (0..200).map(|n| kept(n + 2, n)).collect();
         assert_eq!(lines(folder.path()), expected);
         assert_eq!(content(folder.path()).matches("\"begins\":true").count(), 1);
@@ -384,7 +391,7 @@ mod tests {
     }
 
     #[test]
-    fn a_journal_that_is_damaged_or_cannot_be_opened_never_keeps_a_machine_from_starting() {
+    fn damaged_or_unopenable_journal_does_not_prevent_the_start() {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name);
         fs::write(
@@ -417,7 +424,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_written_ahead_and_not_gathered_is_in_the_journal_of_the_next_start() {
+    fn lines_written_ahead_are_in_the_journal_of_the_next_start() {
         let folder = tempfile::tempdir().unwrap();
         let (thread, _) = start(folder.path());
         let started = |n: u64| Line {
@@ -433,7 +440,7 @@ mod tests {
         };
         thread.writer().write(started(1), SystemTime::UNIX_EPOCH);
         drop(thread);
-        // as a kill leaves it
+        // as after a kill
         let ahead = Ahead::begin(folder.path(), BootId("b1".to_owned()), &Generations::default()).unwrap();
         for n in 1..4 {
             ahead.write(n + 1, &started(n), SystemTime::UNIX_EPOCH).unwrap();
@@ -456,7 +463,7 @@ mod tests {
     }
 
     #[test]
-    fn a_journal_whose_file_was_removed_is_written_again_and_says_how_many_lines_it_lacks() {
+    fn removed_journal_is_created_again_with_count_of_missing_lines() {
         let folder = tempfile::tempdir().unwrap();
         let mut work = work(&folder.path().join("journal"));
         let line = || vec![Object::of(&kept(1, 1))];
@@ -471,7 +478,7 @@ mod tests {
         work.files = None;
         assert!(
             work.write(Vec::new()).is_err(),
-            "the folder above is not made anew"
+            "the parent folder is not created again"
         );
     }
 

@@ -66,18 +66,18 @@ impl Newest {
         let damaged = self.damaged.iter();
         let damaged = damaged.map(|(path, lines)| {
             let path = path.display();
-            format!("{path}: {lines} damaged lines are left out; the machine does not need them")
+            format!("{path}: {lines} damaged lines are skipped; the machine does not need them")
         });
         let unreadable = self.unreadable.iter();
         let unreadable =
             unreadable.map(|(path, why)| format!("{}: it cannot be read: {why}", path.display()));
         let anew = self.why_anew.iter();
-        let anew = anew.map(|why| format!("the chain of lines begins anew: {why}; tandem journal verify"));
+        let anew = anew.map(|why| format!("a new chain of lines begins: {why}; run tandem journal verify"));
         damaged.chain(unreadable).chain(anew)
     }
 
-    /// Returns those of `lines` that are missing here. A line older than all lines read does not count as missing,
-    /// because it may have been omitted.
+    /// Returns those of `lines` that are missing here. A line older than all lines read is not reported as
+    /// missing, because it may have been omitted.
     pub(super) fn missing(&self, mut lines: Vec<Value>) -> Vec<Value> {
         let there: BTreeSet<u64> = self.lines.iter().map(number).collect();
         let first = there.first().copied().unwrap_or(0);
@@ -155,7 +155,7 @@ pub(super) struct Object {
 }
 
 impl Object {
-    /// Creates it from a JSON object with its number.
+    /// Creates the line from a JSON object with its number.
     pub fn of(line: &Value) -> Self {
         Self {
             n: number(line),
@@ -201,7 +201,7 @@ pub(super) struct Files {
     anchored_known: PartGenerations,
     anchored_at: Instant,
     own: Own,
-    /// Reason why a new chain begins although a chain exists; `None`: the chain continues.
+    /// Reason why a new chain begins although a chain exists; `None` if the chain continues.
     pub why_anew: Option<String>,
 }
 

@@ -1,4 +1,5 @@
-//! Finds lines in a journal. Memory is bounded by the journal's size on disk, or by one line where each is passed on.
+//! Finds lines in a journal. Memory is bounded by the journal's size on disk, or by one line if each line is
+//! passed on.
 
 use std::collections::VecDeque;
 use std::io;
@@ -10,19 +11,19 @@ use super::chain::{Ending, Entry, entry};
 use super::journal_reader::{open, read_lines};
 use crate::journal::LineFilter;
 
-/// What was left out of a search.
+/// Lines and files that a search could not read.
 #[derive(Debug, Default)]
 pub struct LeftOut {
-    /// Damaged lines.
+    /// Number of damaged lines.
     pub damaged: u64,
-    /// Files that cannot be read, and why.
+    /// Files that cannot be read, with the reason.
     pub unreadable: Vec<(PathBuf, io::Error)>,
 }
 
-/// Gives each line that a filter takes, from the oldest on.
+/// Passes each line that a filter accepts to `each`, the oldest first.
 ///
 /// # Errors
-/// There is no such folder.
+/// Returns an error if the folder does not exist.
 pub fn search(folder: &Path, filter: &mut LineFilter, each: &mut dyn FnMut(Value)) -> io::Result<LeftOut> {
     let mut left_out = LeftOut::default();
     left_out.unreadable = read_lines(
@@ -33,7 +34,7 @@ pub fn search(folder: &Path, filter: &mut LineFilter, each: &mut dyn FnMut(Value
                     each(value);
                 }
             }
-            // the last line may not be written in full yet
+            // the last line may still be incomplete
             (Ending::Cut, _) => {}
             _ => left_out.damaged += 1,
         },
@@ -41,9 +42,9 @@ pub fn search(folder: &Path, filter: &mut LineFilter, each: &mut dyn FnMut(Value
     Ok(left_out)
 }
 
-/// The newest `count` lines that a filter takes but for the `from` newest of them.
+/// Returns the newest `count` lines that a filter accepts, after leaving out the `from` newest of them.
 pub(crate) fn newest_of(folder: &Path, filter: &mut LineFilter, from: usize, count: usize) -> Vec<Value> {
-    // as text, which takes much less memory
+    // kept as text, which needs much less memory
     let (mut newest, wanted) = (VecDeque::new(), from.saturating_add(count));
     let searched = search(folder, filter, &mut |line| {
         if newest.len() >= wanted {

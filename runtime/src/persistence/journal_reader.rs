@@ -1,4 +1,4 @@
-//! Reads a whole journal from its oldest line on, line by line, also while a runtime writes it.
+//! Reads a whole journal line by line, the oldest first, also while a runtime writes it.
 
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
@@ -10,27 +10,27 @@ use super::journal_folder::{FILES_MAX, Newest};
 use crate::disk::fs::{self, File, OpenOptions};
 use crate::disk::{Identity, Kind, Read, open_regular, read};
 
-/// How often files are opened again that were renamed meanwhile.
+/// Maximum number of attempts to open files that a runtime renames in the meantime.
 pub(super) const TRIES_MAX: usize = 10;
 
-/// Time for a renaming of all files to come to its end.
+/// Time in which a runtime has renamed all files.
 const BETWEEN_TRIES: Duration = Duration::from_millis(5);
 
-/// Time for the rest of a line that is just being written.
+/// Time to wait for the rest of a line that is being written.
 const REST_OF_LINE: Duration = Duration::from_millis(50);
 
-/// A file of the journal, and what opening it gave.
+/// A file of the journal, with the result of opening it.
 pub(super) type Opened = (PathBuf, io::Result<File>);
 
-/// Where a line stands.
+/// Location of a line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Place {
     pub path: PathBuf,
-    /// From 1.
+    /// Line number, from 1.
     pub line: u64,
 }
 
-/// Gives each line of a journal's files to `each`; gives the files that cannot be read, and why.
+/// Passes each line of a journal's files to `each`; returns the files that cannot be read, with the reason.
 pub(super) fn read_lines(
     files: Vec<Opened>,
     each: &mut dyn FnMut(&Place, Ending, &[u8]),
@@ -67,12 +67,12 @@ fn read_file(file: File, place: &mut Place, each: &mut dyn FnMut(&Place, Ending,
     Ok(())
 }
 
-/// What is damaged in a journal, without keeping a line of it in memory.
+/// Returns the damage in a journal, without keeping its lines in memory.
 pub(crate) fn damage(folder: &Path) -> Newest {
     let mut found = Newest::default();
     let Ok(files) = open(folder) else { return found };
     let mut each = |place: &Place, ending: Ending, line: &[u8]| {
-        // the last line may not be written in full yet
+        // the last line may still be incomplete
         let is_damaged = match ending {
             Ending::Whole => matches!(read(Kind::Journal, line), Read::Damaged),
             Ending::TooLong => true,
@@ -88,16 +88,17 @@ pub(crate) fn damage(folder: &Path) -> Newest {
     found
 }
 
-/// Ages of the files that are there.
+/// Returns the ages of the existing files.
 fn ages(folder: &Path) -> Vec<usize> {
     let is_there = |age: &usize| fs::symlink_metadata(place(folder, *age)).is_ok();
     (0..FILES_MAX).filter(is_there).collect()
 }
 
-/// All files of a journal, oldest first, as they are at one moment: a runtime may be renaming them.
+/// Opens all files of a journal, oldest first, as they are at one moment, because a runtime may be renaming
+/// them.
 ///
 /// # Errors
-/// There is no such folder.
+/// Returns an error if the folder does not exist.
 pub(super) fn open(folder: &Path) -> io::Result<Vec<Opened>> {
     fs::read_dir(folder)?;
     let mut opened = Vec::new();

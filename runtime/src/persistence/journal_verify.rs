@@ -40,7 +40,7 @@ pub struct Verified {
 pub struct Break {
     /// The file, or the folder if no single file is concerned.
     pub path: PathBuf,
-    /// The line, from 1; `None`: the file as a whole.
+    /// The line, from 1; `None` for the file as a whole.
     pub line: Option<u64>,
     /// The fault.
     pub what: String,
@@ -74,8 +74,8 @@ pub fn verify(folder: &Path, noted: Option<&str>) -> io::Result<Verified> {
         walk.found.add(Break {
             path,
             line: None,
-            what: format!("it cannot be read: {error}"),
-            advice: "look at its rights and at the disk",
+            what: format!("the file cannot be read: {error}"),
+            advice: "check its access rights and the disk",
         });
     }
     walk.end(folder, &anchor);
@@ -155,7 +155,7 @@ impl Walk {
             (Ending::Cut, _) => {
                 self.broken(
                     "the last line is cut short",
-                    "the power went, or somebody cut it; the next start removes it",
+                    "a power failure or a person has cut the line; the next start removes it",
                 );
                 self.before = Before::Unknown;
             }
@@ -207,7 +207,7 @@ impl Walk {
 
     /// Processes the beginning of a file or of the chain.
     fn mark(&mut self, mark: &Mark) {
-        let why = mark.why.as_deref().unwrap_or("nothing was there");
+        let why = mark.why.as_deref().unwrap_or("there was no journal");
         let is_first = self.before == Before::Nothing;
         match mark.before {
             None if is_first && mark.file == 1 => {
@@ -221,10 +221,10 @@ impl Walk {
                 }
             }
             None => {
-                let what = format!("the chain begins anew: {why}");
+                let what = format!("a new chain begins: {why}");
                 self.broken(
                     &what,
-                    "what was before cannot be vouched for; compare with a copy of the journal",
+                    "earlier lines cannot be verified; compare with a copy of the journal",
                 );
             }
             Some(_) if is_first => {
@@ -276,12 +276,13 @@ impl Walk {
         match read {
             AnchorRead::There(anchor) if anchor.hash != Hash::ORIGIN && !self.has_anchored => {
                 let what = format!(
-                    "lines behind this one are missing: number {} was the newest one that is known, with hash {}",
+                    "lines after this one are missing: the newest known line was number {}, with hash {}",
                     anchor.n, anchor.hash
                 );
                 self.broken(
                     &what,
-                    "they were removed, or the folder was copied while the machine wrote; compare with a copy",
+                    "the lines were removed, or the folder was copied while the machine wrote; compare with \
+                     a copy",
                 );
             }
             AnchorRead::There(_) => {}
@@ -295,9 +296,9 @@ impl Walk {
                     path: folder.join("anchor"),
                     line: None,
                     what: format!(
-                        "the anchor is {how}, so nobody knows whether newer lines or older files were there"
+                        "the anchor is {how}, so it is unknown whether newer lines or older files existed"
                     ),
-                    advice: "the next start writes it anew; compare with a copy of the journal",
+                    advice: "the next start writes a new anchor; compare with a copy of the journal",
                 });
             }
         }
@@ -305,7 +306,8 @@ impl Walk {
             let what = format!("no line has the hash {noted}");
             self.broken(
                 &what,
-                "what came up to it was changed or removed, or rotation has removed it since: look at the time of the first line",
+                "lines up to this hash were changed or removed, or rotation has removed them: check the \
+                 time of the first line",
             );
         }
     }

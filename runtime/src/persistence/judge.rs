@@ -89,10 +89,10 @@ pub(crate) fn judge_known(folder: &Path, is_known: bool) -> Judged {
     };
     let mut judged = match (bytes, content) {
         (Err(error), _) if error.kind() == io::ErrorKind::NotFound => {
-            of_nothing("it is gone", &sums, was_started)
+            of_nothing("the store is missing", &sums, was_started)
         }
         (Err(error), _) => damaged(&error.to_string(), &[], &sums),
-        (Ok(_), None) => of_nothing("it is empty", &sums, was_started),
+        (Ok(_), None) => of_nothing("the store is empty", &sums, was_started),
         (Ok(bytes), Some(Err(how))) => damaged(&how, &bytes, &sums),
         (Ok(bytes), Some(Ok(content))) => Judged {
             store_seal: content.seal.clone(),
@@ -107,7 +107,7 @@ pub(crate) fn judge_known(folder: &Path, is_known: bool) -> Judged {
         let is_older = judged.last > sums.last + 1;
         judged.sums_fault = sums
             .fault()
-            .or_else(|| is_older.then(|| "it is older than the store".to_owned()));
+            .or_else(|| is_older.then(|| "the file is older than the store".to_owned()));
     }
     judged.last = judged.last.max(sums.last);
     judged.sums_seal = sums.seal.filter(|_| !sums.is_damaged);
@@ -185,7 +185,7 @@ fn of_same_machine(sums: Sums, of_store: Option<&Seal>) -> Sums {
         (Some(of_sums), Some(of_store)) if of_sums.machine != of_store.machine => Sums {
             is_there: true,
             is_damaged: true,
-            foreign: Some(format!("it belongs to machine {}", of_sums.machine)),
+            foreign: Some(format!("the file belongs to machine {}", of_sums.machine)),
             ..Sums::default()
         },
         _ => sums,
@@ -203,7 +203,7 @@ fn of_content(content: Content, bytes: &[u8], sums: &Sums, was_started: bool) ->
     }
     if content.last == 0 || content.last < sums.last {
         let how = format!(
-            "its last change is {}, and the last one was {}",
+            "the store ends with change {}, but the last change was {}",
             content.last, sums.last
         );
         return damaged(&how, bytes, sums);
@@ -212,7 +212,7 @@ fn of_content(content: Content, bytes: &[u8], sums: &Sums, was_started: bool) ->
         return damaged(&format!("{name} is missing"), bytes, sums);
     }
     if !content.is_clean {
-        let how = "its structure was damaged".to_owned();
+        let how = "the structure was damaged".to_owned();
         return believed(Condition::Damaged(how), content.image, content.last);
     }
     believed(Condition::Whole, content.image, content.last)
@@ -272,7 +272,8 @@ struct Content {
 
 /// Reads a copy of the database in memory, so that the library cannot repair the file before it has been examined.
 fn read_database(bytes: &[u8]) -> Result<Content, String> {
-    // The library's own checks find nearly all damage. Damage that they miss may cause a panic, which also counts as damage.
+    // The library's own checks find nearly all damage. Damage that they miss may cause a panic, which is
+    // treated as damage, too.
     let read = catch_unwind(AssertUnwindSafe(|| {
         let memory = Memory::of(bytes).map_err(|error| error.to_string())?;
         let mut builder = Builder::new();
@@ -282,7 +283,7 @@ fn read_database(bytes: &[u8]) -> Result<Content, String> {
         let content = read_tables(&database)?;
         Ok(Content { is_clean, ..content })
     }));
-    read.unwrap_or_else(|_| Err("its structure makes no sense".to_owned()))
+    read.unwrap_or_else(|_| Err("the structure is inconsistent".to_owned()))
 }
 
 fn read_tables(database: &Database) -> Result<Content, String> {
@@ -305,15 +306,15 @@ fn read_tables(database: &Database) -> Result<Content, String> {
             let last = std::str::from_utf8(payload)
                 .ok()
                 .and_then(|text| text.parse().ok());
-            content.last = last.ok_or("its last change has no number")?;
+            content.last = last.ok_or("the last change has no number")?;
         } else if name == SEAL {
             let seal: Seal = serde_json::from_slice(payload).map_err(|error| text(&error))?;
             if seal.kind != Kind::Store {
-                return Err("its seal is of another kind".to_owned());
+                return Err("the seal is of another kind".to_owned());
             }
             content.seal = Some(seal);
         } else if !content.image.take_record(name, payload) {
-            return Err(format!("{name} is of no known form"));
+            return Err(format!("{name} has an unknown form"));
         }
     }
     Ok(content)
@@ -328,7 +329,7 @@ fn read_old(reading: &redb::ReadTransaction, image: &mut Image) -> Result<bool, 
     };
     for entry in pages.iter().map_err(|error| text(&error))? {
         let (key, bytes) = entry.map_err(|error| text(&error))?;
-        let page = Page::from_bytes(bytes.value()).ok_or("a page of variables is not of its length")?;
+        let page = Page::from_bytes(bytes.value()).ok_or("a page of variables has the wrong length")?;
         image.pages.insert(key.value(), page);
     }
     for entry in values.iter().map_err(|error| text(&error))? {

@@ -2,12 +2,13 @@
 //! run, and the journal.
 //!
 //! All but the journal is in one file of an embedded store (`store`), changed by whole transactions, so that a kill or
-//! a power cut at any moment leaves the state before or after one of them. Each value has a sum (`record`), and a file
-//! beside the store has the sums of all (`sums`): a value is believed if both agree, or the store as a whole is sound
-//! (`judge`). All other values are lost and count as missing until a person writes them again. A separate thread
-//! (`state_writer`) looks for changes and writes them: neither motion nor the handshake waits for a disk. The journal
-//! consists of lines in files of bounded size (`journal_folder`), written by another thread
-//! (`journal_file`). NC programs are files of their own, see `program_store`.
+//! a power cut at any moment leaves the state before or after one of them. Each value has a checksum
+//! (`record`), and a file next to the store has the checksums of all (`sums`). A value is trusted if both
+//! agree, or if the store as a whole is intact (module `judge`). All other values are lost and treated as
+//! missing until a person writes them again. A separate thread (`state_writer`) looks for changes and writes
+//! them: neither motion nor the handshake waits for a disk. The journal consists of lines in files of bounded
+//! size (`journal_folder`), written by another thread (`journal_file`). NC programs are files of their own,
+//! see `program_store`.
 
 mod ahead;
 pub(crate) mod chain;

@@ -80,7 +80,7 @@ impl KeptPositions {
             let is_inside = (low..=high).contains(&at);
             (!is_inside).then(|| {
                 let letter = axis.letter();
-                format!("axis {letter} stands at {at}, outside its soft limits of {low} to {high}")
+                format!("axis {letter} is at {at}, outside its soft limits of {low} to {high}")
             })
         });
         outside.collect()
@@ -191,9 +191,6 @@ mod tests {
         );
         let outside = KeptPositions::new(&image, &RestPositions::new()).outside(&settings(1, [7, 8]));
         assert_eq!(outside.len(), 1);
-        assert!(
-            outside[0].starts_with("axis X stands at 12, outside"),
-            "{outside:?}"
-        );
+        assert!(outside[0].starts_with("axis X is at 12, outside"), "{outside:?}");
     }
 }

@@ -13,17 +13,17 @@ pub(super) const CHANGE: &str = "change";
 /// Name of the record with the seal of the last change.
 pub(super) const SEAL: &str = "seal";
 
-/// The tables of versions before 0.2, without sums: pages of variables, and values.
+/// The tables of versions before 0.2, without checksums: pages of variables, and values.
 pub(super) const OLD_VARIABLES: TableDefinition<'_, (u8, u16), &[u8]> = TableDefinition::new("variables");
 pub(super) const OLD_VALUES: TableDefinition<'_, &str, &[u8]> = TableDefinition::new("values");
 
-/// Bytes of the store's cache. Reason: all that is kept fits.
+/// Bytes of the store's cache. Reason: all stored values fit.
 pub(super) const CACHE_BYTES: usize = 4 << 20;
 
 /// First bytes of a record. Reason: they allow records to be found in a file whose structure is damaged.
 const MAGIC: [u8; 8] = *b"\xf7tandem\x01";
 
-/// Bytes of the sum of a record.
+/// Bytes of the checksum of a record.
 const SUM_BYTES: usize = 8;
 
 /// Maximum sizes of a name and of its content, bytes.
@@ -40,12 +40,12 @@ fn sum(name: &str, payload: &[u8]) -> [u8; SUM_BYTES] {
     sum
 }
 
-/// The sum of a record, in hexadecimal digits.
+/// Returns the checksum of a record, in hexadecimal digits.
 pub(super) fn sum_of_record(name: &str, payload: &[u8]) -> String {
     hex::encode(sum(name, payload))
 }
 
-/// The bytes of a record.
+/// Returns the bytes of a record.
 pub(super) fn write(name: &str, payload: &[u8]) -> Vec<u8> {
     let mut bytes = MAGIC.to_vec();
     bytes.extend((name.len() as u64).to_le_bytes());
@@ -56,7 +56,7 @@ pub(super) fn write(name: &str, payload: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Reads the record at the beginning of some bytes: its name and its content.
+/// Reads the record at the beginning of the bytes: its name, its content and its length.
 fn begin(bytes: &[u8]) -> Option<(&str, &[u8], usize)> {
     let rest = bytes.strip_prefix(&MAGIC)?;
     let (name_len, rest) = rest.split_first_chunk::<8>()?;
@@ -74,13 +74,13 @@ fn begin(bytes: &[u8]) -> Option<(&str, &[u8], usize)> {
     is_whole.then_some((name, payload, length))
 }
 
-/// What is kept in a record of this name; `None`: it is damaged, or is of another name.
+/// Returns the content of a record; `None` if the record is damaged or has another name.
 pub(super) fn read<'a>(name: &str, bytes: &'a [u8]) -> Option<&'a [u8]> {
     let (found, payload, length) = begin(bytes)?;
     (found == name && length == bytes.len()).then_some(payload)
 }
 
-/// All whole records in some bytes, wherever they stand.
+/// Returns all intact records in the bytes, at any position.
 pub(super) fn scan(bytes: &[u8]) -> Vec<(&str, &[u8])> {
     let (mut found, mut at) = (Vec::new(), 0);
     while let Some(rest) = bytes.get(at..) {
@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_record_is_read_under_its_own_name_only_and_with_a_flipped_bit_not_at_all() {
+    fn record_read_under_its_own_name_only_and_not_with_a_flipped_bit() {
         let bytes = write("p/3", b"values");
         assert_eq!(read("p/3", &bytes), Some(&b"values"[..]));
         assert_eq!(read("p/4", &bytes), None);

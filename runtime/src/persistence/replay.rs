@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_of_other_coordinate_systems_and_of_a_boot_without_a_run_change_nothing() {
+    fn other_coordinate_systems_and_boots_do_not_change_the_last_run() {
         let mut other = output(6, 1);
         other["cs"] = json!(2);
         let mut boot = line(7, "boot", json!({"version": "0.1.0"}));

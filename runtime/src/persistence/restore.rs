@@ -24,14 +24,14 @@ use crate::tables::{
 /// Stored data that belongs to no table.
 #[derive(Debug, Default)]
 pub(crate) struct Restored {
-    /// Tool in the spindle by coordinate system; `None`: it is lost.
+    /// Tool in the spindle by coordinate system; `None` if it is lost.
     pub tools_in_spindle: BTreeMap<CoordinateSystemNumber, Option<u16>>,
     /// The last runs, of an earlier start of the runtime.
     pub last_runs: LastRuns,
     /// Coordinate systems whose last run is lost.
     pub lost_runs: BTreeSet<CoordinateSystemNumber>,
     pub runs: KeptRuns,
-    /// Last values of plant outputs that start with their last value; `None`: the value is lost.
+    /// Last values of plant outputs that start with their last value; `None` if the value is lost.
     pub outputs: BTreeMap<IoPoint, Option<IoValue>>,
 }
 
@@ -45,7 +45,7 @@ enum Read<T> {
     Value(T),
 }
 
-/// Fills the tables, which hold the configured values, with what was kept.
+/// Fills the tables, which hold the configured values, with the stored values.
 pub(crate) fn restore(tables: &Tables, image: &Image) -> Restored {
     let mut restored = Restored::default();
     for ((area, place), page) in &image.pages {
@@ -202,7 +202,7 @@ fn read<T: DeserializeOwned>(image: &Image, key: &str) -> Read<T> {
         Some(bytes) if bytes == LOST_VALUE => Read::Lost,
         Some(bytes) => serde_json::from_slice(bytes).map_or_else(
             |error| {
-                tracing::warn!("{key} is of another version ({error}); it counts as lost");
+                tracing::warn!("{key} was written by another version ({error}) and is treated as lost");
                 Read::Lost
             },
             Read::Value,
@@ -233,12 +233,12 @@ impl Image {
         if name == "tools" {
             match serde_json::from_slice::<Kept<ToolTable>>(bytes) {
                 Ok(kept) => self.take_old_tools(&kept),
-                Err(error) => tracing::warn!("the tool table cannot be taken over: {error}"),
+                Err(error) => tracing::warn!("the tool table cannot be restored: {error}"),
             }
         } else if let Some(cs) = name.strip_prefix("work_offsets/").and_then(|cs| cs.parse().ok()) {
             match serde_json::from_slice::<Kept<WorkOffsetTable>>(bytes) {
                 Ok(kept) => self.take_old_work_offsets(cs, &kept),
-                Err(error) => tracing::warn!("{name} cannot be taken over: {error}"),
+                Err(error) => tracing::warn!("{name} cannot be restored: {error}"),
             }
         } else {
             self.values.insert(name.to_owned(), bytes.to_vec());
@@ -339,7 +339,7 @@ mod tests {
         drop(values);
         assert!(
             !tables.tools().tools.iter().any(|tool| tool.id == 19),
-            "it is shown to nobody"
+            "it is not shown"
         );
         assert_eq!(restored.tools_in_spindle, [(1, None)].into());
         assert_eq!(restored.lost_runs, [2].into());
@@ -347,7 +347,7 @@ mod tests {
         assert!(tables.read_variables(VariableArea::Global, 383, 2).is_err());
         let told = tables.lost().join("; ");
         assert_eq!(told, "P384 to P511; tool 19; G54 X, Y, Z of coordinate system 1");
-        // it is stored as lost, and known once it is written
+        // the value is stored as lost, and known after it is written
         let kept = tables.kept(&tables.read().clone());
         assert_eq!(kept["tool_data/19"], LOST_VALUE);
         let change = ToolChange {

@@ -13,7 +13,7 @@ use crate::disk::{number, open_regular};
 pub(super) struct Head {
     /// Hash of the newest line.
     pub hash: Hash,
-    /// Its number.
+    /// Number of that line.
     pub n: u64,
     /// Number of the newest file.
     pub file: u64,
@@ -37,7 +37,7 @@ impl Head {
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Resumed {
     pub head: Head,
-    /// The line with which the file or the chain begins; `None`: the file continues.
+    /// The line with which the file or the chain begins; `None` if the file continues.
     pub mark: Option<Mark>,
     /// Previously written lines may be missing.
     pub may_lack_lines: bool,
@@ -120,14 +120,14 @@ pub(super) fn resume(folder: &Path, is_cut: bool) -> io::Result<Resumed> {
         (Last::Damaged, _) => Some(begins(Some("the last line is damaged".to_owned()))),
         (Last::None, AnchorRead::Missing) => Some(begins(None)),
         (Last::Unlinked, AnchorRead::Missing) => Some(begins(Some(
-            "the lines before it are of a version without a chain".to_owned(),
+            "the earlier lines are from a version without a chain".to_owned(),
         ))),
         (Last::Unlinked, _) => Some(begins(Some("the last line has no hash".to_owned()))),
         (_, AnchorRead::Missing | AnchorRead::Damaged) => Some(begins(Some(
-            "the anchor is missing or damaged, so nobody knows whether there were newer lines".to_owned(),
+            "the anchor is missing or damaged, so it is unknown whether there were newer lines".to_owned(),
         ))),
         (_, AnchorRead::There(anchor)) if !has_sought => Some(begins(Some(format!(
-            "newer lines were there: number {} was the newest known",
+            "newer lines existed: number {} was the newest known line",
             anchor.n
         )))),
         (Last::None, AnchorRead::There(_)) => Some(begins(None)),

@@ -51,7 +51,7 @@ enum Message {
 #[derive(Debug, Clone)]
 pub(crate) struct StateWriter {
     messages: Sender<Message>,
-    /// In a simulated world, where the thread is a task, it works at once.
+    /// In a simulated world the thread is a task, which works at once.
     #[cfg(test)]
     rounds: Option<threads::Rounds>,
 }
@@ -103,10 +103,11 @@ pub(crate) struct StateWriterThread {
 }
 
 impl StateWriterThread {
-    /// Starts the thread over the store of a folder, of which `kept` is the content; `None`: the disk refuses it.
+    /// Starts the thread for the store of a folder, with `kept` as its content; `store` is `None` if the disk
+    /// has failed.
     ///
     /// # Errors
-    /// The operating system gives no thread.
+    /// Returns an error if the operating system provides no thread.
     pub fn start(folder: PathBuf, store: Option<Store>, kept: Image, source: Source) -> io::Result<Self> {
         let (messages, inbox) = channel();
         let supervisor = source.health.supervisor.clone();
@@ -132,7 +133,7 @@ impl StateWriterThread {
         })
     }
 
-    /// A handle for callers.
+    /// Returns a handle for callers.
     pub fn writer(&self) -> StateWriter {
         self.writer.clone()
     }
@@ -273,7 +274,8 @@ impl Source {
     }
 }
 
-/// A run that an earlier end of the runtime cut short, once an operator has loaded or reset: it is no longer reported.
+/// Marks a run that an earlier end of the runtime cut short as seen after an operator has loaded a program or
+/// reset: it is no longer reported.
 fn taken_over(before: &LastRun, reason: Option<Reason>) -> Option<LastRun> {
     let is_new = before.is_under_way() && reason != Some(Reason::Restarted);
     is_new.then(|| LastRun {
@@ -293,15 +295,15 @@ fn changed_pages(area: u8, array: &VariableArray, kept: &Image, change: &mut Ima
     }
 }
 
-/// How far the store lags: a change is found by the next look and is on disk when the commit of that look has ended. If
-/// commits take at most [`INTERVAL`], that is at most twice the interval.
+/// Lag of the store. The next look finds a change, and the change is on disk when the commit of that look has
+/// ended. If commits take at most [`INTERVAL`], the lag is at most twice the interval.
 #[derive(Debug, Default)]
 struct Pace {
     looked_s: Option<f64>,
 }
 
 impl Pace {
-    /// How long to wait until the next look, which is due [`INTERVAL`] after the last.
+    /// Returns the time until the next look, which is due [`INTERVAL`] after the last one.
     fn wait(&self, now_s: f64) -> Duration {
         let since_s = self.looked_s.map_or(0.0, |looked_s| now_s - looked_s);
         INTERVAL.saturating_sub(Duration::from_secs_f64(since_s.max(0.0)))
@@ -314,10 +316,11 @@ impl Pace {
     }
 }
 
-/// When the last good generation is written: after the start, at the end, and in between if something has changed.
+/// Times at which the last good generation is written: after the start, at the end, and in between if
+/// something has changed.
 #[derive(Debug, Default)]
 struct GenerationPace {
-    /// When it was written, and the number of the last change then.
+    /// Time of the last writing, and the number of the last change at that time.
     written: Option<(f64, u64)>,
 }
 
@@ -330,7 +333,7 @@ impl GenerationPace {
 
 struct Work {
     folder: PathBuf,
-    /// `None` after a failure, until it opens again.
+    /// `None` after a failure, until the store is open again.
     store: Option<Store>,
     generation: GenerationPace,
     kept: Image,
@@ -385,7 +388,7 @@ impl Work {
         self.kept.take_over(change);
         self.last_runs = last_runs;
         if behind_s > BEHIND_MAX_S {
-            tracing::warn!("the disk is slow: what is kept was {behind_s:.3} s behind");
+            tracing::warn!("the disk is slow: stored values lagged by {behind_s:.3} s");
         }
         Ok(())
     }
@@ -410,7 +413,7 @@ impl Work {
         Ok(())
     }
 
-    /// Writes the last good generation when it is due. One with lost values is not good.
+    /// Writes the last good generation when it is due. A generation with lost values is not good.
     fn keep_generation(&mut self, is_closing: bool) {
         let (now_s, last) = (self.source.clock.now_s(), self.store.as_ref().map(Store::last));
         let Some(last) = last.filter(|last| self.generation.is_due(now_s, *last, is_closing)) else {
@@ -430,7 +433,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_generation_is_due_at_the_start_at_the_end_and_every_ten_minutes_with_a_change() {
+    fn generation_due_at_start_at_end_and_ten_minutes_after_a_change() {
         let pace = |written| GenerationPace { written };
         for (written, now_s, last, is_closing, is_due) in [
             (None, 0.0, 1, false, true),

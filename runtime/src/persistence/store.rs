@@ -57,9 +57,9 @@ impl<'a> Change<'a> {
 }
 
 impl Store {
-    /// Opens the store of a folder that has been inspected (`judged`). A new store receives its name when it is
-    /// complete, so a kill during its creation leaves no store. A damaged store is moved aside and replaced by a new
-    /// one with the remaining values. Also returns the path of the damaged store.
+    /// Opens the store of an inspected folder (result in `judged`). A new store receives its name when it is
+    /// complete, so a kill during its creation leaves no store. A damaged store is moved aside and replaced
+    /// by a new one with the remaining values. Also returns the path of the damaged store.
     ///
     /// # Errors
     /// Returns an error if another process has it open, or the disk operation fails; in both cases nothing more is
@@ -140,7 +140,7 @@ impl Store {
         if let Err(error) = self.sums.add_at(number, of_change.generation, sums) {
             // undone before the failure is reported: if the process is killed before that, the outcome is unknown
             put_back(&self.database, &before).map_err(|also| {
-                let text = format!("{error}; and what was written could not be taken back: {also}");
+                let text = format!("{error}; and the written data could not be undone: {also}");
                 io::Error::new(error.kind(), text)
             })?;
             return Err(error);
@@ -164,7 +164,8 @@ fn sums_of(image: &Image) -> BTreeMap<String, String> {
         .collect()
 }
 
-/// Writes an image as one change, and returns the previous content of its names; `None`: the name did not exist.
+/// Writes an image as one change, and returns the previous content of its names; `None` for a name that did
+/// not exist.
 fn write_all(database: &Database, image: &Image, of_change: &Change<'_>) -> io::Result<Before> {
     let mut before = Before::new();
     let writing = database.begin_write().map_err(io::Error::other)?;
@@ -377,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn a_store_that_is_gone_empty_or_none_is_put_aside_and_what_was_kept_is_lost_by_name() {
+    fn missing_or_invalid_store_is_set_aside_and_its_values_lost_by_name() {
         for damage in ["gone", "empty", "none", "folder"] {
             let folder = tempfile::tempdir().unwrap();
             let (mut store, ..) = open(folder.path());
@@ -478,9 +479,9 @@ mod tests {
         let foreign = fs::read(&other).unwrap();
         for (bytes, fault) in [
             (foreign, "it contains lines of program_sums"),
-            (b"rubbish\n".to_vec(), "lines of it are damaged"),
-            (Vec::new(), "it is missing or damaged"),
-            (older, "it is older than the store"),
+            (b"rubbish\n".to_vec(), "lines are damaged"),
+            (Vec::new(), "the file is missing or damaged"),
+            (older, "the file is older than the store"),
         ] {
             fs::write(&sums, bytes).unwrap();
             let judged = judge(folder.path());
@@ -569,7 +570,7 @@ mod tests {
     }
 
     #[test]
-    fn a_change_that_is_refused_because_its_sums_cannot_be_written_is_not_there_after_a_restart() {
+    fn change_refused_without_checksums_is_absent_after_a_restart() {
         let folder = tempfile::tempdir().unwrap();
         let (mut store, ..) = open(folder.path());
         store.commit(&image(1)).unwrap();

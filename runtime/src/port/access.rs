@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_flood_of_refusals_leaves_a_bounded_number_of_lines_and_the_count_of_the_others() {
+    fn flood_of_refusals_writes_a_bounded_number_of_lines_and_a_count() {
         let mut bucket = Bucket::default();
         let mut written = 0;
         for n in 0..100_000 {

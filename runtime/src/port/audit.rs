@@ -41,10 +41,10 @@ pub(super) fn record_edit(shared: &Shared, client: Option<&str>, request: &Reque
     record(shared, origin, request);
 }
 
-/// Returns true for a request that changes something and has no line of its own that names the client. Such a request
-/// needs more rights than to read, or to handle and reset outputs. Signs of life are excluded, and so are requests with
-/// a line `command`, `lease` or `answer` that names the client. A request without a route is treated as an edit unless
-/// it is listed here. Requests made for each M code are also listed, because an M code waits for them.
+/// Returns true for a request that changes something and gets no other journal line that names the client.
+/// Its right is none of [`Right::Read`], [`Right::Handle`] and [`Right::Reset`], or it has no REST route.
+/// Excluded are heartbeats, requests with a line `command`, `lease` or `answer`, requests made for each M
+/// code, and [`is_own_level`].
 fn is_edit(request: &Request) -> bool {
     match request {
         request if is_own_level(request) => false,
@@ -64,8 +64,8 @@ fn is_edit(request: &Request) -> bool {
     }
 }
 
-/// Returns true for levels that a handler repeatedly reports of its own inputs and outputs of the plant: their states
-/// show them.
+/// Returns true for levels that a handler repeatedly writes to its own inputs and outputs of the plant. They
+/// need no audit line, because the published states show them.
 pub(super) fn is_own_level(request: &Request) -> bool {
     matches!(request, Request::WriteIo(_, set) if set.handler_id.is_some())
 }

@@ -100,8 +100,7 @@ impl RuntimePort {
             let words = format!("the order of run {run_id}");
             return self.reply_again(Recalled::OtherCommand(words), meta, Some(cs));
         }
-        let text =
-            format!("run {run_id} was begun by this order before; GET /runs/{run_id} says how far it came");
+        let text = format!("this order already started run {run_id}; GET /runs/{run_id} shows its progress");
         let reply = self
             .shared
             .reply_to(Some(cs), meta, CommandStatus::Done, "ok", &text);
@@ -159,7 +158,8 @@ impl RuntimePort {
             Recalled::Again(Some(reply)) => (reply.clone(), Ok(Some(reply))),
             Recalled::OtherCommand(words) => {
                 let text = format!(
-                    "command_id \"{:.64}\" is that of another command: {words}; take a new one for each command",
+                    "command_id \"{:.64}\" belongs to another command: {words}; use a new command_id for \
+                     each command",
                     meta.command_id
                 );
                 refused(Refusal::new(RefusalCode::CommandIdReused, text))

@@ -28,7 +28,7 @@ impl RuntimePort {
         ))
     }
 
-    /// Reads the journal from the disk, which is at most 20 ms late.
+    /// Reads the journal from the disk; the newest lines of the last 20 ms may be missing.
     pub(super) async fn journal(
         &self,
         from: u32,
@@ -55,7 +55,7 @@ impl RuntimePort {
         self.on_disk(read).await.map(Answer::Journal)
     }
 
-    /// Changes data: on disk before they are in force, and in force before the answer.
+    /// Changes data: they are on disk before they take effect, and take effect before the answer.
     pub(super) async fn change(
         &self,
         changed: impl FnOnce(&Tables) -> Result<Values, Refusal> + Send + 'static,
@@ -176,5 +176,8 @@ impl RuntimePort {
 }
 
 fn unkept(text: &str) -> Refusal {
-    Refusal::new(RefusalCode::Unavailable, format!("it cannot be kept: {text}"))
+    Refusal::new(
+        RefusalCode::Unavailable,
+        format!("the value cannot be stored: {text}"),
+    )
 }

@@ -65,7 +65,8 @@ impl RuntimePort {
         let rules = rules.map_err(|why| Refusal::new(RefusalCode::Invalid, why))?;
         refuse_too_large(&text)?;
         let signature = signature.map(|text| {
-            let refusal = "the signature is 64 bytes in Base64, as openssl pkeyutl -sign -rawin | base64 -w0 writes them";
+            let refusal =
+                "the signature must be 64 bytes in Base64, as from openssl pkeyutl -sign -rawin | base64 -w0";
             signing::of_text(&text).ok_or_else(|| Refusal::new(RefusalCode::Invalid, refusal))
         });
         let signature = signature.transpose()?;
@@ -222,7 +223,7 @@ async fn in_background<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'sta
     let unavailable = || {
         Refusal::new(
             RefusalCode::Unavailable,
-            "the check could not be carried out; send it again",
+            "the check could not be executed; send the request again",
         )
     };
     let permit = CHECKS.acquire().await.map_err(|_| unavailable())?;

@@ -166,7 +166,7 @@ fn what_was_commanded_before_a_stop_or_abort_does_not_move_behind_it() {
 }
 
 #[test]
-fn a_refusal_that_comes_from_a_lock_says_the_state_and_what_it_leaves_allowed() {
+fn lock_refusal_contains_the_state_and_the_allowed_verbs() {
     with_machine(async move |port| {
         let interlock = LockSet::new(true, "the door is open");
         port.ask(typed::Input(1, Input::Interlock(interlock)))
@@ -205,7 +205,7 @@ fn hold_and_stop_are_carried_out_whatever_their_id_was_used_for() {
 }
 
 #[test]
-fn a_command_past_its_ttl_or_for_another_boot_is_refused_and_the_reply_is_published() {
+fn expired_or_foreign_boot_command_refused_and_reply_published() {
     with_machine(async move |port| {
         let typed::Command { mut meta, .. } = start("old");
         (meta.ttl_ms, meta.issued_at) = (Some(500), Some(Timestamp("1999-12-31T23:59:59Z".into())));
@@ -240,7 +240,7 @@ fn a_command_past_its_ttl_or_for_another_boot_is_refused_and_the_reply_is_publis
 }
 
 #[test]
-fn a_skip_input_needs_a_motor_of_an_axis_and_simulated_time_has_no_servo_thread() {
+fn skip_input_requires_a_motor_of_an_axis() {
     with_machine(async move |port| {
         // motor 4 of the demo is the spindle
         assert_eq!(port.ask(typed::SkipInput(3, true)).await, Ok(()));
@@ -284,7 +284,7 @@ async fn answer_validation(
 }
 
 #[test]
-fn handlers_are_asked_again_for_a_program_that_was_written_anew_since_it_was_loaded() {
+fn handlers_validate_again_after_the_loaded_program_is_rewritten() {
     with_machine(async move |port| {
         let picky = HandlerPresence {
             online: true,
@@ -337,7 +337,7 @@ fn handlers_are_asked_again_for_a_program_that_was_written_anew_since_it_was_loa
 }
 
 #[test]
-fn the_program_place_is_the_head_of_what_is_loaded_after_a_load_and_a_reset() {
+fn program_position_is_the_head_of_the_program_after_load_and_reset() {
     with_machine(async move |port| {
         let place = async || {
             let message = port.read(&Topic::cs(1, CsTopic::Program)).await.unwrap();
@@ -367,7 +367,7 @@ fn the_program_place_is_the_head_of_what_is_loaded_after_a_load_and_a_reset() {
 }
 
 #[test]
-fn the_program_place_is_published_at_most_5_times_a_second_however_often_the_state_changes() {
+fn program_position_published_at_most_5_times_a_second() {
     with_machine(async move |port| {
         let topics = vec![Topic::cs(1, CsTopic::State), Topic::cs(1, CsTopic::Program)];
         let text = "M03\nG04 X0.001\n".repeat(200) + "M30\n";

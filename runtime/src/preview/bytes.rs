@@ -6,7 +6,7 @@ use plc_api::types::planned::{PATH_HEADER_BYTES, PathIdentity, PathQuery};
 use super::chunk::{Chunk, LEVELS, PROGRAMS_MAX, TOLERANCES_MM, Vertex, single};
 use super::plan::{Content, Plan};
 
-/// What the bytes begin with.
+/// First bytes of a path.
 const MAGIC: [u8; 4] = *b"TPTH";
 
 /// Version of the form.
@@ -18,7 +18,7 @@ const VERTEX: usize = 20;
 /// Bytes of an entry of the table of chunks.
 const ENTRY: usize = 48;
 
-/// The part of the path that is asked for.
+/// The requested part of the path.
 pub(super) fn encode(
     plan: &Plan,
     content: &Content,

@@ -2,16 +2,16 @@
 
 use tandem_model::Origin;
 
-/// Lines of a chunk.
+/// Maximum number of lines of a chunk.
 pub(super) const CHUNK_LINES: usize = 4096;
 
 /// Levels of detail.
 pub(super) const LEVELS: usize = 4;
 
-/// By how much each level is coarser than the one before.
+/// Factor by which the tolerance of each level exceeds that of the previous one.
 const LEVEL_FACTOR: f64 = 4.0;
 
-/// How far a point of the path may be from the lines of each level, mm, the finest first.
+/// Maximum distance of a point of the path from the lines of each level, mm, the finest first.
 pub(super) const TOLERANCES_MM: [f64; LEVELS] = {
     let finest = plc_api::types::planned::PATH_TOLERANCE_MM;
     let second = finest * LEVEL_FACTOR;
@@ -19,16 +19,16 @@ pub(super) const TOLERANCES_MM: [f64; LEVELS] = {
     [finest, second, third, third * LEVEL_FACTOR]
 };
 
-/// Bits of a word that name a line: more than any program has.
+/// Bits of the line number in a word: enough for every program.
 const LINE_BITS: u32 = 26;
 
-/// Places of program numbers in a path. Lines of further programs are not told apart: the last place is theirs.
+/// Maximum number of programs with an index in a path. All further programs share the last index.
 pub(super) const PROGRAMS_MAX: usize = 31;
 
-/// A line of G00.
+/// Bit of a word that marks a line of G00.
 const RAPID: u32 = 1 << 31;
 
-/// As a picture is drawn.
+/// Converts to single precision, for the picture.
 #[allow(
     clippy::cast_possible_truncation,
     reason = "single precision is enough for a picture"
@@ -37,23 +37,23 @@ pub(super) fn single(value: f64) -> f32 {
     value as f32
 }
 
-/// A point of the path, and what the line that ends there is of.
+/// A point of the path, and the origin of the line that ends there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Vertex {
     /// Machine position, mm.
     pub at: [f32; 3],
-    /// Line, place of the program, and whether it is a rapid.
+    /// Line number, index of the program, and the bit for a rapid.
     pub word: u32,
-    /// When it is reached, s.
+    /// Time at which the point is reached, s.
     pub time_s: f32,
 }
 
-/// The programs of a path, by their places in words.
+/// The programs of a path, by their indices in words.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Palette(pub Vec<u16>);
 
 impl Palette {
-    /// The word of a line of the path.
+    /// Returns the word for a line of the path.
     pub fn word(&mut self, origin: Origin, is_rapid: bool) -> u32 {
         let known = self.0.iter().position(|number| *number == origin.program);
         let place = known.unwrap_or_else(|| {
@@ -70,18 +70,18 @@ impl Palette {
     }
 }
 
-/// Lines one behind another.
+/// Successive lines of a path.
 #[derive(Debug)]
 pub(super) struct Chunk {
     pub vertices: Vec<Vertex>,
-    /// Of each coarser level, which of the vertices it has.
+    /// Indices of the vertices in each coarser level.
     coarser: [Vec<u16>; LEVELS - 1],
     pub low: [f32; 3],
     pub high: [f32; 3],
 }
 
 impl Chunk {
-    /// Of at least one vertex, and at most one more than [`CHUNK_LINES`].
+    /// Creates a chunk from at least one vertex, and at most [`CHUNK_LINES`] + 1.
     pub fn new(vertices: Vec<Vertex>) -> Self {
         let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         for vertex in &vertices {
@@ -91,7 +91,7 @@ impl Chunk {
         let mut coarser: [Vec<u16>; LEVELS - 1] = Default::default();
         let mut kept: Vec<u16> = (0_u16..).take(vertices.len()).collect();
         for (level, tolerance) in coarser.iter_mut().zip(&TOLERANCES_MM[1..]) {
-            // what was left out before counts, too
+            // the previous levels have already used a part of the tolerance
             let tolerance = tolerance * (1.0 - 1.0 / LEVEL_FACTOR);
             kept = thinned(&vertices, &kept, single(tolerance));
             level.clone_from(&kept);
@@ -104,7 +104,7 @@ impl Chunk {
         }
     }
 
-    /// How many vertices a level has.
+    /// Returns the number of vertices of a level.
     pub fn len(&self, level: usize) -> usize {
         match level.checked_sub(1) {
             None => self.vertices.len(),
@@ -112,7 +112,7 @@ impl Chunk {
         }
     }
 
-    /// The vertices of a level.
+    /// Returns the vertices of a level.
     pub fn level(&self, level: usize) -> Box<dyn Iterator<Item = &Vertex> + '_> {
         match level.checked_sub(1) {
             None => Box::new(self.vertices.iter()),
@@ -133,8 +133,8 @@ impl Chunk {
     }
 }
 
-/// Of these vertices, those that no line may leave out: Douglas and Peucker between changes from feed to rapid and back, and
-/// between rests.
+/// Returns those of the vertices `of` that are needed within the tolerance (algorithm of Douglas and Peucker,
+/// applied between changes from feed to rapid and back).
 fn thinned(vertices: &[Vertex], of: &[u16], tolerance: f32) -> Vec<u16> {
     let at = |i: usize| vertices[usize::from(of[i])];
     let mut keeps = vec![false; of.len()];
@@ -173,7 +173,7 @@ fn thin(at: &impl Fn(usize) -> Vertex, first: usize, last: usize, tolerance: f32
     }
 }
 
-/// Squared distance of a point from the straight line between two others.
+/// Returns the squared distance of a point from the straight line between two others.
 pub(super) fn distance_squared(point: [f32; 3], from: [f32; 3], to: [f32; 3]) -> f32 {
     let along = share_along(point, from, to);
     (0..3)
@@ -181,7 +181,7 @@ pub(super) fn distance_squared(point: [f32; 3], from: [f32; 3], to: [f32; 3]) ->
         .sum()
 }
 
-/// Where the nearest point of the straight line between two others is, 0 to 1.
+/// Returns the location of the nearest point on the straight line between two others, 0 to 1.
 pub(super) fn share_along(point: [f32; 3], from: [f32; 3], to: [f32; 3]) -> f32 {
     let way: [f32; 3] = std::array::from_fn(|i| to[i] - from[i]);
     let length: f32 = way.iter().map(|part| part * part).sum();
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn a_word_tells_line_program_and_rapid_and_further_programs_share_the_last_place() {
+    fn word_holds_line_program_and_rapid_last_index_is_shared() {
         let mut palette = Palette::default();
         let origin = |program, line| Origin {
             program,

@@ -2,8 +2,8 @@
 //! run; the servo and its tasks do not depend on it, and it reads only data that all threads may read.
 //!
 //! The loaded program of each coordinate system is planned automatically, and again when something that its plan depends on changes. A
-//! run has the plan of the conditions with which it began: the one made before, if they are the same, else one made while it runs.
-//! Other programs are planned on request.
+//! run has the plan of the conditions with which it began: the one made before, if they are equal, otherwise
+//! a plan that is made while the run is active. Other programs are planned on request.
 
 mod bytes;
 mod chunk;
@@ -63,10 +63,10 @@ const THREAD: &str = "preview";
 /// Pause after a fault in the planning of a program. Reason: the same program is planned again.
 const FAULT_PAUSE: Duration = Duration::from_secs(1);
 
-/// A plan of changed conditions waits so many times as long as the last one took.
+/// Pause before a plan for changed conditions, as a multiple of the duration of the last planning.
 const PAUSE_FACTOR: u32 = 2;
 
-/// An M code that takes longer than so many times what it took before, and so much more, has no known end.
+/// An M code that takes longer than this multiple of its usual time plus `OVERDUE_S` has no known end.
 const OVERDUE_FACTOR: f64 = 2.0;
 const OVERDUE_S: f64 = 1.0;
 
@@ -135,7 +135,7 @@ impl Previews {
         };
         match std::thread::Builder::new().name(THREAD.into()).spawn(work) {
             Ok(thread) => self.thread = Some(thread),
-            Err(error) => tracing::warn!(%error, "there is no thread that plans programs ahead"),
+            Err(error) => tracing::warn!(%error, "the thread that plans programs could not be started"),
         }
     }
 
@@ -150,10 +150,10 @@ impl Previews {
         })
     }
 
-    /// The planned path of a program, as far as it is known.
+    /// Returns the planned path of a program, as far as it is known.
     ///
     /// # Errors
-    /// There is no such coordinate system, or it does not run the program.
+    /// Returns an error if the coordinate system does not exist, or does not run the program.
     pub async fn path(&self, program: Arc<StoredProgram>, query: &PathQuery) -> Result<PlannedPath, Refusal> {
         let (cs, found) = self.plan(program, query.cs).await?;
         let content = found.plan.content();
@@ -166,10 +166,10 @@ impl Previews {
         })
     }
 
-    /// What a run of a program does, as far as it is known.
+    /// Returns the rehearsal of a program, as far as it is known.
     ///
     /// # Errors
-    /// As for a path.
+    /// Returns an error in the same cases as for a path.
     pub async fn rehearsal(
         &self,
         program: Arc<StoredProgram>,
@@ -182,7 +182,7 @@ impl Previews {
         Ok(rehearsal)
     }
 
-    /// Publishes once a second how long the running programs take to their ends.
+    /// Publishes the time left of all running programs once a second.
     pub fn tell_time_left(&self) -> impl Future<Output = ()> + use<> {
         let supervisor = self.inner.shared.supervisor.clone();
         let inner = Arc::clone(&self.inner);
@@ -207,10 +207,11 @@ impl Previews {
         }
     }
 
-    /// What is in force at a line of the loaded program: a function, which takes its time, for a thread that may wait.
+    /// Returns a function that computes the state in force at a line of the loaded program. It takes long, so
+    /// the caller must run it on a thread that may wait.
     ///
     /// # Errors
-    /// No program is loaded, or as [`line_entry`].
+    /// Returns an error if no program is loaded, or in the cases of [`line_entry`].
     pub fn line_state(
         &self,
         cs: CoordinateSystemNumber,
@@ -220,7 +221,7 @@ impl Previews {
         move || {
             let state = state_of(&inner.shared, cs).unwrap_or_default();
             let program = state.program.and_then(|number| inner.shared.store.get(number));
-            let none = "no program is loaded; load one first";
+            let none = "no program is loaded; load a program first";
             let program = program.ok_or_else(|| Refusal::new(RefusalCode::NotFound, none))?;
             inner.judge(cs, &program)?;
             let conditions = inner.conditions(cs, &program);
@@ -260,7 +261,7 @@ impl Previews {
                     Some(found) => Ok((cs, found)),
                     None => Err(Refusal::new(
                         RefusalCode::Unavailable,
-                        "other programs are being planned; ask again",
+                        "other programs are being planned; repeat the request",
                     )),
                 };
             }
@@ -276,7 +277,7 @@ impl Drop for Previews {
         }
         self.inner.work.notify_all();
         if let Some(thread) = self.thread.take() {
-            // a panic of it has been reported by its own message
+            // a panic of the thread has been reported by its own message
             let _ = thread.join();
         }
     }
@@ -316,7 +317,8 @@ impl Inner {
         let (number, own, here) = (program.number, program.dialect.name, configured.dialect.name);
         if own != here {
             let text = format!(
-                "program {number} is of dialect {own}, and coordinate system {cs} speaks {here}; name another one by cs="
+                "program {number} has dialect {own}, but coordinate system {cs} has {here}; name another \
+                 one with cs="
             );
             return Err(Refusal::new(RefusalCode::WrongDialect, text));
         }
@@ -330,7 +332,8 @@ impl Inner {
         Ok(())
     }
 
-    /// How far the run is that a plan is of; `None`: it is of none, or not complete.
+    /// Returns the progress of the run to which a plan belongs; `None` if there is no run, or if the plan is
+    /// incomplete.
     fn run_now(&self, cs: CoordinateSystemNumber, found: &FoundPlan) -> Option<RehearsedRun> {
         found.run.as_ref()?;
         let state = state_of(&self.shared, cs)?;
@@ -372,7 +375,7 @@ impl Inner {
             || known_s.is_none_or(|known_s| elapsed_s > known_s * OVERDUE_FACTOR + OVERDUE_S)
     }
 
-    /// How long the run under way takes to its end, to a tenth of a second, and which share of it is done, to a thousandth.
+    /// Returns the time left of the active run, rounded to 0.1 s, and its progress, rounded to 0.001.
     fn time_left(&self, cs: CoordinateSystemNumber) -> TimeLeft {
         let run = self.system(cs).and_then(|(_, view)| view.run());
         let Some(run) = run else {
@@ -390,8 +393,8 @@ impl Inner {
         }
     }
 
-    /// The plan of the run of a program that is under way, else of the program as it would run now; when there is none, it is
-    /// wanted.
+    /// Returns the plan of the program's active run, otherwise the plan of the program as it would run now. A
+    /// missing plan is ordered.
     fn look(&self, cs: CoordinateSystemNumber, program: &Arc<StoredProgram>) -> Option<FoundPlan> {
         let (_, view) = self.system(cs)?;
         let run = view.run();
@@ -446,7 +449,7 @@ impl Inner {
         ))
     }
 
-    /// Makes the plan in the requesting thread.
+    /// Creates the plan in the requesting thread.
     fn make_if_needed(&self, cs: CoordinateSystemNumber, program: &Arc<StoredProgram>) {
         if self.look(cs, program).is_none() {
             while let Some((cs, which, wanted)) = self.next() {
@@ -470,7 +473,7 @@ impl Inner {
         }
     }
 
-    /// Runs and loaded programs are wanted when there is no plan of them, or one of other conditions.
+    /// Orders plans for runs and loaded programs that have no plan, or only a plan for other conditions.
     fn want_loaded(&self) {
         for (configured, view) in &self.systems {
             let cs = configured.settings.number;
@@ -503,7 +506,7 @@ impl Inner {
         }
     }
 
-    /// The plan to be made next.
+    /// Returns the order for the next plan.
     fn next(&self) -> Option<(CoordinateSystemNumber, PlanUse, PlanOrder)> {
         let mut all = self.slots.lock();
         PlanUse::ALL.into_iter().find_map(|which| {
@@ -574,7 +577,7 @@ impl Inner {
     }
 }
 
-/// True from a start to the end of the run.
+/// Returns true from a start to the end of the run.
 fn is_running(state: &State) -> bool {
     !matches!(
         state.execution,

@@ -89,8 +89,8 @@ impl Plan {
         }
     }
 
-    /// Returns true if a run with these conditions does what is planned: every input is equal, and so is every variable
-    /// that was read.
+    /// Returns true if a run with these conditions follows the plan: all inputs and all variables that were
+    /// read are equal.
     pub fn matches(&self, now: &Conditions) -> bool {
         self.is_alive()
             && self.conditions.position_key == now.position_key
@@ -100,7 +100,7 @@ impl Plan {
                 .all(|(then, array, index)| bits(then, index) == bits(array(&now.variables), index))
     }
 
-    /// As [`Plan::matches`], but ignores the position of the machine and the values of variables.
+    /// Works as [`Plan::matches`], but ignores the position of the machine and the values of variables.
     pub fn matches_but_position(&self, now: &Conditions) -> bool {
         self.is_alive() && self.conditions.key == now.key
     }
@@ -110,8 +110,9 @@ impl Plan {
         !self.is_cancelled() || self.content().is_complete()
     }
 
-    /// The array of the conditions, the array in other conditions, and the index of each variable that the program has read
-    /// before it set it. A run from a line counts every one: the search for its line has read them.
+    /// Returns each variable that the program has read before setting it: its array in the plan's conditions,
+    /// its array in other conditions, and its index. For a run from a line these are all variables, because
+    /// the search for the line has read them.
     fn reads(&self) -> impl Iterator<Item = (&VariableArray, ArrayOf, usize)> {
         let Conditions {
             variables,
@@ -135,8 +136,9 @@ impl Plan {
         })
     }
 
-    /// Returns what the plan was made with: the same from the first call on. If that comes while planning goes on, it covers all
-    /// variables, unless the program reads none; afterwards those that were read.
+    /// Returns the identity of the conditions of the plan; all calls return the result of the first one. If
+    /// the first call comes during planning, the identity covers all variables (none if the program reads
+    /// none). After planning it covers only the variables that were read.
     pub fn identity(&self, content: &Content) -> PlanIdentity {
         self.identity
             .get_or_init(|| self.identify(content.is_complete()))
@@ -193,7 +195,8 @@ impl Plan {
         *self.content.lock() = Arc::new(content);
     }
 
-    /// Differs from that of any other plan, of another run, and of less of the same plan.
+    /// Returns a tag that differs for any other plan, for another run, and for a shorter part of the same
+    /// plan.
     pub fn tag(content: &Content, PathIdentity { run_id, plan }: &PathIdentity) -> String {
         let extent = match content.outcome {
             RehearsalOutcome::Planning => content.chunks.len().to_string(),

@@ -29,10 +29,10 @@ const ITEMS_MAX: u64 = 20_000_000;
 /// Maximum time planned ahead, s: a week.
 const TIME_MAX_S: f64 = 7.0 * 86_400.0;
 
-/// M codes that a rehearsal lists one by one.
+/// Maximum number of M codes that a rehearsal lists one by one.
 const M_CODES_MAX: usize = 1000;
 
-/// Items between two looks at whether the plan is still wanted.
+/// Items between two checks whether the plan is still needed.
 const ITEMS_PER_LOOK: u64 = 256;
 
 /// Reason why planning stops.
@@ -79,7 +79,7 @@ struct Planning<'a> {
     tracer: Tracer,
     content: Content,
     captured: [f64; tandem_model::AXES_MAX],
-    /// Number of the tool in the spindle; `None`: it is lost.
+    /// Number of the tool in the spindle; `None` if it is lost.
     tool: Option<u16>,
     /// An M code was issued, so that values set by its handler since then are unknown.
     has_put_out: bool,
@@ -136,7 +136,7 @@ impl Planning<'_> {
             };
             self.follow();
             if let Err(alarm) = done {
-                // what was given out before it runs to its end
+                // motion handed out before the failed block runs to its end
                 let _ = self.pipeline.finish();
                 self.follow();
                 return Stop::Alarm(alarm);
@@ -203,7 +203,7 @@ impl Planning<'_> {
         while let Some(profile) = self.pipeline.ready.pop_front() {
             self.tracer.follow(&profile);
             if let Law::Skip { to, .. } = &profile.law {
-                self.depend(profile.origin, "the skip input decides where it ends");
+                self.depend(profile.origin, "the skip input determines the end of the motion");
                 self.end_skip(*to);
             }
         }
@@ -284,8 +284,8 @@ impl Planning<'_> {
         !self.shared.machine.m_codes.values().any(selects_tool)
     }
 
-    /// Returns how long the stock sequence program takes for M03, M04 or M05; `None` for any other M code, and where a handler
-    /// serves it.
+    /// Returns the time that the stock sequence program takes for M03, M04 or M05; `None` for any other M
+    /// code, and if a handler serves it.
     fn turn_spindle(&mut self, m: u16, at_s: f64) -> Option<f64> {
         let direction = stock::spindle_direction(m)?;
         let spindle = self.spindle.as_mut()?;
@@ -315,12 +315,12 @@ impl Planning<'_> {
         if mentions_variables(text) {
             self.depend(
                 began,
-                "it reads a variable that the handler of an M code before it may set",
+                "it reads a variable that the handler of an earlier M code may set",
             );
         } else if takes_tool(text) && self.any_may_select() {
             self.depend(
                 began,
-                "it takes the tool that the handler of an M code before it selects",
+                "it uses the tool that the handler of an earlier M code selects",
             );
         }
     }
@@ -367,7 +367,7 @@ impl Planning<'_> {
             Stop::NoLine(refusal) => (RehearsalOutcome::Alarm, refusal.text, None),
             Stop::TooLong => {
                 let text = format!(
-                    "planning ends here: a program of more than {ITEMS_MAX} blocks, or of a week, may have no end"
+                    "planning ends here: a program of more than {ITEMS_MAX} blocks or a week may be endless"
                 );
                 (RehearsalOutcome::TooLong, text, last)
             }
@@ -379,7 +379,7 @@ impl Planning<'_> {
     }
 }
 
-/// Returns how long a program waits for an M code; `None` if unknown.
+/// Returns the time that a program waits for an M code; `None` if unknown.
 pub(super) fn wait_of(shared: &Shared, configured: &CoordinateSystem, m: u16) -> Option<f64> {
     let cs = configured.settings.number;
     if let Some(measured_s) = shared.m_code_wait(cs, m) {
@@ -403,7 +403,7 @@ fn selects_tool(settings: &MCodeSettings) -> bool {
     settings.stock == Some(Stock::SelectTool)
 }
 
-/// True for a block with a word that reads the tool in the spindle.
+/// Returns true for a block with a word that reads the tool in the spindle.
 fn takes_tool(text: &str) -> bool {
     let text = text.to_ascii_uppercase();
     let mut words = text.split('G').skip(1);

@@ -9,7 +9,7 @@ use tandem_model::settings::MotorSettings;
 use super::plan::{Content, Moment, Plan};
 use super::tracer::{AxisTrace, Mark, Peak, Times};
 
-/// Most blocks whose times are listed.
+/// Maximum number of blocks with listed times.
 const LINES_MAX: usize = 2048;
 
 pub(super) fn rehearsal(plan: &Plan, content: &Content, identity: PathIdentity) -> Rehearsal {
@@ -79,11 +79,11 @@ fn axis_of(trace: &AxisTrace, motor: &MotorSettings) -> RehearsedAxis {
 /// Planned time below which nothing is left, s.
 const NOTHING_S: f64 = 1e-6;
 
-/// How far a run is at this moment.
+/// Returns the progress of a run at this moment.
 pub(super) fn run(content: &Content, now: &Moment, overrides: &Overrides) -> RehearsedRun {
     let (at, end) = (content.time_of(now), content.times);
     let left = |from: f64, to: f64| (to - from).max(0.0);
-    // at rest by an override of 0 there is no time at which it ends
+    // at an override of 0 the machine rests, and the end time is unknown
     let at_rate = |planned_s: f64, percent: f64| match planned_s {
         0.0..NOTHING_S => Some(0.0),
         _ if percent > 0.0 => Some(planned_s * 100.0 / percent),

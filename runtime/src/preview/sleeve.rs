@@ -1,15 +1,16 @@
-//! Reduces a line through many points in space and time to as few points as its tolerance allows.
+//! Reduces a polyline through many points in space and time to as few points as its tolerance allows.
 
-/// A point of the path, mm, and when it is reached, s.
+/// A point of the path, mm, and the time at which it is reached, s.
 pub(super) type Point = ([f64; 3], f64);
 
-/// How much earlier or later than the straight line says a point may be reached, s: what shows where a run is need not be
+/// Tolerance of the time at which a point is reached, s. Reason: the display of a run's progress need not be
 /// more exact.
 const LATE_S: f64 = 0.02;
 
-/// Points in order, of which the straight lines between those that are given out pass all others within the tolerance: a
-/// cone of directions from the last given one narrows with each point taken, and one outside of it begins the next line
-/// (the sleeve algorithm of Zhao and Saalfeld, with time as another direction).
+/// Selects points so that the straight lines between the returned points pass all others within the
+/// tolerance. A cone of directions from the last returned point narrows with each added point; a point
+/// outside the cone begins the next line (the sleeve algorithm of Zhao and Saalfeld, with time as another
+/// direction).
 #[derive(Debug)]
 pub(super) struct Sleeve {
     tolerance: f64,
@@ -18,12 +19,13 @@ pub(super) struct Sleeve {
     cone: Option<Cone>,
 }
 
-/// Slopes of the lines that pass all points so far, against the distance along the first direction.
+/// Range of slopes of the lines that pass all points so far, relative to the distance along the first
+/// direction.
 #[derive(Debug, Clone, Copy)]
 struct Cone {
     along: [f64; 3],
     across: [[f64; 3]; 2],
-    /// Lowest and highest slope: across in both directions, and of time.
+    /// Lowest and highest slope across the line in both directions, and of time.
     slopes: [[f64; 2]; 3],
     reach: f64,
 }
@@ -38,12 +40,12 @@ impl Sleeve {
         }
     }
 
-    /// The last point taken.
+    /// Returns the last added point.
     pub fn end(&self) -> Point {
         self.end
     }
 
-    /// Continues to a point. Gives the end of a line that does not pass it.
+    /// Adds a point. If the current line cannot pass it, returns the end of that line.
     pub fn push(&mut self, point: Point) -> Option<Point> {
         let mut given = None;
         match self.cone {
@@ -61,7 +63,8 @@ impl Sleeve {
         given
     }
 
-    /// The line ends at the last point, which is given if it is not the begin; the next one begins there.
+    /// Ends the line at the last point, where the next line begins. Returns this point unless it is the
+    /// beginning of the line.
     pub fn cut(&mut self) -> Option<Point> {
         let is_new = self.cone.is_some();
         self.from = self.end;
@@ -69,7 +72,7 @@ impl Sleeve {
         is_new.then_some(self.end)
     }
 
-    /// It rests where it is until then.
+    /// Stays at the last point until this time.
     pub fn rest(&mut self, until_s: f64) {
         self.end.1 = until_s;
         self.from = self.end;
@@ -77,7 +80,7 @@ impl Sleeve {
 }
 
 impl Cone {
-    /// `None`: the point is too near to tell a direction.
+    /// Returns `None` if the point is too near to define a direction.
     fn to(from: Point, to: Point, tolerance: f64) -> Option<Self> {
         let way = minus(to.0, from.0);
         let reach = dot(way, way).sqrt();

@@ -1,4 +1,4 @@
-//! The plans of a coordinate system, and which of them a request or a run may use.
+//! The plans of a coordinate system, and the selection of the plan that a request or a run may use.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -141,7 +141,7 @@ impl Slots {
         self.slot_mut(which).wanted.take()
     }
 
-    /// Planning begins.
+    /// Begins planning.
     pub fn begin(&mut self, which: PlanUse, plan: &Arc<Plan>) {
         self.slot_mut(which).plan = Some(Arc::clone(plan));
     }

@@ -1,9 +1,9 @@
-//! How long a rehearsal waits for the spindle where the stock sequence program turns it, at 100 percent of the override.
+//! Time that a rehearsal waits for a spindle turned by the stock sequence program, at 100 percent override.
 
 use plc_api::types::state::SpindleDirection;
 use tandem_model::settings::MotorSettings;
 
-/// A spindle that changes its speed as fast as its motor can.
+/// A spindle that changes its speed with the full acceleration of its motor.
 #[derive(Debug)]
 pub(super) struct PlannedSpindle {
     /// r/min per second.
@@ -11,14 +11,14 @@ pub(super) struct PlannedSpindle {
     max_rpm: f64,
     /// Largest difference from the commanded speed, as a share of it.
     within: f64,
-    /// Signed speed at `at_s`, and the one that it is changing to, r/min.
+    /// Signed speed at `at_s`, and the target speed, r/min.
     rpm: f64,
     target_rpm: f64,
     at_s: f64,
 }
 
 impl PlannedSpindle {
-    /// At rest.
+    /// Creates a spindle at rest.
     pub fn new(motor: &MotorSettings) -> Self {
         Self {
             acceleration: motor.max_acceleration,
@@ -30,7 +30,7 @@ impl PlannedSpindle {
         }
     }
 
-    /// Commands a speed at a time, and returns how long it takes until the spindle has reached it.
+    /// Commands a speed at a time, and returns the time until the spindle has reached it.
     pub fn command(&mut self, direction: SpindleDirection, rpm: f64, at_s: f64) -> f64 {
         let most = self.acceleration * (at_s - self.at_s).max(0.0);
         self.rpm += (self.target_rpm - self.rpm).clamp(-most, most);
@@ -45,7 +45,7 @@ impl PlannedSpindle {
         (away / self.acceleration).max(0.0)
     }
 
-    /// A changed S acts on a spindle that turns.
+    /// Applies a changed S to a turning spindle.
     pub fn follow(&mut self, rpm: f64, at_s: f64) {
         let direction = if self.target_rpm > 0.0 {
             SpindleDirection::Cw
@@ -72,7 +72,7 @@ mod tests {
             (SpindleDirection::Cw, 2000.0, 0.0, 1.8),
             (SpindleDirection::Cw, 2000.0, 5.0, 0.0),
             (SpindleDirection::Ccw, 1000.0, 5.0, 2.9),
-            // half a second on the way: from 2000 to 1500
+            // half a second after the command: from 2000 to 1500
             (SpindleDirection::Stop, 0.0, 5.5, 1.5),
             (SpindleDirection::Stop, 0.0, 9.0, 0.0),
             (SpindleDirection::Cw, 0.0, 9.0, 0.0),
@@ -89,7 +89,7 @@ mod tests {
         spindle.follow(1000.0, 40.0);
         assert!(
             spindle.command(SpindleDirection::Stop, 0.0, 50.0) < 1e-9,
-            "S turns no spindle that rests"
+            "S does not start a spindle at rest"
         );
     }
 }

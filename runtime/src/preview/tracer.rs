@@ -80,7 +80,7 @@ struct Followed {
     trace: AxisTrace,
     last: f64,
     velocity: f64,
-    /// Following error of the drive, and its remaining share after a period.
+    /// Following error of the drive.
     error: f64,
     lag_periods: f64,
     decay: f64,
@@ -149,7 +149,7 @@ pub(super) struct Tracer {
     period_s: f64,
     axes: Vec<Followed>,
     times: Times,
-    /// Profile time of the next setpoint; `None`: the machine rests.
+    /// Profile time of the next setpoint; `None` if the machine rests.
     phase_s: Option<f64>,
     origin: Origin,
     base: TimeBase,

@@ -1,4 +1,4 @@
-//! Which programs a program may call.
+//! Programs that a program may call.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -7,7 +7,8 @@ use tandem_model::limits::SUBPROGRAM_MIN;
 
 use super::program::StoredProgram;
 
-/// A program and all that it may call, of those that there are: where its text does not show which, all subprograms.
+/// Returns a program and all existing programs that it may call. If a text computes the called number, these
+/// are all subprograms.
 pub(crate) fn called_by(all: &BTreeMap<u16, Arc<StoredProgram>>, main: u16) -> BTreeSet<u16> {
     followed(main, |number| {
         let program = all.get(&number).into_iter();
@@ -21,7 +22,7 @@ pub(crate) fn called_by(all: &BTreeMap<u16, Arc<StoredProgram>>, main: u16) -> B
     })
 }
 
-/// A program and all that its text shows that it calls.
+/// Returns a program and all programs that the texts call by a written number.
 pub(crate) fn shown_to_be_called_by(all: &BTreeMap<u16, Arc<StoredProgram>>, main: u16) -> BTreeSet<u16> {
     followed(main, |number| {
         let program = all.get(&number);

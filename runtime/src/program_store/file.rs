@@ -1,4 +1,4 @@
-//! Files of NC programs: their text, and the number that their name says.
+//! Files of NC programs: their text, and the program number in their name.
 
 use std::fs;
 use std::io::{self, Read as _};
@@ -6,15 +6,17 @@ use std::path::Path;
 
 use tandem_model::limits::{PROGRAM_BYTES_MAX, PROGRAM_NUMBER_MAX};
 
-/// The text of an NC program's file. Bytes that are not UTF-8 become replacement characters, which checking then shows.
+/// Reads the text of an NC program's file. Bytes that are not UTF-8 become replacement characters, which the
+/// check reports.
 ///
 /// # Errors
-/// The file cannot be read, or has more than [`PROGRAM_BYTES_MAX`] bytes; no more of it is read then.
+/// Returns an error if the file cannot be read, or has more than [`PROGRAM_BYTES_MAX`] bytes; the rest is
+/// then not read.
 pub fn read_text(path: &Path) -> io::Result<String> {
     read_text_from(fs::File::open(path)?)
 }
 
-/// As [`read_text`], of what gives the bytes of an NC program.
+/// Reads the text of an NC program as [`read_text`] does, from any source of bytes.
 ///
 /// # Errors
 /// As those of [`read_text`].
@@ -30,7 +32,7 @@ pub(super) fn text_of(bytes: Vec<u8>) -> String {
     String::from_utf8(bytes).unwrap_or_else(|error| String::from_utf8_lossy(error.as_bytes()).into_owned())
 }
 
-/// Tells whether [`read_text`] would read a file, without its text.
+/// Checks whether [`read_text`] would accept a file, without reading its text.
 ///
 /// # Errors
 /// As those of [`read_text`].
@@ -46,11 +48,11 @@ fn check_bytes(bytes: u64) -> io::Result<()> {
     if bytes <= PROGRAM_BYTES_MAX as u64 {
         return Ok(());
     }
-    let text = format!("it has more than {PROGRAM_BYTES_MAX} bytes, the most that a program may have");
+    let text = format!("the file has more than {PROGRAM_BYTES_MAX} bytes, the maximum for a program");
     Err(io::Error::new(io::ErrorKind::FileTooLarge, text))
 }
 
-/// The program number that a file name says: `<number>.nc` or `O<number>.nc`.
+/// Returns the program number in a file name: `<number>.nc` or `O<number>.nc`.
 pub fn program_number(path: &Path) -> Option<u16> {
     if !path.extension()?.eq_ignore_ascii_case("nc") {
         return None;

@@ -28,7 +28,8 @@ const LOST: &str = "lost";
 const HELD_BACK: &str = "unconfirmed";
 
 /// Reason reported for a program that is held back.
-const HOW_HELD_BACK: &str = "it belongs to stored files that do not fit together, and is not confirmed";
+const HOW_HELD_BACK: &str = "the program is one of the stored files that do not fit together, and is not \
+                             confirmed";
 
 /// Separates the records of the old and the new file while a file is being replaced.
 const OR: char = '|';
@@ -157,7 +158,7 @@ pub(crate) fn look(folder: &Path, is_mixed: bool, bytes_max: usize) -> io::Resul
             };
         let found = match (read, known) {
             (Ok(_), _) if is_lost => {
-                Found::Damaged("its sum is damaged, and nobody knows its dialect".to_owned())
+                Found::Damaged("its checksum is damaged, and its dialect is unknown".to_owned())
             }
             (Ok((metadata, bytes)), known) => {
                 let noted = known.and_then(Option::as_deref);
@@ -165,7 +166,7 @@ pub(crate) fn look(folder: &Path, is_mixed: bool, bytes_max: usize) -> io::Resul
                 look.dialects.extend(dialect.map(|dialect| (number, dialect)));
                 judge(known, &metadata, bytes)
             }
-            (Err(error), Some(_)) => Found::Damaged(format!("it cannot be read: {error}")),
+            (Err(error), Some(_)) => Found::Damaged(format!("the file cannot be read: {error}")),
             (Err(error), None) => {
                 look.not_read
                     .push(format!("{}: {error}; move it away", path.display()));
@@ -178,7 +179,7 @@ pub(crate) fn look(folder: &Path, is_mixed: bool, bytes_max: usize) -> io::Resul
             found => found,
         };
         look.programs.insert(number, found);
-        // an unreadable signature counts as no signature
+        // an unreadable signature is treated as missing
         let signature = read_signature(&folder.join(signature_name(number)));
         look.signatures
             .extend(signature.unwrap_or_default().map(|signature| (number, signature)));
@@ -219,10 +220,10 @@ fn gone(sums: &Sums, there: &BTreeMap<u16, Found>) -> Vec<(u16, Option<String>)>
 
 fn judge(known: Option<&Option<String>>, metadata: &Metadata, bytes: Vec<u8>) -> Found {
     let Some(known) = known else {
-        return Found::FromOutside(bytes, "it was put into the folder".to_owned(), None);
+        return Found::FromOutside(bytes, "its file was put into the folder".to_owned(), None);
     };
     let Some(known) = known else {
-        let how = "its sum is damaged, so it cannot be verified".to_owned();
+        let how = "its checksum is damaged, so it cannot be verified".to_owned();
         return Found::FromOutside(bytes, how, None);
     };
     let (time, sum) = (time_of(metadata), sum_of(&bytes));
@@ -233,7 +234,8 @@ fn judge(known: Option<&Option<String>>, metadata: &Metadata, bytes: Vec<u8>) ->
         return Found::Damaged(HOW_HELD_BACK.to_owned());
     }
     if has_time(known, &time) {
-        return Found::Damaged("it is not what was stored, and nobody has written it since".to_owned());
+        let how = "its content differs from the stored one, although the file's time is unchanged";
+        return Found::Damaged(how.to_owned());
     }
     Found::FromOutside(bytes, "its file was written".to_owned(), sum_in(known))
 }
@@ -540,7 +542,7 @@ fn tidy_up(folder: &Path) -> io::Result<()> {
         };
         if name.ends_with(UNFINISHED) && !metadata.is_dir() {
             fs::remove_file(&path)?;
-            tracing::warn!("{}: what was left of an upload is removed", path.display());
+            tracing::warn!("{}: the rest of an incomplete upload is removed", path.display());
             continue;
         }
         if !metadata.is_file() {
@@ -554,7 +556,7 @@ fn tidy_up(folder: &Path) -> io::Result<()> {
         if path != right && fs::symlink_metadata(&right).is_err() {
             fs::rename(&path, &right)?;
             tracing::warn!(
-                "{} is {} now: a program has one name",
+                "{} is renamed to {}: a program has only one name",
                 path.display(),
                 right.display()
             );

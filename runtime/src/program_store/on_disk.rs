@@ -133,7 +133,7 @@ impl ProgramStore {
                 Found::FromOutside(bytes, how, old) => {
                     let program = self.of_file(number, bytes, dialect, signature);
                     let sum = program.short_sum();
-                    let text = format!("program {number}: {how}; its sum is {sum}");
+                    let text = format!("program {number}: {how}; its checksum is {sum}");
                     findings.changed.push(text);
                     findings
                         .edits
@@ -204,7 +204,8 @@ impl ProgramStore {
         Ok(said)
     }
 
-    /// Accepts the file of a program in its current form (`None`: there is none), and returns a text about the change.
+    /// Accepts the file of a program in its current form (`None` if there is no file), and returns a text
+    /// about the change.
     fn take_accepted(&self, number: u16, accepted: Option<Accepted>) -> String {
         let Some(Accepted {
             bytes,
@@ -223,7 +224,7 @@ impl ProgramStore {
         program.is_from_outside = true;
         let sum = program.short_sum().to_owned();
         self.keep(program);
-        format!("its file was written; its sum is {sum}; load it again")
+        format!("its file was written; its checksum is {sum}; load the program again")
     }
 
     /// Checks that programs can be written.

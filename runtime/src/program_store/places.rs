@@ -1,6 +1,6 @@
-//! The folder of each program in lists: one file beside the programs.
+//! The folder of each program in lists: one file next to the programs.
 //!
-//! The file is one sealed line and a copy of it: a line that is damaged has its copy.
+//! The file has one sealed line and a copy of it: if one of them is damaged, the other one is read.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -21,16 +21,16 @@ pub(crate) const PLACES_FILE: &str = "folders.json";
 /// Maximum size of the file, bytes. Reason: 2000 programs with names of 120 characters of four bytes, twice.
 const BYTES_MAX: u64 = 4 << 20;
 
-/// Folders by program; a program that is not named is in none.
+/// Folders by program; a program without an entry is in no folder.
 pub(crate) type FolderByProgram = BTreeMap<u16, String>;
 
 /// Content of the file.
 #[derive(Debug, Default)]
 pub(crate) struct PlacesRead {
     pub by_number: FolderByProgram,
-    /// `None`: there is no file, or it cannot be used.
+    /// `None` if there is no file, or if it cannot be used.
     pub seal: Option<Seal>,
-    /// Why the file cannot be used.
+    /// Reason why the file cannot be used.
     pub fault: Option<String>,
 }
 
@@ -42,11 +42,11 @@ impl PlacesRead {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return read,
             Err(error) => {
-                read.fault = Some(format!("it cannot be read: {error}"));
+                read.fault = Some(format!("the file cannot be read: {error}"));
                 return read;
             }
         };
-        read.fault = Some("it is damaged".to_owned());
+        read.fault = Some("the file is damaged".to_owned());
         let lines = bytes.split(|byte| *byte == b'\n').filter(|line| !line.is_empty());
         for line in lines {
             match read_sealed(Kind::Folders, line) {
@@ -68,7 +68,7 @@ impl PlacesRead {
     }
 }
 
-/// The folders by program.
+/// Folders by program, and their file.
 #[derive(Debug, Default)]
 pub(super) struct Places {
     path: Option<PathBuf>,
@@ -77,8 +77,8 @@ pub(super) struct Places {
 }
 
 impl Places {
-    /// Takes over the file in a folder of programs. With `holds_back`, or if the file cannot be used, all programs are in no
-    /// folder. Returns also why the file cannot be used.
+    /// Reads the file in a folder of programs. With `holds_back`, or if the file cannot be used, all programs
+    /// are in no folder. Also returns the reason why the file cannot be used.
     pub fn open(folder: &Path, generations: &Arc<Generations>, holds_back: bool) -> (Self, Option<String>) {
         let read = PlacesRead::read(folder);
         let mut places = Self {
@@ -89,7 +89,7 @@ impl Places {
         if !holds_back {
             places.by_number = read.by_number;
         }
-        // written anew, so that later starts do not find it again
+        // written again, so that later starts do not find the fault again
         if (holds_back || read.fault.is_some())
             && let Err(error) = places.write(&places.by_number)
         {
@@ -98,15 +98,15 @@ impl Places {
         (places, read.fault)
     }
 
-    /// The folder of a program; empty: none.
+    /// Returns the folder of a program; empty for no folder.
     pub fn of(&self, number: u16) -> &str {
         self.by_number.get(&number).map_or("", String::as_str)
     }
 
-    /// Puts a program into a folder; empty: into none. On disk when it returns.
+    /// Puts a program into a folder; an empty name means no folder. The change is on disk when this returns.
     ///
     /// # Errors
-    /// The disk refuses; it is where it was then.
+    /// Returns an error if the disk operation fails; the program then stays in its folder.
     pub fn put(&mut self, number: u16, folder: &str) -> io::Result<()> {
         if self.of(number) == folder {
             return Ok(());
@@ -128,7 +128,7 @@ impl Places {
         let mut line = json!({"n": 1, "folders": by_number});
         self.generations.seal(Kind::Folders, generation).put(&mut line);
         let line = seal(&line.to_string());
-        // two ends of a line: one remains if the other is damaged
+        // the line is written twice: if one is damaged, the other remains
         write_whole(path, format!("{line}\n").repeat(2).as_bytes())?;
         self.generations.note_on_disk(StoredPart::Folders, generation);
         Ok(())
@@ -172,7 +172,7 @@ mod tests {
         let path = folder.path().join(PLACES_FILE);
         std::fs::write(&path, "{\"1\": \"gen2\"}").unwrap();
         let (places, fault) = Places::open(folder.path(), &Arc::default(), false);
-        assert!(fault.unwrap().contains("of an earlier version"));
+        assert!(fault.unwrap().contains("by an earlier version"));
         assert_eq!(places.of(1), "");
         assert_eq!(Places::open(folder.path(), &Arc::default(), false).1, None);
     }

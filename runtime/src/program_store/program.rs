@@ -79,7 +79,7 @@ pub struct StoredProgram {
     pub(crate) is_from_outside: bool,
     /// Byte offset of each line.
     line_starts: Vec<u32>,
-    /// It may name variables; determined at the first request.
+    /// True if it may name variables; determined at the first request.
     mentions_variables: OnceLock<bool>,
 }
 
@@ -293,10 +293,14 @@ impl StoredProgram {
         match self.check.signature {
             None | Some(SignatureState::Valid) => None,
             Some(SignatureState::Missing) => Some(format!(
-                "program {number} is not signed, and the machine runs only what [programs] signed_by has signed; sign it, and store it with its signature"
+                "program {number} is not signed, and the machine runs only programs signed by a key in \
+                 [programs] \
+                 signed_by; sign the program, and store it with its signature"
             )),
             Some(SignatureState::Wrong) => Some(format!(
-                "the signature of program {number} is of none of the keys in [programs] signed_by, or of another text; sign it again as it is, and store it with its signature"
+                "the signature of program {number} belongs to no key in [programs] signed_by, or to another \
+                 text; \
+                 sign the present text, and store it with its signature"
             )),
         }
     }

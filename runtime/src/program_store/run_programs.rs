@@ -1,5 +1,5 @@
-//! Programs that runs need unchanged: nothing is stored under their numbers until the run has ended, its parts that have not begun
-//! included.
+//! Programs that runs need unchanged: nothing is stored under their numbers until the run and all its parts
+//! have ended.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -10,14 +10,14 @@ use plc_api::types::request::{Refusal, RefusalCode};
 
 use super::{ProgramStore, StoredProgram};
 
-/// The programs of each run, and the one that is being written.
+/// The programs of each run, and the program that is being written.
 #[derive(Debug, Default)]
 pub(super) struct RunPrograms(Mutex<ProgramLocks>);
 
 #[derive(Debug, Default)]
 struct ProgramLocks {
     runs: BTreeMap<CoordinateSystemNumber, ProgramsOfRun>,
-    /// One at a time is written.
+    /// The program that is being written; there is at most one.
     written: Option<u16>,
 }
 
@@ -27,7 +27,7 @@ struct ProgramsOfRun {
     programs: BTreeSet<u16>,
 }
 
-/// A program is being written as long as this exists.
+/// While this exists, a program is being written.
 pub(super) struct WriteGuard<'a>(&'a RunPrograms);
 
 impl Drop for WriteGuard<'_> {
@@ -64,20 +64,20 @@ impl ProgramLocks {
 }
 
 impl ProgramStore {
-    /// The refusal of a change of a program that belongs to a run.
+    /// Returns the refusal of a change to a program that belongs to a run.
     pub(crate) fn refuse_because_of_run(&self, number: u16) -> Option<Refusal> {
         self.run_programs.0.lock().refusal(number)
     }
 
-    /// True while a program is being written or removed.
+    /// Returns true while a program is being written or removed.
     pub(crate) fn is_storing(&self) -> bool {
         self.run_programs.0.lock().written.is_some()
     }
 
-    /// A run of these texts begins, or its next part: from now on nothing is stored under their numbers.
+    /// Begins a run of these texts, or its next part: from now on nothing is stored under their numbers.
     ///
     /// # Errors
-    /// One of them was stored since they were read, or is being stored.
+    /// Returns an error if one of them was stored since it was read, or is being stored.
     pub(crate) fn begin_run(
         &self,
         cs: CoordinateSystemNumber,
@@ -91,7 +91,7 @@ impl ProgramStore {
             kept.written == Some(**number) || !is_stored
         };
         if let Some((number, _)) = texts.iter().find(is_other) {
-            let text = format!("program {number} is being stored at this moment; start again");
+            let text = format!("program {number} is being stored; repeat the start");
             return Err(Refusal::new(RefusalCode::Unavailable, text));
         }
         let run = ProgramsOfRun {
@@ -102,7 +102,7 @@ impl ProgramStore {
         Ok(())
     }
 
-    /// A part of a run has ended: until the next one begins, only these programs belong to the run.
+    /// Ends a part of a run: until the next part begins, only these programs belong to the run.
     pub(crate) fn end_part(&self, cs: CoordinateSystemNumber, run_id: &str, programs: BTreeSet<u16>) {
         let mut kept = self.run_programs.0.lock();
         if let Some(run) = kept.runs.get_mut(&cs).filter(|run| run.run_id == run_id) {
@@ -110,7 +110,7 @@ impl ProgramStore {
         }
     }
 
-    /// A run has ended, its parts included.
+    /// Ends a run with all its parts.
     pub(crate) fn end_run(&self, cs: CoordinateSystemNumber, run_id: &str) {
         let mut kept = self.run_programs.0.lock();
         if kept.runs.get(&cs).is_some_and(|run| run.run_id == run_id) {

@@ -14,10 +14,10 @@ use crate::disk::read_regular;
 /// Bytes of a signature.
 const SIGNATURE_BYTES: usize = 64;
 
-/// Bytes of a file with a signature that are read at the most.
+/// Maximum number of bytes read from a file with a signature.
 const FILE_BYTES_MAX: u64 = 1024;
 
-/// Bytes of a file with a public key that are read at the most.
+/// Maximum number of bytes read from a file with a public key.
 const KEY_FILE_BYTES_MAX: u64 = 64 << 10;
 
 /// First bytes of a public Ed25519 key in DER (RFC 8410).
@@ -75,18 +75,19 @@ fn read_key(key: &str, base_dir: &Path) -> Result<[u8; ED25519_PUBLIC_KEY_LEN], 
         return Ok(key);
     }
     let path = base_dir.join(key);
-    let what = "write a public key of Ed25519 in Base64, or the name of its PEM file";
+    let what = "write a public Ed25519 key in Base64, or the name of its PEM file";
     let text = read_regular(&path, KEY_FILE_BYTES_MAX)
-        .map_err(|error| format!("{key:?} is no key, and as a file: {error}; {what}"))?;
+        .map_err(|error| format!("{key:?} is not a key, and cannot be read as a file: {error}; {what}"))?;
     let text = String::from_utf8_lossy(&text);
     if text.contains("PRIVATE KEY") {
         return Err(format!(
-            "{key} is a private key, which stays with whoever signs; write the public one: openssl pkey -in {key} -pubout"
+            "{key} is a private key, which must stay with the signer; write the public key: openssl pkey \
+             -in {key} -pubout"
         ));
     }
     let lines = text.lines().map(str::trim);
     let body: String = lines.filter(|line| !line.starts_with("-----")).collect();
-    of_base64(&body).ok_or_else(|| format!("{key} has no public key of Ed25519; {what}"))
+    of_base64(&body).ok_or_else(|| format!("{key} contains no public Ed25519 key; {what}"))
 }
 
 /// Decodes the key alone, or in DER.
@@ -108,8 +109,8 @@ pub(crate) fn read_signature_beside(program: &Path) -> io::Result<Option<Signatu
     read_signature(Path::new(&name))
 }
 
-/// Reads the signature in a file: 64 bytes, or these in Base64. In any other form it does not count as a valid
-/// signature. Returns `None` if the file does not exist.
+/// Reads the signature in a file: 64 bytes, or these in Base64. Any other form is not a valid signature.
+/// Returns `None` if the file does not exist.
 pub(crate) fn read_signature(path: &Path) -> io::Result<Option<Signature>> {
     let bytes = match read_regular(path, FILE_BYTES_MAX) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -171,7 +172,7 @@ mod tests {
         std::fs::write(folder.path().join("empty.pem"), "").unwrap();
         for (key, what) in [
             ("private.pem", "openssl pkey -in private.pem -pubout"),
-            ("empty.pem", "no public key of Ed25519"),
+            ("empty.pem", "no public Ed25519 key"),
             ("absent.pem", "or the name of its PEM file"),
             ("AAAA", "or the name of its PEM file"),
         ] {

@@ -114,7 +114,7 @@ fn of_many_who_change_one_program_under_the_same_condition_one_does() {
 }
 
 #[test]
-fn a_condition_is_compared_with_the_file_though_nobody_has_noticed_yet_that_it_was_changed() {
+fn condition_is_compared_with_the_file_before_a_change_is_noticed() {
     let folder = tempfile::tempdir().unwrap();
     let store = ProgramStore::open(folder.path(), rules()).unwrap();
     let hash = store.write(7, "M30\n").unwrap().hash;
@@ -163,7 +163,7 @@ fn a_file_that_is_larger_than_a_program_may_be_is_not_read_whole() {
 }
 
 #[test]
-fn the_folder_of_a_program_is_kept_with_the_store_stays_when_it_is_written_and_goes_with_it() {
+fn program_folder_survives_write_and_restart_but_not_deletion() {
     let folder = tempfile::tempdir().unwrap();
     let store = ProgramStore::open(folder.path(), rules()).unwrap();
     store.write(7, "G90\nM30\n").unwrap();

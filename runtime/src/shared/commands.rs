@@ -38,7 +38,8 @@ impl Shared {
         let expired = |text: &str| Err(Refusal::new(RefusalCode::Expired, text));
         if not_after.boot_id != self.boot_id {
             return expired(
-                "the runtime was started again after the request was made: nothing was done; look at the machine, then \
+                "the runtime was restarted after the request was made: nothing was done; inspect the \
+                 machine, then \
                  send a new request",
             );
         }

@@ -1,11 +1,13 @@
 //! tokio's clock in simulated time: paused, and advanced together with the simulation.
 //!
-//! A paused executor with nothing to do jumps to its next timer. One timer is ours, set to the next servo cycle. So tokio reaches either
-//! that cycle, or an earlier timer of a task; then the simulation advances to that timer before the task runs. Where the machine is at
-//! rest and no task sleeps on its clock, our timer is set again and again, until no task has had a timer for a long time.
+//! A paused executor with no ready task jumps to its next timer. This module sets one timer, to the next
+//! servo cycle. Tokio thus reaches either that cycle or an earlier timer of a task; in the second case the
+//! simulation advances to that timer before the task runs. If the machine is at rest and no task sleeps on
+//! its clock, the module sets its timer repeatedly, until no task has had a timer for a long time.
 //!
-//! tokio counts milliseconds: between them its clock is ahead of the machine's by less than one. Its timers are in slots of 64 ms, and of
-//! 64 of these, and so on, which it visits one by one: a timer of ours at the beginning of the next slot is as far as it gets.
+//! Tokio counts milliseconds, so its clock may be ahead of the machine's by less than one. Its timers are in
+//! slots of 64 ms, in slots of 64 of these, and so on. Tokio visits them one by one, so the module sets its
+//! timer at most to the beginning of the next slot.
 
 use std::pin::Pin;
 use std::sync::Arc;
@@ -42,13 +44,13 @@ struct Led {
     rests_since_ns: u64,
 }
 
-/// Moves tokio's clock on; the executor then looks at its timers.
+/// Advances tokio's clock; the executor then checks its timers.
 fn advance(by: Duration) {
     // the clock advances at the first poll; the future then waits for the executor's next turn
     let _ = std::pin::pin!(tokio::time::advance(by)).poll(&mut Context::from_waker(Waker::noop()));
 }
 
-/// The next slot, of those that are shorter than the rest has been.
+/// Returns the beginning of the next slot. The longer the rest so far, the longer the slots.
 fn next_slot_ns(now_ns: u64, rests_since_ns: u64) -> u64 {
     let mut slot_ns = SLOTS * 1_000_000;
     while slot_ns * SLOTS <= now_ns - rests_since_ns {
@@ -118,7 +120,7 @@ impl TokioClock {
             guard.as_mut().reset(at);
         } else {
             let guard = led.guard.insert(Box::pin(tokio::time::sleep_until(at)));
-            // registers it; it is this function that asks for it again
+            // registers the timer; this function polls it again later
             let _ = guard.as_mut().poll(&mut Context::from_waker(Waker::noop()));
         }
     }
@@ -131,7 +133,7 @@ impl TokioClock {
             return;
         };
         let is_ours = led.guard.as_ref().is_some_and(|guard| guard.is_elapsed());
-        // by far the most frequent case, in which the clock need not be read
+        // the most frequent case; the clock need not be read
         let is_cycle = is_ours && matches!(next, Next::Cycle(_));
         let now_ns = if is_cycle { at_ns } else { elapsed_ns(origin) };
         match next {

@@ -130,8 +130,8 @@ impl Inspection {
     }
 
     /// Returns the question of this folder: the one of this start, or an earlier pending one. A new one is written,
-    /// with the data held back, before any file of the folder is changed. If the disk refuses, this start asks
-    /// nevertheless.
+    /// with the data held back, before any file of the folder is changed. If the disk operation fails, this
+    /// start nevertheless asks the question.
     pub fn ask(&self, folder: &Path, since: Timestamp, newest: Option<Timestamp>) -> OpenQuestion {
         let before = OpenQuestion::read(folder);
         if self.findings.is_empty() {
@@ -205,7 +205,7 @@ impl Look<'_> {
                 part: StoredDataPart::Programs,
                 fault: StoredDataFault::NotVerified,
                 text: format!(
-                    "{}: {fault}, so the programs beside it cannot be verified",
+                    "{}: {fault}, so the programs in this folder cannot be verified",
                     self.path(StoredPart::Programs)
                 ),
             }),
@@ -224,13 +224,13 @@ impl Look<'_> {
         let (known, path) = (self.known.get(&part).copied().unwrap_or(0), self.path(part));
         let (fault, text) = if seal.machine != self.machine {
             let text = format!(
-                "{path}: it belongs to machine {}, and this is machine {}",
+                "{path}: the file belongs to machine {}, but this is machine {}",
                 seal.machine, self.machine
             );
             (StoredDataFault::OtherMachine, text)
         } else if seal.generation < known {
             let text = format!(
-                "{path}: it is an older copy, of generation {}; other files know generation {known}",
+                "{path}: the file is an older copy, of generation {}; other files name generation {known}",
                 seal.generation
             );
             (StoredDataFault::Older, text)

@@ -13,29 +13,30 @@ use tokio::sync::Notify;
 use super::TestError;
 use super::standing::watched;
 
-/// What tokio's panics say where its sockets are used in a test.
+/// Text in tokio's panics when a test uses its sockets.
 const FOREIGN: &str = "IO is disabled";
 
-/// What to do instead.
-const MODEL: &str = "stand in for it by a model (Bench::plant)";
+/// Advice in errors: the replacement for real hardware.
+const MODEL: &str = "replace it by a model (Bench::plant)";
 
-/// True if a text, of a panic or an alarm, is of a socket.
+/// Returns true if the text of a panic or an alarm is caused by a socket.
 pub(super) fn is_foreign(text: &str) -> bool {
     text.contains(FOREIGN)
 }
 
-/// The error of a test in which something used a socket.
+/// Returns the error of a test in which some code used a socket.
 pub(super) fn foreign(what: &str) -> TestError {
     TestError::new(format!(
         "{what} used a socket, and simulated time does not wait for a network: {MODEL}"
     ))
 }
 
-/// The error of a test in which something waited on another clock.
+/// Returns the error of a test in which some code waited on another clock.
 fn standing(what: &str, stood: Duration) -> TestError {
     TestError::new(format!(
-        "{what} stood still for {:.1} s of real time, by std::thread::sleep, a lock or a call that blocks, and simulated time did not \
-         pass meanwhile: wait by plc.sleep(..).await, or {MODEL}",
+        "{what} was blocked for {:.1} s of real time, by std::thread::sleep, a lock or a blocking call, and \
+         simulated time did not \
+         advance meanwhile: wait by plc.sleep(..).await, or {MODEL}",
         stood.as_secs_f64()
     ))
 }
@@ -60,12 +61,12 @@ impl std::fmt::Debug for Failures {
 }
 
 impl Failures {
-    /// Something has ended with an error.
+    /// Records that background work has ended with an error.
     pub(super) fn error(&self, error: TestError) {
         self.note(Failure::Error(error));
     }
 
-    /// Something has panicked.
+    /// Records that background work has panicked.
     pub(super) fn panicked(&self, what: &str, panic: Box<dyn Any + Send>) {
         let text = panic.downcast_ref::<String>().map(String::as_str);
         let text = text.or_else(|| panic.downcast_ref::<&str>().copied());
@@ -80,7 +81,7 @@ impl Failures {
         self.noted.notify_one();
     }
 
-    /// Something runs on a thread that has a clock of its own.
+    /// Records that work runs on a thread with its own clock.
     pub(super) fn on_other_thread(&self) {
         self.other_thread.store(true, Ordering::SeqCst);
     }
@@ -90,7 +91,7 @@ impl Failures {
         self.noted.notified().await;
     }
 
-    /// Runs something beside the test, whose failure is that of the test.
+    /// Runs work next to the test; if the work fails, the test fails.
     pub(super) async fn watch(self, what: &str, work: impl Future<Output = plc_api::Result<()>>) {
         let work = watched(work, |stood| self.error(standing(what, stood)));
         match AssertUnwindSafe(work).catch_unwind().await {
@@ -102,10 +103,10 @@ impl Failures {
     }
 
     /// # Errors
-    /// Something has failed.
+    /// Returns an error if background work has failed.
     ///
     /// # Panics
-    /// Something has panicked.
+    /// Panics if background work has panicked.
     pub(super) fn judge(&self) -> Result<(), TestError> {
         match self.first.lock().take() {
             Some(Failure::Error(error)) => return Err(error),
@@ -114,8 +115,9 @@ impl Failures {
         }
         if self.other_thread.load(Ordering::SeqCst) {
             return Err(TestError::new(format!(
-                "something works on another thread, by spawn_blocking, tokio::fs or a name that is looked up, and simulated time \
-                 does not wait for it: do it at once where it is short, or {MODEL}"
+                "some work runs on another thread, by spawn_blocking, tokio::fs or a name lookup, and \
+                 simulated time does not \
+                 wait for it: call it directly if it is short, or {MODEL}"
             )));
         }
         Ok(())

@@ -129,8 +129,9 @@ impl Bench {
                     let now = watched.get().map(|simulation| simulation.cycles());
                     if now == std::mem::replace(&mut cycles, now) {
                         return Err(TestError::new(format!(
-                            "simulated time has stood for {} s: a handler or an action blocks its thread; \
-                             let it sleep by plc.sleep and compute in short steps",
+                            "simulated time has not advanced for {} s: a handler or an action blocks its \
+                             thread; let it sleep by \
+                             plc.sleep and compute in short steps",
                             STANDSTILL.as_secs()
                         )));
                     }
@@ -171,8 +172,12 @@ impl Bench {
         judge_presences(results)?;
         for (number, text) in self.programs {
             let check = scene.plc.port().ask(WriteProgram(number, text)).await;
-            check
-                .map_err(|refusal| TestError::new(format!("program {number} was not taken: {refusal:?}")))?;
+            check.map_err(|refusal| {
+                TestError::new(format!(
+                    "program {number} was not accepted: \
+                                                           {refusal:?}"
+                ))
+            })?;
         }
         let played = act(scene.clone(), &runtime).await;
         let judged = failures.judge();
@@ -351,12 +356,15 @@ impl Stage {
             return Err(foreign(alarm.text.split(" panicked").next().unwrap_or_default()));
         }
         if let Some((cue, _)) = self.script.iter().flatten().next() {
-            let text = format!("{cue} never came; it did: {}", self.run.order(1).join(", "));
+            let text = format!(
+                "{cue} never occurred; the events were: {}",
+                self.run.order(1).join(", ")
+            );
             return Err(TestError::new(text));
         }
         if !self.actions.is_empty() {
             return Err(TestError::new(
-                "an action had not ended when nothing could happen any more",
+                "an action had not ended when no further event was possible",
             ));
         }
         for system in &runtime.machine().coordinate_systems {

@@ -168,7 +168,7 @@ impl Run {
         let mut outputs = self.outputs.iter().filter(|output| output.m == m);
         outputs
             .next()
-            .ok_or_else(|| TestError::new(format!("M{m:02} was not put out; {}", self.summary())))
+            .ok_or_else(|| TestError::new(format!("M{m:02} was not issued; {}", self.summary())))
     }
 
     /// Returns the final state of a coordinate system.
@@ -215,7 +215,7 @@ impl Run {
         let sample = after.checked_sub(1).and_then(|place| trace.get(place));
         sample.ok_or_else(|| {
             TestError::new(format!(
-                "no sample of coordinate system {cs} at {at_s} s: ask for them by Bench::trace_every_s"
+                "no sample of coordinate system {cs} at {at_s} s: record them with Bench::trace_every_s"
             ))
         })
     }
@@ -244,7 +244,7 @@ impl Run {
         let why = match self.stopped {
             Stopped::ProgramsEnded => String::new(),
             Stopped::TimeLimit => format!(" within {} s", self.time_s),
-            Stopped::NothingMoves => ": nothing can happen any more".to_owned(),
+            Stopped::NothingMoves => ": no further event is possible".to_owned(),
         };
         let summary = self.summary();
         let mut lines = vec![format!(
@@ -263,7 +263,7 @@ impl Run {
 
 /// Advice if a program waits for an event that does not occur.
 const HELP_TO_WAIT: &str =
-    "a handler that waits must sleep by plc.sleep, or wait for something that happens on the machine";
+    "a handler that waits must sleep by plc.sleep, or wait for an event of the machine";
 
 fn word(alarm: &AlarmRecord) -> &'static str {
     match alarm.severity {

@@ -1,22 +1,23 @@
-//! Whether what runs in a test stands still in real time, such as in a sleep of the standard library: simulated time does not pass
-//! meanwhile.
+//! Detects code in a test that blocks in real time, such as in a sleep of the standard library: simulated
+//! time does not advance meanwhile.
 
 use std::fs::read_to_string;
 use std::future::{Future, poll_fn};
 use std::pin::pin;
 use std::time::{Duration, Instant};
 
-/// A thread that neither works nor waits for the processor for so long, within one step, is told. Reason: a step reads a file now and
-/// then, which takes its time on a busy disk.
+/// Time in one step after which a thread that neither works nor waits for the processor is reported. Reason:
+/// a step sometimes reads a file, which may take long on a busy disk.
 const STANDS_MIN: Duration = Duration::from_millis(400);
 
-/// How old the beginning of a measurement may be.
+/// Maximum age of the beginning of a measurement.
 const AGE_MAX: Duration = Duration::from_millis(20);
 
 /// A moment of this thread.
 struct Moment {
     at: Instant,
-    /// How long it had worked or waited for the processor; `None`: this computer does not tell.
+    /// Time for which the thread had worked or waited for the processor; `None` if the operating system does
+    /// not report it.
     busy: Option<Duration>,
 }
 
@@ -33,7 +34,7 @@ impl Moment {
         }
     }
 
-    /// How long the thread has stood still since.
+    /// Returns the time for which the thread has been blocked since then.
     fn stood(&self) -> Option<Duration> {
         let now = Self::now();
         let busy = now.busy?.saturating_sub(self.busy?);
@@ -41,7 +42,7 @@ impl Moment {
     }
 }
 
-/// Does some work, and tells when a step of it has stood still, and for how long.
+/// Runs work, and reports each step that has been blocked, with the duration.
 pub(super) async fn watched<T>(work: impl Future<Output = T>, mut stands: impl FnMut(Duration)) -> T {
     let mut work = pin!(work);
     let mut begin = Moment::now();

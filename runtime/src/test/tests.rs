@@ -68,7 +68,7 @@ fn lagging() -> Bench {
 }
 
 #[test]
-fn motion_probing_tapping_holds_and_handlers_that_sleep_repeat_exactly_with_drives_that_lag_or_not() {
+fn probing_tapping_holds_and_sleeping_handlers_repeat_exactly() {
     const TEXT: &str = "S1000 F6000 M03\nwhile (P1 < 5) {\nG01 X20 Z-5\nM20 VA0.5\nG01 X0 Z0\nG31 Z-20\nG01 Z0 F6000\n\
                         M21\nG84 X10 Z-10 R-5 F500 S500\nG80\nG01 X0 Z0 F6000\nM22 VA0.333\nG04 P30000\nP1 = P1 + 1\n}\nM30";
     let run = |bench: Bench| {
@@ -118,7 +118,7 @@ fn what_happens_stands_in_order() {
     );
     let error = run.completed().unwrap_err().to_string();
     assert!(
-        error.contains("nothing can happen any more") && error.contains("ProgramStopped"),
+        error.contains("no further event is possible") && error.contains("ProgramStopped"),
         "{error}"
     );
 }
@@ -217,7 +217,10 @@ fn what_is_wrong_with_the_test_is_an_error_that_says_so() {
         .at_line(9, |_scene| async { Ok(()) })
         .run("M30")
         .unwrap_err();
-    assert!(never.to_string().starts_with("at_line(9) never came"), "{never}");
+    assert!(
+        never.to_string().starts_with("at_line(9) never occurred"),
+        "{never}"
+    );
     let refused = bench().run("G01 X1Y2Z\nM30").unwrap_err();
     assert!(refused.to_string().contains("line 1: E0005"), "{refused}");
     let failed = bench()
@@ -290,7 +293,7 @@ fn handlers_refuse_parameters_at_load_before_anything_moves() {
     assert!(refused.contains("line 3: E0190 M22: VA is missing"), "{refused}");
     let called = "line 1: E0190 in program 1000, which is called: M21: there is no pocket 9";
     assert!(refused.contains(called), "{refused}");
-    // what a variable holds is known only when the block runs; what is good is loaded
+    // the value of a variable is known only when the block runs, so this program is loaded
     bench()
         .run("P3 = 2\nM20 VA[P3]\nM20 VA0.1\nM30")
         .unwrap()
@@ -339,7 +342,7 @@ fn a_handler_that_does_not_answer_within_2_s_is_a_warning() {
     assert!(
         warning
             .text
-            .contains("handler mute did not answer within 2 s whether it takes M40 of line 1")
+            .contains("handler mute did not answer within 2 s whether it accepts M40 of line 1")
     );
     assert_eq!(run.system(1).unwrap().execution, Execution::Ready);
 }
@@ -419,7 +422,7 @@ fn a_run_tells_variables_and_where_the_machine_was_when() {
         .unwrap();
     let variables = [run.p(100), run.q(1, 7), run.q(2, 7)].map(f64::to_bits);
     assert_eq!(variables, [2.5, 5.0, 0.0].map(f64::to_bits));
-    // 10 mm at 10 mm/s, half of the way at half of the time, whatever the ramps are: they are symmetric.
+    // 10 mm at 10 mm/s: half of the path at half of the time, because the ramps are symmetric.
     let output = run.output(20).unwrap();
     let half = run.at_s(1, output.output_s / 2.0).unwrap();
     assert!((half.machine["X"] - 5.0).abs() < 0.11, "{half:?}");
@@ -436,7 +439,7 @@ fn a_run_tells_variables_and_where_the_machine_was_when() {
 }
 
 #[test]
-fn without_a_trace_a_position_at_a_time_is_an_error_that_says_how_to_get_one() {
+fn position_without_a_trace_is_an_error_naming_trace_every_s() {
     let run = bench().run("M30").unwrap();
     assert!(run.trace(1).is_empty());
     assert!(

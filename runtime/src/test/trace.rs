@@ -11,10 +11,11 @@ use super::TestError;
 use crate::config::Machine;
 use crate::simulation::OnCycle;
 
-/// Samples of one run, of all coordinate systems together. Reason: about 200 MB; more is a mistake in the interval.
+/// Maximum number of samples of one run, of all coordinate systems together. Reason: they need about 200 MB;
+/// more indicate a wrong interval.
 const SAMPLES_MAX: usize = 1_000_000;
 
-/// Where a coordinate system was at one moment.
+/// Position of a coordinate system at one moment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sample {
     /// Seconds from the start of the programs.
@@ -40,7 +41,7 @@ struct Taken {
 pub(super) struct Tracer(Arc<Mutex<Taken>>);
 
 impl Tracer {
-    /// What the simulation calls after each servo cycle.
+    /// Returns the callback for each servo cycle.
     pub(super) fn on_cycle(&self, machine: &Machine, interval_s: f64) -> OnCycle {
         let taken = Arc::clone(&self.0);
         let systems: Vec<(CoordinateSystemNumber, Vec<Axis>)> = (machine.coordinate_systems.iter())
@@ -49,7 +50,7 @@ impl Tracer {
         Box::new(move |servo| {
             let mut taken = taken.lock();
             let at_s = servo.time_s();
-            // a nanosecond of room: times are sums of periods
+            // a tolerance of one nanosecond, because times are sums of periods
             if at_s + 1e-9 < taken.next_s || taken.count > SAMPLES_MAX {
                 return;
             }
@@ -70,10 +71,10 @@ impl Tracer {
         })
     }
 
-    /// The samples from the start of the programs on.
+    /// Returns the samples from the start of the programs on.
     ///
     /// # Errors
-    /// There were too many.
+    /// Returns an error if there were too many samples.
     pub(super) fn samples(&self, start_s: f64) -> Result<Samples, TestError> {
         let taken = std::mem::take(&mut *self.0.lock());
         if taken.count > SAMPLES_MAX {

@@ -140,8 +140,8 @@ impl<'a> Run<'a> {
     /// Runs to the end of the program.
     ///
     /// # Errors
-    /// The alarm that ends it; what lies beyond a soft limit or has no path in cutter compensation is among
-    /// [`Run::into_alarms`].
+    /// Returns the alarm that ends the run. Alarms about soft limits and about missing paths in cutter
+    /// compensation are in [`Run::into_alarms`].
     pub fn run_out(&mut self, warnings: &mut Vec<Warning>) -> Result<(), Alarm> {
         while self.interpreter.steps() < self.steps_max {
             let item = match self.next() {
@@ -235,7 +235,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Comes to rest, which cutter compensation forbids.
+    /// Stops at rest, which cutter compensation forbids.
     fn rest(&mut self, item: &Item) {
         let is_compensating =
             self.path.is_compensating() || self.interpreter.modal().compensation != Compensation::Off;
@@ -286,7 +286,8 @@ impl<'a> Run<'a> {
         );
         let entry = &diagnostics::OUTPUT_BEFORE_MOTION_ENDS;
         let text = format!(
-            "M{:02} is put out when its block is interpreted: motion before it may not be over, or not have begun",
+            "M{:02} is issued when its block is interpreted: earlier motion may still be active, or may not \
+             have begun",
             output.m
         );
         let is_known = |warning: &Warning| warning.entry == entry && warning.text == text;

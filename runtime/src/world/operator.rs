@@ -132,7 +132,7 @@ impl Operator {
         }
     }
 
-    /// Repeats work whose handler was lost.
+    /// Repeats the work of a lost handler.
     async fn decide(&mut self) {
         let Some((_, witness)) = self.current.get() else {
             return;

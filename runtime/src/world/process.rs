@@ -1,4 +1,4 @@
-//! A start of the runtime in the world: everything of it that runs, until it ends or is killed.
+//! A start of the runtime in the world: all its parts, until it ends or is killed.
 
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
@@ -26,7 +26,7 @@ use crate::shared::Shared;
 use crate::threads;
 use plc_api::types::BootId;
 
-/// Time between two looks at the servo. Reason: below what any part of the machine waits for.
+/// Time between two bursts of servo cycles. Reason: shorter than any wait of a part of the machine.
 const BURST: Duration = Duration::from_millis(5);
 
 pub(super) struct Process {
@@ -79,7 +79,7 @@ impl Process {
         })
     }
 
-    /// It ends in order.
+    /// Ends in order.
     pub async fn shutdown(mut self) {
         if let Some(mqtt) = self.mqtt.take() {
             mqtt.stop().await;
@@ -91,7 +91,7 @@ impl Process {
 }
 
 impl Drop for Process {
-    /// As a kill ends it: its disk has ended before.
+    /// Ends as after a kill: the disk has already ended.
     fn drop(&mut self) {
         if let Some(mqtt) = self.mqtt.take() {
             mqtt.crash();
@@ -102,7 +102,7 @@ impl Drop for Process {
     }
 }
 
-/// What the machine says reaches the truth, however slow the broker is.
+/// Passes all messages of the machine to the oracle, independently of the speed of the broker.
 async fn hear(port: Arc<dyn Port>, truth: SharedTruth) {
     let mut messages = port.subscribe(Filter::All);
     while let Some(message) = messages.next().await {
@@ -112,7 +112,7 @@ async fn hear(port: Arc<dyn Port>, truth: SharedTruth) {
     }
 }
 
-/// The servo cycles that are due.
+/// Runs the servo cycles that are due.
 async fn cycle(mut servo: Servo, shared: Arc<Shared>, truth: SharedTruth) {
     let numbers: Vec<_> = shared.machine.coordinate_systems.iter().collect();
     let numbers: Vec<_> = numbers.iter().map(|system| system.settings.number).collect();
@@ -157,6 +157,6 @@ async fn serve(port: Arc<dyn Port>) {
     let program = SequenceProgram::new()
         .in_coordinate_system(1, |program| program.on(102, work))
         .handler_id("built-in");
-    // it ends with the machine
+    // the program ends with the machine
     let _ = program.run(&plc).await;
 }

@@ -19,17 +19,17 @@ impl Random {
         mixed ^ (mixed >> 31)
     }
 
-    /// A generator of its own.
+    /// Returns an independent generator.
     pub fn fork(&mut self) -> Self {
         Self(self.next())
     }
 
-    /// 0 to `end` - 1.
+    /// Returns a number from 0 to `end` - 1.
     pub fn below(&mut self, end: u64) -> u64 {
         self.next() % end
     }
 
-    /// True so many times in 100.
+    /// Returns true with this probability, in percent.
     pub fn percent(&mut self, percent: u64) -> bool {
         self.below(100) < percent
     }
@@ -38,7 +38,7 @@ impl Random {
         Duration::from_micros(from * 1000 + self.below((to - from) * 1000 + 1))
     }
 
-    /// The same as a place in a list; 0 in an empty one.
+    /// Returns a random index in a list of this length; 0 for an empty list.
     pub fn place(&mut self, length: usize) -> usize {
         usize::try_from(self.below(length.max(1) as u64)).unwrap()
     }

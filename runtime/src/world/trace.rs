@@ -1,5 +1,5 @@
-//! What happens in a world, line by line: a number that depends on all lines, and the lines themselves where
-//! `TANDEM_TRACE` is set.
+//! Trace of a world: a number that depends on all lines of events. If `TANDEM_TRACE` is set, the lines are
+//! printed, too.
 
 use std::fmt::{Arguments, Write as _};
 use std::sync::Arc;
@@ -32,7 +32,7 @@ impl Trace {
         }
     }
 
-    /// Seconds since the beginning of the world.
+    /// Returns the seconds since the beginning of the world.
     pub fn now_s(&self) -> f64 {
         self.start.elapsed().as_secs_f64()
     }
@@ -48,14 +48,14 @@ impl Trace {
         let _ = write!(text, "{:10.6} {line}", self.start.elapsed().as_secs_f64());
         hasher.update(text.as_bytes());
         if *is_shown {
-            #[expect(clippy::print_stderr, reason = "it was asked for")]
+            #[expect(clippy::print_stderr, reason = "the user has requested the output")]
             {
                 eprintln!("{text}");
             }
         }
     }
 
-    /// A number that depends on all lines so far.
+    /// Returns a number that depends on all lines so far.
     pub fn sum(&self) -> u32 {
         self.kept.lock().hasher.clone().finalize()
     }

@@ -163,7 +163,7 @@ impl Truth {
             && at_s < now_s
             && self.gone.get(&owner).is_none_or(|gone_s| *gone_s < at_s)
         {
-            let how = format!("{handler} has claimed output {seq} of {owner}, which has not gone");
+            let how = format!("{handler} has claimed output {seq} of {owner}, which is still online");
             self.broke(Rule::Owner, how);
         }
     }
@@ -382,13 +382,16 @@ impl Truth {
         let mut missing = of_cs(&at_kill.open);
         missing.retain(|seq| !told.contains(seq));
         if !missing.is_empty() {
-            let how = format!("outputs {missing:?} of {boot} were open, which {last_run:?} does not say");
+            let how = format!(
+                "outputs {missing:?} of {boot} were open, but {last_run:?} does not report \
+                               them"
+            );
             self.broke(Rule::Told, how);
         }
         let mut wrong = of_cs(&at_kill.answered);
         wrong.retain(|seq| told.contains(seq));
         if !wrong.is_empty() {
-            let how = format!("outputs {wrong:?} of {boot} were answered, which {last_run:?} tells as open");
+            let how = format!("outputs {wrong:?} of {boot} were answered, but {last_run:?} reports them");
             self.broke(Rule::Told, how);
         }
     }

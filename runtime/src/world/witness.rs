@@ -1,4 +1,4 @@
-//! The port of the machine as all its clients have it; the truth hears what goes through.
+//! Observer between the machine's port and all its clients: it reports requests and answers to the oracle.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -22,7 +22,7 @@ pub(super) struct Witness {
     pub boot: BootId,
 }
 
-/// What of a request the truth needs to know, once it is answered.
+/// Data of a request that the oracle needs when the request is answered.
 enum Asked {
     Claim(u8, u64, String),
     Reset(u8, u64, String, bool),

@@ -21,9 +21,9 @@ pub(crate) struct Port {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Direction {
     Input,
-    /// An input with its value until it is given another.
+    /// An input with its default value.
     InputOr(f64),
-    /// An input that is known before the program runs: its least and largest value, and what it is without one.
+    /// An input that is known before the program runs: its least and largest value, and its default.
     Constant(i128, i128, Option<i128>),
     Output,
     /// An output that is on before the first call.
@@ -39,7 +39,7 @@ impl Port {
         matches!(self.direction, Direction::Constant(..))
     }
 
-    /// Its value at the start.
+    /// Returns its value at the start.
     pub fn initial(&self) -> Value {
         match (self.direction, self.of) {
             (Direction::OutputOn, _) => Value::Bool(true),
@@ -50,7 +50,7 @@ impl Port {
     }
 }
 
-/// The value of a type without another one: IEC 61131-3, default initial values.
+/// Returns the default value of a type: IEC 61131-3, default initial values.
 pub(crate) fn initial(of: Elementary) -> Value {
     match of {
         Elementary::Bool => Value::Bool(false),
@@ -76,12 +76,12 @@ impl std::fmt::Debug for BuiltIn {
 }
 
 impl BuiltIn {
-    /// Slots of an instance: its ports, and what it keeps.
+    /// Returns the number of slots of an instance: its ports, and its state.
     pub fn size(&self) -> usize {
         self.ports.len() + 1
     }
 
-    /// An instance before its first call.
+    /// Returns an instance before its first call.
     pub fn instance(&self) -> Vec<Value> {
         let ports = self.ports.iter().map(Port::initial);
         ports.chain([Value::State(Box::new((self.state)()))]).collect()
@@ -95,12 +95,12 @@ impl BuiltIn {
     }
 }
 
-/// The function block of a name in upper case.
+/// Returns the function block of a name in upper case.
 pub(crate) fn built_in(name: &str) -> Option<&'static BuiltIn> {
     all().find(|block| block.name == name)
 }
 
-/// All function blocks that are built in: those of the standard, then those of the machine.
+/// Returns all function blocks that are built in: those of the standard, then those of the machine.
 pub(crate) fn all() -> impl Iterator<Item = &'static BuiltIn> {
     standard().chain(of_machine())
 }
@@ -116,7 +116,7 @@ pub(crate) fn of_machine() -> impl Iterator<Item = &'static BuiltIn> {
 /// An instance during a call. Its slots are those of its ports, then that of its state.
 pub(crate) struct Ports<'a> {
     pub slots: &'a mut [Value],
-    /// Where the instance is: no other is there.
+    /// Address of the instance, unique in the program.
     pub instance: usize,
 }
 
@@ -149,7 +149,7 @@ impl Ports<'_> {
         self.set(port, Value::Int(value.into()));
     }
 
-    /// A number that is none, which no variable holds, becomes 0.
+    /// Sets a REAL port. A value that is not finite becomes 0, because no variable may hold it.
     fn set_real(&mut self, port: usize, value: f64) {
         self.set(port, Value::Real(if value.is_finite() { value } else { 0.0 }));
     }
@@ -168,7 +168,7 @@ impl Ports<'_> {
     }
 }
 
-/// Ports of a block: direction, name, type, and what it is.
+/// Ports of a block: direction, name, type, and meaning.
 macro_rules! ports {
     ($($direction:expr, $name:literal: $of:ident, $about:literal;)*) => {
         &[$($crate::blocks::Port {

@@ -7,10 +7,10 @@ use crate::tree::Binary;
 use crate::types::Elementary;
 use crate::value::{Fault, Value, int_of, real_of};
 
-/// An operator but a comparison, on two values of one type.
+/// Returns the result of an operator, except a comparison, on two values of one type.
 ///
 /// # Errors
-/// There is no result, or it does not fit the type.
+/// Fails if the operator has no result, or the result does not fit the type.
 pub(crate) fn calculate(
     operator: Binary,
     of: Elementary,
@@ -62,7 +62,7 @@ fn logic(operator: Binary, of: Elementary, left: &Value, right: &Value) -> Value
     }
 }
 
-/// A comparison of two values of one type.
+/// Compares two values of one type.
 pub(crate) fn compare(operator: Binary, left: &Value, right: &Value) -> Value {
     let order = order(left, right);
     Value::Bool(match operator {
@@ -82,8 +82,10 @@ pub(crate) fn not(value: &Value, of: Elementary) -> Value {
     Value::Int(!value.int() & ((1_i128 << of.bits()) - 1))
 }
 
+/// Returns the negative value.
+///
 /// # Errors
-/// It does not fit the type.
+/// Fails if the result does not fit the type.
 pub(crate) fn minus(value: &Value, of: Elementary) -> Result<Value, Fault> {
     match value {
         Value::Real(value) => Ok(Value::Real(-value)),
@@ -91,10 +93,10 @@ pub(crate) fn minus(value: &Value, of: Elementary) -> Result<Value, Fault> {
     }
 }
 
-/// A time by a number: `TIME * ANY_NUM` and `TIME / ANY_NUM`.
+/// Multiplies or divides a time by a number: `TIME * ANY_NUM` and `TIME / ANY_NUM`.
 ///
 /// # Errors
-/// There is no result, or it is no time.
+/// Fails if the operator has no result, or the result is not a time.
 pub(crate) fn scale_time(operator: Binary, time: &Value, by: &Value) -> Result<Value, Fault> {
     let (ns, is_product) = (time.int(), operator == Binary::Multiply);
     if let Value::Real(by) = by {

@@ -1,4 +1,4 @@
-//! The tree to a checked program: names are looked up, types fit, constants are calculated.
+//! Converts the tree to a checked program: looks up names, checks types, calculates constants.
 
 mod arguments;
 mod block_calls;
@@ -26,7 +26,7 @@ use crate::tree::{Definition, File, Name, Section, UnitKind};
 use crate::types::{Elementary, Type};
 use crate::value::Value;
 
-/// Checks a text; mistakes are findings, and with one there is no program.
+/// Checks a text. Mistakes become findings; with findings, the result is `None`.
 pub(crate) fn check(file: &File, findings: &mut Findings) -> Option<(Code, Needs)> {
     let mut checker = Checker {
         file,
@@ -56,7 +56,7 @@ pub(crate) fn check(file: &File, findings: &mut Findings) -> Option<(Code, Needs
     checker.link(program, bodies)
 }
 
-/// What a name of the text stands for.
+/// Meaning of a name of the text.
 #[derive(Debug, Clone, Copy)]
 enum Global {
     Type(usize),
@@ -69,7 +69,7 @@ enum Progress {
     Open,
     Resolving,
     Done,
-    /// A finding has said why not.
+    /// The name was rejected with a finding.
     Refused,
 }
 
@@ -96,10 +96,10 @@ struct Frame {
     progress: Progress,
     variables: Vec<VariableInfo>,
     by_name: HashMap<String, usize>,
-    /// Names whose declarations are wrong: nothing more is said of them.
+    /// Names with wrong declarations, for which no further findings are reported.
     refused: HashSet<String>,
     initial: Vec<Value>,
-    /// Slot and type of what a function gives.
+    /// Slot and type of the result of a function.
     result: Option<(usize, Type)>,
 }
 
@@ -110,7 +110,7 @@ struct VariableInfo {
     is_constant: bool,
     of: Type,
     offset: usize,
-    /// Of a constant with one value.
+    /// The value of a constant that has a single value.
     constant: Option<Value>,
 }
 
@@ -122,16 +122,16 @@ struct Checker<'a> {
     enumerators: HashMap<&'a str, Vec<(usize, i128)>>,
     types: Vec<TypeInfo>,
     frames: Vec<Frame>,
-    /// Units that a unit calls, and where.
+    /// Units that each unit calls, with the positions of the calls.
     calls: BTreeMap<usize, BTreeMap<usize, Span>>,
     needs: Needs,
-    /// M codes that a QUESTION asks about, and where.
+    /// M codes that a QUESTION asks about, with their positions.
     asked: BTreeMap<(u8, u16), Span>,
-    /// Values of all variables.
+    /// Number of values of all variables.
     memory: usize,
-    /// The unit that is checked.
+    /// The unit that is being checked.
     unit: Option<usize>,
-    /// Loops around the statement that is checked.
+    /// Number of loops around the statement that is being checked.
     loops: usize,
     /// Variables of the FOR loops around it.
     running: Vec<String>,
@@ -167,7 +167,7 @@ impl Checker<'_> {
             self.is_free(name);
             if self.names.insert(&name.text, global).is_some() {
                 let what = format!("{} is declared twice in this text", name.text);
-                self.found(&TWICE, name.span, what, "take another name");
+                self.found(&TWICE, name.span, what, "use another name");
             }
         }
         for (number, of) in file.types.iter().enumerate() {
@@ -178,8 +178,8 @@ impl Checker<'_> {
             for (value, name) in values.iter().enumerate() {
                 self.is_free(name);
                 if !seen.insert(&name.text) {
-                    let what = format!("{} stands there twice", name.text);
-                    self.found(&TWICE, name.span, what, "take another name");
+                    let what = format!("{} appears twice", name.text);
+                    self.found(&TWICE, name.span, what, "use another name");
                 }
                 let value = i128::try_from(value).unwrap_or(i128::MAX);
                 self.enumerators
@@ -190,7 +190,7 @@ impl Checker<'_> {
         }
     }
 
-    /// A finding if the name is that of something standard.
+    /// Returns true if the name is not that of a standard element; otherwise reports a finding.
     fn is_free(&mut self, name: &Name) -> bool {
         let text = name.text.as_str();
         let is_standard = Elementary::named(text).is_some()
@@ -200,13 +200,13 @@ impl Checker<'_> {
             || OPERATORS.iter().any(|(operator, _)| *operator == text)
             || (machine_function(text).is_some() && text.len() > 1);
         if is_standard {
-            let what = format!("{text} is the name of something standard");
-            self.found(&RESERVED, name.span, what, "take another name");
+            let what = format!("{text} is the name of a standard type, function or function block");
+            self.found(&RESERVED, name.span, what, "use another name");
         }
         !is_standard
     }
 
-    /// The unit that is called in each scan.
+    /// Returns the unit that is called in each scan.
     fn program(&mut self) -> Option<usize> {
         let file = self.file;
         let programs = file
@@ -224,12 +224,12 @@ impl Checker<'_> {
                 file.units[*number].name.span,
                 "write each PROGRAM in a file of its own",
             );
-            self.found(&PROGRAM_COUNT, span, "a text has one PROGRAM", help);
+            self.found(&PROGRAM_COUNT, span, "a text must have only one PROGRAM", help);
         }
         programs.first().copied()
     }
 
-    /// Counts values of variables; a finding if they are too many.
+    /// Counts values of variables; reports a finding if the limit is exceeded.
     fn takes_memory(&mut self, values: usize, span: Span) -> bool {
         self.memory = self.memory.saturating_add(values);
         if self.memory <= MEMORY_MAX {
@@ -240,7 +240,7 @@ impl Checker<'_> {
         false
     }
 
-    /// The unit that is checked.
+    /// Returns the unit that is being checked.
     fn frame(&self) -> Option<&Frame> {
         self.frames.get(self.unit?)
     }
@@ -254,7 +254,7 @@ impl Checker<'_> {
         self.frame().is_some_and(|frame| frame.refused.contains(name))
     }
 
-    /// Notes that the unit calls another one.
+    /// Records that the unit calls another unit.
     fn calls(&mut self, called: usize, span: Span) {
         if let Some(unit) = self.unit {
             self.calls.entry(unit).or_default().entry(called).or_insert(span);

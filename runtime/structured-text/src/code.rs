@@ -11,7 +11,7 @@ use crate::tree::Binary;
 use crate::types::Elementary;
 use crate::value::Value;
 
-/// An expression, and where it stands.
+/// An expression with its position in the source.
 #[derive(Debug, Clone)]
 pub(crate) struct Expr {
     pub kind: ExprKind,
@@ -22,15 +22,15 @@ pub(crate) struct Expr {
 pub(crate) enum ExprKind {
     Constant(Value),
     Load(Box<Place>),
-    /// Of a `BOOL` or a bit string.
+    /// NOT of a `BOOL` or a bit string.
     Not(Box<Expr>, Elementary),
     Minus(Box<Expr>, Elementary),
-    /// Both sides have become the type.
+    /// An operator; both sides have this type.
     Calculate(Binary, Elementary, Box<(Expr, Expr)>),
-    /// A `TIME` by a number.
+    /// A `TIME` multiplied or divided by a number.
     ScaleTime(Binary, Box<(Expr, Expr)>),
     Compare(Binary, Box<(Expr, Expr)>),
-    /// A value as one of another type.
+    /// A value converted to another type.
     Convert(Box<Expr>, Elementary, Elementary),
     Truncate(Box<Expr>, Elementary),
     Standard(Run, Elementary, Vec<Expr>),
@@ -38,11 +38,11 @@ pub(crate) enum ExprKind {
     Call(Box<FunctionCall>),
 }
 
-/// Where a variable is.
+/// Address of a variable.
 #[derive(Debug, Clone)]
 pub(crate) struct Place {
     pub root: Root,
-    /// Slots behind the root.
+    /// Number of slots after the root.
     pub offset: usize,
     pub indices: Vec<IndexOf>,
     pub span: Span,
@@ -54,7 +54,7 @@ pub(crate) enum Root {
     Frame,
     /// The variables of a function, by the number of its unit.
     Function(usize),
-    /// What a `VAR_IN_OUT` stands for; its address is in this slot of the frame.
+    /// The variable passed as a `VAR_IN_OUT`; its address is in this slot of the frame.
     Reference(usize),
 }
 
@@ -76,14 +76,14 @@ pub(crate) enum Stmt {
         /// Characters of a `STRING` variable.
         text_max: Option<usize>,
     },
-    /// Of arrays and structures.
+    /// Copies an array or a structure.
     Copy {
         to: Place,
         from: Place,
         size: usize,
     },
     Block(Box<BlockCall>),
-    /// A function for what it does.
+    /// A function call for its effect.
     Evaluate(Expr),
     If(Vec<(Expr, Vec<Stmt>)>, Vec<Stmt>),
     Case {
@@ -118,7 +118,7 @@ pub(crate) struct BlockCall {
     pub instance: Place,
     pub inputs: Vec<Stmt>,
     pub block: BlockOf,
-    /// Slots of `VAR_IN_OUT` in the instance, and what they stand for.
+    /// Slots of `VAR_IN_OUT` in the instance, with the passed variables.
     pub references: Vec<(usize, Place)>,
     pub outputs: Vec<Stmt>,
     pub span: Span,
@@ -133,7 +133,7 @@ pub(crate) enum BlockOf {
 #[derive(Debug, Clone)]
 pub(crate) struct FunctionCall {
     pub unit: usize,
-    /// Slots of inputs, and what goes there.
+    /// Slots of inputs, with their operands.
     pub inputs: Vec<(usize, Operand)>,
     pub references: Vec<(usize, Place)>,
     pub outputs: Vec<Stmt>,
@@ -151,11 +151,11 @@ pub(crate) enum Operand {
 #[derive(Debug, Clone, Default)]
 pub(crate) struct CodeUnit {
     pub body: Vec<Stmt>,
-    /// Values at the start; of a function at each call.
+    /// Values at the start; for a function, at the start of each call.
     pub initial: Arc<[Value]>,
     /// Temporary variables of a function block: slots with their values at each call.
     pub temporary: Vec<(usize, Value)>,
-    /// Where the variables of a function are in the memory.
+    /// Address of the variables of a function in the memory.
     pub base: usize,
 }
 
@@ -164,7 +164,7 @@ pub(crate) struct CodeUnit {
 pub(crate) struct Code {
     pub units: Vec<CodeUnit>,
     pub program: usize,
-    /// Slots of the memory.
+    /// Number of slots of the memory.
     pub memory: usize,
     /// Variables of the program with one value: their slots and types.
     #[cfg(test)]

@@ -8,7 +8,7 @@ use crate::value::{Fault, Value, int_of, real_of};
 /// Nanoseconds of a millisecond, in which times are converted to numbers.
 const MS: i128 = 1_000_000;
 
-/// True if there is a function `FROM_TO_TO`.
+/// Returns true if a function `FROM_TO_TO` exists.
 pub(crate) fn is_conversion(from: Elementary, to: Elementary) -> bool {
     use Elementary::{Bool, String, Time};
     match (from, to) {
@@ -22,10 +22,10 @@ pub(crate) fn is_conversion(from: Elementary, to: Elementary) -> bool {
     }
 }
 
-/// The value as one of another type.
+/// Returns the value converted to another type.
 ///
 /// # Errors
-/// It does not fit.
+/// Fails if the value does not fit the type.
 pub(crate) fn convert(value: &Value, from: Elementary, to: Elementary) -> Result<Value, Fault> {
     match to {
         Elementary::Bool if from == Elementary::String => match value.text() {
@@ -62,10 +62,10 @@ pub(crate) fn convert(value: &Value, from: Elementary, to: Elementary) -> Result
     }
 }
 
-/// `TRUNC`: towards zero.
+/// Truncates towards zero, as `TRUNC`.
 ///
 /// # Errors
-/// It does not fit.
+/// Fails if the value does not fit the type.
 pub(crate) fn truncate(value: f64, to: Elementary) -> Result<Value, Fault> {
     whole(value, to, f64::trunc)
 }
@@ -80,7 +80,7 @@ fn whole(value: f64, to: Elementary, round: fn(f64) -> f64) -> Result<Value, Fau
     int_of(whole, to).map_err(|_| Fault::Range(value.to_string(), to))
 }
 
-/// Bits as they are, the rightmost first; what is missing is 0.
+/// Returns the bits unchanged, aligned at the rightmost bit; missing bits are 0.
 fn transferred(value: i128, from: Elementary, to: Elementary) -> i128 {
     let mask = |kind: Elementary| (1_i128 << kind.bits()) - 1;
     let bits = value & mask(from) & mask(to);
@@ -113,7 +113,7 @@ fn text_of(value: &Value, from: Elementary) -> String {
     }
 }
 
-/// `T#1m30s500ms`.
+/// Returns a time as text: `T#1m30s500ms`.
 pub(crate) fn time_text(ns: i128) -> String {
     const UNITS: [(&str, i128); 7] = [
         ("d", 86_400_000_000_000),

@@ -1,4 +1,4 @@
-//! What can be wrong with a program: the table of findings.
+//! The table of findings: the faults that a program can have.
 
 use tandem_model::{Diagnostic, Severity, Span};
 
@@ -9,16 +9,16 @@ use crate::limits::FINDINGS_MAX;
 pub struct FindingEntry {
     /// `ST001` and so on.
     pub code: &'static str,
-    /// What it is called.
+    /// Name of the finding.
     pub title: &'static str,
-    /// Why it is wrong.
+    /// Reason why the text is wrong.
     pub explanation: &'static str,
-    /// Text that causes it, and text that is right.
+    /// Text that causes the finding, and the right text.
     pub example: &'static str,
 }
 
 impl FindingEntry {
-    /// The entry of a code, read without regard to case.
+    /// Returns the entry of a code; upper and lower case are equal.
     pub fn find(code: &str) -> Option<&'static FindingEntry> {
         FINDINGS
             .iter()
@@ -43,71 +43,71 @@ findings! {
         "A source text is at most 1 MiB, with 256 program organization units and types, and 100,000 values of all variables.",
         "wrong: ARRAY[1..1000000] OF INT   right: ARRAY[1..1000] OF INT";
     TOO_MANY = "ST002", "Too many findings",
-        "The list of findings ends at 100; what follows has not been listed.",
+        "The list of findings ends at 100; further findings are not listed.",
         "Correct the errors above, then check again.";
     CHARACTER = "ST003", "A character is not part of the language",
-        "Outside comments and strings a text consists of names, numbers and signs of ASCII.",
+        "Outside comments and strings, a text consists of names, numbers and symbols of ASCII.",
         "wrong: größe := 1;   right: size := 1;";
     NOT_CLOSED = "ST004", "A comment or a string is not closed",
-        "A comment (* ends with *), and a string ends with ' in its line.",
+        "A comment (* must end with *), and a string must end with ' in its line.",
         "wrong: (* door   right: (* door *)";
-    LITERAL = "ST005", "A literal is not written as one",
-        "Numbers are 5, 1_000, 16#FF, 2#1010, 1.0E-3; times T#1s500ms; a type may stand before them: INT#5. Underscores stand \
-         between digits.",
+    LITERAL = "ST005", "A literal is malformed",
+        "Numbers are written as 5, 1_000, 16#FF, 2#1010 or 1.0E-3, times as T#1s500ms. A type may precede \
+         them: INT#5. Underscores are allowed between digits.",
         "wrong: T#5   right: T#5s";
     LITERAL_RANGE = "ST006", "A value does not fit its type",
-        "Each type has its range, such as INT -32768 to 32767.",
+        "Each type has a range, such as -32768 to 32767 for INT.",
         "wrong: SINT#200   right: INT#200";
-    SYNTAX = "ST010", "Something else is expected here",
+    SYNTAX = "ST010", "Another symbol or word is expected here",
         "The text does not follow the grammar of Structured Text.",
         "wrong: IF a THEN b := 1;   right: IF a THEN b := 1; END_IF;";
-    TOO_DEEP = "ST011", "Too much within each other",
-        "Statements and expressions may stand 40 deep within each other, and calls 10 deep.",
-        "Write a part as a FUNCTION, or give a part of an expression a variable.";
+    TOO_DEEP = "ST011", "Nesting is too deep",
+        "Statements and expressions may be nested 40 deep, and calls 10 deep.",
+        "Write a part as a FUNCTION, or assign a part of an expression to a variable.";
     NOT_IN_SUBSET = "ST012", "Not part of this subset",
-        "The page Structured Text lists what a program may use. What is not listed is refused, never ignored.",
-        "wrong: VAR RETAIN n : INT; END_VAR   right: VAR n : INT; END_VAR, and P variables for what must be kept";
-    UNKNOWN = "ST020", "A name is not known",
-        "Variables, types, functions and function blocks are declared. Upper and lower case make no difference.",
+        "The page Structured Text lists the elements that a program may use. Any other element is an error, and is never ignored.",
+        "wrong: VAR RETAIN n : INT; END_VAR   right: VAR n : INT; END_VAR, and P variables for values that must be kept";
+    UNKNOWN = "ST020", "A name is unknown",
+        "Variables, types, functions and function blocks must be declared. Upper and lower case are equal.",
         "wrong: coutn := 1;   right: count := 1;";
     TWICE = "ST021", "A name is declared twice",
-        "A name has one meaning in its program organization unit, and one in the text.",
+        "A name is declared at most once in a program organization unit, and at most once outside of them.",
         "wrong: VAR a : INT; A : BOOL; END_VAR   right: VAR a : INT; b : BOOL; END_VAR";
     RESERVED = "ST022", "A name is a word of the language",
         "Keywords, and the names of standard types, functions and function blocks, cannot be declared.",
         "wrong: VAR ton : BOOL; END_VAR   right: VAR delay_is_over : BOOL; END_VAR";
     TYPE = "ST030", "A type does not fit",
-        "Operators, conditions and parameters take certain types; nothing is converted where a value could be lost.",
+        "Operators, conditions and parameters accept certain types; no value is converted implicitly if it could be lost.",
         "wrong: IF count THEN   right: IF count > 0 THEN";
     NARROWING = "ST031", "A value could be lost",
-        "A type becomes a wider one by itself, such as INT to DINT; the other way is written as a conversion.",
+        "A value is converted implicitly to a wider type, such as INT to DINT; the opposite direction needs a conversion function.",
         "wrong: an_int := a_dint;   right: an_int := DINT_TO_INT(a_dint);";
     NOT_ASSIGNABLE = "ST032", "This cannot be assigned",
-        "Constants, inputs within their block, outputs of others, and the variable of a running FOR keep their values.",
+        "A program cannot assign constants, inputs within their unit, outputs of other units, and the variable of a running FOR.",
         "wrong: timer.Q := TRUE;   right: timer(IN := TRUE);";
     NOT_CONSTANT = "ST033", "A constant is expected",
-        "Array bounds, labels of CASE, lengths, initial values, and the numbers of M codes and variables are known before the \
-         program runs: literals, VAR CONSTANT, and operations on these.",
+        "Array bounds, labels of CASE, lengths, initial values, and the numbers of M codes and variables \
+         must be known before the program runs: literals, VAR CONSTANT, and operations on these.",
         "wrong: MCODE(M := n)   right: MCODE(M := 10)";
     CONSTANT_FAULT = "ST034", "A constant cannot be calculated",
         "The calculation divides by zero, or its result does not fit its type.",
         "wrong: n := 1 / 0;   right: n := 1;";
     PARAMETERS = "ST040", "Parameters of a call are wrong",
-        "A call gives parameters in their order, or by name with := for inputs and => for outputs; not both.",
+        "A call has its parameters by order, or by name with := for inputs and => for outputs, not both.",
         "wrong: MAX(1)   right: MAX(1, 2)";
-    RECURSION = "ST041", "Something contains or calls itself",
-        "IEC 61131-3 allows no recursion: no function calls itself, also not through others, and no type contains itself.",
+    RECURSION = "ST041", "A unit calls itself, or a type contains itself",
+        "IEC 61131-3 allows no recursion: a function must not call itself, directly or through others, and a type must not contain itself.",
         "Write a loop.";
-    NOT_CALLABLE = "ST042", "This cannot be called so",
-        "Functions are called by their names and give a value; of a function block an instance is called, as a statement.",
+    NOT_CALLABLE = "ST042", "This cannot be called in this way",
+        "A function is called by its name and has a value. A function block is called by an instance, as a statement.",
         "wrong: TON(IN := a);   right: VAR t : TON; END_VAR t(IN := a);";
     BOUNDS = "ST050", "An index is out of range",
-        "An array has its bounds, the lower first.",
+        "An index must be within the bounds of its array; the lower bound comes first.",
         "wrong: ARRAY[5..1] OF INT   right: ARRAY[1..5] OF INT";
-    LABELS = "ST051", "A label of CASE stands there twice",
-        "Each value has one branch.",
+    LABELS = "ST051", "A label of CASE appears twice",
+        "Each value selects one branch.",
         "wrong: 1..3: a(); 2: b();   right: 1, 3: a(); 2: b();";
-    PROGRAM_COUNT = "ST060", "There is not one PROGRAM",
+    PROGRAM_COUNT = "ST060", "The text does not have exactly one PROGRAM",
         "A text has one PROGRAM, which is called in each scan.",
         "wrong: x := 1;   right: PROGRAM main VAR x : INT; END_VAR x := 1; END_PROGRAM";
     NUMBER_RANGE = "ST061", "A number of the machine is out of range",
@@ -142,8 +142,8 @@ impl Findings {
         } else if self.list.len() == FINDINGS_MAX {
             self.list.push(found(
                 &TOO_MANY,
-                "there are more findings, which are not listed".to_owned(),
-                "correct those above, then check again".to_owned(),
+                "further findings are not listed".to_owned(),
+                "correct the findings above, then check again".to_owned(),
             ));
         }
     }
@@ -152,7 +152,7 @@ impl Findings {
         self.list.is_empty()
     }
 
-    /// In the order of their places.
+    /// Returns the findings in the order of their positions.
     pub fn into_list(mut self) -> Vec<Diagnostic> {
         self.list
             .sort_by_key(|found| (found.code == TOO_MANY.code, found.span.start, found.span.end));

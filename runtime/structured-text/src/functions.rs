@@ -3,26 +3,26 @@
 use crate::types::Elementary;
 use crate::value::{Fault, Value, int_of, real_of};
 
-/// What a parameter takes.
+/// Types that a parameter accepts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Class {
     Bool,
     Int,
     Text,
-    /// Any elementary type that is ordered; all of this class become one type.
+    /// Any ordered elementary type; all parameters of this class are converted to one type.
     Any,
-    /// `ANY_NUM`; all of this class become one type.
+    /// `ANY_NUM`; all parameters of this class are converted to one type.
     Num,
-    /// `ANY_REAL`; all of this class become one type.
+    /// `ANY_REAL`; all parameters of this class are converted to one type.
     Real,
     /// `BYTE` to `LWORD`.
     Bits,
 }
 
-/// What a function gives.
+/// Type of the result of a function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Gives {
-    /// The type that the parameters of `Any`, `Num`, `Real` or `Bits` have become.
+    /// The type to which the parameters of `Any`, `Num`, `Real` or `Bits` were converted.
     Common,
     Of(Elementary),
 }
@@ -39,7 +39,7 @@ pub(crate) type Run = fn(&Call) -> Result<Value, Fault>;
 /// A standard function.
 pub(crate) struct Function {
     pub name: &'static str,
-    /// Names of parameters; with `is_extensible` the last may stand there more than once, and its number grows.
+    /// Names of parameters; with `is_extensible`, the last one may be repeated with increasing numbers.
     pub parameters: &'static [(&'static str, Class)],
     pub is_extensible: bool,
     pub gives: Gives,
@@ -48,7 +48,7 @@ pub(crate) struct Function {
 
 macro_rules! functions {
     ($($name:literal ($($parameter:ident: $class:ident),*) $(($more:ident))? -> $gives:expr, $run:expr;)*) => {
-        /// All but conversions and operators.
+        /// All standard functions except conversions and operators.
         pub(crate) static FUNCTIONS: &[Function] = &[$(Function {
             name: $name,
             parameters: &[$((stringify!($parameter), Class::$class)),*],
@@ -136,7 +136,7 @@ functions! {
     };
 }
 
-/// The function of a name in upper case.
+/// Returns the function of a name in upper case.
 pub(crate) fn function(name: &str) -> Option<&'static Function> {
     FUNCTIONS.iter().find(|function| function.name == name)
 }
@@ -164,14 +164,14 @@ pub(crate) const OPERATORS: [(&str, &str); 16] = [
 /// A conversion by its name: `INT_TO_REAL`, `TO_REAL`, `REAL_TRUNC_INT`, `TRUNC_INT`, `TRUNC`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Conversion {
-    /// Without it, the type of the parameter.
+    /// The source type; `None` selects the type of the parameter.
     pub from: Option<Elementary>,
     pub to: Elementary,
     pub truncates: bool,
 }
 
 impl Conversion {
-    /// The conversion of a name in upper case.
+    /// Returns the conversion of a name in upper case.
     pub fn named(name: &str) -> Option<Self> {
         if name == "TRUNC" {
             return Some(Self {
@@ -202,10 +202,10 @@ impl Conversion {
     }
 }
 
-/// `IN1 ** IN2`.
+/// Returns `IN1 ** IN2`.
 ///
 /// # Errors
-/// There is no result, or it is too large.
+/// Fails if the result does not exist, or is too large.
 pub(crate) fn power(base: f64, exponent: f64, of: Elementary) -> Result<Value, Fault> {
     if base == 0.0 && exponent < 0.0 {
         return Err(Fault::DivisionByZero);
@@ -213,7 +213,7 @@ pub(crate) fn power(base: f64, exponent: f64, of: Elementary) -> Result<Value, F
     real_of(base.powf(exponent), of, "**")
 }
 
-/// How two values of one type are ordered.
+/// Returns the order of two values of one type.
 pub(crate) fn order(one: &Value, other: &Value) -> std::cmp::Ordering {
     match (one, other) {
         (Value::Text(one), Value::Text(other)) => one.cmp(other),
@@ -240,7 +240,7 @@ fn real(call: &Call, name: &'static str, calculate: fn(f64) -> f64) -> Result<Va
     real_of(calculate(value), call.of, name)
 }
 
-/// A shift by N bits of a value without sign.
+/// Shifts a value without sign by N bits.
 fn shift(call: &Call, shifted: fn(u64, u32, u32) -> u64) -> Result<Value, Fault> {
     let name = "a shift";
     let value = u64::try_from(call.values[0].int()).map_err(|_| Fault::NoResult(name))?;
@@ -259,11 +259,11 @@ fn rotate(value: u64, left: u32, bits: u32) -> u64 {
 }
 
 fn number(count: usize) -> Value {
-    // a string is far shorter than an INT counts
+    // a string is far shorter than the largest INT
     Value::Int(i128::try_from(count).unwrap_or(i128::MAX))
 }
 
-/// A number of characters, or the place of one.
+/// Returns a number of characters, or the position of a character.
 fn count(name: &'static str, value: &Value, least: usize) -> Result<usize, Fault> {
     let count = usize::try_from(value.int().min(1 << 20))
         .ok()
@@ -271,7 +271,7 @@ fn count(name: &'static str, value: &Value, least: usize) -> Result<usize, Fault
     count.ok_or(Fault::NoResult(name))
 }
 
-/// A string, unless it is longer than any variable.
+/// Returns a string; fails if it is longer than any variable.
 fn text(text: String) -> Result<Value, Fault> {
     let length = text.chars().count();
     if length > crate::limits::STRING_MAX {
@@ -280,7 +280,7 @@ fn text(text: String) -> Result<Value, Fault> {
     Ok(Value::Text(text))
 }
 
-/// `length` characters behind the first `before` are replaced.
+/// Returns a string in which `length` characters after the first `before` ones are replaced.
 fn replaced(name: &'static str, of: &Value, by: &str, length: usize, before: usize) -> Result<Value, Fault> {
     let of = of.text();
     if before > of.chars().count() {

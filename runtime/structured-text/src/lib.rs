@@ -1,7 +1,9 @@
 //! Structured Text of IEC 61131-3, a subset, as a scan program of [`plc_api`].
 //!
-//! [`Program::compile`] takes a source text and gives a program, or all that is wrong with the text. A program is a
-//! [`ScanProgram`](plc_api::scan::ScanProgram): it is run by [`Program::sequence_program`], on a machine or in simulated time.
+//! [`Program::compile`] converts a source text to a program, or returns all faults of the text. A program is
+//! a
+//! a [`ScanProgram`](plc_api::scan::ScanProgram): [`Program::sequence_program`] runs it on a machine or in
+//! simulated time.
 //!
 //! ```
 //! use std::time::Duration;

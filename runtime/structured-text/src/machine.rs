@@ -1,4 +1,4 @@
-//! The machine, as function blocks and functions see it: the image of the scan, and what outlasts a scan.
+//! The machine for function blocks and functions: the image of the scan, and the data that outlast a scan.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,7 +12,7 @@ use crate::value::Value;
 /// A P variable, or a Q variable of a coordinate system.
 pub(crate) type VariableNumber = (Option<CoordinateSystemNumber>, u32);
 
-/// What a program needs of the machine, known before it runs.
+/// Needs of a program on the machine, known before the program runs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct Needs {
     pub m_codes: BTreeSet<(CoordinateSystemNumber, u16)>,
@@ -31,15 +31,15 @@ pub(crate) enum LockKind {
 pub(crate) struct Lock {
     pub is_on: bool,
     pub text: String,
-    /// Empty: the source `default`.
+    /// Name of the source; an empty name selects `default`.
     pub source: String,
 }
 
-/// Levels of function blocks. One that is not called keeps its level, as each output of a function block; of several for the
-/// same input it is on while any of them is.
+/// Levels of function blocks. An instance that is not called keeps its level, like each output of a function
+/// block. An input with several instances is on while any of them is on.
 #[derive(Debug, Default)]
 pub(crate) struct Levels {
-    /// By the address of the instance.
+    /// Locks by the address of the instance.
     locks: BTreeMap<(LockKind, CoordinateSystemNumber, usize), Lock>,
     alarms: BTreeMap<(Option<CoordinateSystemNumber>, u16, usize), (bool, String)>,
 }
@@ -59,7 +59,7 @@ impl Levels {
         self.alarms.insert((cs, code, instance), level);
     }
 
-    /// Writes all of them.
+    /// Writes all levels.
     pub fn write(&self, image: &mut Image) {
         let mut locks: BTreeMap<(LockKind, CoordinateSystemNumber, &str), (bool, Vec<&str>)> =
             BTreeMap::new();
@@ -122,7 +122,7 @@ pub(crate) static MACHINE_FUNCTIONS: [MachineFunction; 4] = [
         parameters: &[("NUMBER", Elementary::Udint)],
         constants: 1,
         gives: Some(Elementary::Lreal),
-        about: "the P variable `Number`, as it was before the scan; while the machine does not answer, its last value, at first 0",
+        about: "the P variable `Number` before the scan; while the machine does not answer, the last known value, initially 0",
         run: |machine, values| {
             let number = (None, number(&values[0]));
             Value::Real(machine.variables.get(&number).copied().unwrap_or(0.0))
@@ -133,7 +133,7 @@ pub(crate) static MACHINE_FUNCTIONS: [MachineFunction; 4] = [
         parameters: &[("CS", Elementary::Usint), ("NUMBER", Elementary::Udint)],
         constants: 2,
         gives: Some(Elementary::Lreal),
-        about: "the Q variable `Number` of coordinate system `CS`, in the same way",
+        about: "the Q variable `Number` of coordinate system `CS`, like `P`",
         run: |machine, values| {
             let number = (Some(system(&values[0])), number(&values[1]));
             Value::Real(machine.variables.get(&number).copied().unwrap_or(0.0))
@@ -144,7 +144,7 @@ pub(crate) static MACHINE_FUNCTIONS: [MachineFunction; 4] = [
         parameters: &[("NUMBER", Elementary::Udint), ("IN", Elementary::Lreal)],
         constants: 0,
         gives: None,
-        about: "sets a P variable behind the scan; `P` shows it in a later one",
+        about: "sets a P variable after the scan; `P` returns the value in a later scan",
         run: |machine, values| {
             machine.image.set_p(number(&values[0]), values[1].real());
             Value::Bool(true)
@@ -159,7 +159,7 @@ pub(crate) static MACHINE_FUNCTIONS: [MachineFunction; 4] = [
         ],
         constants: 1,
         gives: None,
-        about: "sets a Q variable of coordinate system `CS` in the same way",
+        about: "sets a Q variable of coordinate system `CS`, like `SET_P`",
         run: |machine, values| {
             machine
                 .image
@@ -169,17 +169,17 @@ pub(crate) static MACHINE_FUNCTIONS: [MachineFunction; 4] = [
     },
 ];
 
-/// The function of a name in upper case.
+/// Returns the function of a name in upper case.
 pub(crate) fn machine_function(name: &str) -> Option<&'static MachineFunction> {
     MACHINE_FUNCTIONS.iter().find(|function| function.name == name)
 }
 
-/// A number of the machine; its range is that of its type.
+/// Returns a number of the machine, which has the range of its type.
 fn number(value: &Value) -> u32 {
     u32::try_from(value.int()).unwrap_or(u32::MAX)
 }
 
-/// A coordinate system; the machine refuses those that it has not.
+/// Returns a coordinate system; the machine rejects one that does not exist.
 pub(crate) fn system(value: &Value) -> CoordinateSystemNumber {
     CoordinateSystemNumber::try_from(value.int()).unwrap_or(CoordinateSystemNumber::MAX)
 }

@@ -1,4 +1,5 @@
-//! Tokens to the tree. After a mistake it goes on with the next statement, so that one text tells all its mistakes.
+//! Converts tokens to the tree. After a mistake, the parser continues with the next statement, so that it
+//! finds all mistakes of a text.
 
 mod declarations;
 mod expressions;
@@ -11,13 +12,13 @@ use crate::limits::{NESTING_MAX, UNITS_MAX};
 use crate::tokens::{Token, TokenKind};
 use crate::tree::{File, Name, UnitKind};
 
-/// A finding has been noted.
+/// Error of parsing functions: a finding was reported.
 #[derive(Debug)]
 struct Refused;
 
 type Parsed<T> = Result<T, Refused>;
 
-/// Keywords of the language, which are no names.
+/// Keywords of the language, which cannot be names.
 const KEYWORDS: [&str; 62] = [
     "AND",
     "ARRAY",
@@ -83,7 +84,7 @@ const KEYWORDS: [&str; 62] = [
     "XOR",
 ];
 
-/// Symbols of the standard that are not part of this subset: what they are, and what to do.
+/// Symbols of the standard that are not part of this subset: symbol, meaning, and remedy.
 const OUTSIDE_SYMBOLS: [(&str, &str, &str); 3] = [
     (
         "%",
@@ -91,53 +92,53 @@ const OUTSIDE_SYMBOLS: [(&str, &str, &str); 3] = [
         "use the function blocks of the machine, such as MCODE and INTERLOCK",
     ),
     ("^", "references", "pass the variable by VAR_IN_OUT"),
-    ("{", "pragmas", "leave the pragma out"),
+    ("{", "pragmas", "remove the pragma"),
 ];
 
 /// Words of the standard, or of other implementations, that are not part of this subset, and what to write instead.
 const OUTSIDE: [(&str, &str); 34] = [
     (
         "RETAIN",
-        "leave it out, and keep the value in a P variable: P(100), SET_P(100, value)",
+        "remove it, and keep the value in a P variable: P(100), SET_P(100, value)",
     ),
     (
         "PERSISTENT",
-        "leave it out, and keep the value in a P variable: P(100), SET_P(100, value)",
+        "remove it, and keep the value in a P variable: P(100), SET_P(100, value)",
     ),
-    ("NON_RETAIN", "leave it out; no variable is retained"),
+    ("NON_RETAIN", "remove it; no variable is retained"),
     (
         "AT",
-        "leave it out; the machine is read and written by function blocks such as MCODE",
+        "remove it; function blocks such as MCODE read and write the machine",
     ),
     (
         "VAR_GLOBAL",
         "declare the variable in the PROGRAM, and pass it by VAR_INPUT or VAR_IN_OUT",
     ),
     ("VAR_EXTERNAL", "pass the variable by VAR_INPUT or VAR_IN_OUT"),
-    ("VAR_ACCESS", "leave it out"),
-    ("VAR_CONFIG", "leave it out"),
+    ("VAR_ACCESS", "remove it"),
+    ("VAR_CONFIG", "remove it"),
     (
         "CONFIGURATION",
-        "leave it out; the period is given by tandem st --period-ms",
+        "remove it; the option --period-ms of tandem st sets the period",
     ),
     (
         "RESOURCE",
-        "leave it out; the period is given by tandem st --period-ms",
+        "remove it; the option --period-ms of tandem st sets the period",
     ),
     (
         "TASK",
-        "leave it out; the period is given by tandem st --period-ms",
+        "remove it; the option --period-ms of tandem st sets the period",
     ),
     ("CLASS", "write a FUNCTION_BLOCK"),
     ("INTERFACE", "write a FUNCTION_BLOCK"),
     ("METHOD", "write a FUNCTION, or a FUNCTION_BLOCK of its own"),
     ("PROPERTY", "write VAR_OUTPUT"),
     ("EXTENDS", "declare the other function block as a variable"),
-    ("IMPLEMENTS", "leave it out"),
-    ("ABSTRACT", "leave it out"),
-    ("FINAL", "leave it out"),
-    ("NAMESPACE", "leave it out"),
-    ("USING", "leave it out"),
+    ("IMPLEMENTS", "remove it"),
+    ("ABSTRACT", "remove it"),
+    ("FINAL", "remove it"),
+    ("NAMESPACE", "remove it"),
+    ("USING", "remove it"),
     ("POINTER", "pass the variable by VAR_IN_OUT"),
     ("REFERENCE", "pass the variable by VAR_IN_OUT"),
     ("REF_TO", "pass the variable by VAR_IN_OUT"),
@@ -153,7 +154,7 @@ const OUTSIDE: [(&str, &str); 34] = [
     ("LABEL", "write an IF or a loop"),
 ];
 
-/// Parses a text; mistakes are findings.
+/// Parses a text; mistakes become findings.
 pub(crate) fn parse(tokens: &[Token], findings: &mut Findings) -> File {
     let mut parser = Parser {
         tokens,
@@ -165,10 +166,10 @@ pub(crate) fn parse(tokens: &[Token], findings: &mut Findings) -> File {
 }
 
 struct Parser<'a> {
-    /// The last is `End`.
+    /// The tokens; the last one is `End`.
     tokens: &'a [Token],
     at: usize,
-    /// Statements and expressions around what is parsed.
+    /// Number of statements and expressions around the parsed element.
     depth: usize,
     findings: &'a mut Findings,
 }
@@ -182,7 +183,7 @@ impl Parser<'_> {
                 self.skip_to_top_level(before);
             }
             if file.types.len() + file.units.len() > UNITS_MAX {
-                let what = format!("there are more than {UNITS_MAX} types, functions and function blocks");
+                let what = format!("the text has more than {UNITS_MAX} types, functions and function blocks");
                 self.findings
                     .push(&TOO_LARGE, self.span(), what, "write a smaller program");
                 return file;
@@ -235,7 +236,7 @@ impl Parser<'_> {
             .unwrap_or_default()
     }
 
-    /// Of the token before.
+    /// Returns the range of the token before.
     fn last_span(&self) -> Span {
         let last = self.at.checked_sub(1).and_then(|at| self.tokens.get(at));
         last.map(|token| token.span).unwrap_or_default()
@@ -257,7 +258,7 @@ impl Parser<'_> {
         }
     }
 
-    /// True if the token is this keyword or symbol.
+    /// Returns true if the token is this keyword or symbol.
     fn is(&self, text: &str) -> bool {
         self.token().is_some_and(|token| Self::is_text(token, text))
     }
@@ -266,7 +267,7 @@ impl Parser<'_> {
         texts.iter().any(|text| self.is(text))
     }
 
-    /// True if the one after is this keyword or symbol.
+    /// Returns true if the next token is this keyword or symbol.
     fn is_next(&self, text: &str) -> bool {
         self.tokens
             .get(self.at + 1)
@@ -289,7 +290,7 @@ impl Parser<'_> {
         }
     }
 
-    /// A name that may be declared.
+    /// Reads a name that may be declared.
     fn name(&mut self) -> Parsed<Name> {
         let span = self.span();
         let Some(TokenKind::Name(text)) = self.token().map(|token| token.kind.clone()) else {
@@ -316,7 +317,7 @@ impl Parser<'_> {
         Refused
     }
 
-    /// Something else stands here.
+    /// Reports that another token is expected.
     fn expected(&mut self, what: &str) -> Refused {
         let span = self.span();
         let kind = self.token().map(|token| token.kind.clone());
@@ -328,7 +329,7 @@ impl Parser<'_> {
             Some(TokenKind::Symbol(symbol)) => symbol.to_owned(),
             Some(TokenKind::Literal(..)) => "a literal".to_owned(),
             Some(TokenKind::Refused) => return Refused,
-            // such as a comment without an end, which is all of the rest
+            // for example a comment without an end, which contains the whole rest
             Some(TokenKind::End) | None if self.is_behind_refused() => return Refused,
             Some(TokenKind::End) | None => "the end of the text".to_owned(),
         };
@@ -345,16 +346,16 @@ impl Parser<'_> {
         before.is_some_and(|token| token.kind == TokenKind::Refused)
     }
 
-    /// Parses something within something; too much is a finding.
+    /// Parses a nested element; reports a finding if the nesting is too deep.
     fn deeper<T>(&mut self, parse: impl FnOnce(&mut Self) -> Parsed<T>) -> Parsed<T> {
         if self.depth >= NESTING_MAX {
-            let what = format!("more than {NESTING_MAX} statements and expressions stand within each other");
+            let what = format!("statements and expressions are nested more than {NESTING_MAX} deep");
             let span = self.span();
             return Err(self.found(
                 &TOO_DEEP,
                 span,
                 what,
-                "write a part as a FUNCTION or with a variable",
+                "write a part as a FUNCTION, or assign a part to a variable",
             ));
         }
         self.depth += 1;
@@ -364,7 +365,7 @@ impl Parser<'_> {
     }
 }
 
-/// What is said of a token that the language has and this subset does not, and what to do.
+/// Returns the message and the help for a token of the language that this subset does not have.
 fn outside(kind: &TokenKind) -> Option<(String, &'static str)> {
     match kind {
         TokenKind::Name(name) => {

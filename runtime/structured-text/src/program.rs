@@ -1,4 +1,4 @@
-//! A program, as a scan of a machine runs it.
+//! A program that a scan of a machine runs.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;
@@ -24,7 +24,7 @@ use crate::value::Value;
 /// Coordinate systems that a machine may have.
 const SYSTEMS: RangeInclusive<CoordinateSystemNumber> = 1..=8;
 
-/// Characters of a piece of the source in an alarm.
+/// Maximum number of characters of the source in an alarm.
 const SHOWN_MAX: usize = 60;
 
 /// A checked program with its variables.
@@ -38,7 +38,7 @@ pub struct Program {
     levels: Levels,
     /// The last values of the P and Q variables that are read.
     variables: BTreeMap<VariableNumber, f64>,
-    /// Why the program stands: what has happened in it.
+    /// Reason why the program has stopped; `None` while it runs.
     stopped: Option<String>,
 }
 
@@ -46,7 +46,7 @@ impl Program {
     /// Checks a source text; `name` is that of its file, for alarms.
     ///
     /// # Errors
-    /// All that is wrong with the text, in the order of its lines.
+    /// Returns all faults of the text, in the order of its lines.
     pub fn compile(name: &str, source: &str) -> Result<Self, Vec<Diagnostic>> {
         let mut findings = Findings::default();
         if source.len() > SOURCE_BYTES_MAX {
@@ -72,12 +72,13 @@ impl Program {
         }
     }
 
-    /// M codes that its `MCODE` blocks serve, with their coordinate systems.
+    /// Returns the M codes that its `MCODE` blocks serve, with their coordinate systems.
     pub fn m_codes(&self) -> impl Iterator<Item = (CoordinateSystemNumber, u16)> + '_ {
         self.needs.m_codes.iter().copied()
     }
 
-    /// A sequence program that scans it at a period. A program for one coordinate system serves its M codes there only.
+    /// Returns a sequence program that scans the program at a period. A program for one coordinate system
+    /// serves its M codes only in that one.
     pub fn sequence_program(self, period: Duration) -> SequenceProgram {
         let codes = Served(self.m_codes().map(|(_, m)| m).collect());
         let systems: BTreeSet<CoordinateSystemNumber> = self.m_codes().map(|(cs, _)| cs).collect();
@@ -88,7 +89,8 @@ impl Program {
         }
     }
 
-    /// The value of a variable of the program, as text; `None` if there is none with one value.
+    /// Returns the value of a variable of the program as text; `None` if no variable of this name has a
+    /// single value.
     #[cfg(test)]
     pub(crate) fn shown(&self, name: &str) -> Option<String> {
         let (slot, kind) = self.code.names.get(name)?;
@@ -98,24 +100,24 @@ impl Program {
         }
     }
 
-    /// Why the program stands.
+    /// Returns the reason why the program has stopped.
     #[cfg(test)]
     pub(crate) fn stopped(&self) -> Option<&str> {
         self.stopped.as_deref()
     }
 
-    /// Fails M codes that it serves in another coordinate system only.
+    /// Fails M codes that the program serves only in another coordinate system.
     fn fail_others(&self, image: &mut Image) {
         let codes: BTreeSet<u16> = self.m_codes().map(|(_, m)| m).collect();
         for m in codes {
             for cs in SYSTEMS.filter(|cs| !self.needs.m_codes.contains(&(*cs, m))) {
-                let text = format!("{} serves M{m:02} in another coordinate system only", self.name);
+                let text = format!("{} serves M{m:02} only in another coordinate system", self.name);
                 image.fail(cs, m, Alarm::user(m, text));
             }
         }
     }
 
-    /// What has happened, with its line.
+    /// Returns the text of a fault, with its line.
     fn text_of(&self, FaultAt { fault, span }: &FaultAt) -> String {
         let start = usize::try_from(span.start).unwrap_or(0);
         let before = self.source.get(..start).unwrap_or_default();
@@ -128,7 +130,7 @@ impl Program {
             shown.push_str("...");
         }
         format!(
-            "{} stands, line {line}, at {shown}: {fault}. Correct the program, and start it again",
+            "{} has stopped: line {line}, at {shown}: {fault}. Correct the program, and start it again",
             self.name
         )
     }

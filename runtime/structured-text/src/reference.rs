@@ -1,4 +1,4 @@
-//! The page of the book, written from the tables that the program itself works with.
+//! The page of the book, generated from the tables of the compiler.
 
 use std::fmt::Write;
 
@@ -9,17 +9,17 @@ use crate::functions::{FUNCTIONS, OPERATORS};
 use crate::limits;
 use crate::machine::MACHINE_FUNCTIONS;
 
-/// `docs/src/reference/structured-text.md`.
+/// Returns `docs/src/reference/structured-text.md`.
 pub fn page() -> String {
     let mut page = String::from(INTRODUCTION);
     for title in titles() {
-        let _ = write!(page, "\n### {title}\n\n| feature | here |\n| --- | --- |\n");
+        let _ = write!(page, "\n### {title}\n\n| feature | difference |\n| --- | --- |\n");
         for feature in FEATURES.iter().filter(|feature| feature.table == title) {
             let _ = writeln!(
                 page,
                 "| {} | {} |",
                 feature.feature,
-                or(feature.note, "as the standard says")
+                or(feature.note, "as in the standard")
             );
         }
     }
@@ -67,7 +67,7 @@ pub fn page() -> String {
         operators.collect::<Vec<_>>().join(", ")
     );
     limits_of(&mut page);
-    page.push_str("\n## Findings\n\n`tandem explain ST031` tells one of them with an example.\n\n| code | |\n| --- | --- |\n");
+    page.push_str("\n## Findings\n\n`tandem explain ST031` explains a finding with an example.\n\n| code | |\n| --- | --- |\n");
     for entry in FINDINGS {
         let _ = writeln!(
             page,
@@ -80,24 +80,23 @@ pub fn page() -> String {
 
 const INTRODUCTION: &str = "# Structured Text
 
-A sequence program may be written in Structured Text (ST) of IEC 61131-3, third edition: `tandem st FILE.st --check` tells what is
-wrong with it, `tandem st FILE.st --run --connect ADDRESS` runs it on a machine.
-[Write a PLC scan](../how-to/scan.md#structured-text) has an example. In Rust it is `tandem_structured_text::Program`.
+A sequence program may be written in Structured Text (ST) of IEC 61131-3, third edition. `tandem st FILE.st --check` lists the faults
+of a program, `tandem st FILE.st --run --connect ADDRESS` runs it on a machine. For an example, see
+[Write a PLC scan](../how-to/scan.md#structured-text). In Rust, the type is `tandem_structured_text::Program`.
 
-It is a subset of its own, since no other implementation can be a part of Tandem: IronPLC (MIT), the nearest, is not on the
-registry of crates but for a parser of its beginnings, and its virtual machine exchanges no values with another process while it
-runs.
+Tandem implements its own subset, because no other implementation can be a part of it. The nearest one is IronPLC (MIT). The registry
+of crates has only an early version of its parser, and its virtual machine exchanges no values with another process while it runs.
 
-A text has one `PROGRAM`, which is called in each scan, and the functions, function blocks and types that it uses. What is not
-listed here is refused with line, column, what is wrong and what to write; nothing is ignored.
+A text has one `PROGRAM`, which is called in each scan, and the functions, function blocks and types that the program uses. Any element
+that is not listed on this page is rejected with line, column, fault and remedy; nothing is ignored.
 
-When a program cannot go on, as at a division by zero, it stands: an alarm of the whole machine names the line and the piece of the
-source, M codes that it serves fail with it, and what it has locked stays locked. The alarm comes back until the program is
-started again.
+If a program has a fault, such as a division by zero, it stops: an alarm of the whole machine names the line and the piece of the
+source, the M codes that the program serves fail with this alarm, and its locks stay locked. Until the program is started again, a
+reset does not end the alarm: it is raised again.
 
 ## Conformance
 
-Each row is proved by a test, whose expected values are those of the standard.
+A test proves each row; its expected values are those of the standard.
 ";
 
 const NOT_THERE: &str = "
@@ -109,10 +108,9 @@ single bits of bit strings, `EN` and `ENO`, steps and transitions, pragmas. The 
 ";
 
 const MACHINE: &str = "
-Inputs that are *constant* are numbers or `VAR CONSTANT`, given in the call or in the declaration
-(`clamp : MCODE := (M := 10);`): they are known before the program runs. Outputs show the machine as it was before the scan, and
-what is written is carried out behind it. `INTERLOCK`, `START_LOCK` and `ALARM` are levels: an instance that is not called keeps
-its own.
+Inputs that are *constant* are numbers or `VAR CONSTANT`, set in the call or in the declaration
+(`clamp : MCODE := (M := 10);`): they are known before the program runs. Outputs show the machine before the scan, and written values
+take effect after the scan. `INTERLOCK`, `START_LOCK` and `ALARM` are levels: an instance that is not called keeps its level.
 ";
 
 fn titles() -> Vec<&'static str> {
@@ -144,7 +142,7 @@ fn block_of(page: &mut String, block: &BuiltIn) {
     }
 }
 
-/// What a port is, and its value without another.
+/// Returns the kind of a port, and its default value.
 fn how(port: &Port) -> (&'static str, String) {
     match port.direction {
         Direction::Input => ("input", String::new()),
@@ -171,15 +169,15 @@ fn limits_of(page: &mut String) {
             limits::UNITS_MAX.to_string(),
         ),
         (
-            "statements, and operators, within each other or in a row",
+            "nested statements, and operators that are nested or in a row",
             limits::NESTING_MAX.to_string(),
         ),
         (
-            "functions and function blocks that call each other",
+            "nested calls of functions and function blocks",
             limits::CALL_DEPTH_MAX.to_string(),
         ),
         (
-            "values of all variables; a `STRING` counts as one for each 16 characters",
+            "values of all variables; a `STRING` has one value for each 16 characters",
             limits::MEMORY_MAX.to_string(),
         ),
         ("characters of a `STRING`", limits::STRING_MAX.to_string()),
@@ -188,7 +186,7 @@ fn limits_of(page: &mut String) {
             "steps of a scan: statements, operations and copied values",
             limits::STEPS_MAX.to_string(),
         ),
-        ("findings that are listed", limits::FINDINGS_MAX.to_string()),
+        ("listed findings", limits::FINDINGS_MAX.to_string()),
     ];
     page.push_str("\n## Limits\n\n| at most | |\n| --- | --- |\n");
     for (what, limit) in rows {

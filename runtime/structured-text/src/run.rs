@@ -15,7 +15,7 @@ use crate::tree::Binary;
 use crate::types::Elementary;
 use crate::value::{Fault, Value, int_of};
 
-/// A fault, and where it is in the source.
+/// A fault with its position in the source.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct FaultAt {
     pub fault: Fault,
@@ -24,7 +24,7 @@ pub(crate) struct FaultAt {
 
 type Ran<T> = Result<T, FaultAt>;
 
-/// How a list of statements has ended.
+/// Result of a list of statements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Flow {
     Next,
@@ -33,7 +33,7 @@ enum Flow {
     Return,
 }
 
-/// The memory before the first scan.
+/// Returns the memory before the first scan.
 pub(crate) fn memory(code: &Code) -> Vec<Value> {
     let mut memory = Vec::with_capacity(code.memory);
     memory.extend(
@@ -42,15 +42,15 @@ pub(crate) fn memory(code: &Code) -> Vec<Value> {
             .into_iter()
             .flat_map(|unit| unit.initial.iter().cloned()),
     );
-    // those of functions are written at each call
+    // the variables of functions are written at each call
     memory.resize(code.memory, Value::Bool(false));
     memory
 }
 
-/// One scan.
+/// Runs one scan.
 ///
 /// # Errors
-/// The program cannot go on.
+/// Returns the fault that stops the program.
 pub(crate) fn scan(code: &Code, memory: &mut [Value], machine: &mut Machine) -> Ran<()> {
     let mut run = Run {
         code,
@@ -69,7 +69,7 @@ struct Run<'a, 'm> {
 }
 
 impl<'a> Run<'a, '_> {
-    /// A unit whose variables are at `base`.
+    /// Runs a unit whose variables are at `base`.
     fn unit(&mut self, number: usize, base: usize) -> Ran<()> {
         let unit = &self.code.units[number];
         for (slot, value) in &unit.temporary {
@@ -89,7 +89,7 @@ impl<'a> Run<'a, '_> {
         Ok(Flow::Next)
     }
 
-    /// Counts steps; a scan with too many has no end.
+    /// Counts steps; fails if the scan has too many.
     fn takes(&mut self, steps: usize, span: Span) -> Ran<()> {
         let steps = u32::try_from(steps).unwrap_or(u32::MAX);
         self.steps = self.steps.saturating_add(steps);
@@ -181,7 +181,7 @@ impl<'a> Run<'a, '_> {
         loop {
             self.takes(1, of.variable.span)?;
             let address = self.address(&of.variable, base)?;
-            // the end is one step behind the last value, where the type has that value
+            // the variable ends one step after the last value, if the type has that value
             if let Ok(value) = int_of(value, of.of) {
                 self.memory[address] = value;
             }
@@ -211,7 +211,7 @@ impl<'a> Run<'a, '_> {
             Root::Function(unit) => self.code.units[unit].base,
             Root::Reference(slot) => match self.memory[base + slot] {
                 Value::Address(address) => address,
-                // a VAR_IN_OUT is read within a call only, which has set it
+                // a VAR_IN_OUT is read only within a call, which has set it
                 _ => base,
             },
         };
@@ -303,7 +303,8 @@ impl<'a> Run<'a, '_> {
     fn function(&mut self, call: &'a FunctionCall, base: usize, span: Span) -> Ran<Value> {
         let unit = &self.code.units[call.unit];
         self.takes(unit.initial.len(), span)?;
-        // all is known before the variables of the function are written: the call may stand in a parameter of another
+        // all arguments are evaluated before the variables of the function are written: a call may be an
+        // argument of another call
         let mut given = Vec::with_capacity(call.inputs.len());
         for (slot, operand) in &call.inputs {
             let values = match operand {
@@ -369,7 +370,7 @@ impl<'a> Run<'a, '_> {
     }
 }
 
-/// A string must fit its variable.
+/// Checks that a string fits its variable.
 fn fits(value: &Value, text_max: Option<usize>) -> Result<(), Fault> {
     if let (Value::Text(text), Some(max)) = (value, text_max) {
         let length = text.chars().count();
@@ -380,7 +381,7 @@ fn fits(value: &Value, text_max: Option<usize>) -> Result<(), Fault> {
     Ok(())
 }
 
-/// A division by zero is where the divisor is.
+/// Returns a fault at its position; that of a division by zero is the divisor.
 fn divisor(fault: Fault, right: &Expr, span: Span) -> FaultAt {
     let span = if fault == Fault::DivisionByZero {
         right.span

@@ -1,4 +1,4 @@
-//! What function blocks that are built in keep from call to call.
+//! State that built-in function blocks keep from call to call.
 
 use plc_api::function_blocks::{
     DownCounter, FallingEdge, OffDelay, OnDelay, Pulse, ResetDominant, RisingEdge, SetDominant, UpCounter,
@@ -18,7 +18,7 @@ pub(crate) enum State {
     UpCounter(UpCounter),
     DownCounter(DownCounter),
     UpDownCounter(UpDownCounter),
-    /// The progress that was told last.
+    /// The progress that was reported last.
     Progress(Option<(String, f64)>),
     /// Edges of commands.
     Edges([RisingEdge; 7]),

@@ -16,24 +16,24 @@ use plc_api::scan::{Image, ScanProgram};
 
 use crate::Program;
 
-/// The program of a text, which is right.
+/// Compiles a text without faults.
 pub fn compiled(source: &str) -> Program {
     Program::compile("test.st", source).unwrap_or_else(|findings| panic!("{source}\n{findings:#?}"))
 }
 
-/// A program with these variables and statements.
+/// Returns a program with these variables and statements.
 pub fn program(variables: &str, body: &str) -> String {
     format!("PROGRAM test\nVAR {variables} END_VAR\n{body}\nEND_PROGRAM\n")
 }
 
-/// The program after one scan.
+/// Returns the program after one scan.
 pub fn scanned(source: &str) -> Program {
     let mut program = compiled(source);
     program.scan(&mut Image::default());
     program
 }
 
-/// The value of `r` after one scan.
+/// Returns the value of `r` after one scan.
 pub fn result(variables: &str, body: &str) -> String {
     let program = scanned(&program(variables, body));
     assert_eq!(program.stopped(), None, "{body}");
@@ -42,7 +42,7 @@ pub fn result(variables: &str, body: &str) -> String {
         .unwrap_or_else(|| panic!("no r in {variables}"))
 }
 
-/// The value of an expression that is assigned to a variable of this type.
+/// Returns the value of an expression that is assigned to a variable of this type.
 pub fn value(of: &str, expression: &str) -> String {
     result(&format!("r : {of};"), &format!("r := {expression};"))
 }
@@ -54,7 +54,7 @@ pub fn values(rows: &[(&str, &str, &str)]) {
     }
 }
 
-/// Codes of what is wrong, with their lines.
+/// Returns the codes of findings, with their lines.
 pub fn found(source: &str) -> Vec<(&'static str, usize)> {
     let findings = Program::compile("test.st", source).err().unwrap_or_default();
     let line = |start: u32| source[..start as usize].matches('\n').count() + 1;
@@ -64,7 +64,7 @@ pub fn found(source: &str) -> Vec<(&'static str, usize)> {
         .collect()
 }
 
-/// The only thing that is wrong: its code.
+/// Returns the code of the only finding.
 pub fn only(source: &str) -> &'static str {
     let found = found(source);
     assert_eq!(
@@ -76,7 +76,7 @@ pub fn only(source: &str) -> &'static str {
     found[0].0
 }
 
-/// Why the program stands after one scan.
+/// Returns the reason why the program has stopped after one scan.
 pub fn stopped(variables: &str, body: &str) -> String {
     let program = scanned(&program(variables, body));
     program

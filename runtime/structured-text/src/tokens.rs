@@ -1,4 +1,4 @@
-//! Source text to tokens.
+//! Converts source text to tokens.
 
 mod literal;
 
@@ -15,7 +15,7 @@ pub(crate) enum Literal {
     Integer(i128),
     Real(f64),
     Text(String),
-    /// Nanoseconds.
+    /// A time in nanoseconds.
     Time(i128),
 }
 
@@ -23,10 +23,10 @@ pub(crate) enum Literal {
 pub(crate) enum TokenKind {
     /// A name or a keyword, in upper case.
     Name(String),
-    /// A literal, with the type that stands before it.
+    /// A literal, with the type before it.
     Literal(Literal, Option<Elementary>),
     Symbol(&'static str),
-    /// A finding has said what is wrong here.
+    /// A text that was rejected with a finding.
     Refused,
     End,
 }
@@ -37,13 +37,13 @@ pub(crate) struct Token {
     pub span: Span,
 }
 
-/// The longest first.
+/// Symbols, the longest first.
 const SYMBOLS: [&str; 29] = [
     ":=", "=>", "<=", ">=", "<>", "**", "..", "(", ")", "[", "]", ",", ";", ":", ".", "+", "-", "*", "/",
     "=", "<", ">", "&", "#", "^", "%", "@", "{", "}",
 ];
 
-/// Reads tokens; what is none is a finding and left out. The last one is `End`.
+/// Reads tokens; text that is not a token is a finding, and is omitted. The last token is `End`.
 pub(crate) fn tokens(source: &str, findings: &mut Findings) -> Vec<Token> {
     let mut lexer = Lexer {
         source,
@@ -77,7 +77,7 @@ pub(crate) fn tokens(source: &str, findings: &mut Findings) -> Vec<Token> {
 
 struct Lexer<'a> {
     source: &'a str,
-    /// Byte of what comes next.
+    /// Position of the next byte.
     at: usize,
     findings: &'a mut Findings,
 }
@@ -93,7 +93,7 @@ impl<'a> Lexer<'a> {
         Span::new(byte(start), byte(self.at))
     }
 
-    /// Takes the leading characters that fit.
+    /// Takes the leading characters for which `fits` returns true.
     fn take_while(&mut self, fits: impl Fn(char) -> bool) -> &'a str {
         let rest = self.rest();
         let end = rest.find(|letter| !fits(letter)).unwrap_or(rest.len());
@@ -101,7 +101,7 @@ impl<'a> Lexer<'a> {
         &rest[..end]
     }
 
-    /// False if a comment has no end.
+    /// Skips blanks and comments; returns false if a comment has no end.
     fn skip_blanks(&mut self) -> bool {
         loop {
             self.take_while(|letter| letter.is_whitespace() || letter == '\u{feff}');
@@ -122,7 +122,7 @@ impl<'a> Lexer<'a> {
         }
     }
 
-    /// Comments may stand within each other.
+    /// Skips a comment; comments may be nested.
     fn skip_comment(&mut self, open: &str, close: &str) -> bool {
         let start = self.at;
         let mut depth = 0_usize;
@@ -182,7 +182,7 @@ impl<'a> Lexer<'a> {
         Some(TokenKind::Refused)
     }
 
-    /// A name, or a literal with a type before it.
+    /// Reads a name, or a literal with a type before it.
     fn word(&mut self, start: usize) -> TokenKind {
         let word = self.take_while(|letter| letter.is_ascii_alphanumeric() || letter == '_');
         let word = word.to_ascii_uppercase();
@@ -230,7 +230,7 @@ impl<'a> Lexer<'a> {
                 (_, TokenKind::Refused) => TokenKind::Refused,
                 _ => self.malformed(
                     start,
-                    &Malformed::new("a string is no value of this type", "write STRING#'...'"),
+                    &Malformed::new("a string is not a value of this type", "write STRING#'...'"),
                 ),
             };
         }
@@ -250,7 +250,7 @@ impl<'a> Lexer<'a> {
         self.number(start, text, of)
     }
 
-    /// The text of a number: `1_000`, `1.5e-3`, `16#FF`; a word such as TRUE too.
+    /// Takes the text of a number: `1_000`, `1.5e-3`, `16#FF`; also a word such as TRUE.
     fn take_number(&mut self) -> &'a str {
         let start = self.at;
         let is_part = |letter: char| letter.is_ascii_alphanumeric() || letter == '_';
@@ -271,7 +271,7 @@ impl<'a> Lexer<'a> {
         &self.source[start..self.at]
     }
 
-    /// A number; `start` is where its type stands, and a sign is before `text`.
+    /// Reads a number; `start` is the position of its type, and a sign is before `text`.
     fn number(&mut self, start: usize, text: &str, of: Option<Elementary>) -> TokenKind {
         let before = &self.source[start..self.at - text.len()];
         match literal::number(text, before.ends_with('-'), of) {

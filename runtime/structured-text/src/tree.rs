@@ -1,4 +1,4 @@
-//! The tree of a source text, as it is written: names are not looked up, types not compared.
+//! The tree of a source text. Names are not yet looked up, and types not yet compared.
 
 use tandem_model::Span;
 
@@ -45,7 +45,7 @@ pub(crate) enum UnitKind {
 pub(crate) struct Unit {
     pub kind: UnitKind,
     pub name: Name,
-    /// What a function gives.
+    /// Type of the result of a function.
     pub result: Option<TypeName>,
     pub variables: Vec<Variable>,
     pub body: Vec<Statement>,
@@ -100,7 +100,7 @@ pub(crate) enum Statement {
         value: Expression,
     },
     Call(Expression),
-    /// Conditions with their statements, and those of ELSE.
+    /// Conditions with their statements, and the statements of ELSE.
     If(Vec<(Expression, Vec<Statement>)>, Vec<Statement>),
     Case {
         selector: Expression,
@@ -121,7 +121,7 @@ pub(crate) enum Statement {
     Return,
 }
 
-/// A label of CASE: a value, or a range of them.
+/// A label of CASE: a value, or a range of values.
 #[derive(Debug)]
 pub(crate) struct Label {
     pub from: Expression,
@@ -132,7 +132,7 @@ pub(crate) struct Label {
 pub(crate) struct Expression {
     pub kind: ExpressionKind,
     pub span: Span,
-    /// How many expressions stand within each other, itself included.
+    /// Nesting depth of the expression, including itself.
     pub height: usize,
 }
 
@@ -178,7 +178,7 @@ pub(crate) enum ExpressionKind {
 #[derive(Debug, Clone)]
 pub(crate) struct Argument {
     pub name: Option<Name>,
-    /// `=>`: `value` is where it goes.
+    /// True for `=>`: `value` is the variable that receives the output.
     pub is_output: bool,
     pub value: Expression,
 }
@@ -210,7 +210,7 @@ pub(crate) enum Binary {
 }
 
 impl Binary {
-    /// As the language writes it.
+    /// Returns the text of the operator.
     pub fn text(self) -> &'static str {
         match self {
             Self::Power => "**",

@@ -17,7 +17,7 @@ macro_rules! elementary {
             /// All of them.
             pub const ALL: &[Elementary] = &[$(Elementary::$name),*];
 
-            /// As the language writes it.
+            /// Returns the text of the type.
             pub fn text(self) -> &'static str {
                 match self {
                     $(Elementary::$name => $text,)*
@@ -48,12 +48,12 @@ elementary! {
 }
 
 impl Elementary {
-    /// The type of a name in upper case.
+    /// Returns the type of a name in upper case.
     pub(crate) fn named(name: &str) -> Option<Self> {
         Self::ALL.iter().copied().find(|kind| kind.text() == name)
     }
 
-    /// `ANY_INT`.
+    /// Returns true for `ANY_INT`.
     pub(crate) fn is_int(self) -> bool {
         self.is_signed() || matches!(self, Self::Usint | Self::Uint | Self::Udint | Self::Ulint)
     }
@@ -62,22 +62,22 @@ impl Elementary {
         matches!(self, Self::Sint | Self::Int | Self::Dint | Self::Lint)
     }
 
-    /// `BYTE` to `LWORD`.
+    /// Returns true for `BYTE` to `LWORD`.
     pub(crate) fn is_bits(self) -> bool {
         matches!(self, Self::Byte | Self::Word | Self::Dword | Self::Lword)
     }
 
-    /// `ANY_REAL`.
+    /// Returns true for `ANY_REAL`.
     pub(crate) fn is_real(self) -> bool {
         matches!(self, Self::Real | Self::Lreal)
     }
 
-    /// `ANY_NUM`.
+    /// Returns true for `ANY_NUM`.
     pub(crate) fn is_num(self) -> bool {
         self.is_int() || self.is_real()
     }
 
-    /// Bits of an integer or a bit string; 1 of `BOOL`, 0 of others.
+    /// Returns the number of bits of an integer or a bit string; 1 for `BOOL`, 0 for other types.
     pub(crate) fn bits(self) -> u32 {
         match self {
             Self::Bool => 1,
@@ -89,7 +89,7 @@ impl Elementary {
         }
     }
 
-    /// The smallest and the largest value of an integer, a bit string or a time.
+    /// Returns the smallest and the largest value of an integer, a bit string or a time.
     pub(crate) fn range(self) -> Option<(i128, i128)> {
         if self == Self::Time {
             return Some((i64::MIN.into(), i64::MAX.into()));
@@ -101,7 +101,8 @@ impl Elementary {
         (self.is_int() || self.is_bits()).then(|| (0, (1_i128 << self.bits()) - 1))
     }
 
-    /// True if every value of it is one of `other`, so that it becomes one by itself: IEC 61131-3, implicit conversions.
+    /// Returns true if every value of this type is a value of `other`, so that the conversion is implicit
+    /// (IEC 61131-3).
     pub(crate) fn widens_to(self, other: Self) -> bool {
         if self == other {
             return true;
@@ -118,7 +119,7 @@ impl Elementary {
         }
     }
 
-    /// The narrowest type that both become by themselves.
+    /// Returns the narrowest type to which both are converted implicitly.
     pub(crate) fn common(self, other: Self) -> Option<Self> {
         if self.widens_to(other) {
             return Some(other);
@@ -138,7 +139,7 @@ pub(crate) enum Type {
     /// A `STRING` of this length.
     Text(usize),
     Array(Arc<ArrayType>),
-    /// By its number in the program.
+    /// A structure, by its number in the program.
     Struct(usize, Arc<str>),
     /// An enumeration, by its number.
     Enumeration(usize, Arc<str>),
@@ -159,7 +160,7 @@ impl Type {
     pub const BOOL: Type = Type::Elementary(Elementary::Bool);
     pub const STRING: Type = Type::Text(STRING_DEFAULT);
 
-    /// The elementary type of a single value.
+    /// Returns the elementary type of a single value.
     pub fn elementary(&self) -> Option<Elementary> {
         match self {
             Type::Elementary(kind) => Some(*kind),
@@ -168,7 +169,7 @@ impl Type {
         }
     }
 
-    /// True if its value is one slot of the memory.
+    /// Returns true if its value is one slot of the memory.
     pub fn is_single(&self) -> bool {
         matches!(self, Type::Elementary(_) | Type::Text(_) | Type::Enumeration(..))
     }

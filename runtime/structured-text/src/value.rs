@@ -1,26 +1,26 @@
-//! Values of variables, and what can go wrong with them.
+//! Values of variables, and the faults of calculations.
 
 use std::fmt;
 
 use crate::state::State;
 use crate::types::Elementary;
 
-/// What is in one slot of the memory.
+/// Content of one slot of the memory.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Value {
     Bool(bool),
     /// An integer, a bit string, an enumeration, or a time in nanoseconds.
     Int(i128),
-    /// Always finite.
+    /// A number, always finite.
     Real(f64),
     Text(String),
-    /// Where the variable of a `VAR_IN_OUT` is.
+    /// Address of the variable of a `VAR_IN_OUT`.
     Address(usize),
-    /// What a function block that is built in keeps.
+    /// State of a built-in function block.
     State(Box<State>),
 }
 
-/// Why a program cannot go on.
+/// Reason why a program stops.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Fault {
     DivisionByZero,
@@ -28,7 +28,7 @@ pub(crate) enum Fault {
     Index(i128, i64, i64),
     /// A value, and the type that it does not fit.
     Range(String, Elementary),
-    /// No number is the result: the root of -1.
+    /// The result is not a number, such as the root of -1.
     NoResult(&'static str),
     NotANumber(String),
     /// A string has more characters than its variable.
@@ -51,7 +51,7 @@ impl fmt::Display for Fault {
             Self::TooLong(length, max) => {
                 write!(f, "a string of {length} characters does not fit STRING[{max}]")
             }
-            Self::StepOfZero => f.write_str("a FOR with a step of 0 has no end"),
+            Self::StepOfZero => f.write_str("a FOR with a step of 0 does not end"),
             Self::Mux(choice, count) => write!(
                 f,
                 "MUX has no input {choice}; the last is {}",
@@ -67,7 +67,7 @@ impl fmt::Display for Fault {
 }
 
 impl Value {
-    /// False of what is no `BOOL`, which the check excludes.
+    /// Returns a `BOOL`; false for any other value, which the check excludes.
     pub fn bool(&self) -> bool {
         matches!(self, Value::Bool(true))
     }
@@ -83,7 +83,7 @@ impl Value {
     pub fn real(&self) -> f64 {
         match self {
             Value::Real(value) => *value,
-            // only integers of at most 32 bits become numbers unasked
+            // only integers of at most 32 bits are converted implicitly
             value => value.int() as f64,
         }
     }
@@ -96,10 +96,10 @@ impl Value {
     }
 }
 
-/// An integer of a type.
+/// Returns an integer of a type.
 ///
 /// # Errors
-/// It does not fit.
+/// Fails if the value does not fit the type.
 pub(crate) fn int_of(value: i128, of: Elementary) -> Result<Value, Fault> {
     match of.range() {
         Some((low, high)) if value < low || value > high => Err(Fault::Range(value.to_string(), of)),
@@ -107,10 +107,10 @@ pub(crate) fn int_of(value: i128, of: Elementary) -> Result<Value, Fault> {
     }
 }
 
-/// A number of a type, rounded to it.
+/// Returns a number rounded to a type.
 ///
 /// # Errors
-/// It is not finite, and `name` is what has calculated it.
+/// Fails if the number is not finite; `name` is the function that calculated it.
 pub(crate) fn real_of(value: f64, of: Elementary, name: &'static str) -> Result<Value, Fault> {
     #[expect(clippy::cast_possible_truncation, reason = "a REAL has 32 bits")]
     let rounded = if of == Elementary::Real {

@@ -9,13 +9,13 @@ macro_rules! addresses {
         pub enum Address { $($name,)* }
 
         impl Address {
-            /// How many addresses there are.
+            /// Number of addresses.
             pub const COUNT: usize = Address::ALL.len();
 
             /// All addresses; the 26 letters first, in order.
             pub const ALL: &[Address] = &[$(Address::$name),*];
 
-            /// As the manual writes it: `X`, `ta`, `VA`.
+            /// Returns the address as the manual writes it: `X`, `ta`, `VA`.
             pub const fn text(self) -> &'static str {
                 match self { $(Address::$name => $text,)* }
             }
@@ -31,7 +31,7 @@ addresses! {
 }
 
 impl Address {
-    /// The address of one letter, in either case.
+    /// Returns the address of one letter, in either case.
     #[inline]
     pub(crate) fn of_letter(letter: u8) -> Option<Self> {
         let index = letter.to_ascii_uppercase().wrapping_sub(b'A');
@@ -42,7 +42,7 @@ impl Address {
         }
     }
 
-    /// The address that letters spell, in either case.
+    /// Returns the address that letters spell, in either case.
     pub fn find(letters: &str) -> Option<Self> {
         match letters.as_bytes() {
             [letter] => Self::of_letter(*letter),
@@ -54,7 +54,7 @@ impl Address {
         }
     }
 
-    /// Place of VA to VH among the parameters of an M code, 0 to 7.
+    /// Returns the place of VA to VH among the parameters of an M code, 0 to 7.
     pub const fn parameter_index(self) -> Option<usize> {
         let index = self as u8;
         if index >= Address::Va as u8 && index <= Address::Vh as u8 {
@@ -73,7 +73,7 @@ impl AddressSet {
     /// The empty set.
     pub const EMPTY: AddressSet = AddressSet(0);
 
-    /// The set of these addresses.
+    /// Returns the set of these addresses.
     pub const fn of(addresses: &[Address]) -> AddressSet {
         let mut bits = 0;
         let mut i = 0;
@@ -89,12 +89,12 @@ impl AddressSet {
         self.0 |= 1 << address as u8;
     }
 
-    /// True when the address is in the set.
+    /// Returns true if the address is in the set.
     pub const fn contains(self, address: Address) -> bool {
         self.0 & (1 << address as u8) != 0
     }
 
-    /// True when nothing is in the set.
+    /// Returns true if nothing is in the set.
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
@@ -117,7 +117,7 @@ impl AddressSet {
         AddressSet(self.0 & !other.0)
     }
 
-    /// The addresses of the set, ascending.
+    /// Returns the addresses of the set, ascending.
     pub fn iter(self) -> impl Iterator<Item = Address> {
         let mut bits = self.0;
         std::iter::from_fn(move || {

@@ -13,13 +13,13 @@ const POWERS_OF_TEN: [f64; 23] = [
 /// A whole number up to this is exact as a 64-bit floating point number.
 const MANTISSA_EXACT_MAX: u64 = 1 << 53;
 
-/// Comments within each other that are taken for one; beyond it a line is not searched for the end of the outermost.
+/// Maximum depth of nested comments for which the end of the outermost one is searched.
 const COMMENT_DEPTH_MAX: usize = 8;
 
-/// Why no number could be read.
+/// Reason why no number could be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum NumberError {
-    /// There is neither a sign nor a digit.
+    /// Neither a sign nor a digit is at the cursor.
     Missing,
     /// A sign or a point without a digit.
     Malformed,
@@ -31,11 +31,11 @@ pub(crate) enum NumberError {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Number {
     pub(crate) value: f64,
-    /// It has a decimal point.
+    /// True if the number has a decimal point.
     pub(crate) has_point: bool,
 }
 
-/// A reading place. Cheap to copy, so that a look ahead is a copy.
+/// A position in the text. Cheap to copy: the parser looks ahead with a copy.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Cursor<'a> {
     source: &'a str,
@@ -46,7 +46,7 @@ pub(crate) struct Cursor<'a> {
 }
 
 impl<'a> Cursor<'a> {
-    /// At the head of the text; a byte order mark is passed.
+    /// Creates a cursor at the beginning of the text, after a byte order mark.
     pub(crate) fn new(source: &'a str) -> Self {
         Self {
             source,
@@ -65,18 +65,18 @@ impl<'a> Cursor<'a> {
         self.line
     }
 
-    /// The line of a byte that has been passed.
+    /// Returns the line of a byte before the cursor.
     pub(crate) fn line_of(&self, start: usize) -> u32 {
         self.line.saturating_sub(self.line_feeds(start))
     }
 
-    /// Line feeds from a byte to here.
+    /// Returns the number of line feeds from a byte to the cursor.
     fn line_feeds(&self, start: usize) -> u32 {
         let passed = self.bytes.get(start..self.at).unwrap_or_default();
         passed.iter().map(|byte| u32::from(*byte == b'\n')).sum()
     }
 
-    /// Bytes passed so far, comments apart.
+    /// Returns the number of bytes before the cursor, without those of comments.
     pub(crate) fn text_bytes(&self) -> usize {
         self.at - self.comment_bytes
     }
@@ -89,7 +89,7 @@ impl<'a> Cursor<'a> {
         self.bytes.get(self.at + 1).copied()
     }
 
-    /// Passes bytes that are known to be ASCII and no line feed.
+    /// Skips bytes that are known to be ASCII without line feeds.
     pub(crate) fn advance(&mut self, bytes: usize) {
         self.at += bytes;
     }
@@ -103,7 +103,7 @@ impl<'a> Cursor<'a> {
         found
     }
 
-    /// Passes a whole character; line feeds count.
+    /// Skips a whole character, and counts line feeds.
     pub(crate) fn pass_character(&mut self) -> Option<char> {
         let character = self.source.get(self.at..)?.chars().next()?;
         self.at += character.len_utf8();
@@ -118,13 +118,13 @@ impl<'a> Cursor<'a> {
         self.line += self.line_feeds(start);
     }
 
-    /// The range from a byte to here.
+    /// Returns the range from a byte to the cursor.
     #[expect(clippy::cast_possible_truncation, reason = "a source is at most 64 MiB")]
     pub(crate) fn span_from(&self, start: usize) -> Span {
         Span::new(start as u32, self.at as u32)
     }
 
-    /// The text of a range, at most 40 characters of it.
+    /// Returns the text of a range, at most its first 40 characters.
     pub(crate) fn excerpt(&self, span: Span) -> String {
         let text = self
             .source
@@ -136,8 +136,8 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// Passes blanks and comments, but no line feed outside comments. Answers the start of a comment that does not end
-    /// as it should; see [`Self::comment`].
+    /// Skips blanks and comments, but no line feed outside comments. Returns the start of a faulty comment as
+    /// an error; see [`Self::comment`].
     #[inline]
     pub(crate) fn blanks(&mut self, grammar: &Grammar) -> Result<(), usize> {
         match self.peek() {
@@ -158,7 +158,7 @@ impl<'a> Cursor<'a> {
         Ok(())
     }
 
-    /// Passes blanks, comments and line feeds.
+    /// Skips blanks, comments and line feeds.
     pub(crate) fn blank_lines(&mut self, grammar: &Grammar) -> Result<(), usize> {
         loop {
             self.blanks(grammar)?;
@@ -169,7 +169,7 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// True when a comment begins here.
+    /// Returns true if a comment begins at the cursor.
     pub(crate) fn is_comment(&self, grammar: &Grammar) -> bool {
         grammar.line_comment.is_some_and(|begin| self.begins_with(begin))
             || grammar
@@ -177,13 +177,14 @@ impl<'a> Cursor<'a> {
                 .is_some_and(|(open, _)| self.begins_with(open))
     }
 
-    /// True when this text is here.
+    /// Returns true if this text is at the cursor.
     pub(crate) fn begins_with(&self, text: &str) -> bool {
         self.bytes[self.at..].starts_with(text.as_bytes())
     }
 
-    /// Skips the comment that begins here, up to its own end. Returns its start as an error in two cases: it is not
-    /// closed, so the text or the line ends with it, or it contains other comments and continues after them.
+    /// Skips the comment that begins at the cursor, up to its own end. Returns its start as an error in two
+    /// cases: the comment is not closed before the end of the text or line, or it contains other comments and
+    /// continues after them.
     pub(crate) fn comment(&mut self, grammar: &Grammar) -> Result<(), usize> {
         let start = self.at;
         if grammar.line_comment.is_some_and(|begin| self.begins_with(begin)) {
@@ -212,17 +213,17 @@ impl<'a> Cursor<'a> {
         Ok(())
     }
 
-    /// The letters, digits and underscores from here on, without passing them.
+    /// Returns the letters, digits and underscores at the cursor, which does not move.
     pub(crate) fn name(&self) -> &'a str {
         self.run(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
     }
 
-    /// The letters and underscores from here on, without passing them.
+    /// Returns the letters and underscores at the cursor, which does not move.
     pub(crate) fn letters(&self) -> &'a str {
         self.run(|byte| byte.is_ascii_alphabetic() || byte == b'_')
     }
 
-    /// The digits from here on, without passing them.
+    /// Returns the digits at the cursor, which does not move.
     pub(crate) fn digits(&self) -> &'a str {
         self.run(|byte| byte.is_ascii_digit())
     }
@@ -233,7 +234,7 @@ impl<'a> Cursor<'a> {
         self.source.get(self.at..self.at + length).unwrap_or_default()
     }
 
-    /// Passes a number: an optional sign where allowed, digits, at most one point.
+    /// Reads a number: an optional sign if allowed, digits, and at most one point.
     #[expect(
         clippy::inline_always,
         reason = "each word has one: a call takes 6 percent longer to parse"
@@ -280,7 +281,8 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// Appends the digits from a place on to a number. Returns where they end, and the number modulo 2^64.
+/// Appends the digits from a position on to a number. Returns the end of the digits, and the number modulo
+/// 2^64.
 #[inline]
 fn digits(bytes: &[u8], mut at: usize, mut number: u64) -> (usize, u64) {
     let digit = |byte: &u8| Some(byte.wrapping_sub(b'0')).filter(|digit| *digit <= 9);
@@ -291,7 +293,8 @@ fn digits(bytes: &[u8], mut at: usize, mut number: u64) -> (usize, u64) {
     (at, number)
 }
 
-/// Returns the length of a comment that contains other comments, in bytes, with its own end; `None` if it has none.
+/// Returns the length in bytes of a comment that contains other comments, with its own end; `None` if it has
+/// no end.
 fn end_of_nested(text: &str, open: &str, close: &str) -> Option<usize> {
     let (mut depth, mut at) = (1, 0);
     while (1..=COMMENT_DEPTH_MAX).contains(&depth) {

@@ -7,16 +7,16 @@ use tandem_model::{Diagnostic, Severity, Span};
 pub struct DiagnosticEntry {
     /// `E0123` for errors, `W0123` for warnings.
     pub code: &'static str,
-    /// Its name.
+    /// Name of the diagnostic.
     pub title: &'static str,
-    /// Why it is wrong, and by which rule.
+    /// Reason why the text is wrong, with the rule.
     pub explanation: &'static str,
-    /// Text that causes it, and text that is right.
+    /// Text that causes the diagnostic, and the right text.
     pub example: &'static str,
 }
 
 impl DiagnosticEntry {
-    /// Error or warning, by the letter of the code.
+    /// Returns error or warning, by the letter of the code.
     pub fn severity(&self) -> Severity {
         if self.code.starts_with('W') {
             Severity::Warning
@@ -36,7 +36,7 @@ impl DiagnosticEntry {
         }
     }
 
-    /// The entry of a code, read without regard to case.
+    /// Returns the entry of a code; upper and lower case are equal.
     pub fn find(code: &str) -> Option<&'static DiagnosticEntry> {
         DIAGNOSTICS
             .iter()
@@ -60,22 +60,22 @@ macro_rules! diagnostics {
 diagnostics! {
     // E0001 to E0099: the text
     SOURCE_TOO_LARGE = "E0001", "The program is too large",
-        "A program is at most 64 MiB of text. Nothing of it has been read.",
+        "A program is at most 64 MiB of text. The program was not read.",
         "Split the program and call the parts with M98.";
     TOO_MANY = "E0002", "Too many errors",
-        "The list of findings of one program ends at 1000; what follows has not been listed.",
+        "The list of findings of one program ends at 1000; further findings are not listed.",
         "Correct the errors above, then check again.";
     UNEXPECTED_CHARACTER = "E0003", "A character is not part of the language",
         "Outside comments a block consists of words: letters, digits, signs and brackets of ASCII.",
         "wrong: G01 X1O,5   right: G01 X10.5";
     COMMENT_NOT_CLOSED = "E0004", "A comment is not closed",
-        "A comment that begins with /* ends with */; without it all the rest of the text is comment.",
+        "A comment that begins with /* ends with */. Without */, the whole rest of the text is a comment.",
         "wrong: /* roughing   right: /* roughing */";
     VALUE_MISSING = "E0005", "A word has no value",
         "A word is an address and a number, or an address and a variable in brackets (D04).",
         "wrong: G01 X Y10   right: G01 X0 Y10";
-    NUMBER_MALFORMED = "E0006", "A number is not written as one",
-        "A number is an optional sign, digits, and at most one decimal point. There is no exponent.",
+    NUMBER_MALFORMED = "E0006", "A number is malformed",
+        "A number consists of an optional sign, digits, and at most one decimal point. It has no exponent.",
         "wrong: X1.2.3 Y--4   right: X1.23 Y-4";
     WORD_UNKNOWN = "E0007", "A word is not part of the language",
         "The addresses of this dialect are listed in the manual's table of instruction parameters.",
@@ -84,71 +84,71 @@ diagnostics! {
         "Block skip numbers are 1 to 31; / alone is /1 (D13).",
         "wrong: /32 X10   right: /31 X10";
     SKIP_PLACE = "E0009", "A block skip is not at the beginning of its line",
-        "Block skip stands before everything else, the block number included (D02, D13).",
+        "Block skip comes first in its line, also before the block number (D02, D13).",
         "wrong: N10 /1 X10   right: /1 N10 X10";
     BLOCK_NUMBER_PLACE = "E0010", "A block number is not at the beginning of its block",
-        "N stands before the other words of its block (D02).",
+        "N comes before the other words of its block (D02).",
         "wrong: G01 N10 X5   right: N10 G01 X5";
     BLOCK_TOO_LONG = "E0011", "A block is too long",
         "A block is at most 1020 bytes, comments not counted (D03).",
         "Write the words in several blocks.";
-    INDIRECTION_MALFORMED = "E0012", "An indirection is not written as one",
-        "In the brackets stands the name of one variable and nothing else (D04).",
+    INDIRECTION_MALFORMED = "E0012", "An indirection is malformed",
+        "The brackets contain the name of one variable and nothing else (D04).",
         "wrong: X[L1+1]   right: L2=L1+1 and then X[L2]";
     VARIABLE_UNKNOWN = "E0013", "A variable does not exist",
         "Variables are L0 to L255, Q0 to Q4095, P0 to P32767 and _CNC_CapturedPosition0 to 7 (manual 4-3).",
         "wrong: L256=1   right: L255=1";
     EXPRESSION_MALFORMED = "E0014", "An expression is not complete",
-        "An expression consists of numbers, variables, functions, + - * / % and parentheses (manual 4-1). Plus has no unary form but before a number.",
+        "An expression consists of numbers, variables, functions, + - * / % and parentheses (manual 4-1). A plus without a left operand may only stand directly before a number.",
         "wrong: L1=2*(3+   right: L1=2*(3+4)";
     NESTING_TOO_DEEP = "E0015", "Nesting is too deep",
         "Parentheses and signs nest at most 64 deep, and so do branches and repetitions.",
         "Assign parts of the expression to variables, or move commands to a subprogram.";
     BRACE_UNMATCHED = "E0016", "A bracket has no partner",
-        "Every opening parenthesis or brace needs a closing one, and the other way round.",
+        "Every opening parenthesis or brace needs a closing one, and every closing one an opening one.",
         "wrong: if(L1==1){M30   right: if(L1==1){M30}";
     SKIP_BEFORE_PROGRAM_CODE = "E0017", "Block skip before a program code",
         "Block skip works on G-code blocks only, not on assignments, branches and repetitions (D13).",
         "wrong: /1 L1=5   right: L1=5";
-    ASSIGNMENT_PLACE = "E0018", "An assignment stands in a block",
-        "A line holds either words or program codes.",
+    ASSIGNMENT_PLACE = "E0018", "An assignment is in a block with words",
+        "A line contains either words or program codes, not both.",
         "wrong: G01 L1=5 X10   right: L1=5 on a line of its own";
     NUMBER_TOO_LARGE = "E0019", "A number is too large, or a value is no number",
-        "The number is beyond what a 64-bit floating point number holds, or the calculation of a word's value gives none (D07).",
+        "The number is too large for a 64-bit floating point number, or the calculation of a word's value gives no finite number (D07).",
         "wrong: L1=0 L2=1/L1 and then X[L2]   right: L1=4 L2=1/L1 and then X[L2]";
-    KEYWORD_PLACE = "E0020", "A program code stands where it does not belong",
-        "else follows if; case, default and break stand in switch (break also in while and do).",
+    KEYWORD_PLACE = "E0020", "A program code is at a wrong place",
+        "else is allowed only after if; case, default and break only within switch (break also within while and do).",
         "wrong: else X10   right: if(L1==1) X5 else X10";
     CONDITION_KIND = "E0021", "A condition and a number are mixed up",
-        "A condition is a comparison, a join of conditions with && or ||, !(condition) or isnan(...); a bare number is none, a condition is no number, and a comparison does not chain (D09).",
+        "A condition is a comparison, conditions joined with && or ||, !(condition) or isnan(...). A number alone is no condition, a condition is no number, and comparisons cannot be chained (D09).",
         "wrong: if(L1) X5   right: if(L1!=0) X5";
     COMMAND_MISSING = "E0022", "A program code lacks its commands",
-        "if, else, while and do are followed by one command or by commands in braces, switch by cases in braces.",
+        "if, else, while and do need one command or commands in braces, switch needs cases in braces.",
         "wrong: if(L1==1)   right: if(L1==1) X5";
     CASE_LABEL = "E0023", "A case label is wrong",
-        "case is followed by a whole constant and a colon, default by a colon; each label stands once in its switch (D10).",
+        "case is followed by a whole constant and a colon, default by a colon. Each label is allowed once in its switch (D10).",
         "wrong: case L1:   right: case 1:";
     MARK_MISSING = "E0024", "The program does not begin with %",
-        "A program of dialect dgshape begins with a line of % alone, and is not executed without it (manual dgshape, 1-1).",
+        "A program of dialect dgshape begins with a line that contains only %. Without that line, it is not executed (manual dgshape, 1-1).",
         "wrong: G90 in the first line   right: % in the first line, G90 in the next";
     NOT_ALONE = "E0025", "More than % or O on a line",
-        "% stands alone on its line, and so does the program number O (manual dgshape, 2-6).",
+        "% is alone on its line, and the program number O too (manual dgshape, 2-6).",
         "wrong: % O0001   right: % and O0001 on lines of their own";
     PROGRAM_NUMBER = "E0026", "A program number is wrong",
-        "O is followed by one to eight digits, and stands once in a program (manual dgshape, 2-6).",
+        "O is followed by one to eight digits, and is allowed once in a program (manual dgshape, 2-6).",
         "wrong: O1.5   right: O0015";
     // E0100 to E0199: the meaning
     G_UNKNOWN = "E0101", "There is no such G code",
-        "The G codes of the dialect are those of the manual's table.",
+        "The dialect has the G codes of the manual's table.",
         "wrong: G05   right: G04 P500";
-    CODE_NUMBER = "E0103", "A code is not a number of that kind",
-        "The number after G, M or N is a constant, not negative; after M and N it has no decimals.",
+    CODE_NUMBER = "E0103", "The number of a G, M or N word is invalid",
+        "The number after G, M or N is a constant that is not negative; after M and N it has no decimals.",
         "wrong: M3.5   right: M3";
     M_UNKNOWN = "E0104", "There is no such M code",
         "M codes are M0 to M191.",
         "wrong: M200   right: M100";
-    WORD_TWICE = "E0105", "A word stands twice in a block",
-        "An address stands at most once in a block, but for G (D02).",
+    WORD_TWICE = "E0105", "A word appears twice in a block",
+        "Each address except G appears at most once in a block (D02).",
         "wrong: G01 X1 X2   right: G01 X1 and then X2 in the next block";
     GROUP_TWICE = "E0106", "Two G codes of one modal group in a block",
         "G codes of one group exclude each other (D02).",
@@ -157,7 +157,7 @@ diagnostics! {
         "A block makes at most one auxiliary function output (D02).",
         "wrong: M03 M08   right: M03 and M08 in blocks of their own";
     WORD_NOT_TAKEN = "E0108", "No code of the block takes a word",
-        "A word belongs to a code of its block, or to the motion in force.",
+        "Each word must belong to a code of its block, or to the motion in force.",
         "wrong: G01 X1 R5   right: G01 X1";
     OUT_OF_RANGE = "E0109", "A value is out of its range",
         "The manual's table of instruction parameters gives the ranges (D11).",
@@ -166,116 +166,116 @@ diagnostics! {
         "Program numbers and numbers of repetitions have no decimals.",
         "wrong: M98 P1000.5   right: M98 P1000";
     WORD_MISSING = "E0111", "A code lacks a word that it needs",
-        "Some codes do nothing without a word: M98 needs P.",
+        "Some codes need a certain word: M98 needs P.",
         "wrong: M98   right: M98 P1000";
     PARAMETERS_REFUSED = "E0112", "The M code takes no parameters",
-        "None of VA to VH is taken by M00, M01, M02, M30, M98 and M99 (manual, M code descriptions).",
+        "The codes M00, M01, M02, M30, M98 and M99 take none of VA to VH (manual, M code descriptions).",
         "wrong: M30 VA1   right: M30";
     DWELL_TWICE = "E0113", "A dwell has two times",
         "A dwell (G04) takes one of F, P and X.",
         "wrong: G04 P500 X1   right: G04 P500";
     AXIS_UNKNOWN = "E0114", "The coordinate system does not have this axis",
-        "The configuration of the coordinate system names its axes.",
+        "The axes of a coordinate system are those to which its configuration assigns a motor.",
         "Remove the word, or assign a motor to the axis.";
     END_MISSING = "E0115", "The program has no end",
         "A program ends with M02 or M30, a subprogram with M99, in a block that is never skipped (D06).",
         "Write M30 (in a subprogram M99) in the last block.";
     WORD_SHARED = "E0118", "Two codes of the block take the same word",
-        "It cannot be told which of the codes the value is for.",
+        "The text does not show to which of the codes the value belongs.",
         "wrong: G04 M98 P1000   right: G04 P500 and M98 P1000 in blocks of their own";
     COMPENSATION_RULE = "E0119", "Not allowed with cutter compensation",
-        "Cutter compensation is led in by G01 and led out by G00 or G01. In between only G01, G02 and G03 move, the plane and the side stay, and M00, M01, M02, M30, M codes with parameters, G28, G30 and G53 do not stand (D23).",
+        "Cutter compensation is led in by G01 and led out by G00 or G01. In between, motions are only G01, G02 and G03, and the plane and the side stay. M00, M01, M02, M30, M codes with parameters, G28, G30 and G53 are not allowed there (D23).",
         "wrong: G41 and then G00 X5   right: G41 and then G01 X5";
     TOOL_OFFSET_RULE = "E0120", "Not allowed with a tool offset",
-        "Before G28, G30 and G53 stands G49 (D23). The first motion behind it goes to its Z without the offset: under G91 Z comes down by it.",
+        "The codes G28, G30 and G53 need G49 before them (D23). The first motion after G49 goes to its Z without the offset: under G91, Z comes down by the offset.",
         "wrong: G43 and then G28   right: G43, then G90 G49 G00 Z100, and then G28";
     FIXED_CYCLE_RULE = "E0121", "Not allowed in a fixed cycle",
-        "From G74 or G84 to G80 no other code than these, G98 and G99 stands; G00 to G03 end the cycle. The first block needs Z and R.",
+        "From G74 or G84 to G80, only these codes, G98 and G99 are allowed; G00 to G03 end the cycle. The first block needs Z and R.",
         "wrong: G84 Z-5 R1 and then M98 P1000   right: G80 before M98";
     ARC_SHAPE = "E0122", "An arc is not defined",
-        "An arc (G02, G03) needs its centre by I, J, K of the plane in force, or the radius R, which is half the way to the end or more (D26).",
+        "An arc (G02, G03) needs its centre by I, J, K of the plane in force, or the radius R. R is at least half the distance from start to end (D26).",
         "wrong: G02 X10 Y0   right: G02 X10 Y0 R5";
     M_NOT_ALONE = "E0123", "An M code is not alone in its block",
-        "In dialect dgshape M00, M01, M02 and M30 stand in a block of their own (manual dgshape, 2-3).",
+        "In dialect dgshape, M00, M01, M02 and M30 need a block of their own (manual dgshape, 2-3).",
         "wrong: G00 Z5.0 M30   right: G00 Z5.0 and M30 in blocks of their own";
     UNIT_CHANGE = "E0124", "The unit of lengths changes",
-        "The unit (G20 or G21) stands at the start of a program of dialect dgshape, before coordinates, and then stays (manual dgshape, G20 and G21).",
+        "A program of dialect dgshape selects its unit (G20 or G21) at the start, before all coordinates, and then keeps it (manual dgshape, G20 and G21).",
         "wrong: G21 and later G20   right: G20 in the first block";
     MACHINE_POSITION_RULE = "E0125", "Not allowed in incremental programming",
-        "Positions of the machine are absolute: G53 of dialect dgshape stands in G90 only (manual dgshape, G53).",
+        "Positions of the machine are absolute: in dialect dgshape, G53 is allowed only in G90 (manual dgshape, G53).",
         "wrong: G91 and then G53 Z0   right: G90 G53 Z0";
     FEEDRATE_MISSING = "E0126", "No feedrate is programmed",
-        "A motion at the feedrate needs F before it or in its block, where the coordinate system has no default_feedrate. It would be alarm 101.",
+        "If the coordinate system has no default_feedrate, a motion at the feedrate needs F before it or in its block. A run would stop with alarm 101.",
         "wrong: G01 X10   right: G01 X10 F300";
     SPEED_MISSING = "E0127", "No spindle speed is programmed",
-        "The pitch of a thread is F / S: a cycle that cuts one needs S before it or in its block. It would be alarm 113.",
+        "The pitch of a thread is F / S: a cycle that cuts a thread needs S before it or in its block. A run would stop with alarm 113.",
         "wrong: G84 Z-10 R2 F100   right: G84 Z-10 R2 F100 S100";
     STOPS = "E0128", "An alarm stops the program here",
-        "The program was run without moving anything, and the alarm came whatever was assumed of the machine (geometry, cutter compensation, soft limits, loops that do not end). `tandem explain` with the number of the alarm tells its cause and remedy.",
+        "The check has run the program without motion, and the alarm came under every assumption about the machine (geometry, cutter compensation, soft limits, loops that do not end). `tandem explain` with the number of the alarm shows its cause and remedy.",
         "wrong: G00 X0 and then G02 X10 Y0 I3   right: G00 X0 and then G02 X10 Y0 I5";
     HANDLER_REFUSES = "E0190", "A handler refuses the parameters of an M code",
-        "When a program is loaded, the handlers of its M codes are asked whether they take the parameters; the message is the handler's own.",
+        "When a program is loaded, the machine asks the handlers of its M codes whether they accept the parameters; the message is from the handler.",
         "Correct the parameters as the message says.";
-    PARAMS_REFUSED = "E0191", "A parameter is not what the M code takes",
-        "Handlers and the configuration declare which parameters an M code takes: with which numbers, in which unit, and which may be left out. A parameter that a variable holds is judged when the block runs.",
+    PARAMS_REFUSED = "E0191", "A parameter is outside the declaration of the M code",
+        "Handlers and the configuration declare the parameters of an M code: their ranges, their units, and which parameters are optional. A parameter with the value of a variable is checked when the block runs.",
         "With M12 declared to take VA, 1 to 20 kN: wrong: M12 VA50   right: M12 VA5";
     // W0001 to W0099: the program can run
-    PROGRAM_MISSING = "W0001", "A called program is not there",
-        "A call (M98) of a program that is missing is an alarm when it is interpreted (D12).",
+    PROGRAM_MISSING = "W0001", "A called program is missing",
+        "A call (M98) of a missing program is an alarm when the block is interpreted (D12).",
         "Load the subprogram before the program starts.";
     UNREACHABLE = "W0002", "Blocks after the end of the program",
         "Nothing after M02, M30 or M99 is executed.",
         "Remove the blocks, or move the end below them.";
     M_WITHOUT_SETTINGS = "W0003", "An M code has no settings",
-        "It is output after motion, and is an alarm when no handler is registered.",
+        "The M code is output after motion, and is an alarm if no handler is registered.",
         "Add an [m_code.100] table to the configuration.";
     FEEDRATE_CLIPPED = "W0004", "A feedrate is above the maximum",
         "F above the coordinate system's max_feedrate is reduced to it (D11).",
         "Write a lower F, or raise max_feedrate.";
     TOO_MANY_WARNINGS = "W0005", "Too many warnings",
-        "The list of warnings of one program ends at 1000; what follows has not been listed.",
+        "The list of warnings of one program ends at 1000; further warnings are not listed.",
         "Look at the warnings above, then check again.";
     SKIP_UNUSED = "W0006", "A block skip number is not used",
-        "Block skip skips the words of its own line. It has no effect where the line has none, and each number counts once (D13).",
+        "Block skip skips the words of its own line. Without words on the line, it has no effect. A number that is repeated on the line has no effect either (D13).",
         "wrong: /2 on a line of its own   right: /2 X10";
     PROGRAM_NUMBER_LATE = "W0007", "The program number follows a block",
-        "O belongs on the line after the first % (manual dgshape, 1-1). Here it counts all the same, as in the manual's own example of a comment (2-6).",
+        "O belongs on the line after the first % (manual dgshape, 1-1). At this place it is accepted, because the manual's own example of a comment has it there (2-6).",
         "wrong: G90 and then O0001   right: O0001 and then G90";
     BLOCKS_AT_REST = "W0008", "Two blocks in a row do not move in the plane of the offset",
-        "In tool-diameter offset of dialect dgshape two blocks without a motion along X or Y in a row may cut too much or too little (manual dgshape, G40 to G42).",
-        "wrong: G41 D1 and later M12 and G04 P100 in a row   right: M12 and G04 P100 behind G40";
-    WRONG_IN_SOME = "W0009", "Wrong on some ways through the program",
-        "What is in force where the program comes to this block, or the value of a variable, depends on the way: on branches, loops, block skip and calls. On the way that the message names, the block is the error in parentheses, and an alarm stops the machine there.",
+        "In tool-diameter offset of dialect dgshape, two blocks in a row without a motion along X or Y may cut too much or too little (manual dgshape, G40 to G42).",
+        "wrong: G41 D1 and later M12 and G04 P100 in a row   right: M12 and G04 P100 after G40";
+    WRONG_IN_SOME = "W0009", "Wrong on some paths through the program",
+        "The codes in force at this block, or the value of a variable, depend on the path through the program: on branches, loops, block skip and calls. On the path that the message names, the block has the error in parentheses, and an alarm stops the machine there.",
         "wrong: if (P1 > 0) { G02 X1 R5 } and then X3 R5   right: G02 X3 R5";
     NO_RESULT = "W0010", "A calculation gives no number",
-        "A division by zero or a function outside of its domain is no alarm by itself, but the value is one where it reaches a word (D07).",
+        "A division by zero or a function outside its domain gives no alarm. If a word takes the result, the block is an alarm (D07).",
         "wrong: L1 = sqrt(0 - 4)   right: L1 = sqrt(4)";
     ANGLE_BEYOND_TABLE = "W0011", "An angle is beyond the manual's table",
-        "The table of instruction parameters ends at 300 degrees for R of G68, the description of G68 at none; angles up to 360 degrees turn as written.",
+        "The table of instruction parameters limits R of G68 to 300 degrees, the description of G68 has no limit. Angles up to 360 degrees are executed as written.",
         "wrong: G68 X0 Y0 R330   right: G68 X0 Y0 R-30";
     ARC_WORD_UNUSED = "W0012", "A word of an arc is not used",
-        "The centre of an arc lies in the plane in force: K is not used in G17, J not in G18, I not in G19. With R, none of them is (D26).",
+        "The centre of an arc lies in the plane in force: K is not used in G17, J not in G18, I not in G19. With R, none of the three is used (D26).",
         "wrong: G17 G02 X10 I5 K3   right: G17 G02 X10 I5";
     STOPS_IF = "W0013", "An alarm may stop the program here",
-        "The program was run without moving anything, and the alarm came with what the message names: values that others write, block skip inputs, or where the axes stand.",
-        "Give the value in the program, or see that the machine has another one.";
-    WARNS_IN_RUN = "W0014", "A run of the program warns here",
-        "The program was run against the configuration without moving anything: a tool that is not in the tool table counts as without length and radius, and a calculated F above the maximum is reduced.",
+        "The check has run the program without motion, and the alarm came under the assumptions that the message names: values that the program does not write, block skip inputs, or positions of the axes.",
+        "Set the value in the program, or make sure that the machine has another value.";
+    WARNS_IN_RUN = "W0014", "A run of the program gives a warning here",
+        "The check has run the program with the configuration, without motion. Examples: a tool that is not in the tool table has length and radius 0; a calculated F above the maximum is reduced.",
         "Add the tool to [tool] of the configuration, or correct its number.";
     OUTPUT_BEFORE_MOTION_ENDS = "W0015", "An M code with_motion does not wait for the motion before it",
-        "With `timing = \"with_motion\"` an M code is output when its block is interpreted (D32), and blocks are interpreted ahead: motion written before it may not have begun by then. Only the first such place of each M code is named.",
-        "Let [m_code.9] have timing = \"after_motion\" where M09 must come after the cut, or write M09 behind an M code that waits.";
-    NOT_SERVED = "W0016", "Nobody serves an M code",
-        "The file of [machine] served does not have it, and the stock sequence program does not serve it. On the machine it is alarm 300, unless another handler is there.",
+        "With `timing = \"with_motion\"` an M code is output when its block is interpreted (D32). Blocks are interpreted ahead, so that the motion before the M code may not have begun. Only the first such block of each M code is named.",
+        "Let [m_code.9] have timing = \"after_motion\" where M09 must come after the cut, or write M09 after an M code that waits.";
+    NOT_SERVED = "W0016", "No handler serves an M code",
+        "The M code is neither in the file of [machine] served nor served by the stock sequence program. On the machine, it is alarm 300 unless another handler is online.",
         "Add a handler, write the file again, or correct the M code.";
-    ARC_END_OFF = "W0017", "An arc ends beside its circle",
-        "I, J and K are distances from the start point, in G90 and G91 alike (manual dgshape, G02 and G03). Where the end is farther from the centre than the start, or nearer, by more than a hundredth, the tool moves on a spiral (D26), which dialect dgshape does not know. Often they were written as the position of the centre.",
+    ARC_END_OFF = "W0017", "The end of an arc is not on its circle",
+        "I, J and K are distances from the start point, in G90 and G91 alike (manual dgshape, G02 and G03). If the distances of the start and the end from the centre differ by more than a hundredth, the tool moves on a spiral (D26), which the manual of dialect dgshape does not have. Often the cause is that I, J and K were written as the position of the centre.",
         "wrong: G00 X10 Y0 and G03 X0 Y10 I0 J0.5   right: G00 X10 Y0 and G03 X0 Y10 I-10 J0";
     FEEDRATE_OPEN = "W0018", "No feedrate is programmed",
-        "A motion at the feedrate without F before it or in its block takes default_feedrate of the coordinate system. Where that is 0, as it is unless the configuration says otherwise, it is alarm 101; with --config that is E0126.",
+        "A motion at the feedrate without F before it or in its block takes default_feedrate of the coordinate system. If that is 0, which is its default, the motion is alarm 101; with --config, the check reports E0126.",
         "wrong: G01 X10   right: G01 X10 F300";
     CALL_TOO_DEEP = "W0019", "A call is too deep",
-        "Calls nest 8 deep. A deeper one is not made: the next block follows, and a warning of the run tells it (D12). Values of variables that are not known here may keep a run from coming to it.",
+        "Calls can be nested 8 deep. A deeper call is skipped with a warning of the run, and the next block follows (D12). Depending on values that are unknown here, a run may not reach the call.",
         "wrong: program 1001 with M98 P1001   right: M98 P1001 L9 in the main program";
 }
 

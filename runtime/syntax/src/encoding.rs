@@ -1,19 +1,20 @@
-//! Texts in another encoding than UTF-8, as some editors and controls write them.
+//! Texts in another encoding than UTF-8, which some editors and controls write.
 
-/// Characters at the head of a text that are looked at.
+/// Number of characters at the beginning of a text that are examined.
 const LOOKED_AT: usize = 64;
 
-/// True for a text in UTF-16 or UTF-32 that was read as UTF-8: every other byte of its letters and digits is zero.
+/// Returns true for a text in UTF-16 or UTF-32 that was read as UTF-8: its letters and digits alternate with
+/// zero bytes.
 pub fn is_wide(text: &str) -> bool {
     let head = || text.chars().take(LOOKED_AT);
     let zeros = head().filter(|character| *character == '\0').count();
     3 * zeros >= head().count() && zeros > 0
 }
 
-/// The message on it, and the help.
+/// Message of the finding for such a text, and its help.
 pub(crate) const WIDE: (&str, &str) = (
-    "the text is in UTF-16, and a program is read as UTF-8",
-    "Save it as UTF-8, or as ASCII, in the editor or the program that has written it.",
+    "the text is in UTF-16, but a program must be in UTF-8",
+    "Save the text as UTF-8, or as ASCII, in the editor or program that wrote it.",
 );
 
 #[cfg(test)]

@@ -105,7 +105,7 @@ impl<'a> Writer<'a> {
         self.text.push('\n');
     }
 
-    /// The text of a range, with line feeds alone as line ends.
+    /// Writes the text of a range, with line feeds as line ends.
     fn verbatim(&mut self, span: Span) {
         let text = self.of(span).replace("\r\n", "\n");
         self.text.push_str(text.trim_end_matches(['\r', ' ', '\t']));
@@ -122,7 +122,7 @@ impl<'a> Writer<'a> {
         column(before).saturating_sub(column(&self.text)).max(APART)
     }
 
-    /// The text of a range.
+    /// Returns the text of a range.
     fn of(&self, span: Span) -> &'a str {
         let range = span.start as usize..span.end as usize;
         self.source.get(range).unwrap_or_default()
@@ -146,7 +146,7 @@ impl<'a> Writer<'a> {
     }
 }
 
-/// True if a blank is needed between two tokens.
+/// Returns true if a blank is needed between two tokens.
 fn is_apart(before: TokenKind, token: TokenKind) -> bool {
     use TokenKind::{Address, Comment, Function, Number, Punctuation, Sign, Variable};
     if before == Comment || token == Comment {

@@ -1,8 +1,8 @@
 //! The intermediate code of a program (manual, appendix A-1; D43).
 //!
-//! Decisions where the manual is silent: program codes have a line each without block number and end-of-block word, as
-//! its sample shows for `if`; several block skips are several words; values of words keep the digits of the source,
-//! numbers of expressions are written in their shortest form.
+//! Decisions where the manual is silent: each program code has its own line without block number and
+//! end-of-block word, as in the manual's sample for `if`; each block skip is a separate word; values of words
+//! keep the digits of the source; numbers of expressions are written in their shortest form.
 
 use std::fmt::Write as _;
 
@@ -23,13 +23,13 @@ pub enum Header {
 /// Role of a G or M code in the intermediate code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CodeRole {
-    /// It begins a fixed cycle.
+    /// The code begins a fixed cycle.
     CycleBegin,
-    /// It ends a fixed cycle.
+    /// The code ends a fixed cycle.
     CycleEnd,
-    /// It ends a subprogram.
+    /// The code ends a subprogram.
     Return,
-    /// Neither.
+    /// Any other code.
     Other,
 }
 
@@ -38,15 +38,15 @@ pub trait Codes {
     /// Returns the role of the code with this letter, G or M, and number.
     fn role(&self, letter: Address, number: f64) -> CodeRole;
 
-    /// The word before the code that begins a fixed cycle (D43).
+    /// Returns the word before the code that begins a fixed cycle (D43).
     fn cycle_start(&self) -> String;
 
-    /// The word that ends each block (D43).
+    /// Returns the word that ends each block (D43).
     fn block_end(&self) -> &'static str;
 }
 
-/// The intermediate code of a program without errors; each line ends with a line feed. Blocks with an error are left
-/// out: check the program first.
+/// Returns the intermediate code of a program without errors; each line ends with a line feed. Blocks with an
+/// error are left out, so check the program first.
 pub fn compile(program: &NcProgram, header: Header, codes: &dyn Codes) -> String {
     let mut writer = Writer {
         program,
@@ -89,7 +89,7 @@ struct Writer<'a> {
     text: String,
     /// The code of the active fixed cycle, as the source writes it.
     cycle: Option<String>,
-    /// The last line ends a subprogram.
+    /// True if the last line ends a subprogram.
     returned: bool,
 }
 
@@ -166,7 +166,7 @@ impl Writer<'_> {
         }
     }
 
-    /// The value as the source writes it.
+    /// Returns the value as the source writes it.
     fn value_text(&self, word: &Word) -> String {
         let span = word.span();
         let source = self.program.source();
@@ -215,8 +215,8 @@ impl Writer<'_> {
         self.returned = false;
     }
 
-    /// Writes an expression, in parentheses where its priority is below `outer`. Its depth is bounded by the length of
-    /// a block.
+    /// Writes an expression, in parentheses if its priority is below `outer`. The length of a block limits
+    /// the depth of the expression.
     fn expression(&mut self, id: ExpressionId, outer: u8) {
         let Some(expression) = self.program.expression(id).copied() else {
             return;

@@ -3,8 +3,9 @@
 //! [`parse`] accepts any text and returns a [`NcProgram`] and all its errors. The form of a dialect's text is data
 //! ([`Grammar`]); the meaning of its codes is defined in `tandem-interp`.
 //!
-//! Decisions where the manual is silent: blanks may stand between an address and its value (`X 10`); a comment
-//! `/* */` is a blank, so that a block continues after one that holds line feeds; a lone carriage return is a blank.
+//! Decisions where the manual is silent: blanks are allowed between an address and its value (`X 10`); a
+//! comment `/* */` is a blank, so that a block continues after a comment with line feeds; a single carriage
+//! return is a blank.
 
 mod address;
 mod cursor;

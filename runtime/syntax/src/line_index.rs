@@ -1,6 +1,6 @@
 //! From bytes to lines and columns.
 
-/// Line starts of a source text. Lines count from 1, columns from 1 in characters.
+/// Line starts of a source text. Lines and columns are numbered from 1; columns are characters.
 #[derive(Debug, Clone)]
 pub struct LineIndex<'a> {
     source: &'a str,
@@ -21,7 +21,8 @@ impl<'a> LineIndex<'a> {
         Self { source, starts }
     }
 
-    /// Returns line and column of a byte. A place past the end gives the end, one inside a character its first byte.
+    /// Returns line and column of a byte. An offset past the end gives the end; one within a character, its
+    /// first byte.
     pub fn locate(&self, offset: u32) -> (u32, u32) {
         let line = self.starts.partition_point(|start| *start <= offset).max(1);
         let start = self.starts[line - 1] as usize;
@@ -36,7 +37,7 @@ impl<'a> LineIndex<'a> {
         )
     }
 
-    /// The text of a line without its end; empty for a line that the text does not have.
+    /// Returns the text of a line without its line end; empty if the text does not have this line.
     pub fn line_text(&self, line: u32) -> &'a str {
         let index = line as usize;
         let Some(start) = index.checked_sub(1).and_then(|before| self.starts.get(before)) else {
@@ -51,7 +52,7 @@ impl<'a> LineIndex<'a> {
         text.strip_suffix('\r').unwrap_or(text)
     }
 
-    /// How many lines the text has; a text without a line feed has one.
+    /// Returns the number of lines; a text without a line feed has one line.
     pub fn line_count(&self) -> usize {
         self.starts.len()
     }

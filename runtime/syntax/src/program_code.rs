@@ -5,20 +5,20 @@ use tandem_model::Span;
 use crate::variable::Variable;
 
 /// A statement of manual chapter 4, or a part of one. Branches and loops are flattened: each part is a separate block
-/// that defines where the program continues, as an index of [`crate::NcProgram::blocks`].
+/// that defines the next block of the program, as an index of [`crate::NcProgram::blocks`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProgramCode {
-    /// Its effect.
+    /// Effect of the program code.
     pub statement: Statement,
-    /// The value that it assigns or switches on, or its condition.
+    /// The value to assign or to switch on, or the condition.
     pub expression: Option<ExpressionId>,
-    /// The block that it jumps to.
+    /// The target block of the jump.
     pub to: Option<u32>,
-    /// Its range of bytes.
+    /// Range of bytes of the program code.
     pub span: Span,
 }
 
-/// Effect of a program code. Parts without a description at their variant have no effect of their own.
+/// Effect of a program code. Variants without a description have no effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Statement {
     /// `L12 = P3 + 1`: assigns to the variable.
@@ -40,7 +40,7 @@ pub enum Statement {
     Switch {
         /// Index of its first case among those of the program.
         first: u32,
-        /// How many cases it has.
+        /// Number of its cases.
         count: u32,
     },
     /// `case 1:`.
@@ -86,12 +86,12 @@ pub enum Expression {
         operator: Operator,
         /// Left operand.
         left: ExpressionId,
-        /// Right operand; of `&&` and `||` read only when the left one does not decide.
+        /// Right operand. For `&&` and `||`, it is read only if the left operand does not decide the result.
         right: ExpressionId,
     },
     /// A function of one or two arguments.
     Call {
-        /// Which.
+        /// The function.
         function: Function,
         /// First argument.
         first: ExpressionId,
@@ -110,7 +110,7 @@ macro_rules! spelled {
             /// All of them.
             pub const ALL: &[$name] = &[$($name::$variant),*];
 
-            /// As it is written.
+            /// Returns the text of the word.
             pub const fn text(self) -> &'static str {
                 match self { $($name::$variant => $text,)* }
             }
@@ -131,48 +131,50 @@ impl Keyword {
         match self {
             Keyword::If => (
                 "if (condition) command\nelse command",
-                "Carries out the command where the condition holds, else the one behind `else`, if there is one. Several \
-                 commands stand in braces.",
+                "Executes the command if the condition is true, otherwise the command after `else`, if \
+                 present. Several commands are written in braces.",
             ),
             Keyword::Else => (
                 "if (condition) command\nelse command",
-                "Begins what is carried out where the condition of its `if` does not hold; `else if` asks the next \
-                 condition.",
+                "Begins the command that is executed if the condition of its `if` is false; `else if` tests \
+                 a further condition.",
             ),
             Keyword::Switch => (
                 "switch (value) {\n    case 1:\n        commands\n        break\n    default:\n        commands\n}",
-                "Continues at the `case` whose label is the value, else at `default`, else behind the closing brace. \
-                 `break` leaves it; without one the commands of the next case follow.",
+                "Continues at the `case` with the value as its label, otherwise at `default`, otherwise \
+                 after the closing brace. `break` leaves the `switch`; without `break`, the commands of the \
+                 next case follow.",
             ),
             Keyword::Case => (
                 "case 1:",
-                "A place in a `switch` where the program continues if the value is this whole number.",
+                "Position in a `switch` at which the program continues if the value is this whole number.",
             ),
             Keyword::Default => (
                 "default:",
-                "The place in a `switch` where the program continues if no `case` has the value.",
+                "Position in a `switch` at which the program continues if no `case` has the value.",
             ),
             Keyword::Break => (
                 "break",
-                "Leaves the innermost `switch`, `while` or `do` that it stands in.",
+                "Leaves the innermost `switch`, `while` or `do` around it.",
             ),
             Keyword::While => (
                 "while (condition) command",
-                "Repeats the command as long as the condition holds, which is read before each repetition. Behind `do` it \
-                 ends that loop. A loop that neither moves nor waits is an alarm (21).",
+                "Repeats the command while the condition is true; the condition is read before each \
+                 repetition. After `do`, it ends that loop. An endless loop that neither moves nor waits is \
+                 an alarm (21).",
             ),
             Keyword::Do => (
                 "do command\nwhile (condition)",
-                "Carries out the command, and repeats it as long as the condition holds, which is read behind each \
-                 repetition.",
+                "Executes the command, and repeats it while the condition is true; the condition is read \
+                 after each repetition.",
             ),
         }
     }
 }
 
 spelled! {
-    /// Operators of two operands: of conditions (manual 4-1-5), comparators (4-1-4) and arithmetic operators (4-1-2; of
-    /// `%` D07). One comes before another that it begins with.
+    /// Operators of two operands: of conditions (manual 4-1-5), comparators (4-1-4) and arithmetic operators
+    /// (4-1-2; for `%` D07). A longer operator comes before the shorter one that is its beginning.
     Operator {
         Or "||", And "&&",
         Equal "==", NotEqual "!=", LessOrEqual "<=", GreaterOrEqual ">=", Less "<", Greater ">",
@@ -182,7 +184,7 @@ spelled! {
 }
 
 impl Keyword {
-    /// The keyword that letters spell, read without regard to case (D01).
+    /// Returns the keyword with these letters; upper and lower case are equal (D01).
     pub(crate) fn find(letters: &str) -> Option<Self> {
         if letters.len() < 2 {
             return None;
@@ -193,7 +195,7 @@ impl Keyword {
 }
 
 impl Function {
-    /// The function of a name, read without regard to case (D01).
+    /// Returns the function of a name; upper and lower case are equal (D01).
     pub(crate) fn find(name: &str) -> Option<Self> {
         let mut functions = Self::ALL.iter().copied();
         functions.find(|function| function.text().eq_ignore_ascii_case(name))
@@ -203,7 +205,7 @@ impl Function {
 impl Operator {
     pub(crate) const PRIORITY_MAX: u8 = 5;
 
-    /// How closely it binds, by the manual: from 1 to [`Operator::PRIORITY_MAX`].
+    /// Returns the priority by the manual: from 1 to [`Operator::PRIORITY_MAX`].
     pub(crate) const fn priority(self) -> u8 {
         match self {
             Operator::Or => 1,
@@ -214,7 +216,7 @@ impl Operator {
         }
     }
 
-    /// True for `==`, `<` and the other comparators.
+    /// Returns true for `==`, `<` and the other comparators.
     pub const fn compares(self) -> bool {
         self.priority() == 3
     }
@@ -222,7 +224,8 @@ impl Operator {
 
 macro_rules! functions {
     ($($name:ident $text:literal $arguments:literal $meaning:literal, $domain:literal;)*) => {
-        /// The functions (manual 4-1-3); a name that ends in `d` takes or gives degrees, the others radians.
+        /// The functions (manual 4-1-3). A function whose name ends in `d` takes or gives degrees, any other
+        /// radians.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         pub enum Function { $(#[doc = concat!("`", $text, "`: ", $meaning, ".")] $name,)* }
 
@@ -230,12 +233,12 @@ macro_rules! functions {
             /// All functions.
             pub const ALL: &[Function] = &[$(Function::$name),*];
 
-            /// As it is written.
+            /// Returns the text of the word.
             pub const fn text(self) -> &'static str {
                 match self { $(Function::$name => $text,)* }
             }
 
-            /// How many arguments it takes: 1 or 2.
+            /// Returns the number of arguments: 1 or 2.
             pub const fn arguments(self) -> u8 {
                 match self { $(Function::$name => $arguments,)* }
             }
@@ -245,7 +248,7 @@ macro_rules! functions {
                 match self { $(Function::$name => $meaning,)* }
             }
 
-            /// For which arguments.
+            /// Returns the permitted arguments.
             pub const fn domain(self) -> &'static str {
                 match self { $(Function::$name => $domain,)* }
             }
@@ -275,11 +278,11 @@ functions! {
     Exp2 "exp2" 1 "2 to the power of x", "any";
     Floor "floor" 1 "the next whole number downward", "any";
     Int "int" 1 "the next whole number downward", "any";
-    Isnan "isnan" 1 "1 for what is not a number, 0 for a number; a condition too", "any";
+    Isnan "isnan" 1 "1 if x is not a number, otherwise 0; also a condition", "any";
     Log "log" 1 "the natural logarithm", "above 0";
     Log10 "log10" 1 "the logarithm of base 10", "above 0";
     Log2 "log2" 1 "the logarithm of base 2", "above 0";
-    Pow "pow" 2 "x to the power of y", "any; a whole y where x is below 0";
+    Pow "pow" 2 "x to the power of y", "any; if x is below 0, y must be whole";
     Qnrt "qnrt" 1 "the fifth root", "any";
     Qrrt "qrrt" 1 "the fourth root", "0 or more";
     Rint "rint" 1 "the nearest whole number, half to even", "any";

@@ -1,5 +1,5 @@
-//! Splits a text into tokens, for display or rewriting. The parser decides whether it is valid; here every text has
-//! tokens, and unreadable parts are [`TokenKind::Unknown`].
+//! Splits a text into tokens, for display or rewriting. Every text has tokens, and unreadable parts are
+//! [`TokenKind::Unknown`]; only the parser checks whether the text is valid.
 
 use tandem_model::Span;
 
@@ -18,7 +18,7 @@ pub enum TokenKind {
     LineEnd,
     /// The mark before or after the blocks.
     Mark,
-    /// All that follows the mark after the blocks.
+    /// The text after the mark that follows the blocks.
     Rest,
     /// The program number with its letter.
     ProgramNumber,
@@ -53,7 +53,7 @@ pub struct Token {
     pub span: Span,
 }
 
-/// All tokens of a text in their order; blanks are between them.
+/// Returns all tokens of a text in their order; blanks are between them.
 pub fn tokens<'a>(source: &'a str, grammar: &'a Grammar) -> impl Iterator<Item = Token> + use<'a> {
     Lexer {
         cursor: Cursor::new(source),
@@ -67,9 +67,9 @@ pub fn tokens<'a>(source: &'a str, grammar: &'a Grammar) -> impl Iterator<Item =
 struct Lexer<'a> {
     cursor: Cursor<'a>,
     grammar: &'a Grammar,
-    /// Something other than comments has been read.
+    /// True if an element other than a comment has been read.
     begun: bool,
-    /// The mark after the blocks has been read.
+    /// True if the mark after the blocks has been read.
     rest: bool,
     line: Line,
 }
@@ -77,13 +77,13 @@ struct Lexer<'a> {
 /// The part of a line that has been read.
 #[derive(Default)]
 struct Line {
-    /// Something other than comments and block skips.
+    /// True if an element other than a comment or a block skip has been read.
     begun: bool,
-    /// Open parentheses.
+    /// Number of open parentheses.
     parentheses: usize,
-    /// The right side of an assignment is read.
+    /// True while the right side of an assignment is read.
     assigns: bool,
-    /// The last token ends an operand.
+    /// True if the last token ends an operand.
     operand: bool,
 }
 
@@ -103,7 +103,7 @@ impl Iterator for Lexer<'_> {
             self.cursor.finish();
             TokenKind::Rest
         } else if self.cursor.is_comment(self.grammar) {
-            // one that is not closed ends with its line or the text
+            // a comment that is not closed ends with its line or the text
             let _ = self.cursor.comment(self.grammar);
             TokenKind::Comment
         } else {
@@ -205,7 +205,7 @@ impl Lexer<'_> {
         }
     }
 
-    /// A variable where one can be: in an expression, in brackets, or before `=`.
+    /// Reads a variable at a position where it is allowed: in an expression, in brackets, or before `=`.
     fn variable(&mut self, letters: &str) -> Option<TokenKind> {
         let kind = VariableKind::find(letters)?;
         let mut ahead = self.cursor;

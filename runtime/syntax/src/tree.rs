@@ -9,7 +9,7 @@ use crate::address::Address;
 use crate::program_code::{CaseLabel, Expression, ExpressionId, ProgramCode};
 use crate::variable::{Variable, VariableKind};
 
-/// A parsed NC program. It exists for every text; the diagnostics determine whether it may run.
+/// A parsed NC program. Every text has one; the diagnostics determine whether the program may run.
 #[derive(Debug, Clone, Default)]
 pub struct NcProgram {
     pub(crate) source: Arc<str>,
@@ -24,43 +24,43 @@ pub struct NcProgram {
 }
 
 impl NcProgram {
-    /// The text that it was parsed from.
+    /// Returns the text that it was parsed from.
     pub fn source(&self) -> &Arc<str> {
         &self.source
     }
 
-    /// The program number in the text, in dialects that have one there.
+    /// Returns the program number in the text, in dialects that have one there.
     pub fn number(&self) -> Option<u32> {
         self.number
     }
 
-    /// True when the text begins with the mark of its data, in dialects that have one.
+    /// Returns true if the text begins with the mark of its data, in dialects that have one.
     pub fn is_marked(&self) -> bool {
         self.marked
     }
 
-    /// False when the end of the text has not been read as blocks: it was too large, had too many errors, or an open
-    /// comment or bracket reaches to its end.
+    /// Returns false if the end of the text was not read as blocks: the text was too large, had too many
+    /// errors, or an open comment or bracket reaches to its end.
     pub fn is_complete(&self) -> bool {
         self.complete
     }
 
-    /// All blocks in the order of the text. Empty and comment lines have none.
+    /// Returns all blocks in the order of the text. Empty and comment lines have none.
     pub fn blocks(&self) -> &[Block] {
         &self.blocks
     }
 
-    /// The words of all blocks in the order of the text, with those of lines that have errors.
+    /// Returns the words of all blocks in the order of the text, including lines with errors.
     pub fn all_words(&self) -> &[Word] {
         &self.words
     }
 
-    /// True when there is a program code in the text.
+    /// Returns true if there is a program code in the text.
     pub fn has_program_codes(&self) -> bool {
         !self.program_codes.is_empty()
     }
 
-    /// The words of a block of this program; none for a program code.
+    /// Returns the words of a block of this program; none for a program code.
     #[inline]
     pub fn words(&self, block: &Block) -> &[Word] {
         match block.content {
@@ -74,13 +74,13 @@ impl NcProgram {
         }
     }
 
-    /// The block number N, if the block has one that is whole and not negative.
+    /// Returns the block number N, if the block has a whole one that is not negative.
     pub fn block_number(&self, block: &Block) -> Option<u32> {
         let first = self.words(block).first()?;
         first.whole().filter(|_| first.address == Address::N)
     }
 
-    /// The program code of a block of this program.
+    /// Returns the program code of a block of this program.
     #[inline]
     pub fn program_code(&self, block: &Block) -> Option<&ProgramCode> {
         match block.content {
@@ -89,12 +89,12 @@ impl NcProgram {
         }
     }
 
-    /// A node of an expression of this program.
+    /// Returns a node of an expression of this program.
     pub fn expression(&self, id: ExpressionId) -> Option<&Expression> {
         self.expressions.get(id.0 as usize)
     }
 
-    /// The block of a label among `count` cases from `first` on, if there is one.
+    /// Returns the block with a label among `count` cases from `first` on, if it exists.
     pub fn case(&self, first: u32, count: u32, label: i64) -> Option<u32> {
         let first = first as usize;
         let cases = self.cases.get(first..first.checked_add(count as usize)?)?;
@@ -102,7 +102,7 @@ impl NcProgram {
         cases.get(at).map(|case| case.block)
     }
 
-    /// Returns the numbers in expressions and the labels of cases, with which values are compared.
+    /// Returns the constants with which values may be compared: numbers in expressions and labels of cases.
     pub fn compared_with(&self) -> impl Iterator<Item = f64> {
         let numbers = self.expressions.iter().filter_map(|expression| match expression {
             Expression::Number(number) => Some(*number),
@@ -116,13 +116,13 @@ impl NcProgram {
         numbers.chain(labels)
     }
 
-    /// The blocks of the cases of a `switch`.
+    /// Returns the blocks of the cases of a `switch`.
     pub fn case_blocks(&self, first: u32, count: u32) -> impl Iterator<Item = u32> {
         let cases = self.cases.iter().skip(first as usize).take(count as usize);
         cases.map(|case| case.block)
     }
 
-    /// The block's range of bytes: from its first word (or block skip) to the end of its last one.
+    /// Returns the block's range of bytes: from its first word (or block skip) to the end of its last word.
     #[inline]
     pub fn span(&self, block: &Block) -> Span {
         let end = match self.program_code(block) {
@@ -135,20 +135,21 @@ impl NcProgram {
         Span::new(block.start, end.max(block.start))
     }
 
-    /// The range of bytes of the block's first word with an address; of the block where it has none.
+    /// Returns the range of bytes of the block's first word with this address; of the block if it has no such
+    /// word.
     pub fn span_of(&self, block: &Block, address: Address) -> Span {
         let mut words = self.words(block).iter();
         let word = words.find(|word| word.address == address);
         word.map_or_else(|| self.span(block), Word::span)
     }
 
-    /// The place of a block, in a program of the given number (0: none).
+    /// Returns the place of a block, in a program of the given number (0: none).
     pub fn origin(&self, block: &Block, program: u16) -> Origin {
         self.origin_within(block, block.start, program)
     }
 
-    /// Returns the place of the first word with one of these letters in the block at this place, or `None` if there is
-    /// none.
+    /// Returns the place of the first word with one of these letters in the block at `at`; `None` without
+    /// such a word.
     pub fn origin_of_word(&self, at: Origin, letters: &str) -> Option<Origin> {
         let mut of_line = self.blocks().iter().filter(|block| block.line == at.line);
         let block = of_line.find(|block| self.origin(block, at.program) == at)?;
@@ -156,8 +157,8 @@ impl NcProgram {
         Some(self.origin_within(block, word.span().start, at.program))
     }
 
-    /// Returns the range of bytes of the first word with one of these letters in the block that holds this place,
-    /// otherwise of the block. Returns `None` if there is no block.
+    /// Returns the range of bytes of the first word with one of these letters in the block that contains this
+    /// place, otherwise of the block. Returns `None` without such a block.
     pub fn span_at(&self, at: Origin, letters: &str) -> Option<Span> {
         let mut of_line = self.blocks().iter().filter(|block| block.line == at.line);
         let block = of_line.rfind(|block| self.origin(block, at.program).column <= at.column)?;
@@ -172,7 +173,7 @@ impl NcProgram {
         })
     }
 
-    /// Like [`NcProgram::origin`], for a place in the block: a byte of its line.
+    /// Returns the place like [`NcProgram::origin`], for a byte in the line of the block.
     pub fn origin_within(&self, block: &Block, start: u32, program: u16) -> Origin {
         let before = self
             .source
@@ -195,7 +196,7 @@ impl NcProgram {
 /// A block: the words of one line, or one program code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Block {
-    /// First byte in the source: the block skip if there is one, else the first word.
+    /// First byte in the source: that of the block skip if present, otherwise of the first word.
     pub start: u32,
     /// Line of the first byte, from 1.
     pub line: u32,
@@ -208,12 +209,12 @@ impl Block {
     /// Bit of [`Block::flags`] that marks errors; skip numbers end at 31 and use the bits below.
     pub(crate) const HAS_ERRORS: u32 = 1 << 31;
 
-    /// The block skip numbers written before the block: bit `n - 1` for number `n` of 1 to 31 (D13).
+    /// Returns the block skip numbers written before the block: bit `n - 1` for number `n` of 1 to 31 (D13).
     pub fn skip_numbers(&self) -> u32 {
         self.flags & !Self::HAS_ERRORS
     }
 
-    /// True when the parser found an error in the block, so that words may be missing.
+    /// Returns true if the parser found an error in the block, so that words may be missing.
     pub fn has_errors(&self) -> bool {
         self.flags & Self::HAS_ERRORS != 0
     }
@@ -224,9 +225,9 @@ impl Block {
 pub enum Content {
     /// A range of words.
     Words {
-        /// Index of the first one.
+        /// Index of the first word.
         first: u32,
-        /// How many.
+        /// Number of words.
         count: u16,
     },
     /// Index of a program code (manual, chapter 4).
@@ -244,7 +245,7 @@ pub struct Word {
     pub(crate) form: Form,
 }
 
-/// How the value of a word is written.
+/// Form in which the value of a word is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Form {
     /// A number without a decimal point.
@@ -272,12 +273,12 @@ impl Word {
         }
     }
 
-    /// The value when it is a number.
+    /// Returns the value when it is a number.
     pub fn number(&self) -> Option<f64> {
         (!matches!(self.form, Form::Indirection(_))).then_some(self.value)
     }
 
-    /// The value when it is a whole number that is not negative and has 32 bits at most.
+    /// Returns the value if it is a whole number that is not negative and has at most 32 bits.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -289,7 +290,7 @@ impl Word {
         whole.then_some(number as u32)
     }
 
-    /// True for a number that is written without a decimal point.
+    /// Returns true for a number that is written without a decimal point.
     pub fn is_whole(&self) -> bool {
         self.form == Form::Whole
     }

@@ -3,9 +3,9 @@
 /// A variable by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Variable {
-    /// Which array.
+    /// Array of the variable.
     pub kind: VariableKind,
-    /// Index in it.
+    /// Index in the array.
     pub index: u16,
 }
 
@@ -13,13 +13,13 @@ pub struct Variable {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum VariableKind {
-    /// L0 to L255: of one call.
+    /// L0 to L255: variables of one call.
     Local,
-    /// Q0 to Q4095: of the coordinate system.
+    /// Q0 to Q4095: variables of the coordinate system.
     CoordinateSystem,
-    /// P0 to P32767: of the controller.
+    /// P0 to P32767: variables of the controller.
     Global,
-    /// `_CNC_CapturedPosition<n>`, read only; n counts the motors of the coordinate system from 0 (D16).
+    /// `_CNC_CapturedPosition<n>`, read only; n numbers the motors of the coordinate system from 0 (D16).
     CapturedPosition,
 }
 
@@ -36,7 +36,8 @@ impl VariableKind {
         VariableKind::CapturedPosition,
     ];
 
-    /// Highest index (manual, table of parameters; captured positions: one for each axis that is possible).
+    /// Returns the highest index (manual, table of parameters; captured positions: one for each possible
+    /// axis).
     pub const fn index_max(self) -> u16 {
         match self {
             VariableKind::Local => 255,
@@ -50,8 +51,8 @@ impl VariableKind {
     pub const fn meaning(self) -> &'static str {
         match self {
             VariableKind::Local => {
-                "Local variables of one call of a program: fresh, all 0, each time it is called or started (D12). Nobody \
-                 else reads or writes them."
+                "Local variables of one call of a program: all are 0 when the program is called or started \
+                 (D12). Only this call reads and writes them."
             }
             VariableKind::CoordinateSystem => {
                 "Variables of the coordinate system: its programs share them, and sequence programs and HMIs read and \
@@ -62,19 +63,19 @@ impl VariableKind {
                  write them."
             }
             VariableKind::CapturedPosition => {
-                "Where a motor was when the last G31 was ended by its skip input, mm or degrees of the machine; read only. \
-                 The index counts the motors of the coordinate system (D16, D41)."
+                "Machine position of a motor when its skip input ended the last G31, in mm or degrees; read \
+                 only. The index numbers the motors of the coordinate system from 0 (D16, D41)."
             }
         }
     }
 
-    /// The array of this name, read without regard to case (D01).
+    /// Returns the array of this name; upper and lower case are equal (D01).
     pub(crate) fn find(letters: &str) -> Option<Self> {
         let mut kinds = Self::ALL.into_iter();
         kinds.find(|kind| kind.prefix().eq_ignore_ascii_case(letters))
     }
 
-    /// The name before the index.
+    /// Returns the name before the index.
     pub const fn prefix(self) -> &'static str {
         match self {
             VariableKind::Local => "L",

@@ -1,4 +1,4 @@
-//! What reads the files of the data folder, for bytes of any kind: fuzzers and the test of robustness share it.
+//! Reads a data folder with arbitrary bytes in its files; fuzzers and the robustness test share this module.
 
 #![allow(
     clippy::expect_used,
@@ -18,11 +18,11 @@ use tandem_runtime::data_folder::DataFolder;
 use tandem_runtime::{Config, Runtime};
 use tempfile::TempDir;
 
-/// A machine with one axis, which keeps what it knows beside its configuration.
+/// A machine with one axis and a data folder next to its configuration.
 const MACHINE: &str = "[machine]\nname = \"kept-1\"\n[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 100.0\n\
                        max_acceleration = 1000.0\n[[coordinate_system]]\nnumber = 1\naxes = { X = 1 }\nmax_feedrate = 6000.0\n";
 
-/// A data folder that is whole.
+/// An intact data folder.
 struct Kept {
     _folder: TempDir,
     data: PathBuf,
@@ -30,7 +30,7 @@ struct Kept {
     values: Map<String, Value>,
 }
 
-/// A folder in memory where there is one: what is read does not depend on the disk.
+/// Creates a temporary folder, in memory if possible, because the results do not depend on the disk.
 fn scratch() -> TempDir {
     tempfile::tempdir_in("/dev/shm").unwrap_or_else(|_| tempfile::tempdir().expect("a folder"))
 }
@@ -44,7 +44,7 @@ fn open(folder: &Path) -> DataFolder {
     DataFolder::open(machine).expect("whatever is in it")
 }
 
-/// The values that are read; those that are lost are null.
+/// Returns the values that are read; lost values are null.
 fn values(folder: &DataFolder) -> Map<String, Value> {
     let mut document: Value = serde_json::from_str(&folder.export()).expect("a document");
     match document["values"].take() {
@@ -95,7 +95,7 @@ fn kept() -> &'static Kept {
     KEPT.get_or_init(|| {
         let folder = scratch();
         let tokio = tokio::runtime::Runtime::new().expect("an executor");
-        // the second start writes what is known to be good
+        // the second start writes the last good generation
         tokio.block_on(fill(folder.path()));
         tokio.block_on(fill(folder.path()));
         let data = folder.path().join("tandem-data");
@@ -113,7 +113,7 @@ fn kept() -> &'static Kept {
     })
 }
 
-/// Damages one file of a folder: which, how and where say the first bytes, and the rest is put there.
+/// Damages a file at a place in one of four ways, with these bytes.
 fn damage(file: &Path, how: u8, place: usize, bytes: &[u8]) {
     let mut content = fs::read(file).expect("a file");
     let place = place % (content.len() + 1);
@@ -131,7 +131,7 @@ fn damage(file: &Path, how: u8, place: usize, bytes: &[u8]) {
     fs::write(file, content).expect("written");
 }
 
-/// No value that is read is another one than was kept.
+/// Checks that each value read is null or the stored value.
 fn check(folder: &DataFolder, kept: &Map<String, Value>) {
     let findings = folder.verify();
     for (name, value) in values(folder) {
@@ -147,7 +147,8 @@ fn check(folder: &DataFolder, kept: &Map<String, Value>) {
     }
 }
 
-/// A data folder of which one file is damaged: opened, verified and repaired, it gives nothing that was not kept.
+/// Damages one file of a data folder, and checks that opening, verifying and repairing return only stored
+/// values. The first bytes of `data` select the file, the place and the kind of damage.
 pub fn data_folder(data: &[u8]) {
     let [which, how, low, middle, high, bytes @ ..] = data else {
         return;
@@ -171,7 +172,7 @@ pub fn data_folder(data: &[u8]) {
     );
     let mut opened = open(folder.path());
     check(&opened, &kept.values);
-    // what cannot be repaired is refused
+    // an impossible repair is refused
     let _ = opened.repair();
     drop(opened);
     let again = open(folder.path());

@@ -1,4 +1,4 @@
-//! The files of the data folder: whatever is in one of them, no value is read that was not kept.
+//! The files of the data folder: with any content of one of them, only stored values are read.
 #![no_main]
 
 #[path = "../../../runtime/tests/readers/mod.rs"]

@@ -25,14 +25,16 @@ use crate::support::binary::{build_beside, example, forget_package, root, tandem
 const HTTP: &str = "127.0.0.1:8080";
 const MQTT: &str = "127.0.0.1:1883";
 
-/// Pages that are followed at a time: they wait more than they compute.
+/// Number of pages tested at the same time, because they wait more than they compute.
 const READERS: usize = 3;
 
 /// The longest wait is the cold build of a reader's project.
 const PATIENCE: Duration = Duration::from_mins(5);
 
-/// Commands that are not run: they change the computer, need another one, take all tests, or are a pattern.
-const NOT_RUN: [&str; 26] = [
+/// Commands that are not run: they change the computer, need another computer, run all tests, or are a
+/// pattern.
+const NOT_RUN: [&str; 27] = [
+    "./tests/quick",
     "git clone",
     "RUSTFLAGS=",
     "TANDEM_TRACE=",
@@ -43,7 +45,7 @@ const NOT_RUN: [&str; 26] = [
     "cargo install",
     "cargo test",
     "tandem fleet",
-    // the OPC UA server has tests of its own: runtime/opcua/tests
+    // the OPC UA server has separate tests: runtime/opcua/tests
     "cargo build --release --locked --manifest-path runtime/opcua",
     "install runtime/opcua",
     "tandem opcua",
@@ -54,10 +56,10 @@ const NOT_RUN: [&str; 26] = [
     "podman ",
     "rustup ",
     "scp ",
-    // what a reader does with Python is run by clients/python/tests/test_page.py
+    // clients/python/tests/test_page.py runs the Python commands
     "python3 -m venv",
     "venv/bin/",
-    // and with Node, by clients/node/tests/package.test.js
+    // clients/node/tests/package.test.js runs the Node commands
     "npm ci --prefix",
     "npm install",
     "node ",
@@ -84,7 +86,7 @@ impl Background {
         }
     }
 
-    /// Waits for a line behind those that have been read.
+    /// Waits for a line after the lines that have been read.
     fn line(&mut self, what: &str, fits: impl Fn(&str) -> bool) -> String {
         let end = Instant::now() + PATIENCE;
         loop {
@@ -108,13 +110,13 @@ impl Background {
 
 impl Drop for Background {
     fn drop(&mut self) {
-        // It may already have ended.
+        // The process may already have ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-/// A reader of a page who types its commands.
+/// A reader of a page, who types its commands.
 struct Reader {
     home: tempfile::TempDir,
     folder: PathBuf,
@@ -161,7 +163,7 @@ impl Reader {
         }
     }
 
-    /// A text of the page with the ports that this machine has, and with the examples that are built.
+    /// Returns a text of the page with the ports of this machine, and with the built examples.
     fn here(&self, text: &str) -> String {
         let (_, port) = self.mqtt.rsplit_once(':').unwrap();
         let mut text = text.replace(HTTP, &self.http).replace(MQTT, &self.mqtt);
@@ -190,7 +192,7 @@ impl Reader {
         bash
     }
 
-    /// Runs commands; the folder that they end in is that of the next ones.
+    /// Runs commands; the next ones start in the folder in which these end.
     fn run(&mut self, script: &str) {
         let place = self.home.path().join("folder");
         let script = format!("{}\npwd >'{}'", self.here(script), place.display());
@@ -259,7 +261,7 @@ impl Reader {
             let url = format!("mqtt://{}/mill-1", self.mqtt);
             self.demo_handlers = Some(tokio::spawn(async move {
                 let plc = Plc::connect(&url).await.unwrap();
-                // it ends when the page has been read
+                // the machine ends after the page
                 let _ = demo_sequence_program().run(&plc).await;
             }));
         }
@@ -271,7 +273,7 @@ impl Reader {
         std::fs::write(path, text).unwrap();
     }
 
-    /// Does what a block says.
+    /// Runs a block.
     fn follow(&mut self, block: &Block) {
         if block.is("sh", "ignore") {
             for line in commands(&block.text) {
@@ -307,7 +309,8 @@ impl Reader {
     }
 }
 
-/// The commands of a block: its lines, those that `\` continues joined, without comments.
+/// Returns the commands of a block: its lines without comments; lines that end with `\` are joined with the
+/// next one.
 fn commands(text: &str) -> Vec<String> {
     let joined = text.replace("\\\n", " ");
     let lines = joined.lines().map(str::trim);
@@ -317,7 +320,7 @@ fn commands(text: &str) -> Vec<String> {
         .collect()
 }
 
-/// The lines that are expected; those of `...` alone stand for any.
+/// Returns the expected lines; a line `...` matches any number of lines.
 fn lines(text: &str) -> Vec<String> {
     let lines = text.lines().map(str::trim);
     lines
@@ -326,7 +329,7 @@ fn lines(text: &str) -> Vec<String> {
         .collect()
 }
 
-/// Whether a line is as expected, where `...` stands for anything.
+/// Returns true if a line matches the expected one, in which `...` matches any text.
 fn fits(expected: &str, line: &str) -> bool {
     let mut rest = line.trim();
     let mut parts = expected.split("...").peekable();
@@ -347,7 +350,7 @@ fn fits(expected: &str, line: &str) -> bool {
     rest.is_empty()
 }
 
-/// Whether the machine of a page is the demo, which nothing on the page starts.
+/// Returns true if a page uses the demo machine without starting it.
 fn needs_demo(blocks: &[Block]) -> bool {
     let runs = |block: &&Block| block.info == "sh" || block.is("sh", "background");
     let speaks = |block: &Block| block.text.contains(HTTP) || block.text.contains("mosquitto_");
@@ -355,7 +358,7 @@ fn needs_demo(blocks: &[Block]) -> bool {
     blocks.iter().filter(runs).any(speaks) && !blocks.iter().any(serves)
 }
 
-/// Follows a page; gives how many blocks of commands it has.
+/// Tests a page; returns its number of command blocks.
 fn follow(path: &str) -> usize {
     let blocks = blocks(&read(path));
     let count = blocks.iter().filter(|block| block.info.starts_with("sh")).count();
@@ -373,7 +376,7 @@ fn follow(path: &str) -> usize {
     count
 }
 
-/// The next page, and no lock any more.
+/// Returns the next page, after releasing the lock.
 fn next(pages: &Mutex<impl Iterator<Item = String>>) -> Option<String> {
     pages.lock().unwrap().next()
 }
@@ -389,7 +392,7 @@ async fn every_command_of_readme_and_book_does_what_its_page_says() {
             scope.spawn(|| {
                 let _entered = of_test.enter();
                 while let Some(page) = next(&pages) {
-                    // a mistake in one page does not hide those of another
+                    // a failure in one page does not hide failures in others
                     match std::panic::catch_unwind(|| follow(&page)) {
                         Ok(blocks) => _ = followed.fetch_add(blocks, Ordering::Relaxed),
                         Err(_) => wrong.lock().unwrap().push(page),

@@ -2,7 +2,7 @@
 
 use super::page::read;
 
-/// The words of the build of a static file: from `cargo build` to the end of the command.
+/// Returns the words of the command for the static build, from `cargo build` on.
 fn build(text: &str) -> Vec<String> {
     let joined = text.replace("\\\n", " ");
     let command = joined

@@ -13,13 +13,13 @@ fn document(name: &str) -> Value {
     serde_json::from_str(&read(&format!("runtime/gateway/api/{name}.json"))).unwrap()
 }
 
-/// The name of the form that a schema refers to.
+/// Returns the name of the form to which a schema refers.
 fn form(schema: &Value) -> &str {
     let reference = schema["$ref"].as_str().unwrap_or_default();
     reference.rsplit('/').next().unwrap_or_default()
 }
 
-/// The form of the JSON, or the type of what else a request or an answer holds.
+/// Returns the form of the JSON, or the content type of a request or an answer without JSON.
 fn content(holder: &Value) -> String {
     let Some(types) = holder["content"].as_object() else {
         return String::new();
@@ -142,7 +142,7 @@ fn every_example_of_a_message_is_of_its_form() {
     assert!(found > 50, "only {found} examples");
 }
 
-/// A block `json,topic=PATH` of a page is what crosses the wire on that path.
+/// A block `json,topic=PATH` of a page must be a valid message on that path.
 #[test]
 fn every_payload_on_a_page_is_of_its_topics_form() {
     let mut found = 0;

@@ -1,4 +1,4 @@
-//! Pages that are written from the product: `TANDEM_UPDATE=1 cargo test -p tandem --test it book::`.
+//! Pages generated from the product: `TANDEM_UPDATE=1 cargo test -p tandem --test it book::`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -40,9 +40,9 @@ fn listed(help: &str) -> Vec<&str> {
 fn the_page_of_the_command_line_is_what_the_command_says() {
     let top = help(&[]);
     let mut page = String::from(
-        "# Command line\n\nWhat `tandem -h` and `tandem COMMAND -h` print. Exit status: 0 clean, completed, or stopped in \
-         order; 1 errors were\nfound, or an alarm ended the program; 2 something cannot be read, or cannot be carried \
-         out; 70 `tandem serve` stopped after\nan internal fault.\n\n",
+        "# Command line\n\nThis is the output of `tandem -h` and `tandem COMMAND -h`. Exit status: 0 clean, completed, \
+         or shut down on request;\n1 errors were found, or an alarm ended the program; 2 a file cannot be read, or \
+         the command cannot be executed;\n70 `tandem serve` stopped after an internal fault.\n\n",
     );
     write!(page, "```text\n{top}```\n").unwrap();
     let commands = listed(&top);
@@ -54,7 +54,7 @@ fn the_page_of_the_command_line_is_what_the_command_says() {
     check("docs/src/reference/cli.md", &page);
 }
 
-/// Names of the packages of others that the command is made of on Linux, with their licences and addresses.
+/// Returns the names of the third-party packages in the command on Linux, with their licences and addresses.
 fn third_party() -> BTreeSet<(String, String, String)> {
     let ran = Command::new(env!("CARGO"))
         .args(["metadata", "--format-version", "1", "--locked", "--offline"])
@@ -97,7 +97,7 @@ fn third_party() -> BTreeSet<(String, String, String)> {
 }
 
 #[test]
-fn the_list_of_third_party_licences_is_that_of_the_packages_that_are_linked() {
+fn third_party_page_lists_the_linked_packages_with_licences() {
     let packages = third_party();
     let mut page = String::from(
         "# Third-party licences\n\nThe packages of others that the command `tandem` is made of on Linux; `Cargo.lock` names their \

@@ -126,8 +126,8 @@ fn table<'a>(page: &mut String, words: impl Iterator<Item = &'a WordSpec>, diale
 #[test]
 fn the_page_of_the_functions_is_that_of_their_table() {
     let mut page = String::from(
-        "# Functions\n\nA name that ends in `d` takes or gives degrees, the others radians. Outside its domain a \
-         function gives what is not a number; where that reaches a word, the block is an alarm (D07).\n\n\
+        "# Functions\n\nA function whose name ends in `d` takes or gives degrees, any other radians. Outside its domain, a \
+         function gives a result that is not a number; if a word takes that result, the block is an alarm (D07).\n\n\
          | function | gives | domain |\n| --- | --- | --- |\n",
     );
     for function in Function::ALL {
@@ -145,7 +145,8 @@ fn the_page_of_the_functions_is_that_of_their_table() {
 
 #[test]
 fn the_page_of_the_diagnostics_is_that_of_their_table() {
-    let mut page = String::from("# Diagnostics\n\nE: the program cannot run. W: it can.\n\n");
+    let mut page =
+        String::from("# Diagnostics\n\nE: errors, with which the program cannot run. W: warnings.\n\n");
     for entry in DIAGNOSTICS {
         let _ = writeln!(
             page,
@@ -163,14 +164,14 @@ fn the_page_of_the_diagnostics_is_that_of_their_table() {
 #[test]
 fn the_page_of_the_alarms_is_that_of_their_table() {
     let mut page = String::from(
-        "# Alarms\n\n`tandem explain alarm 412`, `GET /explain/alarm 412` and a press on the number in the HMI tell the same. Alarms \
-         from 10000 on are those of sequence programs: with `--config` they have the words of its `[alarm.N]`, and on the machine \
-         those of its handlers, too.\n\n",
+        "# Alarms\n\n`tandem explain alarm 412`, `GET /explain/alarm 412` and a press on the number in the HMI show this text. Alarms \
+         with numbers from 10000 are raised by sequence programs: with `--config`, their texts come from `[alarm.N]` of the \
+         configuration, and on the machine also from its handlers.\n\n",
     );
     for entry in ALARMS {
         let _ = writeln!(
             page,
-            "## {}: {}\n\n{}\n\nWhat to do: {}\n\nHow it goes on: {}\n",
+            "## {}: {}\n\n{}\n\nRemedy: {}\n\nHow to continue: {}\n",
             entry.number,
             entry.title,
             entry.cause,
@@ -181,14 +182,15 @@ fn the_page_of_the_alarms_is_that_of_their_table() {
     check("docs/src/reference/alarms.md", &page);
 }
 
-/// Alarms that the text of a program decides, and a check finds.
+/// Alarms that depend only on the text of a program, so that a check finds them.
 const OF_TEXT: [u16; 9] = [22, 23, 41, 42, 43, 110, 112, 113, 114];
 
-/// Those that stop no program on a machine: warnings, ends of a simulation, and a limit of zero, which no configuration has.
+/// Alarms that stop no program on a machine: warnings, ends of a simulation, and a limit of zero, which no
+/// configuration has.
 const OF_NO_PROGRAM: [u16; 5] = [30, 103, 310, 390, 391];
 
 #[test]
-fn each_alarm_is_decided_by_the_text_of_a_program_or_listed_with_what_it_depends_on() {
+fn each_alarm_depends_on_the_text_or_is_listed_with_its_cause() {
     let page = read("docs/src/how-to/programs.md");
     let (_, table) = page
         .split_once("| alarms | depend on |\n| --- | --- |\n")
@@ -214,8 +216,8 @@ fn each_alarm_is_decided_by_the_text_of_a_program_or_listed_with_what_it_depends
 #[test]
 fn the_page_of_the_words_is_that_of_their_tables() {
     let mut page = String::from(
-        "# States, reasons, refusals and answers\n\nThe words that state, requests and handshake use; `tandem explain WORD`, \
-         `GET /explain/WORD` and the HMI tell the same.\n",
+        "# States, reasons, refusals and answers\n\nThe words of states, requests and the handshake. `tandem explain WORD`, \
+         `GET /explain/WORD` and the HMI show the same text.\n",
     );
     let mut of = "";
     for word in words() {
@@ -223,7 +225,7 @@ fn the_page_of_the_words_is_that_of_their_tables() {
             of = word.of;
             let _ = writeln!(
                 page,
-                "\n## {of}\n\n| word | means | how it goes on |\n| --- | --- | --- |"
+                "\n## {of}\n\n| word | means | how to continue |\n| --- | --- | --- |"
             );
         }
         let _ = writeln!(page, "| `{}` |{} | {} |", word.word, word.meaning, word.way_on);
@@ -234,7 +236,7 @@ fn the_page_of_the_words_is_that_of_their_tables() {
 #[test]
 fn the_page_of_the_decisions_is_that_of_their_table() {
     let mut page = String::from(
-        "# Decisions\n\nWhere the manual is silent, this is how Tandem reads a program.\n\n| number | decision |\n\
+        "# Decisions\n\nThe behaviour of Tandem where the manual is silent.\n\n| number | decision |\n\
          | --- | --- |\n",
     );
     for (number, text) in DECISIONS {

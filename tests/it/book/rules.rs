@@ -9,7 +9,7 @@ use super::generated::check;
 #[test]
 fn the_page_of_motion_is_that_of_its_rules() {
     let mut page = String::from(
-        "# Rules of motion\n\nHow blocks move, by the numbers that tests and comments name. Why it is so: \
+        "# Rules of motion\n\nHow blocks move. Tests and comments refer to the numbers. Reasons: \
          [Motion](../explanation/motion.md).\n",
     );
     for (number, text) in tandem_motion::rules::RULES {
@@ -49,7 +49,7 @@ fn the_page_of_stops_is_that_of_their_table() {
         "\nThe time limits begin when the cause is detected: `SERVO_LATE` in the first servo cycle after the gap, `CLIENT_LOST` when\n\
          the `ttl_ms` of the client is over, a lost source when the loss of its owner is known. With `BUS_LOST` the motion continues,\n\
          and the run is held where it next waits for an M code. A reversal is the turning point of an axis between two blocks; the\n\
-         next block does not start. What stops a motion after a fault of the runtime itself:\n\
+         next block does not start. Stops after a fault of the runtime itself:\n\
          [When something is lost](../explanation/failures.md#internal-faults).\n",
     );
     check("docs/src/reference/stops.md", &page);
@@ -58,8 +58,8 @@ fn the_page_of_stops_is_that_of_their_table() {
 #[test]
 fn the_page_of_the_handshake_is_that_of_its_rules() {
     let mut page = String::from(
-        "# Rules of the handshake\n\nWhat holds for the output of an M code on every transport, by the numbers that tests and \
-         comments name. Why it is\nso: [The handshake](../explanation/handshake.md).\n\n",
+        "# Rules of the handshake\n\nThese rules apply to the output of an M code on every transport. Tests and comments \
+         name their numbers. Reasons:\n[The handshake](../explanation/handshake.md).\n\n",
     );
     for (number, text) in plc_api::handshake::rules::RULES {
         writeln!(page, "- **{number}** {text}").unwrap();

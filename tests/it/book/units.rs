@@ -1,10 +1,10 @@
-//! The units of systemd are such that systemd takes every line of them.
+//! systemd accepts every line of the unit files.
 
 use std::process::Command;
 
 use super::page::{blocks, pages, read};
 
-/// Replaces the program of a unit by one that is installed.
+/// Replaces the program of a unit by an installed program.
 fn with_a_program_that_is_there(unit: &str) -> String {
     let lines = unit.lines().map(|line| match line.strip_prefix("ExecStart=") {
         Some(command) => {
@@ -19,7 +19,7 @@ fn with_a_program_that_is_there(unit: &str) -> String {
 #[test]
 fn systemd_takes_every_line_of_every_unit() {
     if Command::new("systemd-analyze").arg("--version").output().is_err() {
-        // a system without systemd has no use for its units
+        // a system without systemd cannot check its units
         return;
     }
     let of_pages = pages().into_iter().flat_map(|path| {

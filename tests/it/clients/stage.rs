@@ -26,7 +26,7 @@ coordinate_systems = [1]
 /// An output of the plant.
 const LAMP: &str = "[io.out.lamp]\n";
 
-/// Longest time until a level is as it must be. Reason: a client finds out within 7.5 s that its connection is lost.
+/// Longest time until a level has its value. Reason: a client detects a lost connection within 7.5 s.
 const LEVEL_MAX: Duration = Duration::from_secs(20);
 
 /// M codes of the driver, which wait for it.
@@ -183,7 +183,7 @@ impl Stage {
             ("continue", "driver") => self.running().signal("CONT"),
             ("suspend", "machine") => self.served().process.signal("STOP"),
             ("continue", "machine") => self.served().process.signal("CONT"),
-            // a suspended process is only found out by real time
+            // only real time reveals a suspended process
             ("for", ms) => tokio::time::sleep(Duration::from_millis(ms.parse().expect("ms"))).await,
             ("cut", "") => self.wire.cut(),
             ("tear", "") => self.wire.tear(),
@@ -207,7 +207,7 @@ impl Stage {
         self.running().line(said, |said| said == line);
     }
 
-    /// Waits until the machine claims nothing more for the driver.
+    /// Waits until the machine claims no further output for the driver.
     async fn is_leaving(&self) {
         until("the machine knows that the driver leaves", async || {
             let handlers = self.served().get("/handlers").await.expect(200).json();
@@ -356,7 +356,7 @@ fn lines(output: &str) -> Vec<String> {
     said.map(str::to_owned).collect()
 }
 
-/// A line of the journal in the words of the list.
+/// Returns a line of the journal in the words of the list.
 fn told(line: &Value) -> Option<String> {
     let word = |name: &str| line[name].as_str().unwrap_or_default();
     match word("event") {

@@ -21,14 +21,14 @@ fn an_alarm_names_the_column_of_the_word_to_blame() {
     for (block, alarm, column) in [
         ("N5 G00 Y1 X301", 102, 11),
         ("G91 G01 Y1 X301 F600", 102, 12),
-        // the circle of radius 200 about X0 Y200 comes to X-200: no word but that of X has to do with it
+        // the circle of radius 200 about X0 Y200 reaches X-200: only the word X is the cause
         ("G02 Y400 X0 J200 F600", 102, 10),
         ("G28 X301", 102, 5),
         ("G02 X10 Y0 J0 I10 F600", 111, 12),
         ("X1 G03 R[P0] Y10 F600", 111, 8),
         ("G01 X5 S[P1] F600", 11, 8),
         ("G84 Z-5 R-1 S0 F600", 113, 13),
-        // no word of the block is to blame
+        // no word of the block is the cause
         ("  G01 X5", 101, 3),
         (" G84 Z-5 R-1 F600", 113, 2),
     ] {

@@ -9,7 +9,7 @@ const X: usize = 0;
 /// M20 goes along with motion and takes 500 ms.
 const M_CODE: &str = "\n[m_code.20]\ntiming = \"with_motion\"\nsimulated_ms = 500\n";
 
-/// 50 lines of 2 mm at 100 mm/s with ramps of 20 ms; `behind` stands behind the axis word of a line.
+/// 50 lines of 2 mm at 100 mm/s with ramps of 20 ms; `behind` follows the axis word of a line.
 fn fifty_lines(behind: impl Fn(u32) -> &'static str) -> String {
     let lines: Vec<String> = (1..=50)
         .map(|line| format!("X{}{}\n", 2 * line, behind(line)))
@@ -18,7 +18,7 @@ fn fifty_lines(behind: impl Fn(u32) -> &'static str) -> String {
     format!("ta20 td20 ts0 G01 F6000\n{lines}M30\n")
 }
 
-/// M1b: equal speeds in one direction run as one block, of `length` mm.
+/// M1b: blocks of equal speed in one direction run as one block of `length` mm.
 fn as_one_block(length: f64) -> Block {
     Block::new(length, 100.0, 0.02, 0.02, 0.0)
 }
@@ -121,7 +121,8 @@ fn m1c_a_block_of_m98_or_m99_ends_a_chain_and_program_codes_do_not() {
 
 #[test]
 fn m1c_a_chain_ends_at_rest_before_a_long_calculation() {
-    // 10,000 blocks of a loop end the chain; the last line before it is at its end, and no sample runs dry.
+    // 10,000 blocks of a loop end the chain; the last line before them reaches its end, and no sample is
+    // missing.
     let long = |times: u32| {
         format!("ta20 td20 ts0 G01 F6000\nX50\nL1=0\nwhile(L1<{times}) {{ L1=L1+1 }}\nY50\nM30\n")
     };
@@ -159,7 +160,7 @@ fn assert_short_blocks(blocks: u32, length: f64, feedrate: f64, feed_override: u
 
 #[test]
 fn m1b_a_chain_of_any_number_of_short_blocks_keeps_f() {
-    // 0.1 ms a block: 1025 blocks take as long as feed hold takes to come to rest
+    // 0.1 ms a block: 1025 blocks take as long as a feed hold until rest
     for blocks in [1025, 1050, 1500, 4500, 5000, 9000, 20_000] {
         assert_short_blocks(blocks, 0.01, 6000.0, 100);
     }
@@ -193,9 +194,10 @@ fn m1b_several_blocks_a_servo_period_keep_f_at_any_servo_period() {
 }
 
 #[test]
-fn m1i_what_the_servo_knows_bounds_the_feedrate_of_blocks_too_short_for_its_pre_read() {
-    // Feed hold takes 200 ms to rest, the way of 100 ms at F, and 4 periods are left over: of k times F it takes
-    // k^2 100 ms + k 4 ms, and 10,000 blocks of 0.01 ms are 100 ms: k is 0.98. 0.9 of it at the least
+fn m1i_known_path_limits_feedrate_of_blocks_too_short_to_read_ahead() {
+    // Feed hold takes 200 ms until rest, with the distance of 100 ms at F, and 4 periods are added. At k
+    // times F it takes k^2 100 ms + k 4 ms; 10,000 blocks of 0.01 ms are 100 ms, so k is 0.98. At least 0.9
+    // of this is required
     let program = format!("G91 G01 F6000\n{}M30\n", "X.001\n".repeat(50_000));
     let run = simulate_on(&Machine::new(""), &program, &["--max-time-s", "20"]).completed();
     let fastest_s = 0.5;

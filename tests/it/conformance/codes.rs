@@ -1,4 +1,5 @@
-//! Arcs, planes, units, reference points, skip, tool length, and the transforms of D20: where each of them leads.
+//! Arcs, planes, units, reference points, skip, tool length, and the transforms of D20: the end positions of
+//! each.
 
 use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS, Machine};
 use crate::support::simulated::{Simulated, simulate, simulate_on};
@@ -25,7 +26,8 @@ fn highest(run: &Simulated, axis: usize) -> f64 {
     run.trace.iter().map(|row| row.axes[axis]).fold(0.0, f64::max)
 }
 
-/// The commanded positions of an arc lie on the circle of radius 5 about a centre; gives how far each of its axes goes.
+/// Checks that the commanded positions of an arc are on the circle of radius 5 about a centre; returns the
+/// range of each axis.
 fn assert_on_circle(run: &Simulated, line: u32, axes: [usize; 2], centre: [f64; 2]) {
     let rows: Vec<_> = run.trace.iter().filter(|row| row.line == line).collect();
     assert!(rows.len() > 100, "{} samples", rows.len());
@@ -95,7 +97,7 @@ fn d25_the_numbers_of_max_and_default_feedrate_count_in_inches_in_g20() {
         let late_s = run.cycle_time_s() - time_s;
         assert!((0.0..0.0104).contains(&late_s), "{} s", run.cycle_time_s());
     }
-    // above 500 mm/s of the motor nothing goes: 120 inch/min is below, 60000 inch/min is not
+    // the motor is limited to 500 mm/s: 120 inch/min is below this, 60000 inch/min is above
     let fast = systems.replacen("max_feedrate = 120.0", "max_feedrate = 60000.0", 1);
     let machine = Machine::with_config(&format!("[machine]\nname = \"test-1\"\n{MOTORS}{fast}"));
     let text = "ta20 td20 ts0 G61\nG20 G01 X10 F60000\nM30\n";
@@ -149,7 +151,7 @@ fn d40_g31_ends_where_the_skip_input_came_and_without_one_at_its_target() {
 }
 
 #[test]
-fn d41_a_program_reads_the_captured_positions_ascending_by_motor_once_its_g31_has_ended() {
+fn d41_captured_positions_ascend_by_motor_after_their_g31_has_ended() {
     // X is motor 5, Y motor 1: position 0 is that of Y.
     let config = MOTORS.to_owned()
         + "\n[[coordinate_system]]\nnumber = 1\naxes = { X = 5, Y = 1 }\n\
@@ -165,8 +167,9 @@ fn d41_a_program_reads_the_captured_positions_ascending_by_motor_once_its_g31_ha
             .as_f64()
             .unwrap_or_default()
     };
-    // Machine coordinates: the threshold, whatever G54 says. The second G31 leaves the threshold of motor 5 and captures
-    // nothing: its target; motor 1 does not move in it, and reports where it rests.
+    // Machine coordinates: the position is the threshold, independent of G54. The second G31 leaves the
+    // threshold of motor 5 and captures nothing, so the position is its target; motor 1 does not move in this
+    // block, and reports its rest position.
     for (n, expected) in [(0, 7.25), (1, -3.5), (2, 7.25), (3, 20.0)] {
         close(p(n), expected);
     }
@@ -298,7 +301,7 @@ fn d23_g53_g28_and_g30_with_a_tool_length_do_not_run() {
 }
 
 #[test]
-fn d26_an_arc_is_judged_by_the_tolerance_of_the_settings_and_in_the_machine() {
+fn d26_arc_is_checked_with_the_set_tolerance_in_machine_coordinates() {
     let keys = "max_feedrate = 12000.0\narc_radius_tolerance = 0.1\n";
     let systems = COORDINATE_SYSTEMS.replace("max_feedrate = 12000.0\n", keys);
     let machine = Machine::with_config(&format!("[machine]\nname = \"test-1\"\n{MOTORS}{systems}"));

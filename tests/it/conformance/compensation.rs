@@ -1,9 +1,9 @@
-//! G41 and G42 on the machine (M1): positions, alarms, and what the program may do in between.
+//! G41 and G42 on the machine (M1): positions, alarms, and permitted blocks in between.
 
 use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS, Machine};
 use crate::support::simulated::{Simulated, simulate_on};
 
-/// Tool 1 has a radius of 5 mm; M100 VA1 selects it. M20 goes along with motion, M21 after it.
+/// Tool 1 has a radius of 5 mm; M100 VA1 selects it. M20 is issued with the motion, M21 after the motion.
 const TOOLS: &str = "
 [[tool]]
 id = 1
@@ -79,7 +79,7 @@ fn radii(run: &Simulated, line: u32, [x, y]: [f64; 2]) -> Vec<f64> {
 }
 
 #[test]
-fn s1g_beside_an_arc_the_centre_goes_on_one_about_the_same_centre_with_the_tools_radius_more_or_less() {
+fn s1g_arc_offset_is_concentric_with_radius_plus_or_minus_tool_radius() {
     // Tangent all along: to the right about (10, -10), down, to the left about (30, -30), on to the right. To the left of
     // it the first radius is R + r, the second R - r; to its right the other way round.
     for (code, side) in [("G41", 1.0), ("G42", -1.0)] {
@@ -122,14 +122,14 @@ fn s1g_an_m_code_that_waits_is_an_alarm_before_the_lead_out() {
         assert_eq!(run.json["alarm"]["line"], line);
         let outputs = run.events("output");
         assert!(outputs.iter().all(|output| output["m"] == 100), "{outputs:?}");
-        // The last block before is not moved: where it ends the next one says.
+        // The last block before it does not move, because the next block would determine its end.
         let last = (run.machine("X"), run.machine("Y"));
         assert_eq!(last, if line == 6 { (10.0, 5.0) } else { (20.0, 5.0) });
     }
 }
 
 #[test]
-fn s1g_an_m_code_along_with_motion_may_stand_and_may_wait_for_the_one_before() {
+fn s1g_with_motion_m_code_is_allowed_and_may_wait_for_the_previous() {
     let run = run("G01 G41\nX10\nX20 M20\nX30 M20\nX40\nG40\nX50\nM30\n").completed();
     assert_eq!(
         run.events("output")

@@ -8,7 +8,7 @@ const X: usize = 0;
 const Y: usize = 1;
 const Z: usize = 2;
 
-/// The cycle takes the time of the formulas, and what each run between two stops may add.
+/// Checks that the cycle takes the time of the formulas, plus the tolerance of each run between two stops.
 fn assert_time(simulated: &Simulated, expected_s: f64, runs: u32) {
     let cycle_s = simulated.cycle_time_s();
     assert!(
@@ -87,7 +87,7 @@ fn m1a_f_counts_along_the_vector_of_x_y_and_z() {
 
 #[test]
 fn m1a_a_motor_at_its_maximum_velocity_slows_the_whole_block() {
-    // Y can do 50 mm/s. At 3:4 it is asked for 80 of 100 mm/s: the path runs at 62.5 mm/s.
+    // Y is limited to 50 mm/s. At 3:4 its share would be 80 of 100 mm/s, so the path runs at 62.5 mm/s.
     let run = simulate("ta100 td100 ts0\nG01 X30 Y40 F6000\nM30\n").completed();
     let block = Block::new(50.0, 62.5, 0.1, 0.1, 0.0);
     assert_time(&run, 0.9, 1);
@@ -108,7 +108,7 @@ fn d11_f_above_the_maximum_feedrate_is_clipped_with_a_warning() {
 }
 
 #[test]
-fn m1a_times_and_f_of_a_block_stay_in_force_and_defaults_come_from_the_configuration() {
+fn m1a_f_and_times_stay_in_force_with_configured_defaults() {
     // Defaults of a coordinate system: ta 100, td 100, ts 50 ms
     let run = simulate("G61\nG01 X10 F6000\nX20\nts0\nX30\nM30\n").completed();
     let with_ts = Block::new(10.0, 100.0, 0.1, 0.1, 0.05);
@@ -149,7 +149,7 @@ fn m1c_g09_before_and_behind_the_axis_words_comes_to_rest_at_the_corner() {
 
 #[test]
 fn m1i_the_feed_override_scales_time_along_the_same_path() {
-    // From the start on: at 50 percent everything takes twice as long.
+    // At 50 percent from the start on, everything takes twice as long.
     let machine = Machine::new("");
     let run = simulate_on(
         &machine,

@@ -42,7 +42,7 @@ fn m1d_with_g500_no_motor_exceeds_its_maximum_acceleration() {
     let planned = simulate(&program("G501")).completed();
     assert!(acceleration(&planned) > 2.0 * ACCELERATION);
     let slowed = simulate(&program("G500")).completed();
-    // A trace has positions to a nanometre or better.
+    // Positions of a trace have a resolution of a nanometre or better.
     let found = acceleration(&slowed);
     assert!(found <= ACCELERATION * 1.001, "{found}");
     assert!(found >= ACCELERATION * 0.9, "{found}");
@@ -67,8 +67,8 @@ fn m1d_a_program_within_the_limits_runs_as_with_g501() {
 }
 
 #[test]
-fn m1d_with_few_blocks_read_ahead_the_motion_is_slower_within_the_limits_and_never_an_alarm() {
-    // From 200 mm/s at 5000 mm/s^2 the way to rest is 4 mm, which are 80 blocks.
+fn m1d_short_read_ahead_slows_the_motion_within_limits_without_alarm() {
+    // From 200 mm/s at 5000 mm/s^2 the distance to rest is 4 mm, which are 80 blocks.
     let fine: Vec<String> = (1..=400)
         .map(|n| format!("X{:.3} Y{:.4}\n", f64::from(n) * 0.05, f64::from(n % 2) * 1e-4))
         .collect();
@@ -92,7 +92,7 @@ fn m1d_with_few_blocks_read_ahead_the_motion_is_slower_within_the_limits_and_nev
 }
 
 #[test]
-fn m1d_of_blocks_of_a_micrometre_at_most_128_pass_in_a_servo_period_and_no_limit_is_exceeded() {
+fn m1d_at_most_128_micrometre_blocks_pass_in_one_servo_period() {
     // 5 mm at 200 mm/s: 200 blocks a period.
     let tiny: Vec<String> = (1..=5000)
         .map(|n| format!("X{:.3}\n", f64::from(n) / 1000.0))
@@ -109,7 +109,7 @@ fn m1d_of_blocks_of_a_micrometre_at_most_128_pass_in_a_servo_period_and_no_limit
 }
 
 #[test]
-fn m1d_a_program_longer_than_what_is_read_ahead_is_as_fast_where_that_holds_the_way_to_rest() {
+fn m1d_long_program_is_as_fast_if_read_ahead_holds_the_stopping_path() {
     // 12 mm in blocks of a micrometre at 25 mm/s, 25 of them in a servo period
     let fine: Vec<String> = (1..=12_000)
         .map(|n| format!("X{:.3}\n", f64::from(n) / 1000.0))
@@ -145,7 +145,7 @@ fn corner(between: &str, end: &str) -> Simulated {
 }
 
 #[test]
-fn m1c_with_g500_a_change_of_offset_stops_no_chain_and_the_path_goes_on_to_the_new_coordinates() {
+fn m1c_with_g500_an_offset_change_keeps_the_chain_moving() {
     // G54 has X10 Y20, G57 has X13: M1b, 0.5 s and 0.375 s between the middles of ramps of 0.1 s
     let ramp = Ramp::new(0.1, 0.0);
     let way = |from: f64, to: f64, t: f64| 40.0 * (ramp.integral(t - from) - ramp.integral(t - to));

@@ -4,7 +4,7 @@ use crate::support::formula::LATE_S;
 use crate::support::machine::Machine;
 use crate::support::simulated::{Simulated, simulate, simulate_on};
 
-/// M20 and M21 go along with motion and take 500 ms; M100 waits and takes 300 ms.
+/// M20 and M21 are issued with the motion and take 500 ms; M100 waits and takes 300 ms.
 const M_CODES: &str = r#"
 [m_code.20]
 timing = "with_motion"
@@ -26,7 +26,7 @@ fn run(program: &str) -> Simulated {
 const RAPID_S: f64 = 0.6;
 
 #[test]
-fn d31_an_after_motion_output_is_made_when_the_motion_before_it_has_come_to_rest() {
+fn d31_after_motion_output_is_issued_when_the_motion_is_at_rest() {
     let run = run("G00 X50\nM100\nG00 X0\nM30\n");
     let output_s = run.at_s("output", "m", 100);
     assert!((RAPID_S..RAPID_S + LATE_S).contains(&output_s), "{output_s}");
@@ -62,9 +62,9 @@ fn d31_the_next_block_waits_for_the_reset() {
 }
 
 #[test]
-fn d32_a_with_motion_output_is_made_when_its_block_is_interpreted_and_the_program_goes_on() {
+fn d32_with_motion_output_is_issued_at_interpretation_without_waiting() {
     let run = run("G00 X50\nM20\nG00 X0\nM30\n");
-    // The pre-read comes to M20 long before the first motion has ended.
+    // The pre-read reaches M20 long before the first motion has ended.
     let output_s = run.at_s("output", "m", 20);
     assert!(output_s < 0.01, "{output_s}");
     // Both motions together take twice 0.6 s; nothing waits 500 ms for M20.
@@ -125,7 +125,7 @@ fn d32_the_same_m_number_again_waits_for_the_reset_of_the_first() {
 }
 
 #[test]
-fn d32_the_same_m_number_again_waits_also_where_its_parameters_make_it_after_motion() {
+fn d32_repeated_m_number_waits_even_when_parameters_change_its_timing() {
     let run = run("M20\nM20 VA1\nM20\nM30\n");
     let each = ["output 20", "reset 20"];
     assert_eq!(
@@ -140,7 +140,7 @@ fn d32_the_same_m_number_again_waits_also_where_its_parameters_make_it_after_mot
 }
 
 #[test]
-fn an_after_motion_output_waits_for_room_among_as_many_open_outputs_as_there_may_be() {
+fn after_motion_output_waits_while_the_maximum_of_outputs_is_pending() {
     let machine = Machine::new(M_CODES);
     let config = std::fs::read_to_string(machine.config()).unwrap();
     let system = "[[coordinate_system]]\nnumber = 1\n";

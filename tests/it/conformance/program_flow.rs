@@ -42,7 +42,8 @@ fn subprograms_are_found_beside_the_file_by_number_and_by_o_and_number() {
     assert_eq!(run.machine("X"), 2.0);
 }
 
-/// Program 1001 calls 1002, and so on up to `last`, each with a step of 1 mm before and 100 mm behind its call.
+/// Program 1001 calls 1002, and so on up to `last`, each with a step of 1 mm before its call and 100 mm after
+/// it.
 fn chain(last: u16) -> Vec<(u16, String)> {
     let program = |number: u16| {
         let call = if number < last {
@@ -68,7 +69,7 @@ fn m98_nests_eight_deep() {
 }
 
 #[test]
-fn d12_a_call_deeper_than_eight_is_not_made_and_the_next_block_follows_with_a_warning() {
+fn d12_call_deeper_than_eight_is_skipped_with_a_warning() {
     let chain = chain(1009);
     let texts: Vec<_> = chain
         .iter()
@@ -85,7 +86,7 @@ fn d12_a_call_deeper_than_eight_is_not_made_and_the_next_block_follows_with_a_wa
 }
 
 #[test]
-fn d12_a_missing_subprogram_is_an_alarm_at_its_call_and_what_stands_before_it_runs() {
+fn d12_missing_subprogram_is_an_alarm_at_its_call_after_earlier_blocks() {
     let run = with_subprograms("G00 X5\nM98 P2999\nG00 X9\nM30\n", &[]);
     assert_eq!(run.alarm(), 20);
     assert_eq!(
@@ -134,7 +135,7 @@ fn d13_a_bare_slash_is_skip_1() {
 }
 
 #[test]
-fn d13_a_block_with_several_skip_numbers_is_skipped_when_any_of_them_is_on() {
+fn d13_block_with_several_skip_numbers_is_skipped_when_any_is_on() {
     assert_eq!(with_skips(&["--skip", "2"]), 7.0);
     assert_eq!(with_skips(&["--skip", "3"]), 3.0);
     assert_eq!(with_skips(&["--skip", "1,3"]), 0.0);

@@ -1,9 +1,10 @@
-//! Blocks after a G31: they are interpreted at once, and move from the positions where the motors have ended (D15, M1).
+//! Blocks after a G31 are interpreted at once, and move from the positions at which the motors have stopped
+//! (D15, M1).
 
 use crate::support::machine::Machine;
 use crate::support::simulated::{Simulated, simulate_on};
 
-/// X is captured at 7.3 mm; M20 goes along with motion and takes 500 ms, M6 selects a tool.
+/// X is captured at 7.3 mm; M20 is issued with the motion and takes 500 ms, M6 selects a tool.
 const MORE: &str = r#"
 [[simulated_skip]]
 motor = 1
@@ -33,7 +34,7 @@ fn at(run: &Simulated, expected: [f64; 3]) {
     assert!(close, "{found:?} is not {expected:?}");
 }
 
-/// Positions in motion behind line 2.
+/// Returns the positions in motion after line 2.
 fn moved(run: &Simulated) -> Vec<Vec<f64>> {
     let rows = run.trace.iter().filter(|row| row.program != 1 || row.line > 2);
     let mut moved: Vec<Vec<f64>> = rows.map(|row| row.axes.clone()).collect();
@@ -56,7 +57,7 @@ fn d15_a_with_motion_output_behind_a_g31_is_made_while_it_moves() {
 }
 
 #[test]
-fn d40_what_stands_behind_a_g31_moves_as_if_it_began_where_the_motors_have_ended() {
+fn d40_blocks_after_g31_move_from_where_the_motors_stopped() {
     for behind in [
         "G91 G01 X1 Y3 F600\nX2\nG00 Z2\n",
         "G90 G01 Y5 F600\nZ3\n",
@@ -86,7 +87,7 @@ fn d40_what_stands_behind_a_g31_moves_as_if_it_began_where_the_motors_have_ended
 }
 
 #[test]
-fn d40_a_block_behind_a_g31_keeps_to_the_soft_limits_from_where_the_motors_have_ended() {
+fn d40_block_after_g31_keeps_soft_limits_from_where_motors_stopped() {
     // 7.3 + 290 is within the upper limit of 300, the target of G31 + 290 is not.
     at(
         &run("G31 X20\nG91 G00 X290\nM30\n").completed(),

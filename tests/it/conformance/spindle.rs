@@ -1,4 +1,5 @@
-//! S with a spindle that turns: the simulated one has 3000 r/min at most and changes by 3000 r/min a second.
+//! S with a turning spindle: the simulated spindle reaches at most 3000 r/min and changes by 3000 r/min per
+//! second.
 
 use std::time::Duration;
 
@@ -34,7 +35,8 @@ fn speeds(run: &Simulated) -> Vec<(u32, f64)> {
         .collect()
 }
 
-/// From the begin of a line on the spindle goes from one speed to another, for so many periods.
+/// Checks that from the beginning of a line the spindle changes from one speed to another, in this number of
+/// periods.
 fn assert_goes(run: &Simulated, line: u32, periods: usize, from_rpm: f64, to_rpm: f64) {
     let of_line: Vec<f64> = (speeds(run).into_iter())
         .filter_map(|(at, rpm)| (at == line).then_some(rpm))
@@ -51,7 +53,7 @@ fn assert_goes(run: &Simulated, line: u32, periods: usize, from_rpm: f64, to_rpm
 }
 
 #[test]
-fn s_alone_changes_the_speed_of_a_spindle_that_turns_when_its_block_has_its_turn() {
+fn s_alone_changes_the_speed_of_a_turning_spindle_at_its_block() {
     for (m, sign) in [("M03", 1.0), ("M04", -1.0)] {
         let run = run(&format!(
             "{m} S1000\nG04 X1\nS500\nG04 X0.5\nS800 G01 X10 F6000\nX20\nX90\nM30\n"
@@ -75,8 +77,8 @@ fn s_changes_nothing_at_a_spindle_that_m05_or_m19_has_stopped() {
 }
 
 #[test]
-fn d32_s_of_a_block_before_an_m03_that_is_put_out_ahead_of_the_motion_comes_too_late_to_count() {
-    // M03 goes along with the motion and is made when it is interpreted, while line 2 moves
+fn d32_s_before_an_m03_issued_ahead_of_the_motion_has_no_effect() {
+    // M03 is issued with the motion: when it is interpreted, while line 2 moves
     let run = run("M03 S300\nG01 X50 F3000 S400\nX60 S500\nX100 S600 M04\nG04 X0.5\nM30\n");
     assert_eq!(speeds(&run).last().map(|(_, rpm)| rpm.round()), Some(-600.0));
     let ahead = self::run("S300 M03\nG01 X50 F3000 S400\nM03 S500\nX100\nM30\n");

@@ -1,4 +1,4 @@
-//! When a program sees what a sequence program writes (D16).
+//! Time from which a program sees values written by a sequence program (D16).
 
 use plc_api::types::state::Position;
 use plc_api::{Alarm, AuxOutput, Execution, Plc, SequenceProgram};
@@ -34,7 +34,7 @@ fn run(program: &'static str) -> (Position, Vec<f64>) {
 }
 
 #[test]
-fn d16_what_a_handler_writes_before_it_resets_an_m_code_is_seen_by_the_next_block() {
+fn d16_values_written_by_a_handler_before_its_reset_reach_next_block() {
     let (position, _) = run("Q1=Q5\nG01 X1 F6000\nM150\nG54 G01 X[Q5] Y[P8]\nQ2=P7+P8\nM30\n");
     // X: 20 and the new offset 3; Y: 2 and the offset 20 of the configuration, which was not named
     assert_eq!((position.machine["X"], position.machine["Y"]), (23.0, 22.0));

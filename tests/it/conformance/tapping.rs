@@ -19,7 +19,8 @@ const ABSOLUTE: &str = "G90 F100 S300\nG99 G84 X10 Y0 Z-10 R-5 P200\nG99 X20\nG9
 const INCREMENTAL: &str =
     "G91 F100 S300\nG99 G84 X10 Y0 Z-10 R-5 P200\nG99 X10\nG98 X10\nG80\nG00 X10\nM30\n";
 
-/// One way in the thread at F100 with the default ramps; 300 r/min need 0.1 s at 3000 r/min per second, as ta does.
+/// One pass in the thread at F100 with the default ramps; 300 r/min need 0.1 s at 3000 r/min per second, like
+/// ta.
 fn way(length: f64) -> Block {
     Block::new(length, 100.0 / 60.0, 0.1, 0.1, 0.05)
 }
@@ -43,7 +44,7 @@ fn m1h_the_way_in_the_dwell_and_the_way_out_follow_their_formulas() {
         let in_samples = 3150;
         assert_samples(&z[..=in_samples], -5.0, -1.0, way.end_s, |t| way.way(t));
         let rest = z.iter().skip(in_samples).take_while(|z| **z == -10.0).count();
-        // the dwell, and at most 3 periods to begin with each of the dwell and the way out
+        // the dwell, and at most 3 periods each for the beginning of the dwell and of the retract
         assert!((200..=207).contains(&rest), "{rest} samples at the Z point");
         let out = &z[in_samples + rest - 1..];
         assert_samples(&out[..=in_samples], -10.0, 1.0, way.end_s, |t| way.way(t));
@@ -119,13 +120,13 @@ fn d42_without_a_spindle_m_codes_turn_it_between_the_ways() {
     // A cycle is one block, whatever it moves.
     let expected = ["block 2", "output 19", "output 4", "output 3", "output 4"];
     assert_eq!(run.story(&kinds), expected);
-    // Oriented and turned the one way at R, the other way at Z, back at R.
+    // Oriented at R and turned in one direction, in the other direction at Z, and back at R.
     assert_eq!(run.at_outputs(0), [-5.0, -5.0, -10.0, -5.0]);
     assert_eq!(run.machine("Z"), 0.0);
 }
 
 #[test]
-fn m1h_without_a_spindle_f_above_the_maximum_is_an_alarm_at_the_cycle_before_it_moves() {
+fn m1h_without_spindle_f_above_maximum_is_an_alarm_before_the_motion() {
     // max_feedrate is 10,000 by default.
     let run = simulate_on(&without_spindle(), "S300\nF10001\nG74 Z-10 R-5\nG80\nM30\n", &[]);
     assert_eq!((run.alarm(), &run.json["alarm"]["line"]), (11, &3.into()));
@@ -134,7 +135,7 @@ fn m1h_without_a_spindle_f_above_the_maximum_is_an_alarm_at_the_cycle_before_it_
 }
 
 #[test]
-fn m1h_a_tap_that_cannot_be_cut_is_an_alarm_before_the_cycle_moves_and_s_above_the_maximum_is_refused() {
+fn m1h_impossible_tap_is_an_alarm_before_motion_s_above_max_refused() {
     let third = "number = 3\nkind = \"linear\"\n";
     let motors = MOTORS.replace(third, &format!("{third}soft_limits = [-50.0, 50.0]\n"));
     let config = format!("[machine]\nname = \"test-1\"\n{motors}{COORDINATE_SYSTEMS}");
@@ -164,8 +165,8 @@ fn m1h_a_tap_that_cannot_be_cut_is_an_alarm_before_the_cycle_moves_and_s_above_t
 
 #[test]
 fn m1h_holes_beyond_a_soft_limit_are_an_alarm_before_the_first_is_tapped() {
-    // X is limited to -100 to 300: the second hole in G91 is beyond, the third of G90 is the first; the initial level
-    // to which G98 returns is within the limits, since the tool is already at it
+    // X is limited to -100 to 300: the second hole in G91 is outside, the third of G90 is the first; the
+    // initial level to which G98 returns is within the limits, because the tool is already there
     for (cycle, column) in [
         ("G91 G84 X200 Z-10 R-5 K2", Some(9)),
         ("G91 G99 G84 Z-10 R-5 Y1 X-50 K3", Some(25)),
@@ -244,8 +245,8 @@ fn in_phase(samples: &[(f64, f64)], level: f64, per_mm: f64) -> f64 {
 }
 
 #[test]
-fn m1h_a_hold_in_the_thread_is_holding_until_the_tool_is_out_and_keeps_the_phase() {
-    // on the way in, at the Z point, and on the way out
+fn m1h_hold_in_thread_stays_holding_until_tool_is_out_in_phase() {
+    // in the infeed, at the Z point, and in the retract
     for wait_ms in [1000, 3300, 5000] {
         let program = "F100 S300\nG98 G84 Z-10 R-5 P500\nG80\nM30\n";
         let samples = run(with_spindle, program, -5.0, async move |plc, samples| {
@@ -302,7 +303,7 @@ fn m1h_left_handed_threads_turn_the_other_way_and_overrides_do_not_act() {
 }
 
 #[test]
-fn m1h_f_above_the_maximum_feedrate_slows_z_and_the_spindle_and_keeps_the_pitch() {
+fn m1h_f_above_maximum_slows_z_and_spindle_and_keeps_the_pitch() {
     let slow = || {
         let systems = COORDINATE_SYSTEMS.replace("max_feedrate = 12000.0", "max_feedrate = 1000.0");
         Machine::with_config(&format!("[machine]\nname = \"test-1\"\n{MOTORS}{systems}"))
@@ -347,14 +348,14 @@ fn m1h_a_stop_in_the_thread_comes_to_rest_in_phase() {
 }
 
 #[test]
-fn m1h_without_a_spindle_a_hold_in_the_thread_lets_the_m_codes_of_the_way_out_pass() {
+fn m1h_without_spindle_a_hold_in_the_thread_passes_its_m_codes() {
     let program = "F100 S300\nG98 G84 Z-10 R-5 P500\nG80\nM30\n";
     run(without_spindle, program, -5.0, async |plc, samples| {
         let system = plc.coordinate_system(1);
         let begun_s = plc.now_s();
         system.hold().await.unwrap();
         let took_s = plc.now_s() - begun_s;
-        // all of both ways and the dwell, M04 between them
+        // the whole infeed, retract and dwell, with M04 between them
         let expected_s = 2.0 * way(5.0).end_s + 0.5;
         assert!(
             (expected_s - 0.02..expected_s + 0.02).contains(&took_s),

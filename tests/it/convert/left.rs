@@ -20,7 +20,7 @@ fn blocks_behind_one_that_is_left_mean_what_it_puts_in_force() {
     let converted = convert(text, Source::Fanuc, &NcOptions::default());
     let lines: Vec<u32> = converted.left.iter().map(|left| left.line).collect();
     assert_eq!(lines, [3, 4], "{:?}", converted.left);
-    // the way of X goes on at the feedrate, as that of A did
+    // the motion of X continues at the feedrate, as that of A did
     let converted = convert(
         "%\nG00X1.\nG01A90.F100.\nX5.\nM30\n",
         Source::Dgshape,
@@ -30,7 +30,7 @@ fn blocks_behind_one_that_is_left_mean_what_it_puts_in_force() {
     assert!(converted.text.contains("\nG01 X5\n"), "{}", converted.text);
 }
 
-/// FANUC: F, S, G01, G91 and the like stay in force whatever else their block does.
+/// FANUC: F, S, G01, G91 and similar words stay in force, independent of the other words of their block.
 #[test]
 fn what_stays_in_force_of_a_line_that_is_left_stands_before_its_comment() {
     for (line, kept) in [
@@ -52,7 +52,7 @@ fn what_stays_in_force_of_a_line_that_is_left_stands_before_its_comment() {
 }
 
 #[test]
-fn what_a_line_that_is_left_does_not_put_in_force_for_sure_is_left_with_it() {
+fn unconverted_line_leaves_out_its_uncertain_modal_words_too() {
     for line in [
         "IF [#1 EQ 2] THEN F200.",
         "#1 = 5 F200.",
@@ -86,7 +86,7 @@ fn a_block_that_may_be_skipped_may_name_what_is_in_force() {
     }
 }
 
-/// FANUC, G86: the spindle rests on the way up, and turns again above the hole.
+/// FANUC, G86: the spindle stops during the retract, and turns again above the hole.
 #[test]
 fn g86_of_fanuc_stops_the_spindle_at_the_bottom() {
     for (start, again) in [("M03", "M03"), ("M04", "M04"), ("M08", "M03")] {

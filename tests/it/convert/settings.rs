@@ -7,7 +7,8 @@ use tandem_model::settings::{CoordinateSystemSettings, Unit};
 use super::{Random, blocks};
 use crate::dgshape::{MACHINE, machine_settings, settings, steps};
 
-/// Each setting of dialect dgshape and the unit: a converted program runs as the native one does, or a finding says why not.
+/// For each setting of dialect dgshape and the unit, a converted program runs as the native one does, or a
+/// finding states the difference.
 #[test]
 fn every_setting_of_dgshape_is_converted_or_reported() {
     let keys = [

@@ -1,4 +1,5 @@
-//! Files that are exchanged, removed, or of an older copy or another machine; the question about them, and its answers.
+//! Files that are exchanged, removed, from an older copy or from another machine; the question about them,
+//! and its answers.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -24,11 +25,11 @@ use crate::support::wait::until;
 /// Rounds of each run of the campaign of exchanged and older files; with `TANDEM_LONG`, 1000.
 const EXCHANGES: u64 = 40;
 
-/// Data folders that files are taken from.
+/// Data folders from which files are taken.
 struct Sources {
-    /// As the kill has left it.
+    /// The folder after the kill.
     good: PathBuf,
-    /// Older copies: of an earlier start, and of a moment of the same start.
+    /// Older copies: from an earlier start, and from an earlier moment of the same start.
     older: Vec<PathBuf>,
     /// Folder of a machine of another name, with other values.
     other: PathBuf,
@@ -59,7 +60,7 @@ fn exchange(sources: &Sources, path: &Path, original: &Path, random: &mut Random
     format!("{} is replaced by {}", name.display(), from.display())
 }
 
-/// The sources, and what a start says of the good folder.
+/// Returns the sources, and the messages of a start with the good folder.
 async fn sources(machine: &Machine) -> (Sources, Values) {
     let data = machine.path("tandem-data");
     let sources = Sources {
@@ -105,7 +106,7 @@ async fn question(plc: &Plc) -> Option<StoredDataQuestion> {
     stored.question.clone()
 }
 
-/// Value of the clamp, and whether it is unknown what the output did.
+/// Returns the value of the clamp, and whether the state of the output is unknown.
 async fn clamp(plc: &Plc) -> (bool, bool) {
     let state = plc.io_out("clamp").state().await.unwrap();
     (state.value.is_on(), state.unknown)
@@ -177,7 +178,7 @@ async fn exchanged_and_older_files_give_no_wrong_value_without_a_message() {
     eprintln!("{rounds} rounds, {} values in each: {figures:?}", kept.len());
 }
 
-/// A folder of which half a backup was restored.
+/// Creates a folder into which half of a backup was restored.
 async fn half_a_backup(machine: &Machine) -> Values {
     let (sources, kept) = sources(machine).await;
     let data = machine.path("tandem-data");
@@ -315,7 +316,7 @@ async fn a_whole_backup_and_a_copy_for_another_machine_are_restored() {
     plc.port().ask(typed::AnswerStoredData(accept)).await.unwrap();
     let mut found = read(&plc).await;
     let mut expected = older;
-    // how the last run ended is not taken over
+    // the end of the last run is not taken over
     found.remove("the last run");
     expected.remove("the last run");
     // an answer moves no output: it is unknown until it is written

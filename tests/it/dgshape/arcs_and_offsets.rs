@@ -8,7 +8,7 @@ const NONE: [&str; 0] = [];
 fn dgshape_g02_and_g03_move_on_arcs_of_three_planes() {
     assert_eq!(run("G17G02X10.Y10.I10.F60."), ["cw X10 Y10 about 10 0"]);
     assert_eq!(run("G17G91G03X10.Y10.J10.F60."), ["ccw X10 Y10 about 0 10"]);
-    // a circle where the target is where the tool is
+    // a full circle, because the target is the position of the tool
     assert_eq!(run("G02X0Y0I5.F60."), ["cw about 5 0"]);
     // by radius: up to half a circle, and beyond with a negative one
     assert_eq!(run("G02X10.Y10.R10.F60."), ["cw X10 Y10 about 10 0"]);
@@ -59,7 +59,7 @@ fn dgshape_g43_with_h0_cancels_as_g49_does() {
     assert_eq!(findings("G43H0G53Z20.").len(), 0);
     assert_eq!(findings("G43H1\nG53Z20."), ["E0120"]);
     assert_eq!(findings("G43H0\nG43H2\nG53Z20."), ["E0120"]);
-    // where a block that may be skipped cancels it, one way is wrong
+    // if a block that may be skipped cancels it, one of both cases is wrong
     assert_eq!(findings("G43H1\n/G43H0\nG53Z20."), ["W0009"]);
     assert_eq!(findings("G43H0\n/G43H1\nG53Z20."), ["W0009"]);
 }
@@ -90,15 +90,15 @@ fn dgshape_g43_moves_by_the_offset() {
 
 #[test]
 fn dgshape_2_5_f_is_the_speed_of_the_surface_about_a() {
-    // 10 mm from the centre, 90 degrees are pi/2 * 10 mm of way
+    // 10 mm from the centre, 90 degrees are a path of pi/2 * 10 mm
     let seconds = |blocks: &str| way_s(blocks);
     assert!((seconds("G00Y6.Z8.\nG01A90.F60.") - 10.0 * std::f64::consts::FRAC_PI_2).abs() < 1e-9);
-    // the radius counts where the block begins: Z at rest below, above it faster
+    // the radius at the beginning of the block applies: with Z lower A is slower, with Z higher faster
     assert!((seconds("G00Z5.\nG01A90.F60.") - 5.0 * std::f64::consts::FRAC_PI_2).abs() < 1e-9);
-    // with a linear axis both ways count together: 3 mm and 4 mm of surface
+    // with a linear axis both distances are combined: 3 mm and 4 mm on the surface
     let blocks = format!("G00Z10.\nG01X3.0A{:.6}F60.", (0.4_f64).to_degrees());
     assert!((seconds(&blocks) - 5.0).abs() < 1e-6);
-    // where Z is highest, and in the centre, A turns at 90 degrees/s whatever F says
+    // at the highest Z, and in the centre, A turns at 90 degrees/s with any F
     assert!((seconds("G00Z100.\nG01A90.F1.0") - 1.0).abs() < 1e-9);
     assert!((seconds("G01A90.F1.0") - 1.0).abs() < 1e-9);
 }

@@ -1,4 +1,4 @@
-//! Dialect dgshape by hand: manual data input and the way home.
+//! Dialect dgshape by hand: manual data input and homing.
 
 use std::sync::{Arc, Mutex};
 

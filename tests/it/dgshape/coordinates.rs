@@ -1,4 +1,4 @@
-//! G00, G10, G28, G50, G51, G53 to G59 and G92: where coordinates lie.
+//! G00, G10, G28, G50, G51, G53 to G59 and G92: positions of coordinate systems.
 
 use super::{alarm, findings, run};
 
@@ -65,7 +65,7 @@ fn dgshape_g28_goes_by_a_remembered_middle_point() {
     assert_eq!(run("G28"), NONE, "no coordinate at all: no motion");
     assert_eq!(findings("G28A0"), ["E0108"]);
     assert_eq!(findings("G28B0"), ["E0007"]);
-    // with a tool-length offset it goes there all the same
+    // with a tool-length offset it also moves there
     assert_eq!(run("G43H1Z0\nG91G28Z0")[1..], ["rapid Z100"]);
 }
 
@@ -76,7 +76,7 @@ fn dgshape_g53_moves_in_machine_coordinates_in_g90_only() {
     assert_eq!(findings("G91\nG90G53Z0"), NONE, "the last code of the group");
     assert_eq!(findings("G43H1Z0\nG53Z0"), ["E0120"]);
     assert_eq!(findings("G41D1G00X1.0\nX5.0\nG53Z0\nG40X0"), ["E0119"]);
-    // it is for its block alone, and scaling stays
+    // it applies to its block only, and scaling stays
     assert_eq!(run("G51X0Y0Z0P2.0\nG53X5.0\nG00X1.0"), ["rapid X5", "rapid X2"]);
 }
 
@@ -86,7 +86,7 @@ fn dgshape_g51_scales_about_a_point_by_one_factor() {
         run("G51X10.Y10.Z0P0.5\nG00X20.Y10.\nG50\nG00X20."),
         ["rapid X15 Y10", "rapid X20 Y10"]
     );
-    // without a point: where the tool is
+    // without a point: the position of the tool
     assert_eq!(run("G00X10.\nG51P2.0\nX11."), ["rapid X10", "rapid X12"]);
     // less than 0.001 is treated as 0.001, more than 999.999 as 999.999
     assert_eq!(run("G51X0Y0Z0P0.0001\nG00X1000."), ["rapid X1"]);

@@ -4,7 +4,7 @@ use super::{findings, run, run_with};
 
 const NONE: [&str; 0] = [];
 
-/// Z of each move behind the first block, with `r` for a rapid and `f` for a feed, and dwells.
+/// Returns Z of each move after the first block, with `r` for a rapid and `f` for a feed, and dwells.
 fn levels(blocks: &str) -> Vec<String> {
     levels_of(&run(&format!("G00Z10.M03\nF60.\n{blocks}")))
 }
@@ -37,7 +37,7 @@ fn dgshape_g81_drills_and_returns_to_the_level_that_g98_or_g99_says() {
 }
 
 #[test]
-fn dgshape_g81_without_z_does_not_drill_and_without_r_starts_at_the_initial_level() {
+fn dgshape_g81_without_z_skips_drilling_without_r_uses_initial_level() {
     assert_eq!(levels("G81X5.R2."), ["r10"]);
     assert_eq!(levels("G81X5.Z-3."), ["r10", "f-3", "r10"]);
 }

@@ -34,7 +34,7 @@ fn dgshape_1_1_a_program_ends_with_m02_or_m30() {
 }
 
 #[test]
-fn dgshape_2_6_a_program_number_has_eight_digits_and_stands_once_and_alone() {
+fn dgshape_2_6_program_number_has_eight_digits_once_and_alone() {
     let number = |text: &str| parse(text.to_owned(), (dgshape().grammar)()).0.number();
     assert_eq!(number("%\nO00000100\nM30\n"), Some(100));
     assert_eq!(number("%\no1\nM30\n"), Some(1));

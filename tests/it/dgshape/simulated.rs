@@ -37,7 +37,8 @@ fn dgshape_g00_is_straight_and_as_fast_as_the_motors_can_together() {
 
 #[test]
 fn dgshape_1_4_the_override_gives_a_part_of_the_feedrate_that_is_written() {
-    // 50 mm at 600 mm/min take 5 s, and the ramps less than 20 ms; an override stretches the time of the whole way
+    // 50 mm at 600 mm/min take 5 s, and the ramps less than 20 ms; an override stretches the time of the
+    // whole path
     for (percent, part) in [("100", 1.0), ("50", 0.5), ("10", 0.1)] {
         let options = ["--feed-override", percent];
         let ran = simulate_on(&machine(""), &program("G01X50.0F600.0"), &options).completed();
@@ -77,7 +78,7 @@ fn dgshape_1_4_the_override_of_the_spindle_keeps_within_its_speeds() {
 }
 
 #[test]
-fn dgshape_2_7_outputs_go_with_the_motion_of_their_block_unless_a_setting_says_otherwise() {
+fn dgshape_2_7_outputs_act_with_the_motion_unless_configured() {
     let blocks = program("G00X10.\nM06T2X20.\nX30.");
     let timing = |more: &str| {
         let ran = simulate_on(&machine(more), &blocks, &[]).completed();
@@ -86,7 +87,7 @@ fn dgshape_2_7_outputs_go_with_the_motion_of_their_block_unless_a_setting_says_o
             (output["m"].as_u64(), output["params"]["A"].as_f64()),
             (Some(6), Some(2.0))
         );
-        // it is made when the motion has come to its block
+        // it is issued when the motion has reached its block
         assert_eq!(ran.at_outputs(0), [10.0]);
         (output["timing"].as_str().unwrap().to_owned(), ran.cycle_time_s())
     };
@@ -97,7 +98,8 @@ fn dgshape_2_7_outputs_go_with_the_motion_of_their_block_unless_a_setting_says_o
         (with_motion.as_str(), after_motion.as_str()),
         ("with_motion", "after_motion")
     );
-    // the end of the program waits for the reset in both; behind after_motion so does the motion
+    // the end of the program waits for the reset in both cases; with after_motion the following motion waits,
+    // too
     assert!(later_s - sooner_s > 0.3, "{sooner_s} {later_s}");
 }
 
@@ -117,7 +119,7 @@ fn dgshape_m_codes_with_settings_are_outputs() {
 
 #[test]
 fn dgshape_in_tool_diameter_offset_each_block_is_told_where_it_begins() {
-    // behind the arc a line goes on to where the next block begins
+    // after the arc a line continues to the beginning of the next block
     let blocks = program(
         "G10P1R3.\nG91G41D01G00X8.Y8.\nG01Z-7.F600.\nY35.\nX45.\nG03X15.Y-15.I15.\nG01Y-20.\nX-60.\nG40G00X-8.Y-8.",
     );

@@ -6,7 +6,7 @@ const NONE: [&str; 0] = [];
 
 #[test]
 fn dgshape_1_6_the_sample_program_goes_where_its_offset_leads() {
-    // the corners of the contour, 3 mm to the left of it: all turns are outside ones of 90 degrees
+    // the corners of the contour, offset by 3 mm to the left: all turns are outside turns of 90 degrees
     let blocks = "G91\nG92X0Y0Z0\nG10P1R3.0\nG00Z5.0\nF300.0S6000M03\nG17G41D01G00X8.0Y8.0\nG01Z-7.0\nY35.0\nX45.0\n\
                   G03X15.0Y-15.0I15.0\nG01Y-20.0\nX-60.0\nZ7.0\nG40G00X-8.0Y-8.0\nM05";
     assert_eq!(
@@ -112,11 +112,11 @@ fn dgshape_restrictions_1_to_9_of_tool_diameter_offset() {
 /// 2-2, restriction 6: an offset value that is larger than the radius of the arc is an error; the radius itself is none.
 #[test]
 fn dgshape_a_tool_as_large_as_an_inside_arc_turns_in_its_centre() {
-    // up X 10 and left about (7, 10): the tool of radius 3 comes to (7, 10), and goes on along Y 10
+    // up along X 10 and left about (7, 10): the tool of radius 3 reaches (7, 10), and continues along Y 10
     let blocks = |radius: &str| {
         format!("F60.\nG10P9R{radius}\nG41D9G00X10.\nG01Y10.\nG03X7.Y13.I-3.\nG01X-5.\nG40G00X-20.")
     };
-    // the arc is no way
+    // the arc has no length
     assert_eq!(
         run(&blocks("3.0")),
         [
@@ -135,7 +135,7 @@ fn dgshape_a_tool_as_large_as_an_inside_arc_turns_in_its_centre() {
 
 #[test]
 fn dgshape_overcuts_are_not_looked_for() {
-    // a groove of 4 mm for a tool of radius 3, which goes back on the line between
+    // a groove of 4 mm for a tool of radius 3, which moves back on the line between
     let done = run("F60.\nG41D1G00X10.\nG01Y10.\nX6.\nY0\nG40G00X0");
     assert_eq!(
         done[..4],
@@ -170,7 +170,7 @@ fn dgshape_outside_starts_are_of_type_a_or_b() {
     let acute = first(b, "X0Y-10.");
     assert_eq!(acute[0], "line X13 Y3 F60");
     assert_eq!(acute[1], format!("line X{} F60", six(10.0 + 2.0 * r)));
-    // on the inside, and within 1 degree of a reversal, both types are the same
+    // on the inside, and within 1 degree of a reversal, both types are equal
     for direction in ["Y20.", "X0Y-0.1"] {
         assert_eq!(first(a, direction)[0], first(b, direction)[0], "{direction}");
     }
@@ -227,7 +227,7 @@ fn dgshape_outside_ends_are_of_type_a_or_b() {
         );
         done.unwrap()
     };
-    // the ways of the starts backwards, on the other side: a turn of 90 degrees
+    // the paths of the starts in reverse, on the other side: a turn of 90 degrees
     let obtuse = "G00X10.Y-40.\nG42D1G01Y-30.\nY0\nG40X0";
     let head = ["rapid X10 Y-40", "line X13 Y-30 F60"];
     assert_eq!(
@@ -238,7 +238,7 @@ fn dgshape_outside_ends_are_of_type_a_or_b() {
         done("b", obtuse),
         [head.as_slice(), &["line X13 Y3 F60", "line F60"]].concat()
     );
-    // and of 135
+    // and a turn of 135 degrees
     let r = 3.0 * std::f64::consts::FRAC_1_SQRT_2;
     let acute = "G00X-10.Y-20.\nG42D1G01X0Y-10.\nX10.Y0\nG40X0";
     let beside = format!("line X{} Y{} F60", six(10.0 + r), six(-r));
@@ -267,7 +267,7 @@ fn dgshape_starts_before_arcs_and_ends_behind_them_are_of_type_a_or_b() {
         done("b", into_arc),
         [["line X7 Y3 F60"].as_slice(), &arc].concat()
     );
-    // the same backwards
+    // the same path in reverse
     let out_of_arc = "G00X20.Y-30.\nG42D1G01Y-10.\nG03X10.Y0I-10.\nG40G01Y-20.";
     let arc = ["line X23 Y-10 F60", "ccw X10 Y3 about 10 -10"];
     let out = "line X10 Y-20 F60";

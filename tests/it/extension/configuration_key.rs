@@ -1,5 +1,5 @@
-//! A configuration key costs a field with its meaning, its range, and the setting that takes its value: beyond the
-//! configuration nothing knows the word that users write.
+//! A configuration key costs a field with its meaning, its range, and the setting that takes its value: no
+//! code outside of the configuration contains the word that users write.
 
 use std::path::PathBuf;
 

@@ -49,7 +49,7 @@ fn moves(text: &str) -> Vec<String> {
 }
 
 #[test]
-fn the_holes_of_a_cycle_of_ones_own_are_drilled_from_the_r_point_to_the_z_point() {
+fn custom_cycle_drills_its_holes_from_r_point_to_z_point() {
     let text = "G00 X0 Y0 Z10\nG99 G81 X10 Y20 Z-5 R2 F100\nX30\nG98 X40\nG80\nG00 X0\nM30\n";
     assert_eq!(findings(text, &DRILLING_SHOP), Vec::<&str>::new());
     assert_eq!(
@@ -76,14 +76,14 @@ fn the_holes_of_a_cycle_of_ones_own_are_drilled_from_the_r_point_to_the_z_point(
     );
 }
 
-/// Where X, Y and Z of a motion are after a time.
+/// Returns the positions of X, Y and Z in a motion after a time.
 fn at(profile: &Profile, t_s: f64) -> [f64; 3] {
     let position = profile.position(t_s);
     [Axis::X, Axis::Y, Axis::Z].map(|axis| (position[axis] * 1e9).round() / 1e9)
 }
 
 #[test]
-fn the_motors_go_to_the_holes_down_to_the_z_point_and_back_by_the_definition_of_the_cycle() {
+fn motors_follow_the_steps_of_a_custom_cycle() {
     let text = "G00 X0 Y0 Z10\nta100 td100 ts0 G99 G81 X10 Y20 Z-5 R2 F600\nX30\nG98 X40\nG80\nM30\n";
     let profiles = profiles(text, &DRILLING_SHOP);
     let ends: Vec<_> = profiles.iter().map(|one| at(one, one.duration_s)).collect();
@@ -92,7 +92,7 @@ fn the_motors_go_to_the_holes_down_to_the_z_point_and_back_by_the_definition_of_
         ends,
         [
             [0.0, 0.0, initial],
-            // G99: from the initial level to the first hole, then from R point to R point
+            // G99: from the initial level to the first hole, then between R points
             [10.0, 20.0, initial],
             [10.0, 20.0, r],
             [10.0, 20.0, z],
@@ -100,7 +100,7 @@ fn the_motors_go_to_the_holes_down_to_the_z_point_and_back_by_the_definition_of_
             [30.0, 20.0, r],
             [30.0, 20.0, z],
             [30.0, 20.0, r],
-            // G98: back to where Z was when the cycle began
+            // G98: back to the Z position at the beginning of the cycle
             [40.0, 20.0, r],
             [40.0, 20.0, z],
             [40.0, 20.0, initial],

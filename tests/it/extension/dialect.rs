@@ -134,16 +134,16 @@ fn restrictions_follow_their_meaning_and_name_the_codes_of_the_dialect() {
     one(
         "G141 X9\nM100 VA1\nG140 X0\nM30\n",
         "the program waits during cutter compensation",
-        "Write it before G141 or G142, or behind the lead-out.",
+        "Write it before G141 or G142, or after the lead-out.",
     );
     one(
         "G141 X9\nG28\nG140 X0\nM30\n",
-        "G28 stands during cutter compensation",
+        "G28 is not allowed during cutter compensation",
         "Write G140 and a lead-out before it.",
     );
     one(
         "G184 X1 Z-5 R2\nG90\nG180\nM30\n",
-        "G90 stands in a fixed cycle",
+        "G90 is not allowed in a fixed cycle",
         "Write G180 before it.",
     );
     assert_eq!(findings("G41\nM30\n", &RENAMED), ["E0101"], "not in this dialect");

@@ -1,4 +1,5 @@
-//! A bus to drives of one's own costs a file: `DriveBus` implemented, and given to the runtime by a factory.
+//! A custom bus to drives costs one file: an implementation of `DriveBus`, and a factory that passes it to
+//! the runtime.
 
 use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -19,7 +20,7 @@ use crate::support::machine::{Machine, bench};
 
 const PROGRAM: &str = "G00 X40 Y10\nG01 Z-5 F3000\nG500\nX50 Y20\nX60 Y10\nG02 X70 Y20 I10\nM30\n";
 
-/// Drives that are where they were commanded; of the first motor a fault can be made.
+/// Drives at their commanded positions; a fault of the first motor can be injected.
 #[derive(Debug, Default)]
 struct Following {
     fault: Arc<AtomicU16>,
@@ -41,7 +42,7 @@ impl DriveBus for Following {
     }
 }
 
-/// Drives of absolute encoders, all but the fourth motor's at this position.
+/// Drives with absolute encoders, all at this position except that of the fourth motor.
 fn standing_at(position: f64) -> HardwareFactory {
     Box::new(move |systems: &[&CoordinateSystemSettings]| {
         let motors = systems.iter().flat_map(|system| system.motors.iter().flatten());
@@ -55,7 +56,8 @@ fn standing_at(position: f64) -> HardwareFactory {
     })
 }
 
-/// Runs a program; gives the position before its start and those of each servo cycle from its start on, X, Y, Z.
+/// Runs a program; returns the position before its start and those of each servo cycle from its start on, X,
+/// Y, Z.
 fn run(hardware: Option<HardwareFactory>, program: &'static str) -> ([f64; 3], Vec<[f64; 3]>) {
     let trace = Arc::<Mutex<Vec<_>>>::default();
     let sink = Arc::clone(&trace);
@@ -130,7 +132,7 @@ fn simulated_drives_are_homed_from_the_start() {
 }
 
 #[test]
-fn a_drive_fault_stops_the_run_with_its_alarm_and_after_a_reset_it_runs_again() {
+fn drive_fault_stops_the_run_and_a_reset_allows_the_next_run() {
     let fault = Arc::<AtomicU16>::default();
     let of_bus = Arc::clone(&fault);
     let bench = bench("").hardware(Box::new(move |systems: &[&CoordinateSystemSettings]| {
@@ -167,7 +169,7 @@ fn a_drive_fault_stops_the_run_with_its_alarm_and_after_a_reset_it_runs_again() 
     played.unwrap();
 }
 
-/// Drives that come to rest without commands; in the exchange that comes next, the servo waits.
+/// Drives that stop without commands; the servo waits in the next exchange.
 #[derive(Debug, Default)]
 struct Stalling {
     drives: Following,
@@ -241,7 +243,7 @@ fn hardware_that_does_not_come_up_keeps_the_machine_from_starting() {
     let factory = Box::new(|_: &[&CoordinateSystemSettings]| Err(std::io::Error::other("no link on port 2")));
     let played = bench("").hardware(factory).play(async |_, _| ());
     let error = played.unwrap_err().to_string();
-    assert_eq!(error, "the hardware does not start: no link on port 2");
+    assert_eq!(error, "the hardware cannot be started: no link on port 2");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! G81: a drilling cycle of a dialect of one's own, in one file.
+//! G81: a drilling cycle of a custom dialect, in one file.
 
 use tandem_interp::codes::{Code, ModalGroup, WordSpec, cycle_words};
 use tandem_interp::fixed_cycles::{Cycle, Level, Step, Steps};

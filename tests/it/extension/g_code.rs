@@ -1,4 +1,4 @@
-//! A G code costs one static, a dialect one more: checker and interpreter take both from outside.
+//! A G code costs one static, a dialect another one: checker and interpreter accept both from outside.
 
 use std::path::PathBuf;
 use tandem_interp::Dialect;
@@ -21,7 +21,7 @@ use tandem_syntax::{Address, Grammar};
 use super::runs::{blocks, findings};
 use super::{costs, files_where};
 
-/// G07 K: up by K mm, whatever G90 or G91 says.
+/// G07 K: up by K mm, with G90 and G91.
 static G07: Code = Code {
     code: "G07",
     name: "Lift",

@@ -1,4 +1,4 @@
-//! An M-code handler costs one function of the user's, and is tried out in simulated time.
+//! A handler of an M code costs one function of the user, and is tested in simulated time.
 
 use std::time::Duration;
 
@@ -15,7 +15,7 @@ async fn blow(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     Ok(())
 }
 
-/// Runs a program with the handler; gives how it ended, when, and the alarm's text.
+/// Runs a program with the handler; returns the kind and the time of its end, and the alarm's text.
 fn run(program: &'static str) -> (Execution, f64, Option<String>) {
     let bench = Bench::new().serve(SequenceProgram::new().on(150, blow));
     let played = bench.subprogram(500, program).play(async |scene, _| {

@@ -1,13 +1,14 @@
-//! A card of the HMI costs one file and, in the list of views, its import and its place: nothing else names it.
+//! A card of the HMI costs one file and, in the list of views, its import and its place: no other file names
+//! it.
 
 use std::path::Path;
 
 use super::{costs, files_where};
-use crate::tidy::read;
+use tandem_tidy::read;
 
 const LIST: &str = "web/views/index.js";
 
-/// Where a card may stand: the places that `main.js` builds.
+/// Places for a card, which `main.js` builds.
 fn places(main: &str) -> Vec<&str> {
     let build = main.split_once("const places = {").unwrap().1;
     let build = build.split_once("};").unwrap().0;

@@ -68,7 +68,7 @@ fn the_last_code_of_a_group_holds_or_two_are_an_error() {
     assert_eq!(findings(text, &AS_WRITTEN), ["E0106", "E0106"]);
     assert_eq!(findings(text, &LAST_HOLDS), Vec::<&str>::new());
     assert_eq!(moves(text, &LAST_HOLDS), ["linear X5"]);
-    // codes without a group are no rivals for which one could hold
+    // codes without a group do not exclude each other
     assert_eq!(findings("G28 G28\nM30\n", &LAST_HOLDS), ["E0106"]);
 }
 
@@ -107,7 +107,7 @@ fn a_length_without_a_point_is_as_written_or_in_increments() {
         findings("G00 X0\nY0\nG02 X10. R4000\nM30\n", &MICROMETRES),
         ["E0122"]
     );
-    // numbers without a point have at most eight digits, and the range of the word counts what they mean
+    // numbers without a point have at most eight digits, and the range of the word applies to their meaning
     assert_eq!(findings("X99999999\nM30\n", &MICROMETRES), Vec::<&str>::new());
     assert_eq!(findings("X999999999\nM30\n", &MICROMETRES), ["E0109"]);
     assert_eq!(findings("X99999999\nM30\n", &AS_WRITTEN), ["E0109"]);

@@ -1,5 +1,5 @@
-//! A request costs its row with its answer, its row on the wires, and what carries it out: clients, server ends, rights and
-//! the documents of the interface follow.
+//! A request costs its row with its answer, its row on the wires, and the code that executes it: clients,
+//! server ends, rights and the documents of the interface follow.
 
 use std::path::PathBuf;
 
@@ -17,7 +17,7 @@ fn is_name(letter: char) -> bool {
     letter.is_alphanumeric() || letter == '_'
 }
 
-/// Product files whose code is as wanted.
+/// Returns product files with matching code.
 fn files(names_it: impl Fn(&str) -> bool) -> Vec<PathBuf> {
     let mut found = files_where("runtime", ".rs", &names_it);
     found.extend(files_where("plc-api", ".rs", names_it));
@@ -25,8 +25,8 @@ fn files(names_it: impl Fn(&str) -> bool) -> Vec<PathBuf> {
     found
 }
 
-/// Product files that name a request as one of those who carry it out, as its row, or on a wire. Clients that send it are
-/// not its cost.
+/// Returns product files that name a request because they execute it, contain its row, or are part of a wire.
+/// Clients that send it are not counted.
 fn naming(kind: &str, request: &str) -> Vec<PathBuf> {
     let names = |code: &str, variant: &str| {
         code.split(|letter| !is_name(letter) && letter != ':')
@@ -55,7 +55,7 @@ fn sorted<const N: usize>(files: [&str; N]) -> Vec<PathBuf> {
 }
 
 #[test]
-fn a_request_that_the_machine_carries_out_is_named_by_its_two_rows_and_there() {
+fn machine_request_is_named_in_its_two_rows_and_in_the_port() {
     for request in ["IntermediateCode", "CheckProgram"] {
         let whole_word = |code: &str| code.split(|letter| !is_name(letter)).any(|word| word == request);
         assert_eq!(files(whole_word), sorted([REQUESTS, WIRE, PORT]), "{request}");
@@ -77,8 +77,7 @@ fn a_request_about_an_output_is_named_by_its_two_rows_and_by_the_ledger() {
 }
 
 #[test]
-fn a_request_that_a_coordinate_system_carries_out_is_named_there_and_by_the_scripted_machine_if_that_does_the_same()
- {
+fn coordinate_system_request_is_named_in_its_documented_files_only() {
     let files = [REQUESTS, WIRE, COORDINATE_SYSTEM, FAKE, SPEAKER];
     assert_eq!(naming("CoordinateSystemRequest", "Spindle"), sorted(files));
     assert_eq!(costs("a request to a coordinate system"), files);

@@ -1,4 +1,4 @@
-//! A program of a dialect of one's own, checked and interpreted.
+//! A program of a custom dialect, checked and interpreted.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -64,7 +64,7 @@ pub fn items(text: &str, dialect: &'static Dialect) -> Result<Vec<Item>, Alarm> 
     }
 }
 
-/// The blocks among what a program gives.
+/// Returns the blocks among the items of a program.
 pub fn blocks(text: &str, dialect: &'static Dialect) -> Vec<Block> {
     let items = items(text, dialect).unwrap().into_iter();
     let blocks = items.filter_map(|item| match item {
@@ -74,8 +74,8 @@ pub fn blocks(text: &str, dialect: &'static Dialect) -> Vec<Block> {
     blocks.collect()
 }
 
-/// The motion of a program from machine position 0 to its end, each profile from rest to rest: what its blocks are for
-/// the path stage and the planner.
+/// Returns the motion of a program from machine position 0 to its end, each profile from rest to rest, as
+/// path stage and planner produce it.
 pub fn profiles(text: &str, dialect: &'static Dialect) -> Vec<Profile> {
     let machine = Config::demo().resolve().unwrap();
     let settings = &machine.coordinate_systems[0].settings;

@@ -1,4 +1,5 @@
-//! A spindle of one's own costs a file: `Spindle` implemented, and given to the runtime by a factory.
+//! A custom spindle costs one file: an implementation of `Spindle`, and a factory that passes it to the
+//! runtime.
 
 use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex};
@@ -23,7 +24,7 @@ struct Drive {
     fault: AtomicU16,
     /// r/min, clockwise positive; bits of a number.
     rpm: AtomicU64,
-    /// On the way in a thread, clockwise positive; bits of a number.
+    /// Revolutions in a thread, clockwise positive; bits of a number.
     revolutions: AtomicU64,
 }
 
@@ -124,7 +125,7 @@ fn a_spindle_of_ones_own_turns_with_m03_and_follows_the_thread_of_g84() {
         let mut in_thread = of_cycle.iter().filter(|[z, ..]| *z < -5.000_001).peekable();
         assert!(in_thread.peek().is_some());
         for [z, rpm, revolutions] in in_thread {
-            // on the way out they count from the bottom
+            // in the retract they count from the bottom
             let (on_the_way_in, on_the_way_out) = (3.0 * (-5.0 - z), -3.0 * (z + 10.0));
             let off = |expected: f64| (revolutions - expected).abs();
             assert!(
@@ -138,7 +139,7 @@ fn a_spindle_of_ones_own_turns_with_m03_and_follows_the_thread_of_g84() {
 }
 
 #[test]
-fn a_fault_of_its_drive_stops_the_run_with_its_alarm_and_after_a_reset_it_turns_again() {
+fn spindle_drive_fault_stops_the_run_and_a_reset_lets_it_turn_again() {
     let drive = Arc::<Drive>::default();
     let played = machine(&drive, "S500 M03\nG01 X60 F600\nM30\n").play(async move |scene, _| {
         let (plc, system) = (scene.plc(), scene.cs(1));

@@ -1,5 +1,5 @@
-//! A transport of one's own: a client end that implements `Port`, and a server end that serves any `Port`. Between
-//! them only texts and requests pass, as over a wire. The sequence program does not know.
+//! A custom transport: a client end that implements `Port`, and a server end that serves any `Port`. Between
+//! them only texts and requests pass, as over a wire. The sequence program is independent of the transport.
 
 use std::path::Path;
 use std::sync::Arc;

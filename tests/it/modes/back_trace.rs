@@ -14,7 +14,7 @@ fn g500(program: &str) -> String {
     format!("G64 G500 {program}")
 }
 
-/// Goes back to the end of the way, and gives the lines of the blocks on it, each once in a row.
+/// Moves back to the end of the path, and returns the lines of its blocks, without successive duplicates.
 async fn to_the_end(rig: &Rig) -> Vec<u32> {
     rig.cs.back_trace(true).await.unwrap();
     let mut lines = Vec::new();
@@ -135,7 +135,7 @@ fn the_rapid_override_acts_on_a_rapid_that_is_gone_back() {
 }
 
 #[test]
-fn back_trace_passes_rapids_dwells_exact_stops_and_blocks_without_movement() {
+fn back_trace_passes_rapids_dwells_exact_stops_and_empty_blocks() {
     on_machine("", |rig| async move {
         let program = "ta50 td50 ts0 G00 X10 Y5\nG01 F3000 X20\nG04 P300\nG91 G53 G00 X10\nG90\nG01 G09 X40\nG61 \
                        X50\nG64 F2400\nS100\nG04 P200\nX60\nX90\nM30\n";
@@ -151,7 +151,11 @@ fn back_trace_passes_rapids_dwells_exact_stops_and_blocks_without_movement() {
         let back = rig.trace();
         assert!(back.len() < forward.len() - 400, "the dwells are not waited for");
         let refusal = refused(rig.cs.back_trace(true).await, RefusalCode::NotAllowed);
-        assert!(refusal.text.contains("no way back"), "{}", refusal.text);
+        assert!(
+            refusal.text.contains("back trace cannot go back"),
+            "{}",
+            refusal.text
+        );
         rig.cs.resume().await.unwrap();
         rig.until(Execution::ProgramCompleted).await;
         close(rig.at().await, [90.0, 5.0, 0.0]);
@@ -165,7 +169,7 @@ fn back_trace_passes_rapids_dwells_exact_stops_and_blocks_without_movement() {
 }
 
 #[test]
-fn back_trace_passes_the_way_to_a_reference_point_and_m00_which_stops_no_second_time() {
+fn back_trace_passes_g28_and_m00_and_m00_does_not_stop_again() {
     on_machine("", |rig| async move {
         rig.start(&g500("G00 X10 Y5\nG28 X20 Y10\nM00\nG01 X30 F3000\nM30\n"))
             .await;
@@ -255,9 +259,9 @@ fn back_trace_ends_at_g501_a_skip_and_a_thread() {
 }
 
 #[test]
-fn back_trace_that_turns_round_at_once_at_the_end_of_a_block_lets_the_program_go_on() {
+fn back_trace_reversed_at_a_block_end_lets_the_program_continue() {
     on_machine("", |rig| async move {
-        // 0.22 s and up to three periods; a hold just before its end comes when the block is over.
+        // 0.22 s and up to three periods; a hold just before its end arrives after the block.
         let mut at_the_end = 0;
         for moment_ms in 210_u32..230 {
             rig.start(&g500("ta20 td20 ts0 G01 F3000 X10\nM00\nX20\nM30\n"))
@@ -329,7 +333,11 @@ fn back_trace_rests_at_the_end_of_its_way_and_says_so() {
         assert_eq!(state.reason, Some(Reason::BackTraceEnd));
         close(rig.at().await, [0.0, 0.0, 0.0]);
         let refusal = refused(rig.cs.back_trace(true).await, RefusalCode::NotAllowed);
-        assert!(refusal.text.contains("no way back"), "{}", refusal.text);
+        assert!(
+            refusal.text.contains("back trace cannot go back"),
+            "{}",
+            refusal.text
+        );
         rig.cs.resume().await.unwrap();
         rig.until(Execution::ProgramCompleted).await;
         close(rig.at().await, [40.0, 40.0, 0.0]);
@@ -452,7 +460,7 @@ impl Random {
     }
 }
 
-/// How far a point is from the nearest straight line between two samples, mm.
+/// Returns the distance of a point from the nearest straight line between two samples, mm.
 fn off_the_samples(point: Point, samples: &[Point]) -> f64 {
     let off = |two: &[Point]| {
         let dot = |f: &dyn Fn(usize) -> f64| (0..3).map(f).sum::<f64>();
@@ -469,7 +477,7 @@ fn off_the_samples(point: Point, samples: &[Point]) -> f64 {
 }
 
 #[test]
-fn a_program_of_g500_that_is_gone_back_and_forward_at_any_moment_keeps_its_path_and_its_end() {
+fn program_in_g500_reversed_at_any_moment_keeps_its_path_and_end() {
     for seed in 0..8 {
         let mut random = Random(seed);
         let blocks: Vec<String> = (0..10).map(|_| random.block()).collect();

@@ -8,13 +8,13 @@ use super::rig::{Point, Rig, close, on_machine};
 use super::stairs::{STAIRS, assert_on_stairs, stairs_end_s};
 use crate::support::formula::PERIOD_S;
 
-/// To X0 Y0 Z0, and forgets the trace.
+/// Moves to X0 Y0 Z0, and clears the trace.
 async fn back(rig: &Rig) {
     rig.cs.mdi("G90 G00 X0 Y0 Z0").await.unwrap();
     rig.trace();
 }
 
-/// Moments over a motion, s: not in step with anything.
+/// Moments during a motion, s, at an interval that fits no other period.
 fn moments(end_s: f64) -> impl Iterator<Item = f64> {
     (0..)
         .map(|n| 0.004 + f64::from(n) * 0.0833)
@@ -29,7 +29,7 @@ fn m1i_feed_hold_at_any_moment_of_a_chain_leaves_its_path_as_it_is() {
             rig.sleep(moment_s).await;
             rig.cs.hold().await.unwrap();
             let held = rig.state().await;
-            // Late holds find the program at its end.
+            // Late holds arrive after the end of the program.
             if held.0 == Execution::FeedHold {
                 let at = rig.at().await;
                 rig.sleep(0.3).await;
@@ -76,7 +76,7 @@ fn m1i_override_changes_at_any_moment_leave_the_path_as_it_is() {
 }
 
 #[test]
-fn m1i_a_stop_at_any_moment_of_a_chain_ends_on_its_path_and_keeps_the_position() {
+fn m1i_stop_at_any_moment_ends_on_the_path_and_keeps_the_position() {
     on_machine("", |rig| async move {
         for moment_s in moments(stairs_end_s() - 0.05) {
             rig.start(STAIRS).await;
@@ -155,7 +155,7 @@ fn m1i_hold_and_stop_at_any_moment_of_an_arc_stay_on_its_circle() {
 fn d40_hold_at_any_moment_of_a_g31_changes_nothing_of_what_it_captures() {
     let more = "\n[[simulated_skip]]\nmotor = 1\nabove = 7.25\n";
     on_machine(more, |rig| async move {
-        // 10 mm/s for X (a tenth of 500 mm/s would be 50): the input comes after about 0.2 s.
+        // 10 mm/s for X (a tenth of 500 mm/s would be 50): the input turns on after about 0.2 s.
         for (n, moment_s) in moments(0.4).enumerate() {
             rig.start("G31 X40\nM30\n").await;
             rig.sleep(moment_s).await;

@@ -18,7 +18,7 @@ length = 8.0
 ";
 
 #[test]
-fn d13_a_skip_number_counts_from_the_block_that_is_interpreted_next_and_tells_its_line() {
+fn d13_skip_number_acts_from_the_next_interpreted_block_with_its_line() {
     on_machine(MORE, |rig| async move {
         rig.start("G01 X10 F600\n/3 Y5\nM22\n/3 G91\n/3 Y9\n/2 Y7\nX20\nM30\n")
             .await;
@@ -84,7 +84,7 @@ fn d14_the_optional_stop_is_read_when_motion_has_come_to_the_block() {
 }
 
 #[test]
-fn d14_m00_and_m01_end_a_chain_before_them_also_where_the_optional_stop_is_off() {
+fn d14_m00_and_m01_end_the_chain_before_them_with_optional_stop_off() {
     let passes = |between: &'static str| {
         on_machine("", move |rig| async move {
             rig.start(&format!("G64 G01 X10 F6000\n{between}\nY10\nM30\n"))
@@ -104,7 +104,7 @@ fn d14_m00_and_m01_end_a_chain_before_them_also_where_the_optional_stop_is_off()
 }
 
 #[test]
-fn d16_tool_and_skip_numbers_set_before_the_reset_are_seen_by_the_next_block() {
+fn d16_tool_and_skip_numbers_set_before_the_reset_reach_next_block() {
     on_machine(MORE, |rig| async move {
         let sets = |output: AuxOutput, plc: Plc| async move {
             let system = plc.coordinate_system(output.coordinate_system());
@@ -123,7 +123,7 @@ fn d16_tool_and_skip_numbers_set_before_the_reset_are_seen_by_the_next_block() {
 }
 
 #[test]
-fn positions_and_feedrate_are_in_millimetres_also_with_g20_and_of_the_last_servo_cycle() {
+fn position_and_feedrate_are_metric_with_g20_from_the_last_cycle() {
     on_machine("", |rig| async move {
         // 1 inch at 24 inches a minute, 10.16 mm/s.
         rig.start("G20\nS600 M03\nG01 X1 F24\nM30\n").await;
@@ -172,7 +172,7 @@ fn holding_stopping_and_resetting_are_told_until_they_are_reached() {
 }
 
 #[test]
-fn commands_are_carried_out_in_the_order_accepted_each_judged_by_what_those_before_it_left() {
+fn commands_execute_in_accepted_order_each_checked_after_the_previous() {
     on_machine("", |rig| async move {
         rig.load("G04 X1\nM30\n").await;
         let (reset, loaded, started, again) =

@@ -10,7 +10,7 @@ use plc_api::types::state::Reason;
 use super::rig::{Rig, close, distance, on_machine, refused};
 use crate::support::formula::PERIOD_S;
 
-/// Begins a jog and returns at once; the answer comes when it has ended.
+/// Begins a jog and returns at once; the answer arrives when the jog has ended.
 fn begin(
     rig: &Rig,
     axis: char,
@@ -73,7 +73,7 @@ fn a_jog_stops_200_ms_after_its_last_refresh() {
 #[test]
 fn a_jog_keeps_the_limits_of_its_motor() {
     on_machine("", |rig| async move {
-        // Y has 50 mm/s and 250 mm/s^2; three times that is asked for. It stops with 5000 mm/s^2.
+        // Y has 50 mm/s and 250 mm/s^2; three times this speed is requested. It stops with 5000 mm/s^2.
         let jog = begin(&rig, 'Y', -9000.0, "a");
         rig.until(Execution::Active).await;
         for _ in 0..5 {
@@ -141,7 +141,7 @@ fn a_late_refresh_never_begins_a_jog_again() {
     });
 }
 
-/// The servo cycles that pass before a command reaches the servo, at the most.
+/// Maximum number of servo cycles before a command reaches the servo.
 const CYCLES: f64 = 2.0;
 
 #[test]
@@ -294,7 +294,7 @@ fn a_refreshed_distance_is_done_where_it_ends() {
         let first = tokio::spawn(async move { cs.jog('X', 3000.0, Some(20.0), "a").await });
         for _ in 0..3 {
             rig.sleep(0.15).await;
-            // the last ones may come after its end
+            // the last refreshes may arrive after its end
             let _ = rig.cs.jog('X', 3000.0, Some(20.0), "a").await;
         }
         first.await.unwrap().unwrap();

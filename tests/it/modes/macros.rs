@@ -39,14 +39,14 @@ async fn run_macro_in(rig: &Rig, cs: u8, text: &str) -> CommandReply {
     rig.plc.port().ask(command).await.unwrap()
 }
 
-/// The state of an operator: absolute in G55, with a feedrate, and the position that it counts from.
+/// The state of an operator: absolute in G55, with a feedrate, and the position from which the input counts.
 async fn operator_state(rig: &Rig) -> Modal {
     rig.cs.mdi("G55 G90 G01 F777 S300 X0 Y0").await.unwrap();
     close(rig.at().await, [11.0, 0.0, 0.0]);
     rig.cs.modal().await.unwrap()
 }
 
-/// The next line of the operator means what it meant before the macro: X20 in G55 with G01 F777.
+/// The next line of the operator has the same meaning as before the macro: X20 in G55 with G01 F777.
 async fn assert_goes_on(rig: &Rig, before: &Modal) {
     assert_eq!(rig.cs.modal().await.unwrap(), *before);
     let [_, y, z] = rig.at().await;
@@ -63,7 +63,7 @@ async fn assert_goes_on(rig: &Rig, before: &Modal) {
 }
 
 #[test]
-fn a_macro_that_is_done_leaves_modal_state_feedrate_and_offsets_as_they_were() {
+fn completed_macro_restores_modal_state_feedrate_and_offsets() {
     on_machine("", |rig| async move {
         let before = operator_state(&rig).await;
         let reply = run_macro(&rig, CHANGES).await;
@@ -101,7 +101,7 @@ fn a_macro_reads_its_numbers_in_the_configured_unit_as_positions() {
 }
 
 #[test]
-fn a_macro_that_is_ended_early_leaves_modal_state_feedrate_and_offsets_as_they_were() {
+fn interrupted_macro_restores_modal_state_feedrate_and_offsets() {
     for what in ["stop", "abort", "raised", "refused", "hold and stop"] {
         on_machine("", move |rig| async move {
             let before = operator_state(&rig).await;
@@ -157,7 +157,7 @@ fn a_probe_that_misses_fails_its_macro_and_leaves_nothing_behind() {
 }
 
 #[test]
-fn after_a_program_or_a_reset_the_start_up_state_counts_whatever_a_macro_did() {
+fn after_a_program_or_reset_the_start_up_state_applies_despite_macros() {
     on_machine("", |rig| async move {
         rig.start("G54 G91 G00 X1\nM30\n").await;
         rig.until(Execution::ProgramCompleted).await;

@@ -18,7 +18,7 @@ fn mdi_runs_lines_to_their_end_and_leads_to_ready() {
             (place.number, place.line, place.block.as_str()),
             (Some(0), 3, "M30")
         );
-        // An M30 of its own ends it as well, and so does M99.
+        // M30 in the input also ends it, and so does M99.
         rig.cs.mdi("G00 X1\nM30").await.unwrap();
         rig.cs.mdi("G00 X2 M99").await.unwrap();
         close(rig.at().await, [2.0, 5.0, 0.0]);
@@ -38,7 +38,10 @@ fn mdi_is_allowed_where_load_is_and_says_else_what_is() {
         match rig.cs.mdi("G00 X2\nG00 X999").await {
             Err(Error::CommandFailed { code, text, .. }) => {
                 assert_eq!(code, "alarm");
-                assert!(text.starts_with("it moved X 1.000 mm: alarm 102, "), "{text}");
+                assert!(
+                    text.starts_with("the motion covered X 1.000 mm: alarm 102, "),
+                    "{text}"
+                );
             }
             other => panic!("{other:?}"),
         }
@@ -72,7 +75,7 @@ fn mdi_text_is_checked_first_and_moves_nothing_when_it_has_errors() {
 }
 
 #[test]
-fn modal_state_stays_between_inputs_and_goes_neither_into_a_program_nor_out_of_one() {
+fn modal_state_stays_between_inputs_but_not_across_a_program() {
     on_machine("", |rig| async move {
         // G54 puts X at 10, Y at 20, Z at 30.
         rig.cs.mdi("G54 G91 F6000").await.unwrap();
@@ -87,11 +90,11 @@ fn modal_state_stays_between_inputs_and_goes_neither_into_a_program_nor_out_of_o
         rig.cs.jog('X', 600.0, Some(1.0), "j").await.unwrap();
         rig.cs.mdi("G90 Y1").await.unwrap();
         close(rig.at().await, [13.0, 21.0, 30.0]);
-        // Not into a program: without G54 and F the start-up state is in force.
+        // The state does not carry over into a program: without G54 and F the start-up state is in force.
         rig.start("G00 X1\nM30\n").await;
         rig.until(Execution::ProgramCompleted).await;
         close(rig.at().await, [1.0, 21.0, 30.0]);
-        // Nor out of one.
+        // The state of a program does not carry over to an input, either.
         rig.start("G54 G91 G00 X0\nM30\n").await;
         rig.until(Execution::ProgramCompleted).await;
         rig.cs.mdi("G00 X3 Y4 Z5").await.unwrap();

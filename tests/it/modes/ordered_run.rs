@@ -1,4 +1,4 @@
-//! All parts of an ordered run have one text: its programs stay in the store until the run has ended.
+//! All parts of an ordered run have the same text: its programs stay in the store until the run has ended.
 
 use std::time::Duration;
 
@@ -27,7 +27,7 @@ async fn newest(cs: &CoordinateSystem) -> Run {
     cs.newest_run().await.unwrap().unwrap()
 }
 
-/// Waits until a run waits for something.
+/// Waits until a run waits for an output.
 async fn waits_for(plc: &Plc, cs: &CoordinateSystem) {
     while newest(cs).await.waits_for.is_none() {
         plc.sleep(Duration::from_millis(100)).await;

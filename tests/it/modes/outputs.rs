@@ -12,7 +12,7 @@ use plc_api::{Alarm, AuxOutput, CancelReason, Cancellation, Execution, Plc, Sequ
 
 use super::rig::{Rig, close, on_machine};
 
-/// M20 and M21 are issued along with motion, M22 waits; a sequence program resets them, or none does.
+/// M20 and M21 are issued with the motion, M22 waits; a sequence program resets them, if there is one.
 const M_CODES: &str = r#"
 [m_code.20]
 timing = "with_motion"
@@ -44,7 +44,7 @@ async fn reset(rig: &Rig, m: u16) {
 #[test]
 fn d18_under_hold_no_output_is_made_and_it_is_made_at_the_resume() {
     on_machine(M_CODES, |rig| async move {
-        // The second M20 waits for the reset of the first, which comes under hold.
+        // The second M20 waits for the reset of the first, which arrives during the hold.
         rig.start("M20\nG01 X10 F600\nM20\nM30\n").await;
         rig.sleep(0.5).await;
         rig.cs.hold().await.unwrap();
@@ -115,8 +115,8 @@ fn d33_an_output_carries_its_run_and_numbers_go_on_from_run_to_run() {
 }
 
 #[test]
-fn d34_an_alarm_of_the_coordinate_system_cancels_the_handler_with_its_reason() {
-    /// Notes why its handler ended.
+fn d34_alarm_of_the_coordinate_system_cancels_the_handler_with_reason() {
+    /// Records the reason why its handler ended.
     struct Guard(Cancellation, Arc<Mutex<Vec<Option<CancelReason>>>>);
 
     impl Drop for Guard {
@@ -147,7 +147,7 @@ fn d34_an_alarm_of_the_coordinate_system_cancels_the_handler_with_its_reason() {
 }
 
 #[test]
-fn d35_whoever_handles_a_spindle_code_commands_the_spindle_and_the_stock_program_does_the_others() {
+fn d35_spindle_code_handler_commands_the_spindle_stock_does_the_rest() {
     on_machine("", |rig| async move {
         let idle = |_: AuxOutput| async { Ok(()) };
         serve(&rig, SequenceProgram::new().on(3, idle)).await;
@@ -186,7 +186,7 @@ fn a_handler_takes_the_place_of_the_stock_programs_select_tool() {
 }
 
 #[test]
-fn d36_without_timeout_ms_nothing_ends_a_wait_and_the_state_shows_since_when() {
+fn d36_without_timeout_ms_a_wait_never_ends_and_the_state_shows_since() {
     on_machine(M_CODES, |rig| async move {
         rig.start("G01 X10 F600\nM22\nM30\n").await;
         let state = rig.until(Execution::Wait).await;

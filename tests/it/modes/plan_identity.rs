@@ -1,4 +1,4 @@
-//! The plan that is shown of a run is the plan of that run: of its text, and of the inputs with which it began.
+//! The plan shown for a run belongs to this run: it has the text and the inputs with which the run began.
 
 use plc_api::Execution;
 use plc_api::types::line_start::LineStart;
@@ -8,8 +8,8 @@ use plc_api::types::state::Reason;
 
 use super::rig::{Rig, on_machine};
 
-/// Reads a tool, an offset, P and Q variables, skips, an optional stop and a subprogram; it sets P2 before it reads it, and moves
-/// relative to where it begins.
+/// Reads a tool, an offset, P and Q variables, skips, an optional stop and a subprogram; it sets P2 before
+/// reading it, and moves relative to its start.
 const READS: &str = "G54 G90 G00 G43 Z5
 P2 = 10
 L1 = P2

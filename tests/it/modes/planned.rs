@@ -49,7 +49,7 @@ async fn rehearsal(rig: &Rig) -> Rehearsal {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Vertex(Point, u32, f64);
 
-/// The lines of the finest level that the bytes hold, as the page on the planned path tells to read them.
+/// Returns the lines of the finest level in the bytes, read as the page on the planned path describes.
 fn read(bytes: &[u8]) -> Vec<Vertex> {
     let u16_at = |at: usize| usize::from(u16::from_le_bytes(bytes[at..at + 2].try_into().unwrap()));
     let u32_at = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
@@ -107,7 +107,7 @@ fn a_planned_path_passes_every_setpoint_of_the_run_at_its_time() {
         let mut last = 0;
         for (i, at) in trace.iter().enumerate() {
             let time_s = (i + 1) as f64 * 0.001;
-            // within the time that the picture may be off
+            // within the time tolerance of the picture
             let near = vertices
                 .windows(2)
                 .filter(|ends| ends[0].2 - 0.03 <= time_s && ends[1].2 + 0.03 >= time_s);
@@ -153,7 +153,7 @@ fn coarser_levels_have_fewer_lines_and_stay_within_their_tolerance() {
 }
 
 #[test]
-fn a_plan_is_made_anew_when_an_offset_or_a_skip_or_the_text_changes_and_else_is_the_same() {
+fn plan_changes_only_with_an_offset_a_skip_number_or_the_text() {
     on_machine("", |rig| async move {
         rig.load("G54 G00 X1\n/1 G00 X5\nM30\n").await;
         let tag = async || path(&rig, PathQuery::default()).await.tag;
@@ -181,7 +181,7 @@ fn a_plan_is_made_anew_when_an_offset_or_a_skip_or_the_text_changes_and_else_is_
 }
 
 #[test]
-fn a_plan_says_from_where_on_it_depends_on_what_happens_while_the_program_runs() {
+fn plan_names_the_line_from_which_it_depends_on_run_time_events() {
     on_machine("[m_code.12]\nunhandled = \"auto_reset\"\n", |rig| async move {
         for (text, line, why) in [
             ("G00 X5\nG31 X20\nG00 X0\nM30\n", Some(2), "skip input"),
@@ -202,7 +202,7 @@ fn a_plan_says_from_where_on_it_depends_on_what_happens_while_the_program_runs()
 }
 
 #[test]
-fn a_rehearsal_tells_the_alarm_that_ends_the_run_and_refuses_what_does_not_run() {
+fn rehearsal_reports_the_alarm_of_the_run_and_refuses_faulty_programs() {
     on_machine("", |rig| async move {
         rig.load("G90 G00 X10\nP1 = 900\nG00 X[P1]\nM30\n").await;
         let planned = rehearsal(&rig).await;
@@ -228,7 +228,7 @@ fn a_program_without_end_is_planned_up_to_a_limit() {
         assert_eq!(planned.outcome, RehearsalOutcome::TooLong);
         assert!(planned.cycle_time_s > 6.0 * 86_400.0, "{}", planned.cycle_time_s);
         assert!(
-            planned.lines.len() <= 2048 && planned.text.contains("no end"),
+            planned.lines.len() <= 2048 && planned.text.contains("may be endless"),
             "{}",
             planned.text
         );
@@ -331,7 +331,7 @@ fn the_time_left_is_right_with_overrides_and_after_a_hold() {
 }
 
 #[test]
-fn a_text_is_planned_as_manual_data_input_moves_it_with_subprograms_and_nothing_moves() {
+fn manual_text_is_planned_with_subprograms_without_motion() {
     on_machine("", |rig| async move {
         write(&rig, 1001, SUBPROGRAM).await;
         let text = |text: &str| ManualText {

@@ -38,9 +38,9 @@ fn g500(program: &str) -> String {
 }
 
 #[test]
-fn m1d_an_override_of_200_percent_doubles_the_feedrate_within_the_motors_limits() {
+fn m1d_override_200_percent_doubles_the_feedrate_within_motor_limits() {
     on_machine("", |rig| async move {
-        // X may do 500 mm/s, Y 50: F3000 is 50 mm/s.
+        // X is limited to 500 mm/s, Y to 50: F3000 is 50 mm/s.
         rig.start(&g500("ta50 td50 ts0 G01 F3000\nX200\nY40\nM30\n"))
             .await;
         rig.sleep(0.3).await;
@@ -51,7 +51,7 @@ fn m1d_an_override_of_200_percent_doubles_the_feedrate_within_the_motors_limits(
         assert!((x - 100.0).abs() < 1e-6, "{x}");
         assert!(y <= 50.0 * (1.0 + 1e-6), "{y}");
         assert!(acceleration <= ACCELERATION * (1.0 + 1e-6), "{acceleration}");
-        // A program that starts at 200 percent is planned so from its begin.
+        // A program that starts at 200 percent is planned for it from its beginning.
         rig.cs.mdi("G90 G00 X0 Y0").await.unwrap();
         rig.trace();
         rig.start(&g500("ta50 td50 ts0 G01 F3000\nX100\nM30\n")).await;
@@ -80,7 +80,7 @@ fn m1d_after_a_high_override_the_motion_is_planned_for_100_percent_again() {
 }
 
 #[test]
-fn m1i_overrides_up_to_200_percent_at_any_moment_stay_on_the_path_of_a_g500_chain() {
+fn m1i_overrides_to_200_percent_at_any_moment_stay_on_the_g500_path() {
     on_machine("", |rig| async move {
         for n in 0..12 {
             rig.start(&g500(STAIRS)).await;
@@ -123,7 +123,7 @@ fn in_dry_run_blocks_move_at_its_feedrate_from_the_next_block_on() {
         rig.cs.resume().await.unwrap();
         rig.until(Execution::ProgramCompleted).await;
         let ([x, _], _) = limits(&rig);
-        // Without a feedrate of its own dry run moves at the maximum, 12000 mm/min.
+        // Without a configured feedrate, dry run moves at the maximum, 12000 mm/min.
         assert!((x - 200.0).abs() < 1e-6, "{x}");
         rig.cs.set_dry_run(false).await.unwrap();
         assert!(!rig.cs.state().await.unwrap().dry_run);

@@ -9,7 +9,7 @@ use super::rig::{close, on_machine, refused};
 use super::stairs::{STAIRS, assert_on_stairs};
 
 #[test]
-fn m1i_in_single_block_each_block_ends_at_its_program_corner_and_waits_for_resume() {
+fn m1i_single_block_ends_each_block_at_its_corner_until_resume() {
     on_machine("", |rig| async move {
         rig.load("ta20 td20 ts0 G64 G01 F6000\nX10\n\nL1=10\nY[L1]\nX20\nM30\n")
             .await;
@@ -28,7 +28,7 @@ fn m1i_in_single_block_each_block_ends_at_its_program_corner_and_waits_for_resum
 }
 
 #[test]
-fn m1i_in_single_block_the_place_is_that_of_the_block_that_has_ended_whether_it_moves_or_not() {
+fn m1i_single_block_reports_the_line_of_the_block_that_ended() {
     on_machine("", |rig| async move {
         rig.load("G90\nG01 X10 F6000\nF3000\n\nG91\nX1\nM30\n").await;
         rig.cs.set_single_block(true).await.unwrap();
@@ -45,12 +45,13 @@ fn m1i_in_single_block_the_place_is_that_of_the_block_that_has_ended_whether_it_
 }
 
 #[test]
-fn m1i_switched_on_in_a_chain_it_holds_behind_each_planned_block_on_the_path_and_off_again() {
+fn m1i_single_block_switched_on_in_a_chain_holds_after_each_block() {
     on_machine("", |rig| async move {
         rig.start(STAIRS).await;
         rig.sleep(0.2).await;
         rig.cs.set_single_block(true).await.unwrap();
-        // Half of the blend of 60 ms and of the hold's slew of 200 ms lie behind the corner, at 50 mm/s at the most.
+        // Half of the blend of 60 ms and of the hold's slew of 200 ms are after the corner, at 50 mm/s at
+        // most.
         for (axis, corner) in [(1, 0.0), (0, 20.0), (1, 20.0)] {
             rig.interrupted(Reason::SingleBlock).await;
             let behind = rig.at().await[axis] - corner;
@@ -97,7 +98,7 @@ fn d18_between_blocks_in_single_block_no_output_is_made() {
             assert_eq!(rig.cs.pending().await.unwrap().outputs, []);
             rig.cs.resume().await.unwrap();
         }
-        // M20 is a block of its own; its output is made in it, and the block is over.
+        // M20 is a separate block: it issues its output, and the block has ended.
         rig.interrupted(Reason::SingleBlock).await;
         let pending = rig.cs.pending().await.unwrap().outputs;
         assert_eq!(
@@ -173,7 +174,7 @@ fn the_interlock_holds_motion_and_refuses_resume_and_start_while_it_is_on() {
 }
 
 #[test]
-fn an_interlock_in_wait_latches_the_reset_and_the_block_stays_until_resume() {
+fn interlock_in_wait_latches_the_reset_until_resume() {
     let more = "\n[m_code.20]\nunhandled = \"auto_reset\"\nsimulated_ms = 1000\n";
     on_machine(more, |rig| async move {
         rig.start("M20\nG00 X10\nM30\n").await;
@@ -196,7 +197,7 @@ fn an_interlock_in_wait_latches_the_reset_and_the_block_stays_until_resume() {
 }
 
 #[test]
-fn single_block_toggled_at_any_moment_leaves_the_path_as_it_is_and_loses_no_block() {
+fn single_block_toggled_at_any_moment_keeps_the_path_and_all_blocks() {
     on_machine("", |rig| async move {
         for n in 0..20 {
             rig.start(STAIRS).await;
@@ -205,7 +206,7 @@ fn single_block_toggled_at_any_moment_leaves_the_path_as_it_is_and_loses_no_bloc
                 rig.cs.set_single_block(on).await.unwrap();
                 rig.sleep(0.0021 * f64::from(n)).await;
             }
-            // However often it stops from here: resume goes on to the end.
+            // From here, resume continues to the end after any number of stops.
             let mut stops = 0;
             loop {
                 let waits = |state: &plc_api::types::state::State| state.execution != Execution::Active;

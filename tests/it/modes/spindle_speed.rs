@@ -1,5 +1,5 @@
-//! The stock sequence program resets M03 and M04 at speed and M05 at rest. The spindle has 3000 r/min at most and changes by
-//! 3000 r/min a second.
+//! The stock sequence program resets M03 and M04 at speed and M05 at rest. The spindle reaches at most 3000
+//! r/min and changes by 3000 r/min per second.
 
 use plc_api::types::request::OverrideChange;
 use plc_api::types::state::{Reason, State};
@@ -62,7 +62,7 @@ fn m03_m04_and_m05_are_reset_at_the_speed_and_at_rest() {
         assert_took(took_s, 0.0);
         let (took_s, _) = time_of(&rig, "M03 S0").await;
         assert_took(took_s, 0.0);
-        // above its maximum it has reached what it can
+        // above its maximum it has reached its maximum
         spindle_override(&rig, 200.0).await;
         let (took_s, _) = time_of(&rig, "M03 S3000").await;
         assert_took(took_s, 0.9 * 3000.0 / ACCELERATION);
@@ -130,7 +130,7 @@ fn stop_reset_and_alarm_end_the_wait_and_the_next_m05_waits_for_itself() {
 }
 
 #[test]
-fn a_spindle_that_never_reaches_its_speed_ends_in_the_alarm_of_the_time_limit() {
+fn spindle_that_never_reaches_its_speed_ends_with_the_time_limit_alarm() {
     let more = "\n[m_code.3]\ntimeout_ms = 1000\n";
     on_machine(more, |rig| async move {
         spindle_override(&rig, 0.0).await;

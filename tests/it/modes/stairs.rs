@@ -3,7 +3,7 @@
 use super::rig::{Point, close};
 use crate::support::formula::Ramp;
 
-/// Stairs of four blocks of 20 mm at 50 mm/s, ramps of 60 ms: `x + y` grows all the way.
+/// Stairs of four blocks of 20 mm at 50 mm/s, with ramps of 60 ms: `x + y` always grows.
 pub const STAIRS: &str = "ta50 td50 ts10 G01 F3000\nX20\nY20\nX40\nY40\nM30\n";
 const CORNERS: [[f64; 2]; 4] = [[1.0, 0.0], [0.0, 1.0], [1.0, 0.0], [0.0, 1.0]];
 const LENGTH: f64 = 20.0;
@@ -28,7 +28,7 @@ pub fn stairs_end_s() -> f64 {
     4.0 * LENGTH / SPEED + Ramp::new(0.05, 0.01).total()
 }
 
-/// The point lies on the path of the formula, to 1e-9 mm.
+/// Checks that the point is on the path of the formula, within 1e-9 mm.
 #[track_caller]
 pub fn assert_on_stairs(point: Point) {
     let (mut low, mut high) = (0.0, stairs_end_s());

@@ -1,5 +1,5 @@
-//! Sequences that may not stop between blocks, checked by the motion and not by the progress of reading (M1); G31 with
-//! an external skip input.
+//! Sequences that must not stop between blocks, checked by the motion and not by the progress of reading
+//! (M1); G31 with an external skip input.
 
 use plc_api::Execution;
 use plc_api::types::message::Payload;
@@ -20,7 +20,7 @@ length = 0.0
 stock = \"select_tool\"
 ";
 
-/// Lets time pass until the machine is somewhere.
+/// Lets time pass until the machine is at a position.
 async fn until_at(rig: &Rig, is_there: impl Fn(Point) -> bool) {
     for _ in 0..10_000 {
         if is_there(rig.at().await) {
@@ -32,7 +32,7 @@ async fn until_at(rig: &Rig, is_there: impl Fn(Point) -> bool) {
 }
 
 #[test]
-fn m1i_single_block_is_refused_while_the_tool_moves_compensated_though_the_program_is_read_beyond() {
+fn m1i_single_block_is_refused_during_compensated_motion() {
     on_machine(TOOL, |rig| async move {
         rig.start("M100 VA1\nta20 td20 ts0 F600\nG01 G41\nX10\nX20\nX30\nG40\nX40\nX50\nX60\nM30\n")
             .await;
@@ -64,7 +64,7 @@ fn m1i_single_block_is_refused_while_the_tool_moves_compensated_though_the_progr
 }
 
 #[test]
-fn m1i_single_block_that_is_on_before_stops_with_an_alarm_behind_the_block_that_leads_in() {
+fn m1i_single_block_on_before_a_lead_in_ends_with_an_alarm() {
     on_machine(TOOL, |rig| async move {
         rig.load("M100 VA1\nta20 td20 ts0 F600\nX5\nG01 G41\nX10\nX20\nG40\nX40\nM30\n")
             .await;
@@ -90,7 +90,7 @@ fn m1i_single_block_that_is_on_before_stops_with_an_alarm_behind_the_block_that_
 }
 
 #[test]
-fn m1i_single_block_is_refused_while_the_tool_is_in_the_thread_though_the_program_is_read_beyond() {
+fn m1i_single_block_is_refused_while_the_tool_is_in_the_thread() {
     on_machine("", |rig| async move {
         rig.start("F100 S300\nG84 Z-10 R-5 P200\nG80\nG00 X40\nG00 X50\nM30\n")
             .await;
@@ -111,7 +111,7 @@ fn m1i_single_block_is_refused_while_the_tool_is_in_the_thread_though_the_progra
 }
 
 #[test]
-fn m1i_with_single_block_a_tapping_cycle_is_one_block_with_all_its_holes_and_the_block_that_ends_it() {
+fn m1i_single_block_treats_a_tapping_cycle_with_all_holes_as_one_block() {
     on_machine("", |rig| async move {
         rig.load("F600 S300 G99\nG91 G84 X5 Z-2 R-1 K2\nX10 K1\nG80\nX-20\nM30\n")
             .await;
@@ -128,7 +128,7 @@ fn m1i_with_single_block_a_tapping_cycle_is_one_block_with_all_its_holes_and_the
 }
 
 #[test]
-fn d41_a_skip_input_from_outside_captures_the_position_for_the_program_and_the_sequence() {
+fn d41_external_skip_input_captures_for_program_and_sequence() {
     on_machine("", |rig| async move {
         // The skip velocity of X is a tenth of its maximum velocity, 50 mm/s, its acceleration 1000 mm/s^2.
         rig.start("G31 X200 Y10\nP0=_CNC_CapturedPosition0 P1=_CNC_CapturedPosition1\nG91 G00 X1\nM30\n")
@@ -145,7 +145,7 @@ fn d41_a_skip_input_from_outside_captures_the_position_for_the_program_and_the_s
         assert_eq!((captured.line, &captured.motors[..]), (1, &[1, 2, 3][..]));
         assert_eq!(captured.captured, [true, false, false]);
         let x = captured.positions[0];
-        // Positions are published ten times a second, and the input is looked at in each cycle.
+        // Positions are published ten times a second, and each cycle reads the input.
         assert!(
             (before..=before + 50.0 * 0.105).contains(&x),
             "{x} is not {before}"
@@ -167,7 +167,7 @@ fn d41_a_skip_input_from_outside_captures_the_position_for_the_program_and_the_s
 const SKIP: &str = "\n[[simulated_skip]]\nmotor = 1\nabove = 7.25\n";
 
 #[test]
-fn m1i_single_block_that_comes_within_a_g31_ends_each_block_behind_it_though_it_has_been_read() {
+fn m1i_single_block_set_during_g31_ends_each_block_already_read() {
     on_machine(SKIP, |rig| async move {
         rig.start("G31 X40\nG91 G01 X1 F600 G09\nG00 Y2\nM30\n").await;
         until_at(&rig, |at| at[0] > 2.0).await;

@@ -1,4 +1,4 @@
-//! `tandem serve` with a token file: made by `tandem token`, asked for on every way in.
+//! `tandem serve` with a token file from `tandem token`: every transport requires a token.
 
 use std::os::unix::fs::PermissionsExt as _;
 use std::process::{Command, Output};
@@ -18,7 +18,7 @@ fn run(machine: &Machine, arguments: &[&str]) -> Output {
     command.output().expect("tandem starts")
 }
 
-/// Makes a token in `tokens.toml` and gives it.
+/// Creates a token in `tokens.toml` and returns it.
 pub(super) fn token(machine: &Machine, name: &str, role: &str) -> String {
     let output = run(machine, &["token", name, "--role", role, "--file", "tokens.toml"]);
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
@@ -147,7 +147,7 @@ async fn users_start_handlers_reset_viewers_look_and_no_token_stands_in_a_log() 
 }
 
 #[tokio::test]
-async fn over_rest_a_sequence_program_serves_in_the_name_of_its_user_and_is_told_when_it_may_not() {
+async fn rest_sequence_program_serves_as_its_user_and_reports_a_refusal() {
     let machine = machine();
     let (operate, handler) = (
         token(&machine, "hmi-1", "operate"),
@@ -186,7 +186,7 @@ async fn connected(url: &str) -> Plc {
     within("connect", Plc::connect(url)).await.expect("let in")
 }
 
-/// Takes the entry of a name out of `tokens.toml`.
+/// Removes the entry of a name from `tokens.toml`.
 fn take_out(machine: &Machine, name: &str) {
     let path = machine.path("tokens.toml");
     let text = std::fs::read_to_string(&path).expect("a token file");
@@ -227,7 +227,7 @@ async fn closed_websocket(address: &str, token: &str) -> impl Future<Output = St
 }
 
 #[tokio::test]
-async fn a_token_that_is_taken_out_of_the_file_ends_its_sessions_and_a_new_one_counts_at_once() {
+async fn removed_token_ends_its_sessions_and_a_new_one_is_valid_at_once() {
     let machine = machine();
     let admin = token(&machine, "chief", "admin");
     let lent = token(&machine, "lent", "operate");
@@ -255,7 +255,7 @@ async fn a_token_that_is_taken_out_of_the_file_ends_its_sessions_and_a_new_one_c
     take_out(&machine, "magazine");
     assert_eq!(
         within("the WebSocket is closed", closed).await,
-        "the token counts no more"
+        "the token is no longer valid"
     );
     get("/programs", &lent).await.expect(401);
     until("the handler is gone", async || (!online().await).then_some(())).await;
@@ -263,7 +263,7 @@ async fn a_token_that_is_taken_out_of_the_file_ends_its_sessions_and_a_new_one_c
     assert!(within("connect", again).await.is_err());
     handlers.abort();
 
-    // those who stay have noticed nothing, and a new one needs no restart
+    // the remaining users are not affected, and a new user needs no restart
     let new = token(&machine, "new", "view");
     until("the new token counts", async || {
         (get("/programs", &new).await.status == 200).then_some(())

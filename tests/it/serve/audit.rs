@@ -1,4 +1,4 @@
-//! Each request that changes something leaves a line in the journal that says who made it and from where.
+//! Each request that changes something adds a journal line with its user and host.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -276,7 +276,7 @@ async fn ask_over_rest(served: &Served, bearer: &str, samples: &[Request]) {
     }
 }
 
-/// Publishes what MQTT carries; gives its names.
+/// Publishes the requests that MQTT carries; returns their names.
 async fn publish(served: &Served, token: &str, samples: &[Request]) -> Vec<String> {
     let (host, port) = served.broker.split_once(':').unwrap();
     let mut options = MqttOptions::new("boss", host, port.parse().unwrap());
@@ -377,7 +377,7 @@ async fn what_a_sequence_program_in_the_process_changes_is_told_in_its_name() {
             Request::Command { .. } => {
                 told("command", &|line| line["client_id"] == "boss").await;
             }
-            // of a pending output, these have lines of their own
+            // about a pending output; these have separate lines
             Request::Reset(..)
             | Request::AnswerQuestion(..)
             | Request::Lease { .. }
@@ -413,7 +413,7 @@ async fn what_a_sequence_program_in_the_process_changes_is_told_in_its_name() {
         line["user"] == "clamp" && line["said"].to_string().contains("2.5")
     })
     .await;
-    // the presence of a handler is no edit
+    // the presence of a handler is not an edit
     let lines = plc.journal(0, 1000).await.unwrap();
     let of_presence = |line: &&Value| line["request"].to_string().contains("Handler");
     assert_eq!(lines.iter().find(of_presence), None);
@@ -488,14 +488,15 @@ async fn logins_and_forbidden_requests_have_lines_and_a_flood_of_them_few() {
 }
 
 #[tokio::test]
-async fn tokens_and_certificates_are_told_in_the_journal_of_the_machine_that_is_named() {
+async fn token_and_cert_commands_are_recorded_in_the_configured_journal() {
     let machine = machine();
     let ran = run(
         machine.folder(),
         &["token", "boss", "--role", "admin", "--file", "tokens.toml"],
     );
     assert!(
-        ran.stderr.contains("No journal tells of this: --config names"),
+        ran.stderr
+            .contains("This command is in no journal: --config names"),
         "{}",
         ran.stderr
     );
@@ -520,12 +521,12 @@ async fn tokens_and_certificates_are_told_in_the_journal_of_the_machine_that_is_
         ];
         run(machine.folder(), &arguments)
     };
-    assert!(new("early").stderr.contains("the machine has none yet"));
+    assert!(new("early").stderr.contains("the machine has no journal yet"));
     let served = Served::start(&machine);
     assert!(
         new("meanwhile")
             .stderr
-            .contains("The journal does not tell of this")
+            .contains("The journal does not record this command")
     );
     drop(served);
     assert_eq!(new("late").stderr, "");

@@ -18,7 +18,7 @@ async fn a_program_is_rehearsed_by_the_coordinate_system_that_names_it() {
 }
 
 #[tokio::test]
-async fn both_coordinate_systems_run_and_wait_at_the_same_time_each_with_its_own_queue() {
+async fn both_coordinate_systems_run_and_wait_at_once_with_own_queues() {
     let (_machine, served) = served();
     let bus = Bus::connect(&served.broker, "test-1").await;
     served.load(1, 50, "G00 X20\nM100 VA1\nG00 X0\nM30\n").await;
@@ -52,7 +52,7 @@ async fn both_coordinate_systems_run_and_wait_at_the_same_time_each_with_its_own
 }
 
 #[tokio::test]
-async fn d32_several_outputs_of_one_coordinate_system_are_open_together_and_m30_waits_for_all() {
+async fn d32_several_outputs_are_pending_together_and_m30_waits_for_all() {
     let (_machine, served) = served();
     served.load(1, 50, "M20\nM100\nM30\n").await;
     served.command(1, "start").await;

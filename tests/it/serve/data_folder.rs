@@ -17,7 +17,7 @@ pub(super) fn machine() -> Machine {
     Machine::new(&format!("[m_code.100]\nunhandled = \"wait\"\n{FREE_PORTS}"))
 }
 
-/// A place in the data folder.
+/// Returns a path in the data folder.
 pub(super) fn place(machine: &Machine, name: &str) -> PathBuf {
     machine.path("tandem-data").join(name)
 }
@@ -65,7 +65,7 @@ fn flip(path: &Path, place: usize) {
     fs::write(path, bytes).unwrap();
 }
 
-/// The same, as a disk does it: the file keeps its time.
+/// Damages the file as a disk does: the file keeps its time.
 pub(super) fn rot(path: &Path, place: usize) {
     let time = fs::metadata(path).unwrap().modified().unwrap();
     flip(path, place);
@@ -105,7 +105,7 @@ async fn a_damaged_journal_never_keeps_a_machine_from_starting_and_is_named() {
     assert!(
         warnings
             .iter()
-            .any(|text| text.contains("the chain of lines begins anew: the last line is damaged")),
+            .any(|text| text.contains("a new chain of lines begins: the last line is damaged")),
         "{warnings:?}"
     );
     let lines = served.get("/journal").await.expect(200).json();
@@ -179,7 +179,7 @@ async fn a_folder_of_programs_that_is_gone_is_told() {
     fs::remove_dir_all(place(&machine, "programs")).unwrap();
     let served = Served::start(&machine);
     let text = text_of_standing(&served, 410).await;
-    assert!(text.contains("programs: it was gone"), "{text}");
+    assert!(text.contains("programs: the folder was missing"), "{text}");
 }
 
 #[tokio::test]
@@ -246,7 +246,7 @@ async fn nobody_else_may_read_what_is_kept() {
 }
 
 #[tokio::test]
-async fn a_data_folder_that_is_removed_while_it_runs_is_told_and_what_must_be_kept_is_refused() {
+async fn removed_data_folder_raises_alarms_and_refuses_persistent_changes() {
     let machine = machine();
     let served = Served::start(&machine);
     served
@@ -261,7 +261,7 @@ async fn a_data_folder_that_is_removed_while_it_runs_is_told_and_what_must_be_ke
         .expect(503);
     served.put_program(8, "M30\n").await.expect(503);
     let text = text_of_standing(&served, 405).await;
-    assert!(text.contains("tandem-data: it is gone"), "{text}");
+    assert!(text.contains("tandem-data: the folder does not exist"), "{text}");
     text_of_standing(&served, 402).await;
     text_of_standing(&served, 403).await;
     fs::rename(&away, &folder).unwrap();
@@ -272,7 +272,7 @@ async fn a_data_folder_that_is_removed_while_it_runs_is_told_and_what_must_be_ke
         .put("/tools", &json!({"tools": [{"id": 2}]}))
         .await
         .expect(204);
-    // a folder that was lost altogether is filled again, since the machine knows all of it
+    // a folder that was lost completely is written again, because the machine still has all its data
     fs::remove_dir_all(&folder).unwrap();
     text_of_standing(&served, 402).await;
     fs::create_dir(&folder).unwrap();
@@ -284,7 +284,7 @@ async fn a_data_folder_that_is_removed_while_it_runs_is_told_and_what_must_be_ke
 }
 
 #[tokio::test]
-async fn a_full_disk_stands_as_an_alarm_for_store_journal_and_programs_and_ends_by_itself() {
+async fn full_disk_alarms_store_journal_and_programs_and_clears_by_itself() {
     let machine = machine();
     let served = Served::start_with_failing_disk(&machine);
     served.process.limit_file_bytes("1:");
@@ -326,7 +326,7 @@ async fn a_program_that_is_changed_outside_is_told_and_must_be_loaded_again() {
         let warnings = warned(&served, 408).await;
         warnings
             .iter()
-            .any(|text| text.contains("program 1051") && text.contains("load it again"))
+            .any(|text| text.contains("program 1051") && text.contains("load the program again"))
             .then_some(())
     })
     .await;
@@ -361,7 +361,7 @@ async fn a_program_that_is_changed_outside_is_told_and_must_be_loaded_again() {
 }
 
 #[tokio::test]
-async fn a_damaged_program_stands_as_an_alarm_and_is_no_program_until_it_is_stored_again() {
+async fn damaged_program_is_an_alarm_and_unusable_until_stored_again() {
     let machine = machine();
     let served = Served::start(&machine);
     served.put_program(50, "M98 P1051\nM30\n").await.expect(201);
@@ -400,7 +400,7 @@ async fn a_damaged_program_stands_as_an_alarm_and_is_no_program_until_it_is_stor
 }
 
 #[tokio::test]
-async fn killed_as_soon_as_anybody_hears_of_an_output_it_is_told_that_it_was_open() {
+async fn output_published_before_a_kill_is_reported_as_pending_after_it() {
     let machine = machine();
     let mut served = Served::start(&machine);
     served.load(1, 50, "M100 VA3\nM100 VA4\nM30\n").await;
@@ -418,7 +418,7 @@ async fn killed_as_soon_as_anybody_hears_of_an_output_it_is_told_that_it_was_ope
                 None => tokio::task::yield_now().await,
             }
         };
-        // every second time the first one is reset, and the second one is open
+        // every second time the first output is reset, and the second one is pending
         let is_reset = round % 2 == 1;
         if is_reset {
             let boot_id = watch.history.on("cs/1/m_code/pending")[0]["boot_id"].clone();

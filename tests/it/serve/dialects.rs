@@ -1,4 +1,4 @@
-//! Two coordinate systems of one machine that speak two dialects: a program has one, and keeps it.
+//! Two coordinate systems of one machine with two dialects: a program has one dialect, and keeps it.
 
 use std::fs;
 
@@ -14,7 +14,7 @@ use crate::support::wait::until;
 const MILL: &str = "%\nO12345678 (FLANGE)\nG90\nG00 X1.0\nM30\n%\n";
 const LOADER: &str = "// Loader\nG90\nG00 X1\nM30\n";
 
-/// Coordinate system 1 speaks nj, 2 dgshape.
+/// Coordinate system 1 has dialect nj, 2 has dgshape.
 fn machine() -> Machine {
     Machine::new(&format!("dialect = \"dgshape\"\n{M_CODES}{FREE_PORTS}"))
 }
@@ -29,7 +29,7 @@ async fn load(served: &Served, cs: u8, program: u16) -> Answer {
     served.post(&path, &json!({ "program": program })).await
 }
 
-/// The program of a number in the list.
+/// Returns the program with a number in the list.
 async fn listed(served: &Served, number: u16) -> Option<Value> {
     let list = served.get("/programs").await.expect(200).json();
     let mut programs = list["programs"].as_array().unwrap().iter();
@@ -86,7 +86,7 @@ async fn a_program_has_a_dialect_and_loads_only_where_it_is_spoken() {
         refused["detail"]
             .as_str()
             .unwrap()
-            .starts_with("program 1000 is of dialect dgshape"),
+            .starts_with("program 1000 has dialect dgshape"),
         "{refused}"
     );
     // the same text in the other dialect is another program
@@ -98,7 +98,7 @@ async fn a_program_has_a_dialect_and_loads_only_where_it_is_spoken() {
 }
 
 #[tokio::test]
-async fn a_program_keeps_its_dialect_through_restart_change_outside_verify_and_repair() {
+async fn program_keeps_its_dialect_over_restart_edit_verify_and_repair() {
     let machine = machine();
     let served = Served::start(&machine);
     put(&served, 7, "?dialect=dgshape", MILL).await.expect(201);
@@ -136,7 +136,7 @@ async fn a_program_keeps_its_dialect_through_restart_change_outside_verify_and_r
             refused["detail"]
                 .as_str()
                 .unwrap()
-                .contains("nobody knows its dialect"),
+                .contains("its dialect is unknown"),
             "{refused}"
         );
     }

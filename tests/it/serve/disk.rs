@@ -1,4 +1,4 @@
-//! A disk that refuses every write: the machine continues, and reports it.
+//! If the disk refuses every write, the machine continues and reports this.
 
 use serde_json::json;
 
@@ -7,7 +7,7 @@ use crate::support::served::{FREE_PORTS, Served};
 use crate::support::wait::until;
 
 #[tokio::test]
-async fn when_the_disk_fails_the_motion_goes_on_and_what_must_be_kept_is_refused() {
+async fn disk_failure_continues_motion_and_refuses_persistent_changes() {
     let machine = Machine::new(&format!("[m_code.100]\nunhandled = \"wait\"\n{FREE_PORTS}"));
     let served = Served::start_with_failing_disk(&machine);
     served.load(1, 7, "M100\nG91 G01 X3 F600\nM30\n").await;
@@ -33,7 +33,7 @@ async fn when_the_disk_fails_the_motion_goes_on_and_what_must_be_kept_is_refused
             explained["text"]
                 .as_str()
                 .unwrap()
-                .contains("What to do: Look at the disk of data_dir")
+                .contains("Remedy: Check the disk of data_dir")
         );
         let history = served.get("/alarms/history").await.expect(200).json();
         let alarms = history["alarms"].as_array().unwrap();

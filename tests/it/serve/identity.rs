@@ -1,4 +1,4 @@
-//! Which program it is: hashes in states, answers and the journal, conditions on them, and signatures.
+//! Identity of programs: hashes in states, answers and the journal, conditions on them, and signatures.
 
 use std::fs;
 
@@ -81,7 +81,7 @@ async fn the_hash_of_the_program_is_in_the_answers_the_state_and_the_journal() {
     served
         .state_where(1, "the hash", |state| state["hash"] == json!(hash(OLD)))
         .await;
-    // what a start would run is what the state names
+    // the state names the program that a start would run
     put(&served, 50, NEW, "").await.expect(200);
     served
         .state_where(1, "the new hash", |state| state["hash"] == json!(hash(NEW)))
@@ -125,7 +125,7 @@ async fn the_hash_of_the_program_is_in_the_answers_the_state_and_the_journal() {
 }
 
 #[tokio::test]
-async fn a_program_is_changed_loaded_and_started_only_if_it_is_the_one_that_the_sender_means() {
+async fn program_is_changed_loaded_and_started_only_if_its_hash_matches() {
     let (machine, served) = served();
     let (is_old, is_new) = (
         format!("If-Match: \"{}\"\r\n", hash(OLD)),
@@ -244,7 +244,7 @@ fn signed_machine(more: &str) -> Machine {
 }
 
 #[tokio::test]
-async fn a_machine_with_signers_runs_signed_programs_only_their_subprograms_and_computed_calls_included() {
+async fn machine_with_signers_requires_signed_programs_and_subprograms() {
     let machine = signed_machine("");
     let served = Served::start(&machine);
     let load = async |number: u16| {
@@ -328,7 +328,7 @@ async fn a_computed_call_is_judged_when_it_is_made(served: &Served) {
 }
 
 #[tokio::test]
-async fn a_signed_program_that_is_changed_outside_is_no_signed_program_and_a_signature_survives_a_restart() {
+async fn signature_survives_restart_but_not_a_change_outside() {
     let machine = signed_machine("");
     let served = Served::start(&machine);
     put(&served, 50, OLD, &signature(OLD)).await.expect(201);
@@ -360,7 +360,7 @@ async fn a_signed_program_that_is_changed_outside_is_no_signed_program_and_a_sig
 }
 
 #[tokio::test]
-async fn a_machine_with_signers_takes_no_manual_data_input_unless_its_configuration_says_so() {
+async fn machine_with_signers_refuses_manual_data_input_unless_configured() {
     let input = json!({"text": "G00 X1"});
     for (more, status) in [("", 422), ("mdi = false\n", 422), ("mdi = true\n", 200)] {
         let machine = signed_machine(more);
@@ -379,7 +379,7 @@ async fn a_machine_with_signers_takes_no_manual_data_input_unless_its_configurat
             assert_eq!(answer["code"], "not_signed");
             newest(&served, "refused", |line| line["request"] == "mdi").await;
         }
-        // homing and jogs are no text of anybody
+        // homing and jogs have no program text
         served.execution(1, "READY").await;
         served.post("/cs/1/home?wait=1", &json!({})).await.expect(200);
     }

@@ -30,7 +30,7 @@ fn kill(served: Served, machine: &Machine) -> Served {
     Served::start(machine)
 }
 
-/// The table of tools with one tool of which both numbers are `n`, and the like for a work offset.
+/// Returns the tool table with one tool whose two values are `n`, and a similar work offset.
 fn tool(n: u32) -> Value {
     json!({"tools": [{"id": 1, "radius": n, "length": n}]})
 }
@@ -39,16 +39,16 @@ fn offset(n: u32) -> Value {
     json!({"work_offsets": {"G54": {"X": n, "Y": n, "Z": n}}})
 }
 
-/// How far a client came before the machine was killed.
+/// Progress of a client before the machine was killed.
 #[derive(Default)]
 struct Progress {
     tool: AtomicU32,
     offset: AtomicU32,
     program: AtomicU32,
-    /// The last range that was answered.
+    /// The last acknowledged range.
     range: AtomicU32,
-    /// The last range that had been answered when a change of the tool table was sent that was answered, too: that answer
-    /// says that all that was set before is on disk.
+    /// The last range acknowledged before a change of the tool table was sent that was also acknowledged. The
+    /// second acknowledgement proves that all earlier values are on disk.
     owed: AtomicU32,
 }
 
@@ -83,11 +83,11 @@ async fn write_on(http: String, progress: Arc<Progress>, first: u32) {
         }
         Some(())
     };
-    // Both end with the machine.
+    // Both processes end with the machine.
     let _ = tokio::join!(ranges, tables);
 }
 
-/// Looks at what a killed machine has kept.
+/// Checks the data that a killed machine has stored.
 async fn check_kept(served: &Served, progress: &Progress) {
     let answered = |counter: &AtomicU32| f64::from(counter.load(Ordering::SeqCst));
     let number = |value: &Value| value.as_f64().unwrap_or(0.0);
@@ -130,7 +130,7 @@ async fn check_kept(served: &Served, progress: &Progress) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn killed_at_any_moment_it_loses_nothing_that_was_answered_and_tears_nothing() {
+async fn kill_at_any_moment_loses_no_acknowledged_change_and_tears_none() {
     let rounds = if std::env::var_os("TANDEM_LONG").is_some() {
         300
     } else {
@@ -145,7 +145,7 @@ async fn killed_at_any_moment_it_loses_nothing_that_was_answered_and_tears_nothi
             Arc::clone(&progress),
             1 + round * 100_000,
         ));
-        // from at once to half a second, each time another moment of the 50 ms between two looks
+        // from 0 to half a second, each time at another moment of the 50 ms between two checks
         tokio::time::sleep(Duration::from_millis(u64::from(round * 137 % 500))).await;
         served = kill(served, &machine);
         writing.await.unwrap();
@@ -159,7 +159,7 @@ async fn killed_at_any_moment_it_loses_nothing_that_was_answered_and_tears_nothi
 }
 
 #[tokio::test]
-async fn what_was_set_is_there_after_a_kill_and_the_configuration_counts_where_it_was_changed_since() {
+async fn values_survive_a_kill_and_changed_configuration_overrides_them() {
     let machine = machine();
     let served = Served::start(&machine);
     let http = served.http.clone();
@@ -213,10 +213,10 @@ async fn alarms(served: &Served) -> Value {
     served.get("/alarms").await.expect(200).json()["alarms"].clone()
 }
 
-/// The journal's lines, each whole.
+/// Returns the lines of the journal, all complete.
 fn journal(machine: &Machine) -> Vec<Value> {
     let text = std::fs::read_to_string(machine.path("tandem-data/journal/journal.jsonl")).unwrap();
-    // the last line may be on its way to the disk
+    // the last line may not be on disk yet
     let whole = text.rfind('\n').map_or("", |end| &text[..end]);
     whole
         .lines()
@@ -225,7 +225,7 @@ fn journal(machine: &Machine) -> Vec<Value> {
 }
 
 #[tokio::test]
-async fn no_name_of_an_output_or_a_run_comes_again_after_a_restart_on_the_same_folder() {
+async fn output_and_run_ids_are_unique_over_restarts_of_one_folder() {
     let machine = machine();
     let mut served = Served::start(&machine);
     let mut names = Vec::new();
@@ -256,7 +256,7 @@ async fn no_name_of_an_output_or_a_run_comes_again_after_a_restart_on_the_same_f
 }
 
 #[tokio::test]
-async fn after_a_kill_nothing_starts_by_itself_and_the_operator_is_told_what_was_open() {
+async fn after_a_kill_nothing_starts_and_pending_outputs_are_reported() {
     let machine = machine();
     let served = killed_at_m100(&machine).await;
     let state = served.state(1).await;
@@ -292,7 +292,7 @@ async fn after_a_kill_nothing_starts_by_itself_and_the_operator_is_told_what_was
         "boot",
         "interrupted",
     ];
-    // the file is a moment behind
+    // the file lags by a moment
     let events = until("the journal tells of the restart", async || {
         let events: Vec<Value> = (journal(&machine).iter())
             .filter(|line| line["cs"] == 1 && line["event"] != "request")
@@ -333,7 +333,7 @@ async fn killed_as_soon_as_the_journal_has_an_output_it_tells_that_it_was_open()
 }
 
 #[tokio::test]
-async fn a_run_that_was_cut_short_prevents_nothing_and_is_told_until_an_operator_takes_over() {
+async fn interrupted_run_blocks_nothing_and_is_reported_until_a_reset() {
     let machine = machine();
     let served = kill(killed_at_m100(&machine).await, &machine);
     assert_eq!(

@@ -11,7 +11,7 @@ use crate::support::mqtt::Bus;
 use crate::support::wait::until;
 
 #[tokio::test]
-async fn a_process_that_is_suspended_in_motion_holds_on_its_path_and_counts_each_missed_cycle() {
+async fn suspended_process_holds_on_its_path_and_counts_missed_cycles() {
     let (_machine, served) = served();
     served.load(1, 50, "G01 X200 Y20 F6000\nM30\n").await;
     served.command(1, "start").await;
@@ -83,7 +83,7 @@ async fn the_heartbeat_is_published_while_the_servo_is_alive_and_stops_with_it()
 }
 
 #[tokio::test]
-async fn a_client_that_asked_to_be_watched_and_falls_silent_holds_the_run_over_every_transport() {
+async fn silent_watched_client_holds_the_run_over_every_transport() {
     let (_machine, served) = served();
     let bus = Bus::connect(&served.broker, "test-1").await;
     let url = format!("ws://{}/api/v1/ws", served.http);

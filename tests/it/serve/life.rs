@@ -37,7 +37,7 @@ fn life(history: &History) -> Vec<String> {
 }
 
 #[tokio::test]
-async fn a_program_goes_from_ready_to_completed_and_rest_websocket_and_mqtt_see_the_same_life() {
+async fn rest_websocket_and_mqtt_see_the_same_states_of_a_run() {
     let (_machine, served) = served();
     let socket = served.watch(&["cs/1/state", "cs/1/m_code/pending"]).await;
     let bus = Bus::connect(&served.broker, "test-1").await;
@@ -262,7 +262,7 @@ async fn allowed(served: &Served, verb: &str) -> (Value, Vec<String>) {
 }
 
 #[tokio::test]
-async fn a_command_that_the_state_does_not_allow_is_409_with_the_state_and_what_is_allowed() {
+async fn command_not_allowed_in_the_state_is_409_with_state_and_verbs() {
     let (_machine, served) = served();
     let (state, verbs) = allowed(&served, "start").await;
     assert_eq!(state, "STOPPED");
@@ -328,7 +328,7 @@ async fn an_alarm_stops_and_stays_until_reset_clears_it() {
 }
 
 #[tokio::test]
-async fn a_command_id_seen_before_gets_the_stored_reply_and_is_not_carried_out_again() {
+async fn repeated_command_id_gets_the_stored_reply_without_execution() {
     let (_machine, served) = served();
     let bus = Bus::connect(&served.broker, "test-1").await;
     served.load(1, 50, "M100\nM30\n").await;

@@ -16,7 +16,7 @@ async fn put(served: &Served, body: serde_json::Value) -> Answer {
 }
 
 #[tokio::test]
-async fn a_declared_source_is_on_until_its_handler_has_set_it_and_when_that_has_gone() {
+async fn declared_source_is_on_until_its_handler_sets_it_and_when_it_is_lost() {
     let (_machine, served) = served_with(DOOR);
     let bus = Bus::connect(&served.broker, "test-1").await;
     let state = |value: bool| move |state: &serde_json::Value| state["value"] == value;

@@ -31,7 +31,7 @@ fn store(machine: &Machine, arguments: &[&str]) -> (i32, String) {
 }
 
 #[tokio::test]
-async fn a_damaged_tool_is_no_tool_until_a_person_writes_it_anew_and_all_else_works() {
+async fn damaged_tool_is_unusable_until_written_again_and_the_rest_works() {
     let machine = machine();
     let served = Served::start(&machine);
     let tools = json!({"tools": [{"id": 18, "length": 18.5}, {"id": 19, "length": 19.25}]});
@@ -127,7 +127,7 @@ async fn run_one(served: &Served, program: &str, is_refused: bool) {
 }
 
 #[tokio::test]
-async fn lost_variables_and_offsets_stop_the_programs_that_need_them_and_no_others() {
+async fn lost_variables_and_offsets_stop_only_the_programs_that_need_them() {
     let machine = machine();
     let served = Served::start(&machine);
     served
@@ -214,7 +214,11 @@ async fn an_empty_store_is_told_and_a_person_takes_the_last_good_generation() {
     let served = Served::start(&machine);
     let text = text_of_standing(&served, 406).await;
     assert!(text.contains("tool 19") && text.contains("P0 to P127"), "{text}");
-    assert!(text_of_standing(&served, 410).await.contains("it is empty"));
+    assert!(
+        text_of_standing(&served, 410)
+            .await
+            .contains("the store is empty")
+    );
     let mut served = served;
     served.process.signal("TERM");
     assert_eq!(served.process.exit_code_within(Duration::from_secs(10)), Some(0));
@@ -251,7 +255,7 @@ async fn an_empty_store_is_told_and_a_person_takes_the_last_good_generation() {
 }
 
 #[tokio::test]
-async fn the_journal_tells_who_has_imported_or_repaired_values_at_the_command_line() {
+async fn journal_records_values_imported_or_repaired_at_the_command_line() {
     let machine = machine();
     let mut served = Served::start(&machine);
     served
@@ -267,7 +271,10 @@ async fn the_journal_tells_who_has_imported_or_repaired_values_at_the_command_li
     assert_eq!(served.process.exit_code_within(Duration::from_secs(10)), Some(0));
     drop(served);
     let (code, verified) = journal(&["verify"]);
-    assert!(code == 0 && verified.contains("The chain is whole"), "{verified}");
+    assert!(
+        code == 0 && verified.contains("The chain is intact"),
+        "{verified}"
+    );
     let head = verified
         .lines()
         .find_map(|line| line.strip_prefix("head: "))

@@ -1,4 +1,4 @@
-//! Memory of a machine that does the same again and again.
+//! Memory of a machine that repeats the same work.
 
 #![allow(clippy::print_stdout, reason = "what was measured is told")]
 
@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 
 use super::reach::allocated_kib;
 
-/// Runs after which everything that is reused has been made.
+/// Number of runs after which all reused memory has been allocated.
 const FIRST_RUNS: usize = 20;
 
 /// Runs whose memory is measured.

@@ -7,7 +7,7 @@ use crate::support::http::request;
 use crate::support::mqtt::Bus;
 
 #[tokio::test]
-async fn mdi_and_home_over_rest_answer_when_they_have_been_run_and_refuse_with_diagnostics() {
+async fn mdi_and_home_over_rest_answer_after_the_run_or_with_diagnostics() {
     let (_machine, served) = served();
     served
         .post("/cs/1/mdi?wait=1", &json!({"text": "G91 G01 X2 F6000\nX3"}))
@@ -56,7 +56,7 @@ async fn a_jog_over_mqtt_runs_while_it_is_refreshed() {
     let bus = Bus::connect(&served.broker, "test-1").await;
     let args = json!({"axis": "X", "velocity": 600.0, "refresh_id": "pendant-1"});
     let command = |id: u32| json!({"command_id": format!("jog-{id}"), "client_id": "pendant", "args": args});
-    // One refresh comes at once, so that a slow computer does not end the jog before the first.
+    // One refresh follows at once, so that a slow computer does not end the jog before the first.
     bus.publish("cs/1/command/jog", &command(0)).await;
     bus.publish("cs/1/command/jog", &command(1)).await;
     bus.history

@@ -1,4 +1,4 @@
-//! Orders of runs that are repeated after a kill: the key leads to the run that it began.
+//! Orders of runs that are repeated after a kill: the key identifies the run that the order started.
 
 use serde_json::{Value, json};
 
@@ -19,7 +19,7 @@ async fn runs(served: &Served) -> Vec<Value> {
 }
 
 #[tokio::test]
-async fn an_order_repeated_after_a_kill_is_answered_with_its_run_and_begins_none() {
+async fn order_repeated_after_a_kill_returns_its_run_and_starts_none() {
     let machine = Machine::new(FREE_PORTS);
     let served = Served::start(&machine);
     served.load(1, 60, "G04 X0.2\nM30\n").await;

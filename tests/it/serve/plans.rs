@@ -1,4 +1,5 @@
-//! The plan that a machine in real time reports of a run is the plan of that run, whatever changed shortly before its start.
+//! The plan that a machine in real time reports for a run belongs to this run, even if inputs changed shortly
+//! before its start.
 
 use std::time::Duration;
 
@@ -10,7 +11,7 @@ use crate::support::wait::{until, until_within};
 
 const PROGRAM: u16 = 50;
 
-/// It is called by [`PROGRAM`].
+/// Subprogram called by [`PROGRAM`].
 const CALLED: u16 = 1060;
 
 /// Longest time until a plan is complete. Reason: other tests share the processors.
@@ -81,7 +82,7 @@ async fn set_lengths(served: &Served, first: f64) {
     set(served, "/tools", table).await;
 }
 
-/// Sets every input as it is before a change, and loads the program.
+/// Sets every input to its value before a change, and loads the program.
 async fn prepare(served: &Served, blocks: usize) {
     set(served, "/variables/p?from=10", json!({"values": [5.0]})).await;
     set(served, "/cs/1/variables/q?from=10", json!({"values": [4.0]})).await;
@@ -118,7 +119,7 @@ async fn change(served: &Served, input: &str, blocks: usize) {
     }
 }
 
-/// Waits until planning has ended, and returns what it found. Each report until then fits.
+/// Waits until planning has ended, and returns the result. Checks each report until then.
 async fn planned(served: &Served, fits: impl Fn(&Value)) -> Value {
     let complete = until_within(PLANNED_WITHIN, "a plan", async || {
         let answer = rehearsal(served).await;

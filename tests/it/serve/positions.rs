@@ -8,6 +8,7 @@ use tandem_runtime::Config;
 
 use super::data_folder::{place, rot, text_of_standing};
 use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS, Machine};
+use crate::support::mqtt::Bus;
 use crate::support::served::{FREE_PORTS, Served};
 use crate::support::wait::until;
 
@@ -83,6 +84,7 @@ async fn a_kill_as_soon_as_axes_are_heard_to_rest_moves_none_of_them() {
     for (command, rests) in [
         (None, "READY"),
         (Some("stop"), "STOPPED"),
+        (Some("abort"), "STOPPED"),
         (Some("hold"), "FEED_HOLD"),
     ] {
         for round in 0..3 {
@@ -112,7 +114,35 @@ async fn a_kill_as_soon_as_axes_are_heard_to_rest_moves_none_of_them() {
 }
 
 #[tokio::test]
-async fn an_orderly_end_in_motion_leaves_the_axes_exactly_where_they_came_to_rest() {
+async fn a_kill_when_a_rest_arrives_over_mqtt_keeps_the_target() {
+    let machine = Machine::new(&format!("{FREE_PORTS}\n[m_code.100]\nunhandled = \"wait\"\n"));
+    let mut served = Served::start(&machine);
+    let jog = json!({"axis": "X", "velocity": 600.0, "distance": 5.0, "refresh_id": "pendant-1"});
+    for (verb, args, rests, target) in [
+        ("mdi", json!({"text": "G90 G53 X20.5"}), "READY", 20.5),
+        ("jog", jog, "READY", 25.5),
+        ("mdi", json!({"text": "G90 G53 X40.25 M100"}), "WAIT", 40.25),
+    ] {
+        let bus = Bus::connect(&served.broker, "test-1").await;
+        let command = json!({"command_id": format!("{verb}-{target}"), "client_id": "pendant", "args": args});
+        bus.publish(&format!("cs/1/command/{verb}"), &command).await;
+        until(rests, async || {
+            let states = bus.history.on("cs/1/state");
+            let mut later = states.iter().skip_while(|state| state["execution"] != "ACTIVE");
+            later
+                .find(|state| state["execution"] == rests && state["transition"].is_null())
+                .cloned()
+        })
+        .await;
+        drop(bus);
+        served = end(served, "KILL", &machine);
+        let stands = position(&served, 1).await;
+        assert_eq!(stands["machine"]["X"], target, "{verb}, {rests}");
+    }
+}
+
+#[tokio::test]
+async fn orderly_end_in_motion_keeps_the_axes_where_they_came_to_rest() {
     let machine = machine();
     let served = Served::start(&machine);
     let text = json!({"text": "G91 G01 X200 Y100 Z100 F1200"});
@@ -211,7 +241,7 @@ async fn a_lost_position_is_not_homed_and_never_0_without_a_message() {
     assert_eq!(stands["homed"], json!({"X": false, "Y": false, "Z": false}));
     until("a warning that names it", async || {
         let text = active(&served, 410).await?;
-        text.contains("where the motors of coordinate system 1 stand")
+        text.contains("the motor positions of coordinate system 1 are lost")
             .then_some(())
     })
     .await;
@@ -249,13 +279,13 @@ async fn an_axis_outside_changed_soft_limits_stands_there_with_a_warning() {
     assert_eq!(position(&served, 1).await["machine"]["X"], 70.0);
     let text = text_of_standing(&served, 102).await;
     assert!(
-        text.contains("axis X stands at 70, outside its soft limits of -100 to 50"),
+        text.contains("axis X is at 70, outside its soft limits of -100 to 50"),
         "{text}"
     );
 }
 
 #[test]
-fn start_at_is_refused_outside_the_soft_limits_and_its_default_is_within_them() {
+fn start_at_outside_soft_limits_is_refused_and_defaults_within_them() {
     let of = |keys: &str| {
         let machine = machine_with(keys);
         let text = fs::read_to_string(machine.config()).unwrap();

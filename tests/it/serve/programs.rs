@@ -7,7 +7,7 @@ use crate::support::machine::Machine;
 use crate::support::simulated::run;
 
 #[tokio::test]
-async fn a_program_with_errors_is_stored_with_its_diagnostics_and_cannot_be_loaded() {
+async fn program_with_errors_is_stored_with_diagnostics_and_not_loadable() {
     let (_machine, served) = served();
     let stored = served
         .put_program(50, "G00 X1 X2\nG05\nM30\n")
@@ -82,13 +82,13 @@ async fn a_program_that_does_not_exist_is_404() {
 }
 
 #[tokio::test]
-async fn a_program_for_which_all_programs_leave_no_room_is_refused_with_the_limit_and_no_alarm() {
+async fn program_beyond_the_total_size_is_refused_with_the_limit_no_alarm() {
     let (_machine, served) = served_with("[programs]\ntotal_max_mib = 1\n");
     let large = format!("{}M30\n", "G00 X1\n".repeat(100_000));
     served.put_program(50, &large).await.expect(201);
     let refused = served.put_program(51, &large).await.expect(413).json();
     assert_eq!(refused["code"], "too_large", "{refused}");
-    for part in ["1048576", "delete one first", "total_max_mib"] {
+    for part in ["1048576", "delete a program first", "total_max_mib"] {
         assert!(refused["detail"].as_str().unwrap().contains(part), "{refused}");
     }
     served.get("/programs/51").await.expect(404);
@@ -131,7 +131,7 @@ async fn the_intermediate_code_of_a_stored_program_is_what_compile_writes() {
 }
 
 #[tokio::test]
-async fn a_program_with_errors_has_no_intermediate_code_and_the_diagnostics_say_why() {
+async fn program_with_errors_has_diagnostics_and_no_intermediate_code() {
     let (_machine, served) = served();
     served.put_program(50, "G00 X5\nG999\nM30\n").await.expect(201);
     let refused = served.get("/programs/50/intermediate").await.expect(422).json();

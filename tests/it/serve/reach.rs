@@ -1,6 +1,6 @@
-//! A client with a token reaches `stop`, whatever hosts without a token do: idle connections, slow headers and bodies,
-//! floods. The short form uses the loopback; with `TANDEM_LONG` each attacker and the observer has a network of its
-//! own, which requires root and `ip` (iproute2).
+//! A client with a token reaches `stop` during attacks by hosts without a token: idle connections, slow
+//! headers and bodies, floods. The short form uses the loopback; with `TANDEM_LONG` each attacker and the
+//! observer has a network of its own, which requires root and `ip` (iproute2).
 
 #![allow(clippy::print_stdout, reason = "what was measured is told")]
 
@@ -29,7 +29,7 @@ const KEPT: usize = 64;
 /// Tasks of each attacker that connect again as soon as the last connection has ended.
 const FLOODS: usize = 2;
 
-/// Time after which an attacker reconnects after a close: in networks of its own, and where other tests run.
+/// Time after which an attacker reconnects after a close: in separate networks, and next to other tests.
 const AGAIN_MS: u64 = 5;
 const AGAIN_AMONG_OTHERS_MS: u64 = 500;
 
@@ -40,7 +40,8 @@ const STOP_MAX: Duration = Duration::from_millis(250);
 /// slot waits until the time of an attacker's head is over, after 10 s; the delay of a busy computer is far below.
 const STOP_AMONG_OTHERS_MAX: Duration = Duration::from_secs(8);
 
-/// Names the role of a process: `attack SOURCE HTTP MQTT AGAIN_MS` or `judge COUNT TOKEN HTTP MQTT`.
+/// Environment variable with the role of a process: `attack SOURCE HTTP MQTT AGAIN_MS` or `judge COUNT TOKEN
+/// HTTP MQTT`.
 const PART: &str = "TANDEM_REACH_PART";
 
 async fn connect(source: IpAddr, to: SocketAddr) -> std::io::Result<TcpStream> {
@@ -53,7 +54,7 @@ async fn send(stream: &mut TcpStream, text: &str) -> std::io::Result<()> {
     stream.write_all(text.as_bytes()).await
 }
 
-/// A connection that is used again and again; once it is closed, another one.
+/// Uses a connection repeatedly; when it is closed, opens another one.
 async fn keep(source: IpAddr, to: SocketAddr) -> std::io::Result<()> {
     let mut stream = connect(source, to).await?;
     let mut answer = [0; 4096];
@@ -70,7 +71,7 @@ async fn keep(source: IpAddr, to: SocketAddr) -> std::io::Result<()> {
     }
 }
 
-/// A text that comes, and then a byte from time to time.
+/// Sends a text, and then single bytes at intervals.
 async fn drip(source: IpAddr, to: SocketAddr, begin: &str) -> std::io::Result<()> {
     let mut stream = connect(source, to).await?;
     send(&mut stream, begin).await?;
@@ -80,7 +81,7 @@ async fn drip(source: IpAddr, to: SocketAddr, begin: &str) -> std::io::Result<()
     }
 }
 
-/// One connection after the other, as fast as they come.
+/// Opens one connection after the other, as fast as possible.
 async fn flood(source: IpAddr, to: SocketAddr, text: &str) -> std::io::Result<()> {
     let mut stream = connect(source, to).await?;
     send(&mut stream, text).await?;
@@ -88,7 +89,7 @@ async fn flood(source: IpAddr, to: SocketAddr, text: &str) -> std::io::Result<()
     Ok(())
 }
 
-/// All that one host does, without end.
+/// Runs all attacks of one host, without end.
 async fn attack(source: IpAddr, http: SocketAddr, mqtt: SocketAddr, again_ms: u64) {
     let mut tasks = JoinSet::new();
     let pause = Duration::from_millis(again_ms);
@@ -134,7 +135,7 @@ async fn attack(source: IpAddr, http: SocketAddr, mqtt: SocketAddr, again_ms: u6
     tasks.join_all().await;
 }
 
-/// How long a stop takes over HTTP, on a connection of its own, until it is accepted.
+/// Returns the time until a stop over HTTP is accepted, on a separate connection.
 async fn stop_over_http(to: SocketAddr, token: &str) -> Duration {
     let begun = Instant::now();
     let mut stream = TcpStream::connect(to).await.expect("a connection");
@@ -147,7 +148,7 @@ async fn stop_over_http(to: SocketAddr, token: &str) -> Duration {
     begun.elapsed()
 }
 
-/// The same over MQTT.
+/// Returns the time until a stop over MQTT is accepted.
 async fn stop_over_mqtt(to: SocketAddr, token: &str, number: usize) -> Duration {
     let begun = Instant::now();
     let id = format!("judge-{number}");
@@ -171,14 +172,14 @@ async fn stop_over_mqtt(to: SocketAddr, token: &str, number: usize) -> Duration 
     }
 }
 
-/// Times of many stops: the median, the one that 1 percent exceed, and the largest.
+/// Times of many stops: median, p99 and maximum.
 fn spread(mut times: Vec<Duration>) -> [Duration; 3] {
     times.sort_unstable();
     let last = times.len() - 1;
     [times[last / 2], times[last * 99 / 100], times[last]]
 }
 
-/// So many stops over HTTP and over MQTT.
+/// Measures this number of stops over HTTP and over MQTT.
 async fn judge(count: usize, token: &str, http: SocketAddr, mqtt: SocketAddr) -> [[Duration; 3]; 2] {
     let mut times = [Vec::new(), Vec::new()];
     for number in 0..count {
@@ -188,7 +189,7 @@ async fn judge(count: usize, token: &str, http: SocketAddr, mqtt: SocketAddr) ->
     times.map(spread)
 }
 
-/// A process that was started for it plays its part; a test run has none.
+/// Runs the role of this process, if it has one; a test run has none.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn the_part_that_the_environment_names() {
     let Ok(part) = std::env::var(PART) else { return };
@@ -210,7 +211,7 @@ async fn the_part_that_the_environment_names() {
     }
 }
 
-/// A machine that listens everywhere, and a token of an operator.
+/// Starts a machine that listens on all addresses; returns it with a token of an operator.
 fn machine() -> (Machine, String) {
     let ports = FREE_PORTS.replace("127.0.0.1", "0.0.0.0");
     let machine = Machine::new(&ports.replace("[http]\n", "[http]\ntoken_file = \"tokens.toml\"\n"));
@@ -224,7 +225,7 @@ fn machine() -> (Machine, String) {
     (machine, token.expect("a token").to_owned())
 }
 
-/// Arguments of `env` for a process that plays a part.
+/// Returns the arguments of `env` for a process with a role.
 fn play(part: &str) -> [String; 5] {
     let this = std::env::current_exe().expect("this program");
     let this = this.to_str().expect("a path in UTF-8").to_owned();
@@ -262,7 +263,7 @@ async fn a_stop_with_a_token_gets_through_whatever_hosts_without_one_do() {
     drop(attackers);
 }
 
-/// Networks of their own, joined by a bridge; they end with this.
+/// Separate networks, joined by a bridge; they are removed when this is dropped.
 struct Networks(String);
 
 impl Networks {
@@ -297,7 +298,7 @@ impl Networks {
         format!("{}n{number}", self.0)
     }
 
-    /// A process in one of them.
+    /// Starts a process in one of the networks.
     fn run(name: &str, folder: &Path, program: &[&str]) -> Process {
         let arguments = [&["netns", "exec", name][..], program].concat();
         Process::start(Path::new("ip"), folder, &arguments)
@@ -320,7 +321,7 @@ fn ip(arguments: &str) {
 }
 
 #[test]
-fn in_networks_of_their_own_each_of_1000_stops_is_accepted_within_a_quarter_of_a_second() {
+fn separate_networks_accept_each_of_1000_stops_within_250_ms() {
     if std::env::var_os("TANDEM_LONG").is_none() {
         return;
     }
@@ -365,12 +366,13 @@ fn in_networks_of_their_own_each_of_1000_stops_is_accepted_within_a_quarter_of_a
     }
 }
 
-/// Memory that a process has allocated, MiB.
+/// Returns the memory that a process has allocated, MiB.
 pub(super) fn allocated_mib(process: u32) -> u64 {
     allocated_kib(process) / 1024
 }
 
-/// Memory that a process has allocated, KiB: pages of its binary come and go as the system likes.
+/// Returns the memory that a process has allocated, KiB, without pages of its binary, which the system loads
+/// and drops at any time.
 pub(super) fn allocated_kib(process: u32) -> u64 {
     let status = std::fs::read_to_string(format!("/proc/{process}/status")).expect("a process of ours");
     let line = status.lines().find_map(|line| line.strip_prefix("RssAnon:"));

@@ -51,7 +51,7 @@ fn a_taken_mqtt_port_is_an_error_that_names_the_address_and_the_setting() {
 }
 
 #[test]
-fn a_broken_config_key_is_named_with_the_nearest_known_one_and_nothing_starts() {
+fn unknown_config_key_reported_with_nearest_known_and_nothing_starts() {
     let output = refused(&format!(
         "[machine]\nservo_periode_us = 1000\n{MOTORS}{COORDINATE_SYSTEMS}"
     ));
@@ -68,7 +68,7 @@ fn only_loopback_is_listened_on_without_a_token_file() {
 }
 
 #[test]
-fn the_command_line_chooses_addresses_folder_and_the_demos_handlers_in_place_of_the_configuration() {
+fn command_line_overrides_configured_addresses_folder_and_handlers() {
     let taken = [(); 2].map(|()| TcpListener::bind("127.0.0.1:0").unwrap());
     let [http, mqtt] = taken
         .each_ref()
@@ -103,14 +103,14 @@ fn the_command_line_chooses_addresses_folder_and_the_demos_handlers_in_place_of_
     assert!(machine.path("kept/here").is_dir());
 }
 
-/// The demo in a folder of its own, while 8080 and 1883 are taken.
+/// Starts the demo in a separate folder, while 8080 and 1883 are in use.
 fn demo(folder: &Path) -> Served {
     Served::of(Process::start(tandem(), folder, &[]))
 }
 
 #[tokio::test]
-async fn the_demo_takes_free_ports_where_its_own_are_taken_and_opens_with_a_program() {
-    // whoever else has them, they are taken
+async fn demo_takes_free_ports_if_its_own_are_taken_and_loads_a_program() {
+    // the ports are in use, by this test or by another program
     let taken =
         ["127.0.0.1:8080", "127.0.0.1:1883"].map(|address| (address, TcpListener::bind(address).ok()));
     let folder = tempfile::tempdir().unwrap();
@@ -160,7 +160,11 @@ fn a_port_of_the_demo_that_somebody_has_chosen_must_be_free() {
     let folder = tempfile::tempdir().unwrap();
     let mut process = Process::start(tandem(), folder.path(), &["--listen", &address]);
     assert_eq!(process.exit_code_within(Duration::from_secs(20)), Some(2));
-    assert!(process.output.contains("the port is taken"), "{}", process.output);
+    assert!(
+        process.output.contains("the port is in use"),
+        "{}",
+        process.output
+    );
 }
 
 #[tokio::test]
@@ -216,7 +220,7 @@ async fn sigterm_in_the_middle_of_a_motion_ends_it_in_order() {
 }
 
 #[tokio::test]
-async fn the_first_start_is_no_program_and_any_later_one_is_restarted_and_nothing_starts_by_itself() {
+async fn first_start_is_no_program_later_ones_restarted_and_nothing_runs() {
     let machine = machine();
     let mut served = Served::start(&machine);
     let state = served.state(1).await;
@@ -285,7 +289,7 @@ async fn waits_for_ever(_output: AuxOutput) -> Result<(), Alarm> {
 }
 
 #[tokio::test]
-async fn metrics_tell_the_state_of_each_coordinate_system_its_open_m_codes_and_handlers() {
+async fn metrics_show_states_pending_m_codes_and_handlers() {
     let (_machine, served) = served();
     served.put_program(77, "M77\nM30\n").await.expect(201);
     let plc = Plc::connect(&served.mqtt_url()).await.unwrap();

@@ -1,5 +1,5 @@
-//! Peers that send without end and never read: whatever they make the runtime owe them, its memory stays within a limit, and
-//! it accepts a stop.
+//! Peers that send without end and never read: the memory for their answers stays within a limit, and the
+//! runtime accepts a stop.
 
 #![allow(clippy::print_stdout, reason = "measurements are printed")]
 #![allow(
@@ -24,7 +24,7 @@ const PEERS: usize = 4;
 /// Time for which they attack.
 const ATTACK: Duration = Duration::from_secs(3);
 
-/// A peer whose bytes are not taken for this long has been stopped.
+/// A peer is stopped if no byte of it is read for this time.
 const STOPPED_AFTER: Duration = Duration::from_millis(700);
 
 /// Growth of the memory during one attack. Reason: for each peer the largest message, data in transit, and the buffers
@@ -160,8 +160,8 @@ impl Attacked {
     }
 }
 
-/// Sends without reading until the time is over, the connection ends, or nothing is taken any more. Returns the connection, which
-/// stays open until then, and the number of bytes taken.
+/// Sends without reading until the time is over, the connection ends, or further bytes are rejected. Returns
+/// the connection, which stays open until then, and the number of accepted bytes.
 fn flood(mut stream: TcpStream, bytes: &[u8]) -> (TcpStream, u64) {
     stream.set_nonblocking(true).expect("a socket");
     let (end, mut progress) = (Instant::now() + ATTACK, Instant::now());

@@ -52,7 +52,7 @@ fn connect(broker: &str, id: &str, (user, token): &(&'static str, String)) -> (A
     AsyncClient::new(options, 64)
 }
 
-/// Every topic that comes in, of coordinate system 2 where it names one, as the `AsyncAPI` document lists them.
+/// Returns every inbound topic of the `AsyncAPI` document, with coordinate system 2.
 fn inbound_topics(user: &str) -> Vec<String> {
     let text = include_str!("../../../runtime/gateway/api/asyncapi.json");
     let document: Value = serde_json::from_str(text).unwrap();
@@ -120,7 +120,7 @@ async fn flood(broker: String, id: String, user: (&'static str, String), pause: 
     tokio::join!(publishing, receiving);
 }
 
-/// How long each of so many requests took until its first reply, with each verb and quality in turn.
+/// Returns the times until the first reply of this number of requests, with each verb and quality in turn.
 async fn request(broker: &str, panel: &(&'static str, String), count: usize) -> Vec<(String, Duration)> {
     let (client, mut events) = connect(broker, "panel", panel);
     let subscribed = client
@@ -168,7 +168,7 @@ async fn request(broker: &str, panel: &(&'static str, String), count: usize) -> 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn hold_stop_abort_pass_floods_of_each_topic_by_each_role() {
     let is_long = std::env::var_os("TANDEM_LONG").is_some();
-    // where other tests run, the flood leaves them some of the processors
+    // next to other tests, the flood leaves processor time for them
     let (count, connections, pause_ms) = if is_long { (1000, 2, 0) } else { (18, 1, 20) };
     let (machine, users) = machine();
     let served = Served::start(&machine);

@@ -18,13 +18,14 @@ use crate::support::served::Served;
 /// Longest time until a stop is accepted.
 const STOP_MAX: Duration = Duration::from_millis(250);
 
-/// The same where other tests share the processors: it shows that a stop waits for no check to its end.
+/// Longest time next to other tests, which share the processors: it shows that a stop does not wait for the
+/// end of a check.
 const STOP_AMONG_OTHERS_MAX: Duration = Duration::from_secs(5);
 
 /// Lines of a text that viewers let the runtime check: a few megabytes.
 const LINES: usize = 200_000;
 
-/// Requests of viewers that are repeated without end, next to each other.
+/// Number of concurrent viewers that repeat their requests without end.
 const REQUESTS: [(&str, &str); 9] = [
     ("POST", "/programs/70/check_text"),
     ("POST", "/programs/71/check_text"),
@@ -45,7 +46,7 @@ fn large_text() -> String {
     text + "M30\n"
 }
 
-/// Sends a request of a viewer again and again, and counts the answers.
+/// Sends a request of a viewer repeatedly, and counts the answers.
 async fn load(
     address: String,
     (method, path): (&str, &str),

@@ -1,4 +1,4 @@
-//! A cluster of aedes, which speaks MQTT 3.1.1; its nodes know each other by a Redis alone.
+//! An aedes cluster, which uses MQTT 3.1.1; its nodes communicate only through Redis.
 
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use super::served::Process;
 use super::wait::PATIENCE;
 use super::wire::Wire;
 
-/// Starts it.
+/// Starts the cluster.
 pub async fn aedes() -> Cluster {
     let folder = TempDir::new().expect("a folder");
     let program = packages().join("node.mjs").display().to_string();

@@ -9,7 +9,8 @@ pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// The `tandem` command: `TANDEM_BIN` where it is set, else built here with the profile and folder of this test.
+/// Returns the `tandem` command: `TANDEM_BIN` if it is set, otherwise built here with the profile and folder
+/// of this test.
 pub fn tandem() -> &'static Path {
     static BUILT: OnceLock<PathBuf> = OnceLock::new();
     BUILT.get_or_init(|| {
@@ -76,7 +77,8 @@ fn folder() -> PathBuf {
     folder.to_owned()
 }
 
-/// Takes away what cargo tells a test about its own package: it would make build scripts run again.
+/// Removes cargo's environment variables about the package of the test, because they would make build scripts
+/// run again.
 pub fn forget_package(command: &mut Command) {
     for (key, _) in std::env::vars_os() {
         let name = key.to_string_lossy();

@@ -1,4 +1,4 @@
-//! A Mosquitto of the test's own.
+//! A Mosquitto that only this test uses.
 
 use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use tempfile::TempDir;
 use super::served::Process;
 use super::wait::PATIENCE;
 
-/// A broker on a port that was free. It can be killed and started again there.
+/// A broker on a free port. It can be killed and started again on this port.
 pub struct Mosquitto {
     folder: TempDir,
     port: u16,
@@ -42,14 +42,14 @@ impl Mosquitto {
         Self::with_persistence(folder, &more, true)
     }
 
-    /// With more lines of its configuration, which may name files of the folder by their names alone.
+    /// Starts a broker with more lines of configuration, which may name files of the folder without a path.
     pub fn with(folder: TempDir, more: &str) -> Self {
         Self::with_persistence(folder, more, false)
     }
 
     fn with_persistence(folder: TempDir, more: &str, persistence: bool) -> Self {
         let port = free_port();
-        // started by root it would become a user who may not read the folder
+        // started by root, it would change to a user that may not read the folder
         let config = format!(
             "user root\nlistener {port} 127.0.0.1\npersistence {persistence}\nset_tcp_nodelay true\nlog_dest stderr\n{more}"
         );
@@ -68,12 +68,12 @@ impl Mosquitto {
         format!("127.0.0.1:{}", self.port)
     }
 
-    /// As kill -9.
+    /// Kills the broker, as kill -9 does.
     pub fn kill(&mut self) {
         self.process = None;
     }
 
-    /// Where its files are.
+    /// Returns the folder of its files.
     pub fn folder(&self) -> &Path {
         self.folder.path()
     }
@@ -93,7 +93,8 @@ impl Mosquitto {
     }
 }
 
-/// A free port, below those that the system gives to clients, so that none of them has it before the broker.
+/// Returns a free port below the range that the operating system assigns to clients, so that no client
+/// occupies it before the broker.
 pub fn free_port() -> u16 {
     static NEXT: AtomicU16 = AtomicU16::new(0);
     let own = u16::try_from(std::process::id() % 300).expect("less than 300") * 64;

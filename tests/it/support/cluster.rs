@@ -1,4 +1,4 @@
-//! A broker of three nodes, each of which can be killed, started again, and parted from the others.
+//! A broker of three nodes; each can be killed, started again, and separated from the others.
 
 use std::net::TcpStream;
 use std::path::PathBuf;
@@ -11,20 +11,20 @@ use super::served::Process;
 use super::wait::PATIENCE;
 use super::wire::Wire;
 
-/// Nodes of a cluster: the fewest that keep a majority when one is away.
+/// Number of nodes of a cluster: the smallest number with a majority when one is offline.
 pub const NODES: usize = 3;
 
-/// How to start a node: program and arguments.
+/// Returns program and arguments that start a node.
 pub type Start = (PathBuf, Vec<String>);
 
-/// A link between nodes, or from one to what they share.
+/// A link between nodes, or from a node to a shared process.
 pub struct Link {
     /// Nodes that are separated when it is torn.
     pub ends: Vec<usize>,
     pub wire: Wire,
 }
 
-/// Nodes on ports that were free.
+/// Nodes on free ports.
 pub struct Cluster {
     folder: TempDir,
     starts: [Start; NODES],
@@ -71,7 +71,7 @@ impl Cluster {
         format!("127.0.0.1:{}", self.mqtt[node])
     }
 
-    /// As kill -9.
+    /// Kills a node, as kill -9 does.
     pub fn kill(&mut self, node: usize) {
         self.nodes[node] = None;
     }
@@ -81,7 +81,7 @@ impl Cluster {
         self.until_it_listens(node);
     }
 
-    /// Ends the links of a node, which lives on with its clients, until [`Cluster::join`].
+    /// Interrupts the links of a node, which continues to serve its clients, until [`Cluster::join`].
     pub fn part(&self, node: usize) {
         self.links_of(node).for_each(|link| link.wire.tear());
     }
@@ -112,7 +112,7 @@ impl Cluster {
     }
 }
 
-/// A program of a package that Debian puts where not every `PATH` looks.
+/// Returns the path of a Debian program that may be outside of `PATH`.
 pub fn installed(program: &str) -> PathBuf {
     let places = ["/usr/sbin", "/usr/local/bin"].map(PathBuf::from);
     let path = std::env::var_os("PATH").unwrap_or_default();

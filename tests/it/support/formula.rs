@@ -1,10 +1,11 @@
-//! The formulas of one cutting block from stop to stop and of one rapid motion, written from the M1 and
+//! The formulas of one cutting block from stop to stop and of one rapid motion, derived from the rules M1 and
 //! M1e, not from the planner.
 
 /// One servo period of the test machines, s.
 pub const PERIOD_S: f64 = 0.001;
 
-/// A run begins at most 3 periods late, ends on a servo tick, and is found in position one period later.
+/// Tolerance of a run, s: it begins at most 3 periods late, ends on a servo tick, and is found in position
+/// one period later.
 pub const LATE_S: f64 = 0.0051;
 
 /// A ramp: total time `ta + ts`, jerk phases of `ts` at both ends.
@@ -61,7 +62,7 @@ impl Block {
     pub fn new(length: f64, v: f64, ta: f64, td: f64, ts: f64) -> Self {
         let (up, down) = (Ramp::new(ta, ts), Ramp::new(td, ts));
         let ramps = up.total() + down.total();
-        // Too short to reach the speed: the ramps keep their time, the peak falls.
+        // A block too short to reach the speed: the ramps keep their time, and the peak is lower.
         let v = v.min(2.0 * length / ramps);
         Self {
             length,

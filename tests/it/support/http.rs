@@ -84,7 +84,7 @@ pub async fn request_with(
     .await
 }
 
-/// The same to a machine that may be gone: `None` then.
+/// Sends a request to a machine that may be offline; returns `None` in this case.
 pub async fn try_request(address: &str, method: &str, path: &str, kind: &str, body: &str) -> Option<Answer> {
     try_request_with(address, method, path, kind, body, "").await
 }

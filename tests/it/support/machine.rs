@@ -75,14 +75,14 @@ pub fn bench(more: &str) -> Bench {
     Bench::with_config(Machine::new(more).config()).expect("a good configuration")
 }
 
-/// A folder with a configuration and programs; gone when it is dropped.
+/// A folder with a configuration and programs; it is removed when dropped.
 pub struct Machine {
     folder: TempDir,
 }
 
 impl Machine {
     /// Returns the machine of [`MOTORS`] and [`COORDINATE_SYSTEMS`] with `more` appended, such as `[m_code.N]` tables.
-    /// Tests run in parallel, so a servo that is late by less than `servo_late_ms` is no failure.
+    /// Tests run in parallel, so a servo that is late by less than `servo_late_ms` is not a failure.
     pub fn new(more: &str) -> Self {
         Self::with_config(&format!(
             "[machine]\nname = \"test-1\"\nservo_late_ms = 1500\n{MOTORS}{COORDINATE_SYSTEMS}{more}"
@@ -98,7 +98,7 @@ impl Machine {
         machine
     }
 
-    /// Writes a file of the folder and gives its path.
+    /// Writes a file of the folder and returns its path.
     pub fn write(&self, name: &str, text: &str) -> PathBuf {
         let path = self.path(name);
         std::fs::write(&path, text).expect("a file in a folder of ours");

@@ -22,7 +22,7 @@ pub struct Bus {
 }
 
 impl Bus {
-    /// Connects to a broker and subscribes to all of a machine, which is online.
+    /// Connects to a broker and subscribes to all topics of a machine, which must be online.
     pub async fn connect(broker: &str, machine: &str) -> Self {
         let bus = Self::listen(broker, machine).await;
         let online = bus.history.find("presence", |value| value["online"] == true);
@@ -55,7 +55,7 @@ impl Bus {
                 match events.poll().await {
                     Ok(Event::Incoming(Packet::ConnAck(_))) => {
                         connections += 1;
-                        // the broker has forgotten it
+                        // the broker has removed it
                         if connections > 1 {
                             let filter = format!("{prefix}#");
                             again
@@ -75,7 +75,7 @@ impl Bus {
                             wrong.push("unreadable".into(), Value::from(format!("{topic}: {error}")));
                         }
                         let value = serde_json::from_slice(&publish.payload).unwrap_or(Value::Null);
-                        // a cleared topic carries nothing
+                        // a cleared topic has no payload
                         if !publish.payload.is_empty()
                             && let Err(error) = check_message(&topic, &value)
                         {

@@ -1,12 +1,12 @@
-//! A cluster of NATS Server, which speaks MQTT 3.1.1 over `JetStream`.
+//! A cluster of NATS Server, which offers MQTT 3.1.1 over `JetStream`.
 
 use tempfile::TempDir;
 
 use super::cluster::{Cluster, Link, NODES, installed, ports};
 use super::wire::Wire;
 
-/// Starts it. Consumers have one replica: with three, each filter of a subscription takes half a second, and nothing else of its
-/// connection is answered meanwhile.
+/// Starts the cluster. Consumers have one replica: with three, each filter of a subscription takes half a
+/// second, and other requests of its connection wait in the meantime.
 pub async fn nats() -> Cluster {
     let folder = TempDir::new().expect("a folder");
     let (own, mqtt, routes) = (ports(), ports(), ports());

@@ -1,4 +1,4 @@
-//! A cluster of rmqtt, which speaks MQTT 5; its nodes know each other over gRPC.
+//! A cluster of rmqtt, which uses MQTT 5; its nodes communicate over gRPC.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -8,7 +8,7 @@ use tempfile::TempDir;
 use super::cluster::{Cluster, Link, NODES, Start, ports};
 use super::wire::Wire;
 
-/// Starts it.
+/// Starts the cluster.
 pub async fn rmqtt() -> Cluster {
     let program = build();
     let folder = TempDir::new().expect("a folder");

@@ -29,7 +29,7 @@ fn documents() -> &'static Documents {
     })
 }
 
-/// Lets objects have no other fields than those that are named.
+/// Allows only the named fields in objects.
 fn close(schema: &mut Value) {
     match schema {
         Value::Object(fields) => {
@@ -72,7 +72,7 @@ fn check(schema: &Value, value: &Value) -> Result<(), String> {
     }
 }
 
-/// True when a path is one of a template with names in braces.
+/// Returns true if a path matches a template with names in braces.
 fn fits(template: &str, path: &str) -> bool {
     let (mut wanted, mut levels) = (template.split('/'), path.split('/'));
     loop {
@@ -91,7 +91,7 @@ pub fn check_message(path: &str, message: &Value) -> Result<(), String> {
     let channel = channels
         .values()
         .filter(|channel| fits(channel["address"].as_str().expect("an address"), &address))
-        // a name spelled out goes before one in braces
+        // a literal name has precedence over a name in braces
         .min_by_key(|channel| {
             channel["address"]
                 .as_str()

@@ -1,4 +1,4 @@
-//! `tandem serve` as a process of its own, and what a client does with it.
+//! `tandem serve` as a separate process, and requests to it.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
@@ -19,7 +19,7 @@ use super::wait::{History, PATIENCE, until};
 /// Free ports, as a part of a configuration.
 pub const FREE_PORTS: &str = "[http]\nlisten = \"127.0.0.1:0\"\n[mqtt]\nlisten = \"127.0.0.1:0\"\n";
 
-/// Bytes that a process has said last, as a test that fails shows them.
+/// Number of bytes of the last output of a process that a failing test shows.
 const SHOWN_MAX: usize = 64 * 1024;
 
 /// A process whose output is read line by line; killed when it is dropped.
@@ -69,7 +69,8 @@ impl Process {
         }
     }
 
-    /// No file of the process can be written beyond so many bytes; `unlimited`: the disk takes everything again.
+    /// Limits the size of files that the process writes, in bytes; with `unlimited` the disk accepts all
+    /// writes again.
     pub fn limit_file_bytes(&self, bytes: &str) {
         let limited = Command::new("prlimit")
             .arg(format!("--pid={}", self.child.id()))
@@ -78,20 +79,20 @@ impl Process {
         assert!(limited.is_ok_and(|status| status.success()), "prlimit");
     }
 
-    /// Tells the process a line.
+    /// Sends a line to the process.
     pub fn say(&mut self, line: &str) {
         let input = self.child.stdin.as_mut().expect("a process that listens");
         writeln!(input, "{line}").expect("it listens");
     }
 
-    /// Kills it, and gives all that it has printed.
+    /// Kills the process, and returns its whole output.
     pub fn killed(mut self) -> String {
         self.child.kill().expect("a process of ours");
         self.exit_code_within(PATIENCE);
         std::mem::take(&mut self.output)
     }
 
-    /// Reads until a line that fits.
+    /// Reads until a line matches.
     pub fn line(&mut self, what: &str, fits: impl Fn(&str) -> bool) -> String {
         let end = Instant::now() + PATIENCE;
         loop {
@@ -124,7 +125,7 @@ impl Process {
         assert!(kill.expect("kill starts").success());
     }
 
-    /// The exit code, when it ends within a time.
+    /// Returns the exit code if the process ends within a time.
     pub fn exit_code_within(&mut self, limit: Duration) -> Option<i32> {
         let end = Instant::now() + limit;
         loop {
@@ -148,9 +149,9 @@ impl Process {
 }
 
 impl Drop for Process {
-    /// In a test that fails, shows what the process has said last.
+    /// In a failing test, shows the last output of the process.
     fn drop(&mut self) {
-        // It may already have ended.
+        // The process may already have ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
         if std::thread::panicking() {
@@ -206,12 +207,12 @@ impl Served {
         }
     }
 
-    /// The address that `Plc::connect` takes.
+    /// Returns the address for `Plc::connect`.
     pub fn mqtt_url(&self) -> String {
         format!("mqtt://{}/test-1", self.broker)
     }
 
-    /// The same over REST and WebSocket.
+    /// Returns the address for `Plc::connect` over REST and WebSocket.
     pub fn http_url(&self) -> String {
         format!("http://{}", self.http)
     }
@@ -271,7 +272,7 @@ impl Served {
         self.get(&format!("/cs/{cs}/state")).await.expect(200).json()
     }
 
-    /// Waits for a state that fits.
+    /// Waits for a matching state.
     pub async fn state_where(&self, cs: u8, what: &str, fits: impl Fn(&Value) -> bool) -> Value {
         let mut last = Value::Null;
         let waiting = until(what, async || {
@@ -281,7 +282,7 @@ impl Served {
         waiting.await
     }
 
-    /// Waits for a word of execution.
+    /// Waits for a state word.
     pub async fn execution(&self, cs: u8, word: &str) -> Value {
         self.state_where(cs, word, |state| state["execution"] == word)
             .await
@@ -298,7 +299,7 @@ impl Served {
         self.post(&format!("/cs/{cs}/m_codes/{seq}/reset"), &body).await
     }
 
-    /// Everything that a WebSocket says about topics, from now on.
+    /// Returns all messages of a WebSocket about topics, from now on.
     pub async fn watch(&self, topics: &[&str]) -> Watch {
         let url = format!("ws://{}/api/v1/ws", self.http);
         let (mut socket, _) = tokio_tungstenite::connect_async(url).await.expect("a WebSocket");

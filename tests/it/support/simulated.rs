@@ -1,4 +1,4 @@
-//! `tandem simulate` and `tandem check` as processes, and what they leave behind.
+//! `tandem simulate` and `tandem check` as processes, and their results.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -47,7 +47,7 @@ pub struct Row {
     pub time_s: f64,
     pub program: u16,
     pub line: u32,
-    /// In the order of the header.
+    /// Values in the order of the header.
     pub axes: Vec<f64>,
 }
 
@@ -104,14 +104,14 @@ fn read_events(path: &Path) -> Vec<Value> {
 }
 
 impl Simulated {
-    /// The run must have come to its end without an alarm.
+    /// Checks that the run has ended without an alarm.
     pub fn completed(self) -> Self {
         assert_eq!(self.json["outcome"], "completed", "{}", self.json);
         assert_eq!(self.ran.code, 0, "{}", self.ran.stderr);
         self
     }
 
-    /// The run must have ended with an alarm; gives its number.
+    /// Checks that the run has ended with an alarm; returns its number.
     pub fn alarm(&self) -> u64 {
         assert_eq!(self.json["outcome"], "alarm", "{} {}", self.json, self.ran.stderr);
         assert_eq!(self.ran.code, 1, "{}", self.ran.stderr);
@@ -184,7 +184,7 @@ impl Simulated {
             .collect()
     }
 
-    /// When the first event of a kind with a field of a value happened.
+    /// Returns the time of the first event of a kind with this value in a field.
     pub fn at_s(&self, kind: &str, field: &str, value: u64) -> f64 {
         let found = self
             .events

@@ -7,10 +7,11 @@ use serde_json::Value;
 use tokio::sync::Notify;
 use tokio::time::Instant;
 
-/// The longest that anything in these tests is waited for.
+/// Time limit of all waits in these tests.
 pub const PATIENCE: Duration = Duration::from_mins(1);
 
-/// The result of a future, or a failure that names what did not come.
+/// Returns the result of a future; after the time limit, the test fails with the name of the missing
+/// condition.
 pub async fn within<T>(what: &str, future: impl Future<Output = T>) -> T {
     tokio::time::timeout(PATIENCE, future)
         .await
@@ -48,7 +49,7 @@ impl History {
         self.news.notify_waiters();
     }
 
-    /// Everything on a topic so far.
+    /// Returns all messages on a topic so far.
     pub fn on(&self, topic: &str) -> Vec<Value> {
         let said = self.said.lock().unwrap();
         said.iter()
@@ -57,7 +58,7 @@ impl History {
             .collect()
     }
 
-    /// The first value on a topic that fits, from the beginning of the history on.
+    /// Returns the first matching value on a topic, from the beginning of the history on.
     pub async fn find(&self, topic: &str, fits: impl Fn(&Value) -> bool) -> Value {
         let search = async {
             loop {
@@ -74,7 +75,7 @@ impl History {
         found.unwrap_or_else(|_| panic!("nothing that fits on {topic}: {:#?}", self.on(topic)))
     }
 
-    /// The words of execution of a coordinate system, each once where it repeats.
+    /// Returns the state words of a coordinate system, without successive duplicates.
     pub fn executions(&self, cs: u8) -> Vec<String> {
         let states = self.on(&format!("cs/{cs}/state"));
         let mut words: Vec<String> = states

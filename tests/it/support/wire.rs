@@ -11,9 +11,9 @@ use super::wait::within;
 /// Answer of a broker of MQTT 3.1.1 to a client that uses 5 (MQTT-3.1.2-2).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refusal {
-    /// It answers that it does not take that version, and hangs up.
+    /// The broker answers that it does not support this version, and disconnects.
     Answer,
-    /// It only hangs up.
+    /// The broker only disconnects.
     HangUp,
 }
 
@@ -31,7 +31,7 @@ impl Wire {
         Self::new(target, None).await
     }
 
-    /// Makes a broker one of MQTT 3.1.1.
+    /// Makes a broker support only MQTT 3.1.1.
     pub async fn to_version_3_1_1(target: &str, refusal: Refusal) -> Self {
         Self::new(target, Some(refusal)).await
     }
@@ -112,7 +112,7 @@ async fn carry(
     hung_up: watch::Sender<u32>,
 ) {
     if !*whole.borrow() {
-        // a connection would have failed: it ends, unused, once the other side can be notified
+        // a connection would have failed: it ends unused, when the other side can be notified
         let _ = whole.wait_for(|whole| *whole).await;
         return;
     }
@@ -130,7 +130,7 @@ async fn carry(
         }
         return;
     }
-    // the system may hold small packets back otherwise
+    // otherwise the system may delay small packets
     let _ = (near.set_nodelay(true), far.set_nodelay(true));
     let ((near_in, near_out), (far_in, far_out)) = (near.into_split(), far.into_split());
     tokio::join!(
@@ -139,7 +139,7 @@ async fn carry(
     );
 }
 
-/// Looks at the level of the protocol in a CONNECT, which stands behind the name `MQTT`.
+/// Reads the protocol level in a CONNECT packet, which follows the name `MQTT`.
 async fn speaks_5(near: &TcpStream) -> bool {
     let mut bytes = [0; 16];
     loop {

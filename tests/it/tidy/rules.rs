@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use super::{files, read};
+use tandem_tidy::{files, read};
 
 /// The numbers of all rules.
 fn numbers() -> BTreeSet<&'static str> {

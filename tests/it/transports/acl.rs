@@ -1,4 +1,4 @@
-//! A Mosquitto with exactly the rules that `tandem mqtt-acl` prints: each user speaks in its own name only.
+//! A Mosquitto with exactly the rules that `tandem mqtt-acl` prints: each user sends in its own name only.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -25,7 +25,7 @@ const USERS: [(&str, &str); 5] = [
     ("boss", "admin"),
 ];
 
-/// Roles that may send requests of a right, as docs/src/explanation/security.md says it.
+/// Roles that may send requests of a right, according to docs/src/explanation/security.md.
 fn roles(right: &str) -> &'static [&'static str] {
     match right {
         "read" => &["view", "handler", "operate", "admin"],
@@ -50,8 +50,9 @@ const LEVELS: [(&str, &str); 9] = [
     ("{client_id}", "panel"),
 ];
 
-/// Topics of the document that a client publishes (`receive`) or the runtime alone (`send`), and the roles of the former. Topics that
-/// name their sender are left out: [`SENDERS`] are put before the others.
+/// Topics of the document that clients publish (`receive`), with their roles, and topics that only the
+/// runtime publishes (`send`). Topics that name their sender are left out: [`SENDERS`] are added in front of
+/// the others.
 fn topics(action: &str) -> Vec<(String, &'static [&'static str])> {
     let document = include_str!("../../../runtime/gateway/api/asyncapi.json");
     let document: Value = serde_json::from_str(document).expect("JSON");
@@ -205,7 +206,7 @@ async fn publish(client: &AsyncClient, path: &str, payload: &Value) {
     sent.await.expect("a connection");
 }
 
-/// Levels of senders, none among them.
+/// Levels of senders, including no level.
 const SENDERS: [&str; 7] = [
     "",
     "handler/clamp/",
@@ -216,7 +217,7 @@ const SENDERS: [&str; 7] = [
     "client/boss/",
 ];
 
-/// Whether a user may publish a request with these levels of a sender.
+/// Returns true if a user may publish a request with these levels of a sender.
 fn may_publish((user, role): (&str, &str), sender: &str, roles: &[&str]) -> bool {
     let is_own = match role {
         "handler" => sender == format!("handler/{user}/"),
@@ -287,7 +288,7 @@ async fn the_printed_rules_let_each_user_speak_in_its_own_name_only() {
         publish(&clients[user], &path, &json!({"mark": mark})).await;
         expected.extend(passes.then_some(mark));
     }
-    // messages of other connections may come after it
+    // messages of other connections may arrive after it
     tokio::time::sleep(Duration::from_secs(1)).await;
     let boss = plant.connect_as("boss").await;
     publish(

@@ -7,7 +7,7 @@ use tokio::sync::mpsc;
 use super::{Reached, in_process, over_mosquitto, over_rest, over_the_embedded_broker};
 use crate::support::wait::{until, within};
 
-/// Waits until it is STOPPED by an alarm, with this number of alarms that affect it.
+/// Waits until the coordinate system is STOPPED by an alarm, with this number of alarms that affect it.
 async fn stopped(system: &CoordinateSystem, alarms: u32) {
     let is_stopped = |state: &plc_api::types::state::State| {
         (state.execution, state.reason, state.alarm_count)
@@ -18,7 +18,7 @@ async fn stopped(system: &CoordinateSystem, alarms: u32) {
         .expect("a state");
 }
 
-/// Numbers and coordinate systems of the alarms that stand, once there are so many.
+/// Returns numbers and coordinate systems of the active alarms, when there are this many.
 async fn standing(plc: &Plc, count: usize) -> Vec<(u16, Option<u8>, String)> {
     until("the alarms that stand", async || {
         let alarms = plc.alarms().await.ok()?;

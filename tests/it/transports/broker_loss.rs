@@ -1,4 +1,4 @@
-//! The broker dies and comes back while an output is open.
+//! The broker ends and returns while an output is pending.
 
 use std::sync::{Arc, Mutex};
 
@@ -18,7 +18,7 @@ async fn an_output_survives_the_death_of_the_broker_and_is_handled_once() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn an_output_survives_the_death_of_a_broker_that_remembers_and_is_handled_once() {
+async fn output_survives_the_death_of_a_persistent_broker_and_is_handled_once() {
     let (reached, broker) = over(Mosquitto::that_keeps()).await;
     an_output_survives_its_death(&reached, broker, async |broker| {
         let kept = broker.folder().join("mosquitto.db");
@@ -116,7 +116,7 @@ async fn an_output_made_without_a_broker_is_there_when_it_is_back() {
 }
 
 #[tokio::test]
-async fn a_program_that_waits_is_held_when_the_broker_is_lost_and_goes_on_when_it_is_back() {
+async fn waiting_program_is_held_on_broker_loss_and_continues_after_it() {
     let mut broker = Mosquitto::start();
     let hold = format!("{}on_bus_loss = \"hold_at_wait\"\n", broker_at(&broker.address()));
     let machine = machine(&hold);

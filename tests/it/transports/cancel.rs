@@ -1,5 +1,5 @@
-//! A cancel reaches the handler wherever it waits, with its reason, and a hold keeps the program while it is reset, each
-//! transport.
+//! On each transport, a cancel with its reason reaches the handler at any of its waits, and a hold keeps the
+//! program held during a reset.
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -20,7 +20,7 @@ use crate::support::served::Served;
 use crate::support::wait::{until, within};
 use crate::support::wire::Wire;
 
-/// Where the handler waits.
+/// Kind of the handler's wait.
 #[derive(Debug, Clone, Copy)]
 enum Waits {
     Asleep,
@@ -36,7 +36,7 @@ struct Shared {
     dropped: Mutex<Vec<(bool, Option<CancelReason>)>>,
 }
 
-/// Notes how the handler ended.
+/// Records the kind of the handler's end.
 struct Guard(Cancellation, Arc<Shared>);
 
 impl Drop for Guard {
@@ -65,7 +65,7 @@ async fn wait(output: AuxOutput, plc: Plc, shared: Arc<Shared>) -> Result<(), Al
     Ok(())
 }
 
-/// Runs program 50 until the handler of its M100 waits; gives the number of the output.
+/// Runs program 50 until the handler of its M100 waits; returns the number of the output.
 async fn until_it_waits(system: &CoordinateSystem, shared: &Shared, waits: Waits) -> u64 {
     *shared.waits.lock().unwrap() = Some(waits);
     within("load", system.load(50)).await.expect("load");
@@ -151,7 +151,7 @@ async fn in_process_a_cancel_reaches_the_handler_wherever_it_waits() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn over_the_embedded_broker_a_cancel_reaches_the_handler_wherever_it_waits() {
+async fn embedded_broker_cancel_reaches_a_handler_at_any_wait() {
     a_cancel_reaches_the_handler(&over_the_embedded_broker().await).await;
 }
 
@@ -166,12 +166,12 @@ async fn over_rest_a_cancel_reaches_the_handler_wherever_it_waits() {
     a_cancel_reaches_the_handler(&over_rest().await).await;
 }
 
-/// Messages that a client library and the broker hold between them: more wait where a later value takes an earlier
-/// one's place.
+/// Number of messages that a client library and the broker hold together: further messages wait where a later
+/// value replaces an earlier one.
 const ON_THE_WAY_MAX: u32 = 300;
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn over_a_slow_link_a_later_pending_does_not_pass_the_cancel_that_explains_it() {
+async fn slow_link_delivers_the_cancel_before_a_later_pending() {
     let broker = Mosquitto::start();
     let wire = Wire::to(&broker.address()).await;
     let machine = machine(&broker_at(wire.address()));
@@ -189,7 +189,7 @@ async fn over_a_slow_link_a_later_pending_does_not_pass_the_cancel_that_explains
         let feed = json!({"feed": 50 + n % 2});
         served.put("/cs/1/overrides", &feed).await.expect(204);
     }
-    // `pending` waits with this, then comes the cancel, then a `pending` without the output
+    // `pending` waits with this message; the cancel follows, then a `pending` without the output
     let boot_id = served.state(1).await["boot_id"].clone();
     let progress = json!({"boot_id": boot_id, "handler_id": "waits", "text": "still"});
     let path = format!("/cs/1/m_codes/{seq}/progress");

@@ -1,7 +1,7 @@
-//! A broker of three nodes: runtime, handler and HMI at one each, which dies, or is parted from the others, in the middle of a program
-//! of M codes.
-//! In every run with NATS Server, where each node dies once and one is parted; with `TANDEM_LONG` each is parted, too, and with
-//! every broker, which takes minutes.
+//! A broker of three nodes, with runtime, handler and HMI at one node each. A node is killed, or separated
+//! from the others, during a program of M codes. Every run tests NATS Server: each node is killed once, and
+//! one is separated. With `TANDEM_LONG` each node is also separated, and every broker is tested, which takes
+//! minutes.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -21,13 +21,14 @@ use crate::support::wait::{until, until_within};
 
 /// M codes of one run of the program.
 const OUTPUTS: usize = 100;
-/// The program waits for each of them.
+/// The M code of the program, which waits for each output.
 const PROGRAM: &str = "L0 = 0\nwhile (L0 < 100) {\nM100 VA[L0]\nL0 = L0 + 1\n}\nM30\n";
-/// How long a node is away.
+/// Time for which a node is offline.
 const AWAY: Duration = Duration::from_secs(2);
-/// How long a node is parted from the others: longer than nodes wait for each other.
+/// Time for which a node is separated from the others: longer than nodes wait for each other.
 const PARTED: Duration = Duration::from_secs(6);
-/// How long the nodes have: on a busy computer they elect a leader again and again, and meanwhile refuse and forget what they are asked.
+/// Time limit for the nodes: on a busy computer they elect a leader repeatedly, and in the meantime refuse
+/// and drop requests.
 const NODES_PATIENCE: Duration = Duration::from_mins(5);
 /// Nodes of the runtime, of the HMI and of the handler.
 const RUNTIME: usize = 0;
@@ -37,9 +38,9 @@ const HANDLER: usize = 2;
 /// Event of a node in the middle of a run.
 #[derive(Debug, Clone, Copy)]
 enum Trouble {
-    /// It is killed and started again.
+    /// The node is killed and started again.
     Dies(usize),
-    /// It is cut off from the others, and joined again.
+    /// The node is separated from the others, and joined again.
     IsParted(usize),
 }
 
@@ -58,14 +59,14 @@ const ALL: [Trouble; 6] = [
     Trouble::IsParted(HMI),
 ];
 
-/// How often each output was done, by its id.
+/// Number of times that each output was executed, by its id.
 type Done = Arc<Mutex<BTreeMap<String, u32>>>;
 
 fn count(done: &Done) -> usize {
     done.lock().unwrap().len()
 }
 
-/// The handler of M100 at its node, and at the others when that is lost.
+/// Runs the handler of M100 at its node, and at the others when that node is lost.
 async fn serve(cluster: &Cluster, done: &Done) -> tokio::task::JoinHandle<()> {
     let order = [HANDLER, RUNTIME, HMI]
         .map(|node| cluster.address(node))
@@ -81,7 +82,7 @@ async fn serve(cluster: &Cluster, done: &Done) -> tokio::task::JoinHandle<()> {
     .await;
     let done = Arc::clone(done);
     tokio::spawn(async move {
-        // an output that was pending at the loss is inspected before it is done again
+        // an output that was pending at the loss is inspected before it is executed again
         let handler = move |output: AuxOutput| {
             let mut done = done.lock().unwrap();
             let times = done.entry(output.id().to_owned()).or_default();
@@ -103,20 +104,20 @@ fn is_long() -> bool {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn in_a_cluster_of_nats_each_output_is_done_once_whichever_node_dies_or_is_parted() {
+async fn nats_cluster_handles_each_output_once_at_node_loss_or_partition() {
     let rounds: &[Trouble] = if is_long() { &ALL } else { &SOME };
     each_output_is_done_once(nats().await, rounds).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn in_a_cluster_of_aedes_each_output_is_done_once_whichever_node_dies_or_is_parted() {
+async fn aedes_cluster_handles_each_output_once_at_node_loss_or_partition() {
     if is_long() {
         each_output_is_done_once(aedes().await, &ALL).await;
     }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn in_a_cluster_of_rmqtt_each_output_is_done_once_whichever_node_dies_or_is_parted() {
+async fn rmqtt_cluster_handles_each_output_once_at_node_loss_or_partition() {
     if is_long() {
         each_output_is_done_once(rmqtt().await, &ALL).await;
     }

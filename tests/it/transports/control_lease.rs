@@ -1,4 +1,4 @@
-//! The control lease over every transport: who holds it alone starts motion, and everyone may stop it.
+//! The control lease over every transport: only its holder starts motion, and every client may stop motion.
 
 use std::time::Duration;
 
@@ -22,7 +22,7 @@ fn refusal<T: std::fmt::Debug>(result: Result<T, Error>) -> Refusal {
     }
 }
 
-/// A start with a fence by hand.
+/// Creates a start command with an explicit fence.
 async fn start_with(plc: &Plc, fence: u64) -> Result<(), Error> {
     let meta = CommandMeta {
         command_id: format!("start-{fence}"),
@@ -39,7 +39,7 @@ async fn start_with(plc: &Plc, fence: u64) -> Result<(), Error> {
     Ok(plc.port().request(start).await.map(|_| ())?)
 }
 
-/// Waits until this commander knows who holds the lease.
+/// Waits until this commander has received the holder of the lease.
 async fn holder_is(plc: &Plc, holder: Option<&str>) {
     until(&format!("the holder is {holder:?}"), async || {
         // over MQTT a client may be notified later
@@ -49,7 +49,7 @@ async fn holder_is(plc: &Plc, holder: Option<&str>) {
     .await;
 }
 
-/// Two commanders: one takes the lease, the other may only stop what it does.
+/// Two commanders: one takes the lease, the other may only stop its motion.
 async fn it_keeps_others_from_starting(reached: &Reached) {
     let other = if reached.url.is_empty() {
         Plc::in_process(std::sync::Arc::clone(reached.plc.port()))
@@ -211,7 +211,7 @@ async fn rest_and_mqtt_obey_the_same_lease() {
     bus.publish("cs/1/command/start", &start).await;
     assert_eq!(bus.reply("hmi", "s1").await["code"], "busy");
 
-    // with its fence, by whatever way it comes
+    // with its fence, over any transport
     let own = fence.to_string();
     let start = send(served, ("POST", "/cs/1/start?wait=1"), &json!(null), &own).await;
     start.expect(200);

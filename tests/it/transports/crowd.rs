@@ -25,7 +25,7 @@ fn command(command_id: &str, client_id: &str) -> Value {
 }
 
 #[tokio::test]
-async fn of_two_hmis_that_start_at_once_over_mqtt_one_is_accepted_and_the_other_refused() {
+async fn of_two_simultaneous_starts_over_mqtt_one_is_accepted_one_refused() {
     let reached = over_the_embedded_broker().await;
     let served = reached.served();
     let hmis = [
@@ -52,7 +52,7 @@ async fn of_two_hmis_that_start_at_once_over_mqtt_one_is_accepted_and_the_other_
 }
 
 #[tokio::test]
-async fn of_two_hmis_that_start_at_once_from_what_they_saw_one_is_told_that_it_has_changed() {
+async fn of_two_starts_with_the_same_etag_one_gets_precondition_failed() {
     let reached = over_the_embedded_broker().await;
     let served = reached.served();
     served.load(1, 60, "M100\nM30\n").await;
@@ -138,7 +138,7 @@ async fn subscribed(broker: &str, id: &str, topic: &str, buffer_bytes: u32) -> (
     (client, events)
 }
 
-/// Megabytes go to a subscriber on MQTT and to a WebSocket that read nothing, while the machine moves.
+/// Megabytes are sent to an MQTT subscriber and to a WebSocket that do not read, while the machine moves.
 async fn who_reads_nothing_holds_up_neither_motion_nor_others(reached: &Reached, broker: &str) {
     const ASKED: usize = 400;
     let served = reached.served();
@@ -182,7 +182,7 @@ async fn who_reads_nothing_holds_up_neither_motion_nor_others(reached: &Reached,
     served.execution(1, "PROGRAM_COMPLETED").await;
     assert_eq!(answered.load(Ordering::Relaxed), ASKED);
     reading.abort();
-    // when it reads again it comes to the latest state
+    // when it reads again, it reaches the latest state
     let latest = async {
         while let Some(Ok(frame)) = silent_socket.next().await {
             let Message::Text(said) = frame else { continue };
@@ -198,7 +198,7 @@ async fn who_reads_nothing_holds_up_neither_motion_nor_others(reached: &Reached,
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn over_the_embedded_broker_who_reads_nothing_holds_up_neither_motion_nor_others() {
+async fn embedded_broker_client_that_reads_nothing_delays_no_motion_or_client() {
     let reached = over_the_embedded_broker().await;
     let broker = reached.served().broker.clone();
     who_reads_nothing_holds_up_neither_motion_nor_others(&reached, &broker).await;
@@ -226,7 +226,7 @@ async fn is_let_in(broker: &str, id: u16, outlives: bool) -> bool {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn mqtt_connections_that_do_not_say_who_they_are_give_way_and_keep_nobody_out() {
+async fn silent_mqtt_connections_are_evicted_and_exclude_no_client() {
     let reached = over_the_embedded_broker().await;
     let served = reached.served();
     let panel = Bus::connect(&served.broker, "test-1").await;

@@ -1,4 +1,4 @@
-//! kill -9 of a handler in a process of its own, while the program waits for it.
+//! A handler in a separate process is killed by kill -9 while the program waits for it.
 
 use std::path::Path;
 
@@ -34,7 +34,7 @@ async fn lose_the_handler(served: &Served, url: &str) -> Value {
             !state["waiting_on"]["progress"].is_null() || state["execution"] == "PROGRAM_COMPLETED"
         };
         served.state_where(1, "the handler works", working).await;
-        // As kill -9.
+        // Kills the handler, as kill -9 does.
         drop(handler);
         let after =
             |state: &Value| state["reason"] == "HANDLER_LOST" || state["execution"] == "PROGRAM_COMPLETED";
@@ -42,7 +42,7 @@ async fn lose_the_handler(served: &Served, url: &str) -> Value {
         if state["execution"] == "WAIT" {
             return state;
         }
-        // The handler was faster than this test; once more.
+        // The handler was faster than this test; the test tries again.
     }
     panic!("the handler was never caught at work");
 }
@@ -66,7 +66,7 @@ async fn kill_9_leaves_wait_handler_lost_and_a_reset_by_hand_completes(reached: 
         (&last["severity"], &last["number"], &last["line"]),
         (&json!("warning"), &json!(302), &json!(2))
     );
-    assert_eq!(last["text"], "The handler of an M code has gone: M12 of clamp");
+    assert_eq!(last["text"], "The handler of an M code is lost: M12 of clamp");
     assert_eq!(
         served.get("/alarms").await.expect(200).json()["alarms"],
         json!([]),
@@ -107,19 +107,19 @@ async fn a_handler_that_returns_leaves_it_until_it_is_redelivered(reached: &Reac
 }
 
 #[tokio::test]
-async fn kill_9_of_the_handler_over_the_embedded_broker_leaves_wait_handler_lost_until_a_reset_by_hand() {
+async fn embedded_broker_kill_9_leaves_handler_lost_until_a_manual_reset() {
     let reached = over_the_embedded_broker().await;
     kill_9_leaves_wait_handler_lost_and_a_reset_by_hand_completes(&reached).await;
 }
 
 #[tokio::test]
-async fn kill_9_of_the_handler_over_mosquitto_leaves_wait_handler_lost_until_a_reset_by_hand() {
+async fn mosquitto_kill_9_leaves_handler_lost_until_a_manual_reset() {
     let (reached, _broker) = over_mosquitto().await;
     kill_9_leaves_wait_handler_lost_and_a_reset_by_hand_completes(&reached).await;
 }
 
 #[tokio::test]
-async fn a_handler_that_returns_over_the_embedded_broker_does_it_again_only_when_told() {
+async fn embedded_broker_returning_handler_repeats_only_a_redelivered_output() {
     let reached = over_the_embedded_broker().await;
     a_handler_that_returns_leaves_it_until_it_is_redelivered(&reached).await;
 }
@@ -131,7 +131,7 @@ async fn a_handler_that_returns_over_mosquitto_does_it_again_only_when_told() {
 }
 
 #[tokio::test]
-async fn kill_9_of_the_handler_over_rest_leaves_wait_handler_lost_until_a_reset_by_hand() {
+async fn rest_kill_9_leaves_handler_lost_until_a_manual_reset() {
     let reached = over_rest().await;
     kill_9_leaves_wait_handler_lost_and_a_reset_by_hand_completes(&reached).await;
 }

@@ -1,4 +1,4 @@
-//! Every input is set and every reading is read by the same calls, each transport.
+//! On each transport, the same calls set every input and read every value.
 
 use plc_api::types::data::ToolData;
 use plc_api::types::io::IoValue;
@@ -207,7 +207,7 @@ async fn the_machine_is_moved_by_hand_and_its_readings_follow(plc: &Plc, system:
     until("the place in the program", async || system.program().await.ok()).await;
 }
 
-/// Over MQTT there is no topic for them: they are refused as such.
+/// Over MQTT there are no topics for these requests: they are refused for this reason.
 async fn tools_offsets_and_programs(reached: &Reached, carries: bool) {
     let (plc, system) = (&reached.plc, reached.plc.coordinate_system(1));
     let tool = ToolData {

@@ -122,7 +122,7 @@ impl Raw {
         self.say(&presence).await;
     }
 
-    /// Claims or resets the pending output, and returns the answer.
+    /// Claims or resets the pending output; returns the answer.
     async fn send(&self, served: &Served, what: &str, instance: Option<&str>) -> Value {
         let state = served.execution(1, "WAIT").await;
         let mut body = json!({
@@ -152,7 +152,7 @@ fn served_with(more: &str) -> (crate::support::machine::Machine, Served) {
 }
 
 #[tokio::test]
-async fn a_client_without_an_instance_is_its_connection_and_a_second_one_is_refused() {
+async fn client_without_instance_is_its_connection_and_a_second_is_refused() {
     let (_machine, served) = served_with("");
     served.load(1, 60, THREE_PARTS).await;
     let (first, second) = (Raw::new(&served).await, Raw::new(&served).await);
@@ -179,7 +179,7 @@ async fn a_client_without_an_instance_is_its_connection_and_a_second_one_is_refu
         let answer = first.send(&served, what, None).await;
         assert_eq!(answer["status"], "accepted", "{answer}");
     }
-    // killed, and it had no last will: its connection has ended, and with it the handler
+    // killed without a last will: with its connection the handler has ended
     drop(first);
     until("another is let in", async || {
         second.come(&json!({})).await;
@@ -190,7 +190,7 @@ async fn a_client_without_an_instance_is_its_connection_and_a_second_one_is_refu
 }
 
 #[tokio::test]
-async fn a_handler_that_comes_back_gets_nothing_that_it_had_claimed_until_it_is_decided() {
+async fn returning_handler_gets_its_claimed_outputs_only_after_a_decision() {
     let (_machine, served) = served_with("");
     served.load(1, 60, THREE_PARTS).await;
     let raw = Raw::new(&served).await;
@@ -238,7 +238,7 @@ async fn a_handler_that_comes_back_gets_nothing_that_it_had_claimed_until_it_is_
 }
 
 #[tokio::test]
-async fn the_strictest_of_configuration_and_presence_decides_who_gets_a_lost_output() {
+async fn stricter_of_configuration_and_presence_decides_a_lost_output() {
     let (_machine, served) = served_with("redelivery = \"verify\"\n");
     served.load(1, 60, THREE_PARTS).await;
     let raw = Raw::new(&served).await;
@@ -269,7 +269,7 @@ async fn the_strictest_of_configuration_and_presence_decides_who_gets_a_lost_out
 }
 
 #[tokio::test]
-async fn an_instance_that_lost_only_its_connection_goes_on_with_what_it_had_claimed() {
+async fn instance_that_lost_only_its_connection_continues_its_claim() {
     let (_machine, served) = served_with("");
     served.load(1, 60, THREE_PARTS).await;
     let raw = Raw::new(&served).await;

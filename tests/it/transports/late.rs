@@ -32,7 +32,8 @@ async fn listens(bus: &Bus, served: &Served) {
     bus.history.find("presence", online).await;
 }
 
-/// The broker gives messages in order, so that what stood in it before has come when this is done.
+/// Waits until all earlier messages of the broker have arrived, because the broker delivers messages in
+/// order.
 async fn all_before_has_come(bus: &Bus, served: &Served) {
     listens(bus, served).await;
     bus.publish("cs/1/command/load", &load("last", 51)).await;
@@ -77,7 +78,7 @@ async fn a_retained_command_is_never_acted_on_by_a_later_start_of_the_runtime() 
 }
 
 #[tokio::test]
-async fn over_a_broker_of_3_1_1_a_live_retained_command_counts_once_and_never_again() {
+async fn mqtt_3_1_1_live_retained_command_is_executed_exactly_once() {
     for refusal in [Refusal::Answer, Refusal::HangUp] {
         let broker = Mosquitto::start();
         let old = Wire::to_version_3_1_1(&broker.address(), refusal).await;
@@ -98,7 +99,7 @@ async fn over_a_broker_of_3_1_1_a_live_retained_command_counts_once_and_never_ag
 }
 
 #[tokio::test]
-async fn a_broker_that_has_spoken_mqtt_5_is_not_left_for_3_1_1_because_it_hangs_up_once() {
+async fn broker_known_to_speak_mqtt_5_is_not_downgraded_after_one_hang_up() {
     let mut broker = Mosquitto::start();
     let mut wire = Wire::to(&broker.address()).await;
     let machine = machine(&broker_at(wire.address()));
@@ -114,7 +115,7 @@ async fn a_broker_that_has_spoken_mqtt_5_is_not_left_for_3_1_1_because_it_hangs_
 }
 
 #[tokio::test]
-async fn commands_that_a_persistent_session_kept_while_the_runtime_was_away_are_not_carried_out() {
+async fn commands_kept_by_a_persistent_session_while_offline_are_not_executed() {
     let broker = Mosquitto::start();
     let machine = machine(&broker_at(&broker.address()));
     // another client made the broker keep the runtime's session
@@ -189,7 +190,7 @@ async fn duplicate_and_late_resets_count_for_nothing_and_their_senders_are_told(
     served.command(1, "stop").await;
     reset(&second).await;
     assert_eq!(results(&second, 1).await, ["stale"]);
-    // nor do they count in the next run, whose outputs have numbers of their own
+    // they do not apply to the next run, either, because its outputs have other numbers
     served.command(1, "reset").await;
     served.command(1, "start").await;
     let third = output_after(second["seq"].as_u64().unwrap()).await;

@@ -1,4 +1,5 @@
-//! The link to the broker is cut for longer than keep-alive, and the runtime is killed, while an output is open.
+//! The link to the broker is cut for longer than keep-alive, and the runtime is killed, while an output is
+//! pending.
 
 use plc_api::{AuxOutput, Error, SequenceProgram};
 use serde_json::{Value, json};
@@ -10,8 +11,8 @@ use crate::support::served::{FREE_PORTS, Served};
 use crate::support::wait::{until, within};
 use crate::support::wire::Wire;
 
-/// Waits until the last word on presence is this, of a `boot_id` that fits. The broker says it after one and a half
-/// of the runtime's keep-alive of 10 s.
+/// Waits until the last presence has this value and a matching `boot_id`. The broker publishes it after one
+/// and a half of the runtime's keep-alive of 10 s.
 async fn presence(bus: &Bus, is_online: bool, fits: impl Fn(&Value) -> bool) -> Value {
     let last = async || {
         let said = bus.history.on("presence");
@@ -34,7 +35,7 @@ fn reset_of(output: &Value) -> Value {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_link_cut_for_longer_than_keep_alive_holds_up_no_motion_and_loses_no_output() {
+async fn link_cut_beyond_keep_alive_delays_no_motion_and_loses_no_output() {
     let broker = Mosquitto::start();
     let wire = Wire::to(&broker.address()).await;
     let machine = machine(&broker_at(wire.address()));
@@ -76,7 +77,7 @@ async fn a_link_cut_for_longer_than_keep_alive_holds_up_no_motion_and_loses_no_o
 }
 
 #[tokio::test]
-async fn a_runtime_that_is_killed_is_told_by_its_will_and_what_was_meant_for_it_is_stale_for_the_next() {
+async fn killed_runtime_is_offline_by_its_will_and_its_requests_turn_stale() {
     let broker = Mosquitto::start();
     let machine = machine(&broker_at(&broker.address()));
     let served = Served::start(&machine);
@@ -89,7 +90,7 @@ async fn a_runtime_that_is_killed_is_told_by_its_will_and_what_was_meant_for_it_
     let output = bus.history.find("cs/1/m_code/100/output", |_| true).await;
     let old = output["boot_id"].clone();
 
-    // as kill -9
+    // kills it, as kill -9 does
     drop(served);
     presence(&bus, false, |boot_id| *boot_id == old).await;
     let served = Served::start(&machine);
@@ -115,7 +116,7 @@ async fn a_runtime_that_is_killed_is_told_by_its_will_and_what_was_meant_for_it_
 }
 
 #[tokio::test]
-async fn what_gets_no_answer_is_of_unknown_outcome_and_a_guard_beside_the_handlers_waits_for_the_machine() {
+async fn unanswered_request_has_unknown_outcome_and_a_guard_waits_for_machine() {
     let machine = machine(FREE_PORTS);
     let served = Served::start(&machine);
     let wire = Wire::to(&served.broker).await;

@@ -19,7 +19,7 @@ fn machine(name: &str, number: u32, broker: &Mosquitto) -> (Machine, Served) {
     below("", name, number, broker)
 }
 
-/// The same below a topic prefix.
+/// Returns this machine below a topic prefix.
 fn below(prefix: &str, name: &str, number: u32, broker: &Mosquitto) -> (Machine, Served) {
     let lines: Vec<String> = (1..=OUTPUTS)
         .map(|n| format!("M100 VA{n} VB{number}\n"))

@@ -1,7 +1,6 @@
-//! A broker of several nodes: the runtime and its clients continue at another node when theirs dies.
+//! A broker of several nodes: the runtime and its clients continue at another node when theirs fails.
 //!
-//! The nodes are brokers without knowledge of each other: all data of the second one arrives after the death of the
-//! first.
+//! The nodes are independent brokers: all data of the second one arrives after the end of the first.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -23,7 +22,7 @@ async fn health(served: &Served, what: &str, fits: impl Fn(&Value) -> bool) -> V
 }
 
 #[tokio::test]
-async fn when_a_node_of_the_broker_dies_all_go_on_at_the_next_one_and_health_tells_which() {
+async fn dead_broker_node_moves_all_to_the_next_one_named_in_health() {
     let mut nodes = [Mosquitto::start(), Mosquitto::start()];
     let [first, second] = [nodes[0].address(), nodes[1].address()];
     let machine = machine(&format!(

@@ -94,7 +94,7 @@ async fn in_process_an_operator_answers_and_parameters_are_checked_at_load() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn over_the_embedded_broker_an_operator_answers_and_parameters_are_checked_at_load() {
+async fn embedded_broker_operator_answers_and_load_checks_parameters() {
     let reached = over_the_embedded_broker().await;
     asked_and_validated(&reached).await;
     reached.end().await;

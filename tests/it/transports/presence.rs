@@ -18,7 +18,8 @@ use crate::support::wait::{until, within};
 /// Age of the presences in these tests, ms.
 const EXPIRES_MS: u64 = 3_000;
 
-/// The same where both sides come back after an outage, longer than the waits between their attempts.
+/// Age of presences in tests in which both sides return after an outage: longer than the waits between their
+/// attempts.
 const OUTAGE_EXPIRES_MS: u64 = 12_000;
 
 /// The machine of the transports, whose own presence has this age.
@@ -68,7 +69,7 @@ async fn start(served: &Served, program: u16) {
 }
 
 #[tokio::test]
-async fn a_handler_that_does_not_say_its_presence_again_is_lost_as_if_its_last_will_had_come() {
+async fn handler_without_repeated_presence_is_lost_as_by_its_last_will() {
     let broker = Mosquitto::start();
     let machine = aging_machine(&broker, EXPIRES_MS);
     let served = Served::start(&machine);
@@ -119,7 +120,7 @@ async fn a_handler_that_does_not_say_its_presence_again_is_lost_as_if_its_last_w
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_broker_that_is_away_for_longer_than_a_presence_lasts_loses_no_handler() {
+async fn broker_outage_longer_than_a_presence_loses_no_handler() {
     let mut broker = Mosquitto::start();
     let machine = aging_machine(&broker, OUTAGE_EXPIRES_MS);
     let served = Served::start(&machine);
@@ -155,7 +156,7 @@ async fn a_broker_that_is_away_for_longer_than_a_presence_lasts_loses_no_handler
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_machine_that_does_not_say_its_presence_again_is_offline_until_it_does() {
+async fn machine_without_repeated_presence_is_offline_until_it_repeats_it() {
     let broker = Mosquitto::start();
     let machine = aging_machine(&broker, EXPIRES_MS);
     let served = Served::start(&machine);

@@ -1,4 +1,4 @@
-//! HTTP, WebSocket and the embedded broker with TLS: certificates that `tandem cert` made, clients of plc-api.
+//! HTTP, WebSocket and the embedded broker with TLS: certificates from `tandem cert`, clients of plc-api.
 
 use std::os::unix::fs::PermissionsExt as _;
 use std::process::Command;
@@ -28,7 +28,7 @@ fn run(machine: &Machine, arguments: &[&str]) -> String {
     said
 }
 
-/// A machine with a certificate of its own, which asks for users.
+/// A machine with its own certificate, which requires users.
 fn machine() -> (Machine, String) {
     let http = FREE_PORTS.replace("[http]\n", "[http]\ntoken_file = \"tokens.toml\"\n");
     let machine = Machine::new(&format!(
@@ -120,7 +120,7 @@ async fn with_a_certificate_http_websocket_and_the_broker_speak_tls_only() {
 }
 
 #[tokio::test]
-async fn a_client_with_a_certificate_of_the_token_file_needs_no_token_and_one_without_an_entry_is_nobody() {
+async fn known_certificate_needs_no_token_and_an_unlisted_one_is_refused() {
     let (machine, _) = machine();
     run(
         &machine,

@@ -10,7 +10,8 @@ use tokio::sync::Notify;
 use super::{Reached, in_process, over_mosquitto, over_rest, over_the_embedded_broker};
 use crate::support::wait::{until, within};
 
-/// Handles M100 with parameters: progress is seen while the program waits, the reset lets it complete.
+/// Handles M100 with parameters: progress is visible while the program waits; after the reset the program
+/// completes.
 async fn an_m_code_is_handled(reached: &Reached) {
     let plc = reached.plc.clone();
     let (seen, go_on) = (Arc::new(Mutex::new(None)), Arc::new(Notify::new()));
@@ -99,7 +100,7 @@ async fn a_handler_error_is_an_alarm(reached: &Reached) {
     .await;
     let unknown = system.acknowledge_alarm(alarm.id + 1);
     assert!(within("acknowledged", unknown).await.is_err(), "no such alarm");
-    // Over MQTT positions come ten times a second: this is where it came to rest.
+    // Over MQTT positions arrive ten times a second: this is the rest position.
     until("X rests at 5", async || {
         let position = system.position().await.expect("a position");
         ((position.machine["X"] - 5.0).abs() < 1e-9 && position.feedrate == 0.0).then_some(())
@@ -113,7 +114,7 @@ async fn a_handler_error_is_an_alarm(reached: &Reached) {
     handlers.abort();
 }
 
-/// P is one array for all coordinate systems, Q one for each; a range is taken as a whole or refused as a whole.
+/// P is one array for all coordinate systems, Q one for each; a range is accepted or refused as a whole.
 async fn variables_are_read_and_written_by_range(reached: &Reached) {
     let (one, two) = (reached.plc.coordinate_system(1), reached.plc.coordinate_system(2));
     let all: Vec<f64> = (0..1024).map(|n| f64::from(n) / 3.0).collect();
@@ -172,7 +173,7 @@ async fn in_process_an_m_code_is_handled_and_a_handler_error_is_an_alarm() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn over_the_embedded_broker_an_m_code_is_handled_and_a_handler_error_is_an_alarm() {
+async fn embedded_broker_m_code_is_handled_and_a_handler_error_is_an_alarm() {
     let reached = over_the_embedded_broker().await;
     an_m_code_is_handled(&reached).await;
     a_handler_error_is_an_alarm(&reached).await;

@@ -17,7 +17,7 @@ async fn claim(plc: &Plc) -> RawOutput {
     output
 }
 
-/// Claims the next output on a connection of its own, which breaks without notice.
+/// Claims the next output on a separate connection, which breaks without notice.
 async fn claim_and_die(url: String) {
     let (claimed, is_claimed) = oneshot::channel();
     let (die, must_die) = std::sync::mpsc::channel::<()>();
@@ -34,7 +34,7 @@ async fn claim_and_die(url: String) {
         });
         claimed.send(()).expect("the test waits");
         let _ended = must_die.recv();
-        // all tasks end where they are, and with them the connection: what destructors say comes too late
+        // all tasks end at once, and with them the connection: messages of destructors are too late
         runtime.shutdown_background();
         drop(kept);
     });
@@ -96,7 +96,7 @@ async fn in_process_who_dies_with_a_claim_of_the_raw_queue_gives_it_back() {
 }
 
 #[tokio::test]
-async fn over_the_embedded_broker_who_dies_with_a_claim_of_the_raw_queue_gives_it_back() {
+async fn embedded_broker_dead_raw_queue_client_releases_its_claim() {
     who_dies_with_a_claim_gives_it_back(&over_the_embedded_broker().await).await;
 }
 

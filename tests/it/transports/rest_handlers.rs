@@ -1,4 +1,4 @@
-//! Handlers that speak HTTP alone: registration, two processes of one name, a killed process that returns.
+//! Handlers that use only HTTP: registration, two processes of one name, a killed process that returns.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -47,7 +47,7 @@ async fn pending(http: &str) -> Value {
     answer.expect(200).json()
 }
 
-/// A process that counts what it does. It takes every output that it is given, registered or not.
+/// A process that counts its work. It claims every output that it receives, registered or not.
 async fn process(http: String, instance: &'static str, done: Arc<AtomicU32>) {
     loop {
         register(&http, &presence(instance)).await;
@@ -169,7 +169,7 @@ async fn a_process_takes_over_the_registration_of_another_over_rest() {
 }
 
 #[tokio::test]
-async fn another_broker_needs_an_instance_and_pending_is_redelivered_from_its_first_message() {
+async fn other_broker_requires_an_instance_and_marks_pending_redelivered() {
     let (reached, mut broker) = over_mosquitto().await;
     let served = reached.served();
     let bus = Bus::connect(&broker.address(), "test-1").await;

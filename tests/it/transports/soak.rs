@@ -18,11 +18,12 @@ const SUBSCRIBERS: usize = 200;
 const COMMANDS_PER_S: u64 = 50;
 const PERIOD: Duration = Duration::from_millis(1);
 
-/// Time before the load, in which the machine is as it is without it.
+/// Time before the load, for a measurement without it.
 const IDLE: Duration = Duration::from_secs(3);
 
-/// Growth of the runtime's memory under the load, MiB: 1 for each subscriber, of which the broker keeps about 0.7 for as long as
-/// one is connected, however long that is. How soon it comes to that depends on how busy the computer is.
+/// Limit of the growth of the runtime's memory under the load, MiB: 1 for each subscriber. The broker keeps
+/// about 0.7 for each connected subscriber, independent of the time. The time until this value is reached
+/// depends on the load of the computer.
 const GROWTH_MAX_MIB: f64 = SUBSCRIBERS as f64;
 
 fn duration() -> Duration {
@@ -39,7 +40,7 @@ fn duration() -> Duration {
 struct Heard {
     /// `seq` of the notices of outputs, in order.
     outputs: Vec<u64>,
-    /// How often each command was answered for good.
+    /// Number of final answers to each command.
     replies: HashMap<String, usize>,
     positions: usize,
     broken: Option<String>,
@@ -125,8 +126,8 @@ async fn listen(mut events: EventLoop, heard: Arc<Mutex<Heard>>) {
     }
 }
 
-/// A thread that sleeps as the servo thread does, with its priority, and does nothing: how late it is is the computer's
-/// own doing.
+/// Measures a thread that only sleeps like the servo thread, with its priority: the computer itself causes
+/// its delays.
 struct Noise {
     stop: Arc<AtomicBool>,
     late: Arc<AtomicU64>,
@@ -166,7 +167,7 @@ impl Drop for Noise {
     }
 }
 
-/// As the servo thread asks for it; where it is not allowed, neither has it.
+/// Requests the priority as the servo thread does; without permission, neither thread has it.
 #[cfg(unix)]
 fn ask_for_real_time() {
     use thread_priority::unix::{
@@ -175,7 +176,7 @@ fn ask_for_real_time() {
     let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
     let priority = thread_priority::ThreadPriorityValue::try_from(80u8).expect("0 to 99");
     let priority = thread_priority::ThreadPriority::Crossplatform(priority);
-    // refused to the servo thread, too
+    // the servo thread has no permission, either
     let _ = set_thread_priority_and_policy(thread_native_id(), priority, policy);
 }
 
@@ -189,8 +190,8 @@ fn overruns_explained(noise: u64, cycles: u64) -> u64 {
 }
 
 #[test]
-fn a_servo_that_the_load_holds_up_is_not_explained_by_the_noise_of_a_quiet_computer() {
-    // one cycle in twenty late, next to a thread that is late in one of a thousand
+fn servo_delay_under_load_is_not_explained_by_idle_noise() {
+    // one late cycle in twenty, compared with a thread that is late once in a thousand cycles
     assert!(1000 > overruns_explained(20, 20_000));
     assert!(100 <= overruns_explained(20, 20_000));
     assert!(4000 <= overruns_explained(2000, 20_000));
@@ -222,7 +223,7 @@ fn resident_mib(reached: &Reached) -> f64 {
 /// Motion and M codes until a variable of the coordinate system is 1.
 const PROGRAM: &str = "while (Q200 < 1) {\nG01 X10 F12000\nM100 VA1\nG01 X0\nM100 VA2\n}\nM30\n";
 
-/// Commands for a time, each second's shared out among the first subscribers; gives how many.
+/// Sends commands for a time, distributed over the first subscribers; returns their number.
 async fn commands(subscribers: &[Subscriber], time: Duration) -> u64 {
     let mut tick = tokio::time::interval(Duration::from_millis(1000 / COMMANDS_PER_S));
     tick.set_missed_tick_behavior(MissedTickBehavior::Burst);
@@ -243,7 +244,7 @@ fn tell(line: &str) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn two_hundred_subscribers_and_fifty_commands_a_second_lose_nothing_and_hold_up_no_servo_cycle() {
+async fn two_hundred_subscribers_at_50_commands_a_second_lose_no_output() {
     let reached = over_the_embedded_broker().await;
     let (handlers, made) = (reached.plc.clone(), Arc::new(AtomicU64::new(0)));
     let count = Arc::clone(&made);

@@ -1,4 +1,4 @@
-//! A broker that does not take all that the runtime says.
+//! A broker that does not accept all messages of the runtime.
 
 use serde_json::json;
 use tempfile::TempDir;
@@ -20,7 +20,7 @@ async fn served_at(broker: &Mosquitto) -> (Machine, Served, Bus) {
     (machine, served, bus)
 }
 
-/// The connection stands and is the first one.
+/// Checks that the connection exists and is the first one.
 async fn is_still_connected(served: &Served) {
     let metrics = served.get("/metrics").await.expect(200).body;
     for line in ["tandem_mqtt_connected 1", "tandem_mqtt_connections_total 1"] {
@@ -41,7 +41,7 @@ fn logged(served: &mut Served, what: &str) -> String {
 }
 
 #[tokio::test]
-async fn a_message_larger_than_the_broker_takes_is_dropped_and_the_connection_stays() {
+async fn message_above_the_broker_limit_is_dropped_and_the_connection_stays() {
     let broker = Mosquitto::with(
         TempDir::new().expect("a folder"),
         "allow_anonymous true\nmax_packet_size 3000\n",
@@ -63,7 +63,7 @@ async fn a_message_larger_than_the_broker_takes_is_dropped_and_the_connection_st
 }
 
 #[tokio::test]
-async fn a_broker_that_refuses_messages_is_told_in_the_log_and_the_connection_stays() {
+async fn broker_that_refuses_messages_is_logged_and_the_connection_stays() {
     let folder = TempDir::new().expect("a folder");
     std::fs::write(
         folder.path().join("acl"),

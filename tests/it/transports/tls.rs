@@ -1,5 +1,5 @@
-//! A Mosquitto as a plant would have it: TLS with an authority of its own, client certificates, users with passwords,
-//! and the access rules that `tandem mqtt-acl` prints.
+//! A Mosquitto as in a plant: TLS with a private authority, client certificates, users with passwords, and
+//! the access rules that `tandem mqtt-acl` prints.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ use crate::support::machine::Machine;
 use crate::support::served::Served;
 use crate::support::wait::within;
 
-/// Files in a folder: `ca.pem`, and of the server and a client certificate and key, signed by it.
+/// Creates files in a folder: `ca.pem`, and certificates and keys of the server and a client, signed by it.
 fn make_certificates(folder: &Path) {
     let mut params = CertificateParams::new(Vec::new()).expect("parameters");
     params.distinguished_name.push(DnType::CommonName, "the plant");
@@ -131,7 +131,7 @@ impl Plant {
 }
 
 #[tokio::test]
-async fn a_program_runs_over_a_mosquitto_with_tls_client_certificates_and_passwords() {
+async fn program_runs_over_mosquitto_with_tls_certificates_and_passwords() {
     let plant = Plant::new();
     let served = Served::start(&plant.machine);
     let options = plant.options("magazine", plant.files());
@@ -151,14 +151,14 @@ async fn a_program_runs_over_a_mosquitto_with_tls_client_certificates_and_passwo
     within("its end", done).await.expect("completed");
     assert_eq!(system.tool().await.expect("a tool").id, 7);
 
-    // messages of a read-only user are dropped, by the broker's rules
+    // the broker's rules drop messages of a read-only user
     let watcher = plant
         .connect(plant.options("watcher", plant.files()))
         .await
         .expect("let in");
     let watched = watcher.coordinate_system(1);
     let asked = watched.select_tool(3);
-    // Mosquitto acknowledges what its rules drop
+    // Mosquitto acknowledges messages that its rules drop
     within("an acknowledgement", asked).await.expect("taken");
     within("hold", system.hold())
         .await
@@ -169,7 +169,7 @@ async fn a_program_runs_over_a_mosquitto_with_tls_client_certificates_and_passwo
 }
 
 #[tokio::test]
-async fn a_broker_that_is_not_trusted_and_a_client_that_is_not_known_do_not_meet() {
+async fn untrusted_broker_and_unknown_client_do_not_connect() {
     let plant = Plant::new();
     let other = TempDir::new().expect("a folder");
     make_certificates(other.path());

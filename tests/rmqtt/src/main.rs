@@ -39,7 +39,7 @@ async fn main() -> Result<(), Failed> {
     let listener = Builder::new()
         .name("tcp")
         .laddr(([127, 0, 0, 1], mqtt).into())
-        // a node that starts again at once has connections of its last life that still wait
+        // after an immediate restart, connections of the previous process of this node still wait
         .reuseaddr(Some(true))
         .bind()?
         .tcp()?;

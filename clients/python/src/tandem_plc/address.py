@@ -20,7 +20,7 @@ class Address:
     root: str
     """Root of the machine's topics, without a slash at the end."""
     shown: str
-    """As given, without user and password."""
+    """The given address, without user and password."""
     user: str | None = None
     password: str | None = field(default=None, repr=False)
 

@@ -37,7 +37,7 @@ class UserAlarm:
     """
 
     code: int
-    """The machine shows 10000 + code."""
+    """0 to 9999; the machine shows the number 10000 + code."""
     text: str
     """Description of the fault for the operator."""
     remedy: str | None = field(default=None, kw_only=True)

@@ -17,7 +17,7 @@ COUNT_MAX = 1024
 
 
 def values_of(published: PublishedVariables, first: int, count: int) -> list[float] | None:
-    """Give values of variables from ``first`` on; ``None``: not all of them are published."""
+    """Return values of variables from ``first`` on, or ``None`` if not all of them are published."""
     known: dict[int, float] = {}
     for row in published.variables:
         start, values = row.get("from"), row.get("values")
@@ -37,7 +37,7 @@ async def changes(plc: Plc, path: str, kind: str, first: int, count: int) -> Asy
             values = values_of(message, first, count)
             if values is None:
                 raise _refused(kind, first, count)
-            # NaN is to equal itself here
+            # NaN must equal NaN here
             bits = struct.pack(f"{count}d", *values)
             if bits != last:
                 last = bits

@@ -28,7 +28,7 @@ log = logging.getLogger("tandem_plc")
 ANSWER_TIMEOUT_S = 5.0
 PRESENT_TIMEOUT_S = 10.0
 PRESENCE_EXPIRES_S = 15.0
-"""The machine considers handlers lost after this time without a presence; one is published every third of it."""
+"""The machine treats handlers as lost after this time without a presence. A presence is published three times in it."""
 LOOK_AT_AGE_S = 1.0
 """Interval of the checks of the machine's presence."""
 OUTBOX_MAX = 1_024
@@ -52,14 +52,14 @@ class Request:
     done: asyncio.Future[Any]
     retain: bool = False
     command_id: str | None = None
-    """Ends with the reply to this command."""
+    """The request ends with the reply to this command."""
     result_of: tuple[str, int, str, str] | None = None
-    """Ends with a result: its path, ``seq``, ``handler_id``, and ``claim`` or ``reset``."""
+    """The request ends with this result: its path, ``seq``, ``handler_id``, and ``claim`` or ``reset``."""
     boot_id: str | None = None
-    """For a command: the boot to which it was first sent; it is never sent to another boot."""
+    """For a command: the boot to which it was first sent. The command is never sent to another boot."""
     was_sent: bool = False
     is_sent: bool = False
-    """It was sent on the current connection."""
+    """True if the request was sent on the current connection."""
 
 
 @dataclass
@@ -80,7 +80,7 @@ class Connection:
         is_named = bool(user) and len(user or "") <= USER_MAX and not set(user or "") & set("/+#\0")
         name = f"py-{secrets.token_hex(6)}"
         self.client_id = f"{user}-{name}" if is_named else name
-        """Begins with the user, because a broker's access rules tie the topics of a client to its user."""
+        """It begins with the user, because access rules of a broker bind the topics of a client to its user."""
         self._topic_id = str(user) if is_named else self.client_id
         self.hub = Hub()
         self.handler_id = handler_id
@@ -107,7 +107,7 @@ class Connection:
         self._heard_at = 0.0
         """Time of the last presence message; restarted with each connection."""
         self._is_missed = False
-        """No presence arrived within ``expires_ms``."""
+        """True if no presence arrived within ``expires_ms``."""
         self._must_reconnect = False
 
     @property
@@ -202,7 +202,7 @@ class Connection:
             while not link.lost.done():
                 await asyncio.wait({link.lost}, timeout=LOOK_AT_AGE_S)
                 if self._must_reconnect:
-                    await link.close("the machine was missed and is heard again")
+                    await link.close("the presence of the machine had expired, and is received again")
                 link.keep_alive()
                 self._look_at_age()
             self._trouble = link.lost.result()
@@ -250,7 +250,7 @@ class Connection:
         if presence is None or not presence.online or presence.expires_ms is None:
             return
         if asyncio.get_running_loop().time() - self._heard_at >= presence.expires_ms / 1000:
-            log.warning("the machine has not said in time that it is still there: it counts as offline")
+            log.warning("the machine has not renewed its presence in time: it is treated as offline")
             self._is_missed = True
             self._take("presence", replace(presence, online=False))
 
@@ -264,8 +264,8 @@ class Connection:
             return
         try:
             message: Any = decode(form, json.loads(payload))
-        except (ValueError, RecursionError) as error:  # DecodeError is one
-            log.warning("a message on %s is not of its form: %s", topic, error)
+        except (ValueError, RecursionError) as error:  # DecodeError is a ValueError
+            log.warning("a message on %s does not have the form of its topic: %s", topic, error)
             return
         if isinstance(message, Presence) and not retained:
             self._heard_at = asyncio.get_running_loop().time()
@@ -310,7 +310,7 @@ class Connection:
             ):
                 continue  # a late answer to its claim: an output that is reset has left ``pending`` before
             if result.status == "refused":
-                self._end(request, error=Refused("invalid", result.text or "it is not right"))
+                self._end(request, error=Refused("invalid", result.text or "invalid message"))
             else:
                 self._end(request, result)
 
@@ -358,9 +358,9 @@ class Connection:
         """Send a message, and wait for its answer, or for the broker's acknowledgement if it has none.
 
         Raises:
-            Refused: the machine refuses it.
-            NotConnected: there was no connection within the time limit, and it was not sent.
-            NoAnswer: it was sent, but not answered.
+            Refused: the machine refuses the request.
+            NotConnected: there was no connection within the time limit, and the request was not sent.
+            NoAnswer: the request was sent, but not answered.
         """
         if len(self._requests) >= OUTBOX_MAX:
             raise NotConnected(f"{OUTBOX_MAX} requests wait for an answer already; nothing was sent")

@@ -34,11 +34,11 @@ COMMAND_TIMEOUT_S = 5.0
 
 
 class CoordinateSystem:
-    """Commands return after their effect.
+    """One coordinate system of a machine. Commands return after their effect.
 
     Each command takes ``command_id``, which names it: a command repeated with the id of a :class:`~tandem_plc.NoAnswer`
-    is not executed twice. All commands raise ``Refused`` (nothing has changed), ``CommandFailed`` (it was accepted, but
-    could not take effect), ``NotConnected`` (nothing was sent) or ``NoAnswer`` (the effect is unknown).
+    is not executed twice. All commands raise ``Refused`` (nothing has changed), ``CommandFailed`` (the command was
+    accepted, but could not take effect), ``NotConnected`` (nothing was sent) or ``NoAnswer`` (the effect is unknown).
     """
 
     def __init__(self, plc: Plc, number: int) -> None:
@@ -86,9 +86,9 @@ class CoordinateSystem:
 
         Args:
             text: one or several lines.
-            macro: the text is generated: its numbers count in the configured unit and as positions. At its end, however
-                it ends, the machine restores the modal state, the feedrate and the selected offsets that were in force
-                before.
+            macro: for a text that a program generates. It starts with the configured unit and absolute positions (G90)
+                in force. At its end, also after an alarm or a stop, the machine restores the modal state, the feedrate
+                and the selected offsets that were in force before.
             timeout_s: how long it may take.
             command_id: names the command.
         """
@@ -115,14 +115,14 @@ class CoordinateSystem:
         """Jog one axis as long as this is called again with the same ``refresh_id`` at least every 200 ms.
 
         The first call returns when the jog has ended, the others at once. A distance up to ``jog_step_max`` of
-        ``[hmi]`` (10 by default) needs one call only. ``CommandFailed`` has the distance covered if the motion ended
-        before it.
+        ``[hmi]`` (10 by default) needs one call only. ``CommandFailed`` contains the distance covered if the
+        motion ended before the whole distance.
 
         Args:
-            axis: its letter.
+            axis: letter of the axis.
             velocity: mm/min or deg/min; the sign is the direction.
             refresh_id: names the jog, 1 to 128 characters.
-            distance: where it ends, mm or degrees from its start; ``None``: at the soft limit.
+            distance: length of the motion, mm or degrees; ``None``: up to the soft limit.
             timeout_s: how long it may take.
             command_id: names the command.
         """
@@ -136,7 +136,7 @@ class CoordinateSystem:
         return await self.command("jog", {"refresh_id": refresh_id, "end": True}, command_id=command_id)
 
     async def acknowledge_alarm(self, alarm_id: int, *, command_id: str | None = None) -> CommandReply:
-        """Record that an alarm has been seen, and by which user; it stays active until a reset."""
+        """Record that a user has seen an alarm, with the name of the user; the alarm stays active until a reset."""
         return await self.command("alarm_acknowledge", {"id": alarm_id}, command_id=command_id)
 
     async def command(
@@ -176,7 +176,7 @@ class CoordinateSystem:
                 if run is not None and is_it and run.end is not None:
                     return run
                 if is_seen and not is_it:
-                    raise CommandFailed("run", "lost", f"run {reply.run_id} is not the one of the machine any more")
+                    raise CommandFailed("run", "lost", f"run {reply.run_id} is no longer the current run")
                 is_seen |= is_it
         raise CommandFailed("run", "lost", "the connection was closed")
 
@@ -186,10 +186,10 @@ class CoordinateSystem:
         """Take the control lease, or renew it: until it ends, only commands of this connection start motion.
 
         Returns:
-            Its number, which this connection sends with each of its commands.
+            Number of the lease, which this connection sends with each of its commands.
 
         Raises:
-            Refused: another client holds it.
+            Refused: another client holds the lease.
         """
         payload: dict[str, Any] = {"holder": holder, "ttl_ms": ttl_ms}
         fence = self._plc._fences.get(self.number)
@@ -198,12 +198,12 @@ class CoordinateSystem:
         reply = await self._plc._ask(f"cs/{self.number}/lease/take", payload)
         lease = reply.lease
         if lease is None:
-            raise Refused("unavailable", "the machine did not say which lease it has given")
+            raise Refused("unavailable", "the answer of the machine does not contain the lease")
         self._plc._fences[self.number] = lease.fence
         return lease.fence
 
     async def release_lease(self) -> None:
-        """Release the control lease; without one, nothing changes."""
+        """Release the control lease; no effect if this connection has no lease."""
         fence = self._plc._fences.pop(self.number, None)
         if fence is not None:
             await self._plc._ask(f"cs/{self.number}/lease/release", {"fence": fence})
@@ -227,7 +227,7 @@ class CoordinateSystem:
         await self._set("input/dry_run", {"value": value})
 
     async def set_interlock(self, value: bool, text: str = "", *, source: str = "default") -> None:
-        """Set a source of the interlock: while any is on, motion is held and none starts; ``text`` is the reason.
+        """Set a source of the interlock: while any source is on, no motion runs or starts; ``text`` is the reason.
 
         A program that serves the machine owns its sources: they are written again on each connection and at each boot,
         and no other client can clear them. If the machine is offline, the program waits for it.
@@ -238,7 +238,7 @@ class CoordinateSystem:
         await self._set_lock("interlock", value, text, source)
 
     async def set_start_lock(self, value: bool, text: str = "", *, source: str = "default") -> None:
-        """Set a source of the start lock, as :meth:`set_interlock`: while any is on, no program starts.
+        """Set a source of the start lock, as :meth:`set_interlock`: while any source is on, no program starts.
 
         Raises:
             Refused: another handler owns the source.
@@ -253,7 +253,7 @@ class CoordinateSystem:
         await self._set("override", {name: value for name, value in given.items() if value is not None})
 
     async def select_tool(self, number: int) -> None:
-        """Set the tool in the spindle; 0: none."""
+        """Set the number of the tool in the spindle; 0 means that the spindle is empty."""
         await self._set("tool", {"id": number})
 
     async def set_spindle(self, direction: str, rpm: float | None = None) -> None:
@@ -269,17 +269,17 @@ class CoordinateSystem:
         return await self._plc._read_variables(self.number, "Q", first, count)
 
     async def write_q(self, first: int, values: Sequence[float]) -> None:
-        """Write Q variables, up to 1024, all or none."""
+        """Write up to 1024 Q variables, all or none."""
         await self._plc._write_variables(self.number, "Q", first, values)
 
     async def answer(self, output: PendingOutput, choice: str) -> None:
         """Answer the question of a pending output, as an operator does.
 
         Raises:
-            Refused: the output asks nothing.
+            Refused: the output has no question.
         """
         if output.question is None:
-            raise Refused("not_found", f"M{output.m} asks nothing")
+            raise Refused("not_found", f"M{output.m} has no question")
         payload = {
             "boot_id": self._plc.boot_id,
             "seq": output.seq,
@@ -302,7 +302,7 @@ class CoordinateSystem:
 
     @property
     def state(self) -> State:
-        """State word, reason, and the output that the program waits for."""
+        """State word, reason, and the output for which the program waits."""
         return self._last("state", State)
 
     @property
@@ -346,7 +346,7 @@ class CoordinateSystem:
         return self._last("m_code/pending", Pending).outputs
 
     async def states(self) -> AsyncIterator[State]:
-        """Follow the state: the current one, then each new one."""
+        """Follow the state: the current state, then each new state."""
         async with self._following("state") as states:
             async for state in states:
                 yield state
@@ -363,17 +363,17 @@ class CoordinateSystem:
                 yield values.work_offsets
 
     async def pendings(self) -> AsyncIterator[tuple[PendingOutput, ...]]:
-        """Follow the pending outputs: the current ones, then after each change."""
+        """Follow the pending outputs: the current outputs, then all pending outputs after each change."""
         async with self._following("m_code/pending") as pendings:
             async for pending in pendings:
                 yield pending.outputs
 
     async def wait_until(self, execution: Execution) -> State:
-        """Wait until the state word is ``execution``, and give that state."""
+        """Wait until the state word is ``execution``, and return that state."""
         return await self.wait_for(lambda state: state.execution is execution)
 
     async def wait_for(self, fits: Callable[[State], bool]) -> State:
-        """Wait for a state that fits, and give it."""
+        """Wait for a state for which ``fits`` is true, and return it."""
         async with self._following("state") as states:
             async for state in states:
                 if fits(state):
@@ -388,4 +388,5 @@ class CoordinateSystem:
         message = self._plc._connection.hub.last(f"cs/{self.number}/{name}")
         if isinstance(message, kind):
             return message
-        raise Refused("not_found", f"coordinate system {self.number} does not exist, or has no {name} yet")
+        text = f"coordinate system {self.number} does not exist, or has not published its {name} yet"
+        raise Refused("not_found", text)

@@ -20,20 +20,20 @@ class Param:
     """Declaration of one parameter, with the numbers that it accepts."""
 
     name: str | None = None
-    """Such as ``"force"``."""
+    """Name, such as ``"force"``."""
     unit: str | None = None
-    """Such as ``"kN"``."""
+    """Unit, such as ``"kN"``."""
     min: float | None = None
-    """Lowest number that it takes."""
+    """Lowest accepted number."""
     max: float | None = None
-    """Highest number that it takes."""
+    """Highest accepted number."""
     whole: bool = False
-    """It takes whole numbers only."""
+    """True if only whole numbers are accepted."""
     optional: bool = False
-    """It may be left out."""
+    """True if the parameter may be left out."""
 
     def takes(self, number: float) -> bool:
-        """Return whether it accepts a number; a whole number may have the rounding error of 0.1 * 30."""
+        """Return whether the parameter accepts a number; a whole number may have the rounding error of 0.1 * 30."""
         meant = round(number) if self.whole and math.isfinite(number) else number
         return (
             math.isfinite(number)
@@ -56,7 +56,7 @@ class Param:
         return f"a whole number, {text}" if self.whole else text
 
     def text(self) -> str:
-        """Its name and range."""
+        """Return the name and the range of the parameter."""
         parts = [self.name, self.range_text()]
         return ", ".join(part for part in parts if part) + ("; may be left out" if self.optional else "")
 
@@ -80,7 +80,7 @@ class Declared:
             raise ProgramError(f"name {self.name!r}: write 1 to {_NAME_MAX} characters")
         for letter, param in (self.params or {}).items():
             if len(letter) != 1 or letter not in _LETTERS:
-                raise ProgramError(f"{letter!r} is no parameter; write 'A' to 'H'")
+                raise ProgramError(f"{letter!r} is not a parameter; write 'A' to 'H'")
             if param.name is not None and not 1 <= len(param.name) <= _NAME_MAX:
                 raise ProgramError(f"V{letter}: name {param.name!r}: write 1 to {_NAME_MAX} characters")
             if param.unit is not None and not 1 <= len(param.unit) <= _UNIT_MAX:
@@ -103,7 +103,7 @@ class Declared:
         """Check the parameters of an output.
 
         Raises:
-            Alarm: one of them does not match the declaration.
+            Alarm: a parameter does not match the declaration.
         """
         if self.params is None:
             return

@@ -17,7 +17,7 @@ DEPTH_MAX = 16
 
 
 class DecodeError(ValueError):
-    """A value is not of its form."""
+    """A received value does not have the expected form."""
 
 
 @cache

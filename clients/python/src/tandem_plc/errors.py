@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 USER_ALARM_BASE = 10_000
-"""First alarm number of sequence programs: a number is this plus the code."""
+"""First alarm number of sequence programs: the number of an alarm is this base plus the code."""
 
 CODE_MAX = 9_999
 """Highest code of a sequence program's alarm."""
 
 TEXT_MAX = 1_000
-"""Maximum number of characters of an alarm's text; a longer one is cut."""
+"""Maximum number of characters of an alarm's text; a longer text is cut."""
 
 CODE_OF_ERROR = 9_999
 """Code of the alarm that a :class:`TandemError` in a handler becomes."""
@@ -31,7 +31,7 @@ class Alarm(Exception):
         if not 0 <= code <= CODE_MAX:
             raise ValueError(f"alarm code {code}: write 0 to {CODE_MAX}")
         if not text:
-            raise ValueError("an alarm needs a text: say what has happened, in the operator's words")
+            raise ValueError("an alarm needs a text: describe the fault for the operator")
         super().__init__(code, text)
         self.code = code
         self.text = text[:TEXT_MAX]
@@ -58,7 +58,7 @@ class ProgramError(TandemError):
 
 
 class TakenOver(TandemError):
-    """Another process with this handler id serves the machine: this one has ended, or was refused."""
+    """Another process with this handler id serves the machine: this process has ended, or was refused."""
 
 
 class ConnectError(TandemError):
@@ -81,7 +81,7 @@ class Refused(TandemError):
 
 
 class CommandFailed(TandemError):
-    """A command was accepted, but something prevented its effect."""
+    """A command was accepted, but its effect was prevented."""
 
     def __init__(self, verb: str, code: str, text: str, moved: dict[str, float] | None = None) -> None:
         super().__init__(f"{verb} failed: {text}")
@@ -89,7 +89,7 @@ class CommandFailed(TandemError):
         self.code = code
         """Machine-readable reason."""
         self.text = text
-        """The reason why it had no effect."""
+        """The reason why the command had no effect."""
         self.moved = moved or {}
         """Distance covered by ``jog``, ``mdi`` or ``home``, by axis letter, mm or degrees."""
 
@@ -102,7 +102,7 @@ class NoAnswer(TandemError):
     """
 
     def __init__(self, what: str, timeout_s: float, command_id: str | None) -> None:
-        super().__init__(f"{what}: no answer within {timeout_s:g} s; whether it has had its effect is not known")
+        super().__init__(f"{what}: no answer within {timeout_s:g} s; its effect is unknown")
         self.command_id = command_id
         """Id of the command; ``None`` if the request was not a command."""
 

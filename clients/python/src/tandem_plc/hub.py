@@ -8,14 +8,14 @@ from collections.abc import AsyncGenerator, Callable
 from typing import Any
 
 TOPICS_MAX = 4_096
-"""Maximum number of topics kept; the one without messages for the longest time is evicted."""
+"""Maximum number of stored topics; the topic without messages for the longest time is evicted."""
 
 BACKLOG_MAX = 256
 """Maximum number of messages that wait for one follower; the oldest are dropped."""
 
 
 class Follower:
-    """Messages that fit, in their order."""
+    """Messages of one topic, in their order."""
 
     def __init__(self, fits: Callable[[str], bool]) -> None:
         self.fits = fits
@@ -74,9 +74,9 @@ class Hub:
             follower.close()
 
     async def follow(self, path: str) -> AsyncGenerator[Any, None]:
-        """Give the last message of a topic, then each later one.
+        """Yield the last message of a topic, then each later message.
 
-        If messages arrive faster than they are read, the oldest are dropped. It ends with the connection.
+        If messages arrive faster than they are read, the oldest are dropped. The sequence ends with the connection.
         """
         follower = Follower(lambda other: other == path)
         if path in self._last:

@@ -24,29 +24,29 @@ class Io:
 
     @property
     def path(self) -> str:
-        """Its topic, below the machine's root."""
+        """Topic of the input or output, below the machine's root."""
         return f"io/{self.side}/{self.name}"
 
     @property
     def state(self) -> IoState:
-        """Its value with its owner, and whether it is forced.
+        """State: the value, the owner, and whether the value is forced.
 
         Raises:
-            Refused: the configuration does not declare it, or the machine has not published it yet.
+            Refused: the configuration does not declare the input or output, or the machine has not published it yet.
         """
         message = self._plc._connection.hub.last(self.path)
         if isinstance(message, IoState):
             return message
         self._check(None)
-        raise Refused("not_found", f"{self.path}: the machine has not told of it yet")
+        raise Refused("not_found", f"{self.path}: the machine has not published its state yet")
 
     @property
     def value(self) -> bool | float:
-        """Current value: the forced value, else the value written by its owner, else its safe value."""
+        """Current value: the forced value, otherwise the value that the owner has written, otherwise the safe value."""
         return self.state.value
 
     async def values(self) -> AsyncIterator[bool | float]:
-        """Follow it: the current value, then each different one. It ends with the connection."""
+        """Follow the value: the current value, then each changed value. The sequence ends with the connection."""
         last = None
         async with contextlib.aclosing(self._plc._connection.hub.follow(self.path)) as states:
             async for state in states:
@@ -55,10 +55,12 @@ class Io:
                     yield state.value
 
     async def wait_until(self, fits: Callable[[bool | float], bool] = bool) -> bool | float:
-        """Wait for a value that fits, and return it: until it is on, or a condition such as ``lambda v: v > 12.5``.
+        """Wait for a value for which ``fits`` is true, and return it; by default until the value is on.
+
+        Example: ``await level.wait_until(lambda v: v > 12.5)``.
 
         Raises:
-            Refused: the configuration does not declare it.
+            Refused: the configuration does not declare the input or output.
             NotConnected: the connection was closed here.
         """
         self._check(None)
@@ -68,17 +70,17 @@ class Io:
         raise NotConnected("the connection was closed here")
 
     async def set(self, value: bool | float) -> None:
-        """Write it.
+        """Write a value.
 
         A program that serves the machine owns each output that it writes: the value is written again on each connection
-        and at each boot, and no other client writes it while the program is online. After that it gets its safe value.
-        If the machine is offline, the program waits for it. A client without handlers writes outputs that no handler
-        owns.
+        and at each boot, and no other client writes it while the program is online. After that the output gets its safe
+        value. If the machine is offline, the program waits for it. A client without handlers writes outputs that no
+        handler owns.
 
         Raises:
-            Refused: it is not declared, the value has the wrong kind or range, or another handler owns it.
+            Refused: the output is not declared, another handler owns it, or the value has the wrong kind or range.
             NotConnected: there is no connection, for a client without handlers.
-            NoAnswer: it was sent, but its arrival is unknown.
+            NoAnswer: the value was sent, but its arrival is unknown.
         """
         self._check(value)
         if self._plc.is_connected:
@@ -89,13 +91,13 @@ class Io:
         """Replace the written value, as an operator does, until :meth:`release`.
 
         Raises:
-            Refused: it is not declared, or the value has the wrong kind or range.
+            Refused: the input or output is not declared, or the value has the wrong kind or range.
         """
         self._check(value)
         await self._put_in_place(value)
 
     async def release(self) -> None:
-        """Remove the forced value: the value written by its owner applies again."""
+        """Remove the forced value: the value that the owner has written applies again."""
         self._check(None)
         await self._put_in_place(None)
 
@@ -127,5 +129,5 @@ class Io:
             or (state.lost and own is not None)
         ):
             return
-        whose = f"it waits for handler {state.owner}" if state.lost else f"it is handler {state.owner}'s"
-        raise Refused("not_allowed", f"{self.path}: {whose}; an operator puts a value in its place by force")
+        whose = f"it waits for handler {state.owner}" if state.lost else f"handler {state.owner} owns it"
+        raise Refused("not_allowed", f"{self.path}: {whose}; an operator can force a value")

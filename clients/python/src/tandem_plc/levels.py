@@ -17,7 +17,7 @@ LEVELS_MAX = 1024
 """Maximum number of sources, inputs and outputs that one program sets; a plant has up to 256 of each."""
 
 Place = tuple[str, str]
-"""The topic that sets it, and the source of an interlock or start lock."""
+"""Key of a level: the topic that sets the level, and the source of an interlock or start lock."""
 
 
 def lock_place(cs: int, kind: str, source: str) -> Place:
@@ -31,7 +31,7 @@ def lock_level(value: bool, text: str, source: str) -> dict[str, Any]:
 
 
 class Levels:
-    """The wanted values and their owner."""
+    """Values that the program has set, and their owner."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
@@ -46,9 +46,9 @@ class Levels:
         """Set a level.
 
         Raises:
-            Refused: the machine refuses it, for example because another handler owns the source.
-            NotConnected: there is no connection; a program that serves the machine waits for one instead.
-            NoAnswer: it was sent, but its arrival is unknown.
+            Refused: the machine refuses the level, for example because another handler owns the source.
+            NotConnected: there is no connection; a program that serves the machine waits for a connection instead.
+            NoAnswer: the level was sent, but its arrival is unknown.
         """
         if place not in self._wanted and len(self._wanted) >= LEVELS_MAX:
             raise Refused("invalid", f"one program sets at most {LEVELS_MAX} levels")

@@ -22,12 +22,12 @@ log = logging.getLogger("tandem_plc")
 CONNECT_TIMEOUT_S = 5.0
 KEEP_ALIVE_S = 5
 SILENCE_MAX_S = 10.0
-"""A broker that acknowledges nothing for this time, although messages wait for it, is left for the next node. A cluster
-node that has lost the others may accept messages and never acknowledge them, even after it has rejoined."""
+"""Time limit for acknowledgements: if messages wait and the broker acknowledges none, the client connects to the next
+node. A node that has lost its cluster may accept messages and never acknowledge them, even after it has rejoined."""
 PAYLOAD_MAX = 1 << 20
-"""Maximum bytes of one message; longer ones are not read."""
+"""Maximum bytes of one message; longer messages are not read."""
 QUEUE_MAX = 2_048
-"""Maximum number of messages that wait in the library; further ones are refused."""
+"""Maximum number of messages that wait in the library; further messages are refused."""
 
 _REFUSED_FOR_GOOD = frozenset({"Bad user name or password", "Not authorized", "Client identifier not valid"})
 
@@ -45,7 +45,7 @@ class Options:
 
 
 class Link:
-    """A connection, from :meth:`open` to its loss, which :attr:`lost` reports. It is not reused."""
+    """One connection, from :meth:`open` to its loss, which :attr:`lost` reports. A link is not reused."""
 
     def __init__(
         self,
@@ -206,7 +206,7 @@ class Link:
 
     def _received(self, _client: mqtt.Client, _data: Any, message: mqtt.MQTTMessage) -> None:
         if len(message.payload) > PAYLOAD_MAX:
-            log.warning("a message of %d bytes on %s is passed over", len(message.payload), message.topic)
+            log.warning("a message of %d bytes on %s is ignored", len(message.payload), message.topic)
             return
         try:
             self._on_message(message.topic, bytes(message.payload), message.retain)

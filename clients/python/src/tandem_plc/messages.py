@@ -40,11 +40,11 @@ class Redelivery(str, enum.Enum):
     REDO = "redo"
     """Run the handler again from its start."""
     VERIFY = "verify"
-    """Run the handler with ``output.redelivered`` true: it looks at the machine first."""
+    """Run the handler with ``output.redelivered`` true: the handler inspects the machine first."""
 
 
 class CancelReason(str, enum.Enum):
-    """Why an output was cancelled."""
+    """Reason why an output was cancelled."""
 
     RESET = "reset"
     STOP = "stop"
@@ -52,7 +52,7 @@ class CancelReason(str, enum.Enum):
     ALARM = "alarm"
     TIMEOUT = "timeout"
     OPERATOR = "operator"
-    """An operator has reset it or failed it."""
+    """An operator has reset the output or ended it as failed."""
     SHUTDOWN = "shutdown"
     """The runtime or this program ends, or another boot of the runtime is online."""
 
@@ -79,7 +79,7 @@ class Progress:
 
 @dataclass(frozen=True, kw_only=True)
 class WaitingOn:
-    """The output that a program waits for."""
+    """The output for which a program waits."""
 
     m: int
     seq: int
@@ -197,7 +197,7 @@ class HandlerResult:
 
 @dataclass(frozen=True, kw_only=True)
 class RunEnded:
-    """How a run ended."""
+    """End of a run."""
 
     at: str
     how: str
@@ -237,9 +237,9 @@ class Run:
     parts_done: int
     began: str
     took_s: float
-    """From its start to the end of its last part."""
+    """Duration from the start of the run to the end of its last part, s."""
     waits: tuple[RunWait, ...]
-    """M codes for which the program waited, the longest first."""
+    """M codes for which the program waited, the longest wait first."""
     alarms: tuple[RunAlarm, ...]
     hash: str | None = None
     from_line: int | None = None
@@ -251,13 +251,13 @@ class Run:
 
     @property
     def completed(self) -> bool:
-        """True when all parts are completed."""
+        """True if all parts are completed."""
         return self.end is not None and self.end.how == "completed"
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunState:
-    """The current run, or the last one that ended."""
+    """The current run, otherwise the last run that ended."""
 
     boot_id: str
     run: Run | None = None
@@ -300,7 +300,7 @@ class Presence:
     version: str
     started_at: str
     expires_ms: int | None = None
-    """It is published again every third of this time; ``None``: it is not repeated."""
+    """Validity of this presence, ms; ``None`` if the presence is not repeated."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -340,7 +340,7 @@ class IoDeclaration:
     max: float | None = None
 
     def wrong(self, value: bool | float) -> str | None:
-        """Return why it cannot have this value; ``None`` if it can."""
+        """Return why the input or output cannot have this value; ``None`` if it can."""
         if self.kind == "bool":
             return None if isinstance(value, bool) else f"{value!r}: write True or False"
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
@@ -352,7 +352,7 @@ class IoDeclaration:
 
 @dataclass(frozen=True, kw_only=True)
 class IoForced:
-    """A value that replaces the written one."""
+    """A forced value that replaces the written value."""
 
     value: bool | float
     by: str
@@ -364,17 +364,17 @@ class IoState:
 
     boot_id: str
     value: bool | float
-    """The effective value: the forced value, else the written one."""
+    """The effective value: the forced value, otherwise the written value."""
     written: bool | float
-    """The last written value; before that the value at a start, and ``on_loss`` after its owner is lost."""
+    """The last written value; before the first write the value at a start, after the loss of the owner ``on_loss``."""
     owner: str | None
-    """The only handler that may write it; ``None``: no handler owns it."""
+    """The last handler that wrote it. Only this handler may write until it is lost. ``None``: no handler wrote it."""
     forced: IoForced | None
-    """An operator has replaced the written value."""
+    """The value with which an operator has replaced the written value; ``None`` if no value is forced."""
     lost: bool = False
-    """Its owner is lost, so ``on_loss`` applies."""
+    """True if the owner is lost, so ``on_loss`` applies."""
     unknown: bool = False
-    """The last value written before the start is damaged; ``True`` until it is written or forced."""
+    """True if the last value before the start is damaged, until a value is written or forced."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -396,16 +396,16 @@ class LockSource:
     source: str
     value: bool
     handler_id: str | None
-    """Its owner, the only client that can clear it."""
+    """The handler that owns the source: only this handler and an operator can clear it, until it is lost."""
     lost: bool
-    """Its owner is offline, so ``on_loss`` applies."""
+    """True if the source has no owner or its owner is lost, so ``on_loss`` applies."""
     text: str = ""
     forced_by: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Lock:
-    """The interlock or the start lock: on while any of its sources is."""
+    """The interlock or the start lock, which is on while any of its sources is on."""
 
     value: bool
     text: str
@@ -431,7 +431,7 @@ class Captured:
     positions: tuple[float, ...]
     """Machine positions, mm or degrees."""
     captured: tuple[bool, ...]
-    """False if the skip input did not come; the position is then where the motor stopped."""
+    """False if the skip input was not received; the position is then where the motor stopped."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -453,7 +453,7 @@ class Position:
 
 @dataclass(frozen=True, kw_only=True)
 class Tool:
-    """The tool in the spindle; 0: none."""
+    """The tool in the spindle; 0 for none."""
 
     id: int
 
@@ -471,7 +471,7 @@ class ToolData:
     """A tool of the table."""
 
     id: int
-    """Its number, from 1."""
+    """Tool number, from 1."""
     radius: float
     """mm: the offset of G41 and G42."""
     length: float
@@ -522,7 +522,7 @@ class AlarmRecord:
     severity: str
     """``warning`` or ``alarm``."""
     number: int
-    """1 to 9999: the runtime's table; 10000 + code: a sequence program's."""
+    """1 to 9999 for an alarm of the runtime; 10000 + code for an alarm of a sequence program."""
     text: str
     cs: int | None
     program: int | None

@@ -22,15 +22,15 @@ CHOICES_MAX = 8
 CHOICE_MAX = 40
 PROGRESS_MAX = 200
 
-# Bytes of a checkpoint as JSON.
+# Largest number of bytes of a checkpoint as JSON.
 CHECKPOINT_MAX = 4096
 
 
 class Output:
     """An auxiliary function output: an M code with its parameters, on which a handler works.
 
-    When it is cancelled, the handler's task is cancelled too: ``asyncio.CancelledError`` is raised where it waits, and
-    :attr:`cancel_reason` is the cause. Put clean-up work into ``finally``.
+    If the output is cancelled, the task of the handler is cancelled: ``asyncio.CancelledError`` is raised at its
+    current await, and :attr:`cancel_reason` is the cause. Put clean-up work into ``finally``.
     """
 
     def __init__(
@@ -50,17 +50,17 @@ class Output:
         self._progress: dict[str, Any] | None = None
         self._checkpoint: dict[str, Any] | None = None
         self.boot_id = boot_id
-        """The boot of the runtime that issued it."""
+        """The boot of the runtime that issued the output."""
         self.cs = cs
-        """Coordinate system that issued it."""
+        """Coordinate system that issued the output."""
         self.redelivered = redelivered
         """True if the work may already have begun and the redelivery is ``verify``: check the machine first."""
         self.last_checkpoint: Any = notice.checkpoint
-        """The last :meth:`checkpoint` of a previous handler of this output; ``None`` if there is none."""
+        """The last :meth:`checkpoint` of a previous handler of this output; ``None`` if no checkpoint was stored."""
         self.cancelled = False
-        """True once it is cancelled."""
+        """True once the output is cancelled."""
         self.cancel_reason: CancelReason | None = None
-        """Reason of the cancellation; ``None`` if it is not cancelled, or if the reason was lost with a connection."""
+        """Reason of the cancellation; ``None`` without a cancellation, or if the reason was lost with a connection."""
 
     @property
     def m(self) -> int:
@@ -74,7 +74,7 @@ class Output:
 
     @property
     def seq(self) -> int:
-        """Identifies it within boot and coordinate system."""
+        """Sequence number: identifies this output within boot and coordinate system."""
         return self._notice.seq
 
     @property
@@ -124,7 +124,7 @@ class Output:
 
     @property
     def program(self) -> int:
-        """Number of its program."""
+        """Number of the NC program that issued the output."""
         return self._notice.program
 
     @property
@@ -134,7 +134,7 @@ class Output:
 
     @property
     def run_id(self) -> str:
-        """The program run that issued it."""
+        """Id of the program run that issued the output."""
         return self._notice.run_id
 
     def __repr__(self) -> str:
@@ -149,10 +149,10 @@ class Output:
     def progress(self, text: str, percent: float | None = None) -> None:
         """Report the current step of the handler; panels show it while the program waits.
 
-        It is sent again after a loss of the connection. No effect once the output no longer belongs to this handler.
+        The report is sent again after a loss of the connection. No effect if this handler no longer owns the output.
 
         Args:
-            text: at most 200 characters; a longer one is cut.
+            text: at most 200 characters; a longer text is cut.
             percent: 0 to 100.
         """
         report: dict[str, Any] = {**self._named(), "text": text[:PROGRESS_MAX]}
@@ -162,22 +162,22 @@ class Output:
         self._tell("progress", report)
 
     def checkpoint(self, value: Any) -> None:
-        """Store how far the work has come, and replace the previous checkpoint.
+        """Store a checkpoint that records the progress of the work; it replaces the previous checkpoint.
 
-        If this handler is lost, the next one finds it in :attr:`last_checkpoint`. The machine keeps it until the output
-        ends. It is sent again after a loss of the connection. No effect once the output no longer belongs to this
-        handler.
+        If this handler is lost, the next handler finds the checkpoint in :attr:`last_checkpoint`. The machine keeps it
+        until the output ends. It is sent again after a loss of the connection. No effect if this handler no longer owns
+        the output.
 
         Args:
             value: at most 4096 bytes as JSON; ``None`` removes the checkpoint.
 
         Raises:
-            ValueError: it is too long.
-            TypeError: it cannot be written as JSON.
+            ValueError: the checkpoint is too long.
+            TypeError: the checkpoint cannot be written as JSON.
         """
         size = len(json.dumps(value, separators=(",", ":"), ensure_ascii=False).encode())
         if size > CHECKPOINT_MAX:
-            raise ValueError(f"a checkpoint has at most {CHECKPOINT_MAX} bytes as JSON, and this one has {size}")
+            raise ValueError(f"a checkpoint has at most {CHECKPOINT_MAX} bytes as JSON, but this checkpoint has {size}")
         self._checkpoint = {**self._named(), "checkpoint": value}
         self._tell("checkpoint", self._checkpoint)
 
@@ -234,7 +234,7 @@ class Output:
                     continue
                 shown = next((output for output in pending.outputs if output.seq == self.seq), None)
                 if shown is None:
-                    raise Ended(f"M{self.m} has ended before it was answered")
+                    raise Ended(f"M{self.m} ended before the question was answered")
                 asked = shown.question
                 is_shown = asked is not None and asked.id == question["question_id"]
                 if is_shown and asked is not None and asked.answer is not None:
@@ -254,4 +254,4 @@ def _check_question(text: str, choices: Sequence[str]) -> None:
     if any(not 1 <= len(choice) <= CHOICE_MAX for choice in choices):
         raise ValueError(f"a choice has 1 to {CHOICE_MAX} characters")
     if len(set(choices)) != len(choices):
-        raise ValueError("a choice stands twice")
+        raise ValueError("a choice occurs twice")

@@ -35,16 +35,16 @@ class Params:
     H: float | None = None
 
     def real(self, letter: str, low: float, high: float, what: str) -> float:
-        """Read a parameter that must be there and in a range, both ends included.
+        """Read a required parameter within a range, both ends included.
 
         Args:
             letter: ``"A"`` to ``"H"``.
-            low: the smallest value that is right.
-            high: the largest value that is right.
+            low: the lowest accepted value.
+            high: the highest accepted value.
             what: name with its unit, such as ``"the clamping force, kN"``: a part of the alarm's text.
 
         Raises:
-            Alarm: it is missing or out of range.
+            Alarm: the parameter is missing or out of range.
             ValueError: there is no such parameter.
         """
         value = self._value(letter)
@@ -58,7 +58,7 @@ class Params:
         """Read a whole number, as :meth:`real` does.
 
         Raises:
-            Alarm: it is missing, out of range, or not a whole number.
+            Alarm: the parameter is missing, out of range, or not a whole number.
             ValueError: there is no such parameter.
         """
         value = self.real(letter, low, high, what)
@@ -70,6 +70,6 @@ class Params:
 
     def _value(self, letter: str) -> float | None:
         if len(letter) != 1 or letter not in "ABCDEFGH":
-            raise ValueError(f"{letter!r} is no parameter; write 'A' to 'H'")
+            raise ValueError(f"{letter!r} is not a parameter; write 'A' to 'H'")
         value: float | None = getattr(self, letter)
         return value

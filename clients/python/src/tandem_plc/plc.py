@@ -37,14 +37,14 @@ class Plc:
         """Connect to a machine, for use in ``async with`` or ``await``.
 
         Args:
-            address: ``mqtt://[user:password@]host[:port][,host[:port]..]/[prefix/]machine``, ``mqtts://`` with TLS. Of
-                several nodes of a broker the first that answers is used until it is lost.
+            address: ``mqtt://[user:password@]host[:port][,host[:port]..]/[prefix/]machine``, ``mqtts://`` with TLS. If
+                the address names several nodes, the first node that answers is used until its connection is lost.
             credentials: user, password and TLS, which an address should not contain.
             timeout_s: time limit for the first contact with the machine; later losses have no time limit.
 
         Raises:
-            AddressError: the address is wrong.
-            ConnectError: no broker answers, it refuses the user, or no machine of that name is online.
+            AddressError: the address is invalid.
+            ConnectError: no broker answers, the broker refuses the user, or no machine of that name is online.
         """
         return Connecting(cls(Connection(address, credentials)), timeout_s)
 
@@ -53,11 +53,11 @@ class Plc:
         await self._connection.stop()
 
     def for_person(self, *, within_s: float = NOT_AFTER_S) -> Plc:
-        """Return a handle for requests that a person has just made.
+        """Return a handle for a request that a person makes at this moment, such as by pressing a button.
 
-        Its requests expire ``within_s`` after the newest heartbeat that this connection has received: the machine then
-        rejects them as ``expired``, regardless of their time in transit. Take a new handle for each press of a button.
-        Sequence programs need none, because their requests follow from an output.
+        Requests of this handle expire ``within_s`` after the newest heartbeat that this connection has received: the
+        machine then rejects them as ``expired``. Take a new handle for each press of a button. Sequence programs do
+        not need such a handle, because an output causes their requests.
 
         Raises:
             NotConnected: no heartbeat of the machine has been received.
@@ -73,11 +73,11 @@ class Plc:
         return CoordinateSystem(self, number)
 
     def io_in(self, name: str) -> Io:
-        """Give an input of the plant, by its name in the configuration (``[io.in.NAME]``)."""
+        """Return an input of the plant, by its name in the configuration (``[io.in.NAME]``)."""
         return Io(self, "in", name)
 
     def io_out(self, name: str) -> Io:
-        """Give an output of the plant, by its name in the configuration (``[io.out.NAME]``)."""
+        """Return an output of the plant, by its name in the configuration (``[io.out.NAME]``)."""
         return Io(self, "out", name)
 
     @property
@@ -112,16 +112,16 @@ class Plc:
         return () if active is None else tuple(active.alarms)
 
     async def alarm_events(self) -> AsyncIterator[AlarmRecord]:
-        """Follow alarms: each that is raised, acknowledged or cleared from now on."""
+        """Follow alarms: each alarm that is raised, acknowledged or cleared from now on."""
         async for record in self._connection.hub.follow("alarm/event"):
             yield record
 
     async def raise_alarm(self, alarm: Alarm, *, cs: int | None = None) -> None:
-        """Raise an alarm that belongs to no output, such as low air pressure; it stops one coordinate system or all.
+        """Raise an alarm that belongs to no output, such as low air pressure; it stops one coordinate system, or all.
 
         Raises:
-            NotConnected: it was not sent.
-            NoAnswer: it was sent, but its arrival is unknown.
+            NotConnected: the request was not sent.
+            NoAnswer: the request was sent, but its arrival is unknown.
         """
         payload: dict[str, Any] = {"code": alarm.code, "text": alarm.text}
         if cs is not None:
@@ -132,8 +132,8 @@ class Plc:
         """Set the skip input of a motor (G31). Not real time: captures the position when the servo receives it.
 
         Raises:
-            NotConnected: it was not sent.
-            NoAnswer: it was sent, but its arrival is unknown.
+            NotConnected: the request was not sent.
+            NoAnswer: the request was sent, but its arrival is unknown.
         """
         await self._connection.request(f"motor/{motor}/skip_input/set", {"value": value})
 
@@ -141,7 +141,7 @@ class Plc:
         """Read up to 1024 P variables, all from one moment.
 
         Raises:
-            Refused: there are no such variables.
+            Refused: not all of these variables exist.
         """
         return await self._read_variables(1, "P", first, count)
 
@@ -149,7 +149,7 @@ class Plc:
         """Write up to 1024 P variables, all or none.
 
         Raises:
-            Refused: there are no such variables.
+            Refused: not all of these variables exist.
         """
         await self._write_variables(1, "P", first, values)
 
@@ -157,8 +157,8 @@ class Plc:
         """Follow P variables: their current values, then after each change by any writer.
 
         A machine publishes the variables listed in ``[[variables.published]]`` of its configuration, at most 10 times a
-        second; if values change faster, the latest. A program writes a variable when its block is interpreted, ahead of
-        the motion.
+        second; if values change faster, only the latest. An NC program writes a variable when the block is interpreted,
+        ahead of the motion.
 
         Raises:
             Refused: the machine does not publish all these variables.
@@ -167,7 +167,7 @@ class Plc:
             yield values
 
     async def tool_changes(self) -> AsyncIterator[tuple[ToolData, ...]]:
-        """Follow the tool table, ascending by number: the current one, then after each change."""
+        """Follow the tool table, ascending by number: the current table, then each changed table."""
         async for table in self._connection.hub.follow("tools"):
             yield table.tools
 

@@ -57,20 +57,20 @@ class Level:
         self._changed: Callable[[Level], None] = lambda _level: None
 
     def set(self, value: bool, text: str | None = None) -> None:
-        """Set it. The machine receives it as soon as it is connected, and again on each connection and at each boot."""
+        """Set the level. It is sent once the machine is connected, and again on each connection and at each boot."""
         self.value = value
         if text is not None:
             self.text = text
         self._changed(self)
 
     def follow(self, changed: Callable[[Level], None]) -> None:
-        """Call ``changed`` with the current level and each later one."""
+        """Call ``changed`` with the current level and each later level."""
         self._changed = changed
         changed(self)
 
 
 class SequenceProgram:
-    """Serves M codes of a machine under one name.
+    """A sequence program: serves M codes of a machine under one name.
 
     ::
 
@@ -82,17 +82,17 @@ class SequenceProgram:
 
         asyncio.run(program.run("mqtt://127.0.0.1:1883/mill-1"))
 
-    If a handler returns, its output is reset and the NC program continues. :class:`~tandem_plc.Alarm` stops the NC
-    program with its text; so does any other exception.
+    If a handler returns, its output is reset and the NC program continues. If it raises :class:`~tandem_plc.Alarm`, the
+    NC program stops with the text of the alarm; any other exception also stops it with an alarm.
     """
 
     def __init__(self, handler_id: str, *, redelivery: Redelivery | None = None) -> None:
-        """Name it: 1 to 64 characters without ``/ + #``, always the same, so that the machine recognizes it.
+        """Create a program under a name: 1 to 64 characters without ``/ + #``.
 
         Args:
-            handler_id: its name.
-            redelivery: how to treat outputs that this program may have begun before it was lost, unless :meth:`on` sets
-            it. The stricter of this and the machine's configuration applies; if neither is set, an operator decides.
+            handler_id: the name, always the same, so that the machine recognizes the program.
+            redelivery: treatment of outputs on which this program may have worked before it was lost, unless :meth:`on`
+            sets it. The stricter of this and the machine's configuration applies; without both, an operator decides.
         """
         if not 1 <= len(handler_id) <= 64 or any(char in handler_id for char in "/+#\0"):
             raise ProgramError(f"handler_id {handler_id!r}: write 1 to 64 characters without / + #")
@@ -119,16 +119,16 @@ class SequenceProgram:
 
         Args:
             codes: M numbers, and ranges such as ``range(20, 30)``.
-            cs: its coordinate system; ``None``: all that have no handler of their own for the M code.
-            validate: checks parameters when a program is loaded: one that raises ``Alarm`` is not loaded.
-            redelivery: how to treat an output that this program may have begun before it was lost, instead of the
+            cs: the coordinate system; ``None``: all that have no separate handler for the M code.
+            validate: checks parameters when an NC program is loaded; if it raises ``Alarm``, the program is not loaded.
+            redelivery: treatment of outputs on which this program may have worked before it was lost, instead of the
             setting of the program.
-            name: what the M codes do, such as ``"clamp"``, for alarms and panels.
+            name: function of the M codes, such as ``"clamp"``, for alarms and panels.
             params: their parameters, by letter: ``{"A": Param(name="force", unit="kN", min=1, max=20)}``. A program
-            with other parameters is not loaded, and the handler is not started with others. ``{}``: no parameters.
+            with other parameters is not loaded, and the handler is not started with them. ``{}``: no parameters.
 
         Raises:
-            ProgramError: two handlers for one M code, a declaration of what cannot be, or a handler that is no async
+            ProgramError: two handlers for one M code, an invalid declaration, or a handler that is not an async
                 function of ``(output)`` or ``(output, plc)``.
         """
 
@@ -183,9 +183,9 @@ class SequenceProgram:
 
         Args:
             cs: coordinate system.
-            source: its name, such as one of ``[input.interlock.source.NAME]``.
+            source: name of the source, such as one that ``[input.interlock.source.NAME]`` declares.
             text: the reason for the operator.
-            value: on until it is set.
+            value: the level until the program sets it; on by default.
         """
         return self._add_level(Level((cs, "interlock", source), text, value))
 
@@ -195,24 +195,25 @@ class SequenceProgram:
 
     def _add_level(self, level: Level) -> Level:
         if any(other.place == level.place for other in self._levels):
-            raise ProgramError(f"{level.place[1]} {level.place[2]} of coordinate system {level.place[0]} stands twice")
+            cs, kind, source = level.place
+            raise ProgramError(f"{kind} {source} of coordinate system {cs} is declared twice")
         self._levels.append(level)
         return level
 
     def task(self, task: T) -> T:
         """Register a task that runs in parallel to the handlers, as a decorator.
 
-        It begins after the machine has accepted the handlers, so that it may start a program, and continues after
-        losses of the connection. If it raises, the program ends with that exception.
+        The task begins after the machine has accepted the handlers, so that the task may start a program. It continues
+        after losses of the connection. If it raises, the program ends with that exception.
         """
         _check_async(task, 1, "(plc)")
         self._tasks.append(task)
         return task
 
     def served(self) -> str:
-        """Return its declarations as a file for ``[machine] served`` of a configuration.
+        """Return the declarations of the program as a file for ``[machine] served`` of a configuration.
 
-        With it ``tandem check``, ``tandem explain`` and editors know its M codes while it is not running:
+        With this file ``tandem check``, ``tandem explain`` and editors know the M codes while the program does not run:
         ``Path("served.json").write_text(program.served())``
         """
         serves = []
@@ -229,11 +230,11 @@ class SequenceProgram:
         Args:
             address: as :meth:`tandem_plc.Plc.connect` takes it.
             credentials: user, password and TLS, which an address should not contain.
-            take_over: replace another process of the same name, which ends; otherwise this one is refused.
+            take_over: replace another process of the same name, which ends; otherwise this process is refused.
 
         Raises:
-            TakenOver: another process of the same name is online, or has replaced this one.
-            AddressError: the address is wrong.
+            TakenOver: another process of the same name is online, or has replaced this process.
+            AddressError: the address is invalid.
             ConnectError: no machine is online within 10 s, or the broker refuses this client.
             ProgramError: the program has a mistake.
             ExceptionGroup: a task has ended with an exception; on Python 3.10 the exception itself.
@@ -288,7 +289,7 @@ class SequenceProgram:
     ) -> AsyncIterator[Serving]:
         """Serve the machine within the block, which begins when the handlers are accepted. Raises like :meth:`run`.
 
-        If the machine refuses them, the block begins too, and :attr:`Serving.ended` has the reason.
+        If the machine refuses the handlers, the block begins as well, and :attr:`Serving.ended` contains the reason.
         """
         self._check()
         connection = Connection(address, credentials, self.handler_id)
@@ -340,17 +341,17 @@ class Serving:
     plc: Plc
     """The machine."""
     ended: asyncio.Future[None]
-    """Ends when a task of the program fails, or the machine refuses it."""
+    """Ends when a task of the program fails, or the machine refuses the program."""
     _runner: Runner = field(repr=False)
 
     async def leave(self, *, returns_within_s: float = RETURNS_WITHIN_S, ends_within_s: float | None = None) -> None:
         """Accept no further output, and return when all running handlers have ended; then end the block.
 
-        Tasks run until then. At the end of the block the machine is notified that the program will return: until then
-        its M codes count as served, and NC programs wait at them.
+        Tasks run until then. At the end of the block the machine is notified that the program will return. Until the
+        return its M codes are treated as served, and NC programs wait at them.
 
         Args:
-            returns_within_s: time within which it returns, up to 1 h. 0: it does not return.
+            returns_within_s: time within which the program returns, up to 1 h. 0: it does not return.
             ends_within_s: time limit for running handlers, none with ``None``. After it, running handlers are cancelled
             and their outputs are lost: ``redelivery`` decides how they are treated.
 
@@ -369,7 +370,7 @@ class Serving:
 
 
 async def stop_signal() -> None:
-    """Wait for Ctrl-C, or for SIGTERM, by which systemd and others end a program. The next one ends it at once."""
+    """Wait for Ctrl-C, or for SIGTERM, by which systemd ends a program. The next signal ends it at once."""
     loop, told = asyncio.get_running_loop(), asyncio.Event()
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     for number in before:
@@ -403,7 +404,7 @@ def _numbers(codes: tuple[int | Iterable[int], ...]) -> list[int]:
             if isinstance(m, bool) or not isinstance(m, int) or not 0 <= m <= M_CODE_MAX:
                 raise ProgramError(f"M{m}: M codes are 0 to {M_CODE_MAX}")
             if m in RUNTIME_M_CODES:
-                raise ProgramError(f"M{m}: the runtime handles it itself, leave it out")
+                raise ProgramError(f"M{m}: the runtime handles this M code itself; remove it")
             numbers.append(m)
     if not numbers:
         raise ProgramError("no M code is named")

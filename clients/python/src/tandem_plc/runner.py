@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 log = logging.getLogger("tandem_plc")
 
 _RETRY_S = 0.5
-# outputs remembered as begun; a stale `pending` is behind by far fewer
+# largest number of remembered outputs; a stale `pending` is older by far fewer outputs
 _BEGUN_MAX = 4096
 _CLEAN_UP_S = 5.0
 _REFUSALS_MAX = 10
@@ -59,7 +59,7 @@ _LEAVE_MAX_S = 2.0
 RETURNS_WITHIN_S = 60.0
 _RETURNS_WITHIN_MAX_S = 3_600.0
 _REFRESHES = 3
-"""Presences within the expiry time of one, so that two may be lost."""
+"""Number of presences within the validity of one, so that two may be lost."""
 
 OutputId = tuple[str, int, int]
 """Boot, coordinate system and sequence number."""
@@ -70,15 +70,15 @@ class Entry(Protocol):
 
     @property
     def call(self) -> Callable[[Output, Plc], Awaitable[None]]:
-        """Does the work."""
+        """Do the work."""
 
     @property
     def redelivery(self) -> Redelivery | None:
-        """How to treat work that may already have begun; ``None``: the machine's configuration applies."""
+        """Treatment of work that may already have begun; ``None``: the machine's configuration applies."""
 
     @property
     def declared(self) -> Declared:
-        """Declaration of its M codes."""
+        """Declaration of the M codes."""
 
 
 def check_returns_within(seconds: float) -> int:
@@ -158,10 +158,10 @@ class Runner:
         self._must_announce = asyncio.Event()
         self._has_announced = False
         self._awaits_acceptance = False
-        """The machine has not answered the last registration."""
+        """True while the machine has not answered the last registration."""
         self._announced_systems: list[int] = []
         self.announced = asyncio.Event()
-        """The machine has accepted these handlers."""
+        """Set while the machine has accepted these handlers."""
         connection.will = json.dumps(self._offline())
         connection.on_message = self._on_message
         connection.on_connected = self._on_connected
@@ -186,7 +186,7 @@ class Runner:
                 break
             if not done:
                 if self._awaits_acceptance:
-                    log.warning("the machine has not said yet that it knows the handlers")
+                    log.warning("the machine has not accepted the handlers yet")
                 if self._has_announced:
                     self._connection.post(self._presence_path(), self._online(), retain=True)
                 continue
@@ -194,7 +194,7 @@ class Runner:
             try:
                 await self._announce()
             except (NotConnected, NoAnswer) as error:
-                log.warning("the machine does not know the handlers yet: %s", error)
+                log.warning("the machine has not accepted the handlers yet: %s", error)
                 await asyncio.sleep(_RETRY_S)
                 self._must_announce.set()
         raise self._ended.result()
@@ -231,7 +231,7 @@ class Runner:
                     gone["returns_within_ms"] = self.returns_within_ms
                 await self._connection.request(self._presence_path(), gone, retain=True, timeout_s=1.0)
             except TandemError as error:
-                log.warning("the machine was not told that the handlers have gone: %s", error)
+                log.warning("the machine was not notified that the handlers are offline: %s", error)
 
     # --- presence
 
@@ -312,7 +312,7 @@ class Runner:
             self._on_accepted()
             return
         if result.status == "confirm":
-            # another process wants the name, and the machine asks whether this one is still online
+            # another process requests the name, and the machine asks whether this process is still online
             self._must_announce.set()
             return
         self._refusals += 1
@@ -428,7 +428,7 @@ class Runner:
                 await self._register()
             claimed = await self._until_answered(output, "claim", {})
             if claimed is None or claimed.status != "accepted":
-                log.debug("%r is left to others: %s", output, claimed)
+                log.debug("%r is not claimed by this handler: %s", output, claimed)
                 return
             if claimed.how is not None:
                 output.redelivered = claimed.how is Redelivery.VERIFY
@@ -441,9 +441,9 @@ class Runner:
         else:
             reset = {"result": "fault", "code": alarm.code, "text": alarm.text}
         answer = await self._until_answered(output, "reset", reset)
-        # a duplicate is this reset itself, sent twice because its answer was late
+        # `duplicate` means that this reset was sent twice, because its answer was late
         if answer is None or answer.status not in ("accepted", "duplicate"):
-            log.warning("the reset of %r did not count: %s", output, answer)
+            log.warning("the machine did not accept the reset of %r: %s", output, answer)
 
     async def _call(self, output: Output, entry: Entry) -> Alarm | None:
         try:
@@ -455,7 +455,7 @@ class Runner:
             if output.cancelled:
                 raise
             # the handler cancelled itself, or something that it awaited was cancelled
-            return Alarm(CODE_OF_EXCEPTION, f"the handler of M{output.m} was cancelled, and not by the machine")
+            return Alarm(CODE_OF_EXCEPTION, f"the handler of M{output.m} was cancelled, but not by the machine")
         except TandemError as error:
             log.warning("the handler of M%d: %s", output.m, error)
             return Alarm(CODE_OF_ERROR, str(error) or type(error).__name__)

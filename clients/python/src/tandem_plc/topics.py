@@ -66,7 +66,7 @@ _LEVELS = {tuple(path.split("/")): form for path, form in _FORMS.items()}
 
 
 def form_of(path: str) -> Any | None:
-    """Give the dataclass of a topic's messages; ``None`` for a topic that this package does not use."""
+    """Return the dataclass of a topic's messages; ``None`` for a topic that this package does not use."""
     levels = path.split("/")
     if levels[0] == "reply" and len(levels) == 2:
         return CommandReply

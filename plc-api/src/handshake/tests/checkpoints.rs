@@ -24,7 +24,7 @@ fn checkpoint(
 }
 
 #[test]
-fn h21_a_checkpoint_of_the_owner_is_kept_when_it_is_lost_until_it_is_replaced_or_taken_away() {
+fn h21_checkpoint_survives_loss_of_its_owner_until_replaced_or_removed() {
     let mut ledger = ledger();
     let seq = made(&mut ledger, 90);
     let noted = |ledger: &Ledger| ledger.pending().outputs[0].checkpoint.clone();

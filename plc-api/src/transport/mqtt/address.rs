@@ -8,7 +8,7 @@ const PORT_DEFAULT: u16 = 1883;
 /// Default port of a broker with TLS.
 const TLS_PORT_DEFAULT: u16 = 8883;
 
-/// Nodes of one broker.
+/// Largest number of nodes of one broker.
 const NODES_MAX: usize = 16;
 
 /// `mqtt://[user[:password]@]host[:port][,host[:port]..]/[prefix/]machine`, parsed; `mqtts://` with TLS.
@@ -20,7 +20,7 @@ pub(super) struct Address {
     pub(super) credentials: Option<(String, String)>,
     /// Root of the machine's topics, without a slash at the end.
     pub(super) root: String,
-    /// As given, without user and password.
+    /// The given address, without user and password.
     pub(super) shown: String,
 }
 
@@ -37,7 +37,7 @@ impl Address {
         let (authority, path) = rest.split_once('/').unwrap_or((rest, ""));
         let with_user = authority.rsplit_once('@');
         let (user, host) = with_user.map_or((None, authority), |(user, host)| (Some(user), host));
-        // what stands before an @ may be a password, wherever it is
+        // any text before an @ may contain a password
         let after_user = rest.rsplit_once('@').map_or(rest, |(_, after)| after);
         let shown = format!("{scheme}://{after_user}");
         let wrong = |reason: String| Error::Address {

@@ -1,16 +1,18 @@
-//! The age of the machine's presence. A machine whose presence has expired is treated as offline, as if its last will
-//! had arrived: when a node of a broker fails, it publishes no last wills. Pure; the time is a parameter.
+//! The age of the machine's presence. A machine whose presence has expired is treated as offline, as if its
+//! last will had arrived: when a node of a broker fails, it publishes no last wills. Pure; the time is a
+//! parameter.
 
 use std::time::{Duration, Instant};
 
 use crate::types::machine::Presence;
 
-/// Time of the last presence. The age increases only while there is a connection, and restarts with each connection.
+/// Age of the last presence. The age increases only while the connection exists, and restarts with each
+/// connection.
 #[derive(Debug, Default)]
 pub(super) struct MachineAge {
     expires: Option<Duration>,
     heard: Option<Instant>,
-    /// Its presence has expired, and no new one was received.
+    /// True if the presence has expired, and no new presence was received.
     was_missed: bool,
 }
 
@@ -26,8 +28,9 @@ impl MachineAge {
         self.heard = None;
     }
 
-    /// Records a presence of the machine. A retained one shows only that the machine was online, so it renews nothing.
-    /// Returns true if the presence had expired before: the broker may have lost more messages over this connection.
+    /// Records a presence of the machine. A retained presence shows only that the machine was online, so it
+    /// does not restart the age. Returns true if the presence had expired before: the broker may have lost
+    /// more messages of this connection.
     pub(super) fn hear(&mut self, presence: &Presence, retained: bool, now: Instant) -> bool {
         let expires_ms = presence.expires_ms.filter(|_| presence.online);
         self.expires = expires_ms.map(Duration::from_millis);
@@ -42,7 +45,7 @@ impl MachineAge {
         Some(self.heard? + self.expires?)
     }
 
-    /// Returns true if the presence has expired: once, until a new one is received.
+    /// Returns true if the presence has expired; only once until a new presence is received.
     pub(super) fn take_end(&mut self, now: Instant) -> bool {
         let has_ended = self.end().is_some_and(|end| end <= now);
         if has_ended {
@@ -70,21 +73,21 @@ mod tests {
     }
 
     #[test]
-    fn a_machine_is_offline_once_when_its_presence_is_too_old_and_may_come_again() {
+    fn machine_goes_offline_once_when_its_presence_expires_and_can_return() {
         let (mut age, begin) = (MachineAge::default(), Instant::now());
         age.begin_anew(begin);
         assert!(!age.hear(&presence(Some(900)), true, begin + ms(10)));
-        assert!(!age.take_end(begin + ms(899)), "counted from the connection");
+        assert!(!age.take_end(begin + ms(899)), "from the connection on");
         assert!(age.take_end(begin + ms(900)));
         assert!(!age.take_end(begin + ms(5000)), "once");
         let again =
             |age: &mut MachineAge, retained| age.hear(&presence(Some(900)), retained, begin + ms(6000));
-        assert!(!again(&mut age, true), "it shows nothing");
+        assert!(!again(&mut age, true), "a retained presence shows nothing");
         assert!(again(&mut age, false), "it was missed");
         assert!(!again(&mut age, false), "told once");
         assert!(!age.take_end(begin + ms(6899)) && age.take_end(begin + ms(6900)));
         age.begin_anew(begin + ms(7000));
-        assert!(!again(&mut age, false), "a new connection has lost nothing");
+        assert!(!again(&mut age, false), "a new connection has not lost messages");
     }
 
     #[test]
@@ -97,6 +100,6 @@ mod tests {
         age.begin_anew(begin + ms(60_000));
         assert!(!age.take_end(begin + ms(60_899)) && age.take_end(begin + ms(60_900)));
         assert!(age.hear(&presence(None), false, begin), "it was missed");
-        assert_eq!(age.end(), None, "as of an earlier version");
+        assert_eq!(age.end(), None, "an earlier version does not expire");
     }
 }

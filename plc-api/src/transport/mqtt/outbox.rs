@@ -1,5 +1,5 @@
-//! Messages that are not known to have arrived. The client library forgets them with its connection; here each stays
-//! until it is answered, and is sent again on every new connection, in order.
+//! Messages without an answer. The client library forgets messages when its connection ends. The outbox keeps
+//! each message until it is answered, and sends it again on every new connection, in order.
 
 use std::collections::{HashMap, VecDeque};
 
@@ -14,8 +14,8 @@ use crate::types::topic::{CsTopic, Topic};
 
 use crate::wire::mqtt::{Outgoing, Until};
 
-/// Pending messages; more requests are refused. Reason: twice a claim or reset of 64 open outputs in each of 8
-/// coordinate systems.
+/// Largest number of pending messages; a further request is refused. Reason: twice a claim or reset of 64
+/// open outputs in each of 8 coordinate systems.
 pub(super) const OUTBOX_MAX: usize = 1_024;
 
 pub(super) type Outcome = Result<Answer, Refusal>;
@@ -32,13 +32,14 @@ struct Entry {
 pub(super) struct Outbox {
     next_id: u64,
     entries: VecDeque<Entry>,
-    // passed to the library, which has not reported their packet ids yet; in order
+    // messages that the library has received but not yet assigned a packet id; in order
     unnumbered: VecDeque<u64>,
     by_packet: HashMap<u16, u64>,
 }
 
 impl Outbox {
-    /// Takes a message and gives its outcome. A message whose receiver is dropped is forgotten.
+    /// Adds a message, and returns the receiver of its outcome. If the receiver is dropped, the message is
+    /// removed.
     pub(super) fn put(&mut self, outgoing: Outgoing) -> Result<oneshot::Receiver<Outcome>, Refusal> {
         self.forget_abandoned();
         if self.entries.len() >= OUTBOX_MAX {
@@ -60,8 +61,9 @@ impl Outbox {
         self.entries.retain(|entry| !entry.done.is_closed());
     }
 
-    /// Everything is sent again, but claims: the registration of their handler was lost with the connection, so that the machine
-    /// would refuse them. They end as not answered, and whoever repeats one registers before.
+    /// Marks all messages except claims to be sent again. The registration of a handler was lost with the
+    /// connection, so the machine would refuse its claims. Claims therefore end without an answer, and their
+    /// sender registers before it repeats them.
     pub(super) fn new_connection(&mut self) {
         self.unnumbered.clear();
         self.by_packet.clear();
@@ -87,12 +89,12 @@ impl Outbox {
         }
     }
 
-    /// True while the broker has not acknowledged a message.
+    /// Returns true while the broker has not acknowledged a message.
     pub(super) fn awaits_acknowledgement(&self) -> bool {
         !self.by_packet.is_empty()
     }
 
-    /// The library has assigned a packet id to the oldest message without one.
+    /// Records the packet id that the library has assigned to the oldest message without a packet id.
     pub(super) fn on_packet_id(&mut self, packet: u16) {
         if let Some(id) = self.unnumbered.pop_front() {
             self.by_packet.insert(packet, id);
@@ -108,8 +110,8 @@ impl Outbox {
         }
     }
 
-    /// Ends the requests that a message of the machine answers. `is_open`: the output is still in `pending`, which is
-    /// published before its result.
+    /// Ends the requests that a message of the machine answers. `is_open` returns whether an output is still
+    /// in `pending`, which is published before the result.
     pub(super) fn on_message(&mut self, message: &Message, is_open: impl Fn(u64) -> bool) {
         match (&message.topic, &message.payload) {
             (Topic::CoordinateSystem(result_cs, CsTopic::Result(result_m)), Payload::Result(result)) => {
@@ -121,7 +123,7 @@ impl Outbox {
                             OutputAct::Claim
                         }
                     }
-                    // the output is open, so this is not the answer to a reset but a late one to a claim
+                    // if the output is open, this is not the answer to a reset but the late answer to a claim
                     None => !(is_reset && result.status == HandshakeStatus::Accepted && is_open(result.seq)),
                 };
                 let is_its = |entry: &Entry| match &entry.outgoing.until {
@@ -292,6 +294,6 @@ mod tests {
         let waiting: Vec<_> = (0..OUTBOX_MAX).map(|_| put(&mut outbox).unwrap()).collect();
         assert_eq!(put(&mut outbox).unwrap_err().code, RefusalCode::Unavailable);
         drop(waiting);
-        assert!(put(&mut outbox).is_ok(), "nobody waits for them any more");
+        assert!(put(&mut outbox).is_ok(), "their receivers are dropped");
     }
 }

@@ -19,15 +19,16 @@ use super::super::BROKER_SILENCE_MAX;
 use super::super::backoff::Backoff;
 use super::Shared;
 
-/// Bytes of one packet either way. Reason: 64 open outputs with long texts fit many times.
+/// Largest number of bytes of one packet, sent or received. Reason: many times the size of 64 open outputs
+/// with long texts.
 const PACKET_MAX: usize = 1 << 20;
 
-/// Messages in the library; more wait in our outbox.
+/// Largest number of messages in the library; further messages wait in the outbox.
 const LIBRARY_QUEUE: usize = 64;
 
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
 
-/// How long a new age of the machine may stay unseen.
+/// Longest interval between two checks of the age of the machine.
 const WATCH: Duration = Duration::from_millis(100);
 
 /// Topics of a machine below its root, other than `reply`.
@@ -142,7 +143,7 @@ async fn receive(shared: &Shared, client: &AsyncClient, events: &mut EventLoop, 
                 state.outbox.on_acknowledgement(ack.pkid);
                 state.silent_since = state.outbox.awaits_acknowledgement().then(Instant::now);
                 drop(state);
-                // the library may take more now
+                // the library can accept more messages now
                 shared.link.wake.notify_one();
             }
             Ok(Event::Outgoing(Sent::Publish(packet))) => {
@@ -207,7 +208,7 @@ async fn send(shared: &Shared, client: &AsyncClient) {
     }
 }
 
-/// Says the presence of the handler again and again, before it is too old; on a new connection at once.
+/// Publishes the presence of the handler periodically, before it expires, and at once on a new connection.
 async fn say_presence(shared: &Shared) {
     let every = shared.presence_expires / REFRESHES;
     shared.is_connected.notified().await;
@@ -216,14 +217,14 @@ async fn say_presence(shared: &Shared) {
         if let Some(end) = shared.refresh() {
             shared.link.wake.notify_one();
             if let Ok(Ok(Err(refusal))) = tokio::time::timeout(every, end).await {
-                tracing::warn!(%refusal, "the machine does not take it that the handler is still there");
+                tracing::warn!(%refusal, "the machine did not accept the renewed presence of the handler");
             }
         }
         tokio::time::sleep(every.saturating_sub(begun.elapsed())).await;
     }
 }
 
-/// Ends when the broker acknowledges nothing.
+/// Returns if the broker has acknowledged no message for [`BROKER_SILENCE_MAX`].
 async fn watch_broker(shared: &Shared) {
     loop {
         let since = lock(&shared.state).silent_since;
@@ -243,14 +244,14 @@ async fn watch_broker(shared: &Shared) {
     lock(&shared.state).trouble = Some(text);
 }
 
-/// Takes the machine for offline when its presence is too old.
+/// Treats the machine as offline when its presence has expired.
 async fn watch_machine(shared: &Shared) {
     loop {
         let end = lock(&shared.state).machine.end();
         let now = Instant::now();
         tokio::time::sleep(end.map_or(WATCH, |end| end.saturating_duration_since(now).min(WATCH))).await;
         if lock(&shared.state).machine.take_end(Instant::now()) {
-            tracing::warn!(address = %shared.link.address, "the machine has not said its presence again in time: it counts as offline");
+            tracing::warn!(address = %shared.link.address, "the machine has not renewed its presence in time: it is treated as offline");
             shared.link.set_offline();
         }
     }
@@ -274,14 +275,15 @@ fn on_publish(shared: &Shared, publish: &Publish) {
     let message = match Message::from_json(topic, payload) {
         Ok(message) => message,
         Err(error) => {
-            tracing::warn!(%error, path, "a message that is not of its topic's form");
+            tracing::warn!(%error, path, "a message does not have the form of its topic");
             return;
         }
     };
     if let Payload::Presence(presence) = &message.payload {
         let mut state = lock(&shared.state);
         if state.machine.hear(presence, publish.retain, Instant::now()) {
-            // a part of a cluster that was cut off may not tell what was said meanwhile: all is read and said anew
+            // a separated part of a cluster may not deliver messages of the meantime: connect, read and
+            // publish everything again
             state.reconnect = true;
             shared.link.wake.notify_one();
         }

@@ -11,7 +11,7 @@ const API: &str = "/api/v1";
 /// `http://[[user:]token@]host[:port]` or `https://...`, parsed.
 #[derive(Clone, PartialEq, Eq)]
 pub(super) struct Address {
-    /// With TLS.
+    /// True for a connection with TLS.
     pub(super) tls: bool,
     /// URL of the interface, without a slash at the end.
     pub(super) http: String,
@@ -19,9 +19,9 @@ pub(super) struct Address {
     pub(super) websocket: String,
     /// User of the token.
     pub(super) user: Option<String>,
-    /// Sent as `Authorization: Bearer`.
+    /// Token, sent as `Authorization: Bearer`.
     pub(super) token: Option<String>,
-    /// As given, without the token.
+    /// The given address, without the token.
     pub(super) shown: String,
 }
 

@@ -21,11 +21,13 @@ use super::Shared;
 
 type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
 
-/// Bytes of frames that wait to be written: the largest message of a client many times, and pongs. A further pong replaces the
-/// one that waits, and a further message ends the connection, which is then opened again.
+/// Largest number of bytes of unsent frames. Reason: many times the largest message of a client, and pongs.
+/// At this limit a further pong replaces the unsent pong, and a further message ends the connection, which is
+/// then opened again.
 const UNSENT_BYTES_MAX: usize = 16 * PAYLOAD_MAX;
 
-/// The library limits nothing by itself of what the other side makes it answer.
+/// Returns limits of the library, which by default does not limit the answers (pongs) that the server can
+/// make it send.
 fn limits() -> WebSocketConfig {
     WebSocketConfig::default()
         .write_buffer_size(0)
@@ -43,7 +45,7 @@ pub(super) async fn keep_connected(shared: Arc<Shared>) {
                     tracing::warn!(%error, address = %shared.link.address, "connection lost");
                     lock(&shared.state).trouble = Some(error.to_string());
                 }
-                // until the next connection `pending` may be out of date
+                // until the next connection `pending` may be stale
                 shared.link.set_offline();
             }
             Err(error) => lock(&shared.state).trouble = Some(error.to_string()),
@@ -96,7 +98,7 @@ async fn serve(shared: &Shared, socket: &mut Socket) -> tungstenite::Result<()> 
             },
             () = shared.link.wake.notified() => {
                 if shared.link.is_closed() {
-                    // so the machine notices at once that the handlers are offline
+                    // the close frame lets the machine notice at once that the handlers are offline
                     return socket.close(None).await;
                 }
                 for frame in unsent(shared) {
@@ -107,7 +109,7 @@ async fn serve(shared: &Shared, socket: &mut Socket) -> tungstenite::Result<()> 
     }
 }
 
-/// The frames to send: presence of handlers first, then results of validations.
+/// Returns the frames to send: presence of handlers first, then results of validations.
 fn unsent(shared: &Shared) -> Vec<ClientFrame> {
     let mut state = lock(&shared.state);
     let unsent = std::mem::take(&mut state.unsent).into_iter();
@@ -137,7 +139,7 @@ fn on_text(shared: &Shared, text: &str) {
             tracing::warn!(%refusal, "the machine refuses");
             on_error(shared, refusal);
         }
-        ServerFrame::Unknown(why) => tracing::debug!(%why, "a message is passed over"),
+        ServerFrame::Unknown(why) => tracing::debug!(%why, "a message of an unknown form is ignored"),
     }
 }
 

@@ -1,4 +1,4 @@
-//! Arguments of commands as JSON: each verb whose arguments have several forms has its own reader.
+//! Arguments of commands as JSON. Each verb with several forms of arguments has its own reader.
 
 use serde::Deserialize;
 use serde_json::Value;
@@ -43,7 +43,7 @@ pub(super) fn run(args: &Value) -> Result<Command, String> {
     let program = given("program").map(|value| {
         let number = value.as_u64().and_then(|number| u16::try_from(number).ok());
         number.ok_or_else(|| {
-            "run: \"program\" is a program number, 1 to 9999; without it, the loaded one".to_owned()
+            "run: \"program\" is a program number, 1 to 9999; without it, the loaded program runs".to_owned()
         })
     });
     let parts = given("parts").map_or(Some(1), |value| {
@@ -52,8 +52,7 @@ pub(super) fn run(args: &Value) -> Result<Command, String> {
     });
     Ok(Command::Run(RunOrder {
         program: program.transpose()?,
-        parts: parts
-            .ok_or_else(|| format!("run: \"parts\" is how many times it is run, 1 to {PARTS_MAX}"))?,
+        parts: parts.ok_or_else(|| format!("run: \"parts\" is the number of parts, 1 to {PARTS_MAX}"))?,
     }))
 }
 
@@ -67,9 +66,9 @@ pub(super) fn start(args: &Value) -> Result<Command, String> {
             .map(Some)
             .ok_or_else(|| format!("start: \"{key}\" is {of}: a whole number from 1")),
     };
-    let from_line = number("from_line", "the line that it begins at")?;
-    let program = number("program", "the program that has the line")?;
-    let occurrence = number("occurrence", "which time the program comes to the line")?;
+    let from_line = number("from_line", "the line of the first block")?;
+    let program = number("program", "the program that contains the line")?;
+    let occurrence = number("occurrence", "the number of the pass over the line")?;
     let wrong = "start: \"approach\" is plane_first, infeed_first or direct";
     let approach = given("approach").map(|value| Approach::deserialize(value).map_err(|_| wrong));
     let approach = approach.transpose()?;

@@ -5,7 +5,7 @@ use std::net::IpAddr;
 use super::User;
 use crate::places::host_of;
 
-/// Owner of requests that a limit counts together: a user, or without users a host.
+/// Owner of requests that share one limit: a user, or without users a host.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) enum Account {
     /// A user of the token file.

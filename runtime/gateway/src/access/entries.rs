@@ -9,10 +9,10 @@ use super::Role;
 use super::pin::{hash, is_hash};
 use super::token::{Proof, Token, TokenError, random_secret};
 
-/// Entries of one file. Reason: each request is compared with every one.
+/// Maximum number of entries in one file. Reason: each request is compared with every entry.
 const ENTRIES_MAX: usize = 1000;
 
-/// Characters of a user's name, which is also a topic level and a file name.
+/// Characters allowed in a user's name, which is also a topic level and a file name.
 const NAME_MAX: usize = 64;
 
 #[derive(Deserialize)]
@@ -51,7 +51,7 @@ impl Digested {
     fn read(self, proof: fn([u8; 32]) -> Proof) -> Result<Token, String> {
         let mut digest = [0; 32];
         hex::decode_to_slice(&self.sha256, &mut digest)
-            .map_err(|_| format!("{}: sha256 is 64 hexadecimal digits", self.name))?;
+            .map_err(|_| format!("{}: sha256 must be 64 hexadecimal digits", self.name))?;
         token(self.name, self.role, proof(digest), self.until)
     }
 }
@@ -59,7 +59,7 @@ impl Digested {
 impl Hashed {
     fn read(self) -> Result<Token, String> {
         if !is_hash(&self.argon2id) {
-            let text = "argon2id is what tandem token NAME --role ROLE --pin prints";
+            let text = "argon2id must be the value printed by tandem token NAME --role ROLE --pin";
             return Err(format!("{}: {text}", self.name));
         }
         token(self.name, self.role, Proof::Pin(self.argon2id), self.until)
@@ -71,7 +71,7 @@ fn token(name: String, role: Role, proof: Proof, until: Option<String>) -> Resul
         return Err(TokenError::Name(name).to_string());
     }
     let until = until.map(|text| humantime::parse_rfc3339(&text)).transpose();
-    let until = until.map_err(|_| format!("{name}: until is a time such as 2027-01-31T00:00:00Z"))?;
+    let until = until.map_err(|_| format!("{name}: until must be a time such as 2027-01-31T00:00:00Z"))?;
     Ok(Token {
         name,
         role,
@@ -95,15 +95,16 @@ pub(super) fn read(text: &str) -> Result<Vec<Token>, String> {
         .chain(persons)
         .collect::<Result<_, _>>()?;
     if entries.is_empty() {
-        return Err("it has no [[token]]; make one with tandem token NAME --role ROLE".to_owned());
+        return Err("the file has no [[token]]; create one with tandem token NAME --role ROLE".to_owned());
     }
     if entries.len() > ENTRIES_MAX {
-        return Err(format!("it has more than {ENTRIES_MAX} entries"));
+        return Err(format!("the file has more than {ENTRIES_MAX} entries"));
     }
     for (place, entry) in entries.iter().enumerate() {
         if entries[..place].iter().any(|other| contradict(other, entry)) {
             return Err(format!(
-                "{}: its name or sha256 is there twice; token, certificate and PIN of one name have one role",
+                "{}: the name or sha256 occurs twice; token, certificate and PIN of one name must have one \
+                 role",
                 entry.name
             ));
         }
@@ -111,7 +112,7 @@ pub(super) fn read(text: &str) -> Result<Vec<Token>, String> {
     Ok(entries)
 }
 
-/// True for two entries that contradict each other.
+/// Returns true for two entries that contradict each other.
 fn contradict(one: &Token, other: &Token) -> bool {
     let same_kind = std::mem::discriminant(&one.proof) == std::mem::discriminant(&other.proof);
     one.proof == other.proof || one.name == other.name && (same_kind || one.role != other.role)
@@ -119,7 +120,7 @@ fn contradict(one: &Token, other: &Token) -> bool {
 
 /// A new token.
 pub struct NewToken {
-    /// The token itself: shown once, stored nowhere.
+    /// The token itself: shown only once, and stored nowhere.
     pub token: String,
     /// Its entry for a token file.
     pub entry: String,

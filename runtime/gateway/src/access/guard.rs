@@ -65,8 +65,8 @@ pub(crate) async fn guard(State(shared): State<Arc<Shared>>, mut request: Reques
     response
 }
 
-/// True for a request that a person causes: each that does more than read, and the query of the own login, which the
-/// HMI sends while it is used.
+/// Returns true for a request that a person causes: any request that does more than read, and the query of
+/// the own login, which the HMI sends while a person uses it.
 fn is_activity(method: &Method, path: Option<&str>) -> bool {
     !matches!(*method, Method::GET | Method::HEAD) || path.is_some_and(|path| path.ends_with("/login"))
 }
@@ -131,7 +131,7 @@ fn admit(
             Err(Turned::away(forbidden(text).into_response(), Some(noted)))
         }
         Found::OtherMethods(allowed) => {
-            let text = format!("{method} is not for this path; {allowed} are");
+            let text = format!("{method} is not allowed for this path; allowed: {allowed}");
             let problem = Problem::new(StatusCode::METHOD_NOT_ALLOWED, "method_not_allowed", text);
             Err(Turned::away(
                 ([(header::ALLOW, allowed)], problem).into_response(),
@@ -143,7 +143,7 @@ fn admit(
         Found::Nothing => Err(refuse(Problem::new(
             StatusCode::INTERNAL_SERVER_ERROR,
             "route_without_right",
-            "this route stands in no table of rights; this is a fault of the runtime, please report it",
+            "this route is missing in the table of rights; this is a fault of the runtime, please report it",
         ))),
     }
 }

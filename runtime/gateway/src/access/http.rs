@@ -124,7 +124,7 @@ impl Access {
                 Ok(()) => Problem::new(
                     StatusCode::UNAUTHORIZED,
                     "unauthorized",
-                    "this needs a token; send it as Authorization: Bearer TOKEN",
+                    "this request needs a token; send the token as Authorization: Bearer TOKEN",
                 ),
                 Err(wait) => too_many(wait),
             });

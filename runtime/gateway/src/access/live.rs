@@ -62,7 +62,7 @@ impl LiveTokens {
     /// Waits for a change.
     pub(crate) async fn changed(&mut self) {
         if self.tokens.changed().await.is_err() {
-            // there is no task that follows the file
+            // no task follows the file
             std::future::pending::<()>().await;
         }
     }
@@ -92,7 +92,7 @@ async fn look_again(
         if stamp == seen && !is_asked {
             let left = sender.borrow().without_expired(clock());
             if let Some(left) = left {
-                info!("a token of {} counts no more: its time is over", path.display());
+                info!("a token of {} has expired", path.display());
                 sender.send_replace(Arc::new(left));
             }
             continue;
@@ -108,9 +108,9 @@ async fn look_again(
                     sender.send_replace(Arc::new(tokens));
                 }
             }
-            Ok(Err(error)) => warn!("{error}; the tokens stay as they were"),
+            Ok(Err(error)) => warn!("{error}; the previous tokens stay valid"),
             Err(_) => warn!(
-                "the token file {} was not read; the tokens stay as they were",
+                "the token file {} was not read; the previous tokens stay valid",
                 path.display()
             ),
         }
@@ -125,7 +125,7 @@ mod tests {
     use crate::access::{Role, new_token};
 
     #[tokio::test(start_paused = true)]
-    async fn a_file_that_changes_is_read_again_and_one_that_is_wrong_changes_nothing() {
+    async fn changed_token_file_is_reloaded_and_an_invalid_one_changes_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("tokens.toml");
         let (one, two) = (

@@ -97,7 +97,7 @@ struct Login {
 }
 
 impl Drop for Login {
-    /// Notifies the connections that were opened with this login of its end.
+    /// Notifies the connections of this login when it ends.
     fn drop(&mut self) {
         self.end.given_back.cancel();
     }
@@ -164,7 +164,8 @@ impl Logins {
         if let Some(weakness) = weakness {
             let name = &user.name;
             warn!(
-                "the PIN of {name} is easy to guess ({weakness}); make a new one with tandem token {name} --pin"
+                "the PIN of {name} is easy to guess ({weakness}); create a new one with tandem token {name} \
+                 --pin"
             );
         }
         let token = random_secret().map_err(|_| Refused::Busy)?;
@@ -236,7 +237,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_name_and_its_pin_give_a_token_that_counts_until_it_is_given_back_or_its_entry_is_gone() {
+    async fn name_and_pin_give_a_token_valid_until_logout_or_removal_of_the_entry() {
         let (logins, tokens) = (Logins::default(), tokens());
         let (token, user) = logins
             .log_in(&tokens, "anna", "493021".into(), HERE)
@@ -248,7 +249,7 @@ mod tests {
         assert_eq!(
             tokens.user_of(token.as_bytes()),
             None,
-            "the file does not know it"
+            "the file has no such entry"
         );
         let without = Tokens::parse(&new_token("cell", Role::View, None).unwrap().entry).unwrap();
         assert!(logins.user_of(&without, token.as_bytes()).is_none());
@@ -257,7 +258,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_wrong_pin_and_an_unknown_name_are_the_same_and_neither_is_a_token_a_pin() {
+    async fn wrong_pin_and_unknown_name_look_the_same_and_a_pin_is_not_a_token() {
         let (logins, tokens) = (Logins::default(), tokens());
         for (name, pin) in [
             ("anna", "493020"),
@@ -272,7 +273,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn tries_are_limited_for_a_user_and_for_a_host_and_a_login_that_is_there_stays() {
+    async fn attempts_are_limited_per_user_and_host_and_a_current_login_stays() {
         let (logins, tokens) = (Logins::default(), tokens());
         let (token, _) = logins
             .log_in(&tokens, "anna", "493021".into(), HERE)
@@ -304,7 +305,7 @@ mod tests {
         tokio::time::advance(LOGIN_MAX).await;
         assert!(
             logins.user_of(&tokens, token.as_bytes()).is_none(),
-            "its time is over"
+            "its time has expired"
         );
     }
 
@@ -326,7 +327,7 @@ mod tests {
         tokio::time::advance(Duration::from_mins(59)).await;
         assert!(
             logins.user_of(&tokens, token.as_bytes()).is_some(),
-            "a look is no activity"
+            "reading is no activity"
         );
         tokio::time::advance(Duration::from_mins(1)).await;
         assert!(logins.user_of(&tokens, token.as_bytes()).is_none());

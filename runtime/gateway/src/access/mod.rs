@@ -1,5 +1,5 @@
 //! Access control: every request needs a [`Right`], a [`Role`] is a set of rights, and a token identifies a user
-//! with a role. Without a token file everyone on the loopback is `admin`.
+//! with a role. Without a token file every client on the loopback is `admin`.
 
 mod account;
 mod entries;

@@ -25,7 +25,10 @@ pub fn mosquitto_acl(root: &str, runtime_user: Option<&str>, tokens: &Tokens) ->
             .trim_end_matches('/')
             .rsplit_once('/')
             .map_or("", |(base, _)| base);
-        let _ = writeln!(text, "# what it shows of other machines on the page of several");
+        let _ = writeln!(
+            text,
+            "# states of other machines, for the page of several machines"
+        );
         for topic in machines::TOPICS {
             let _ = writeln!(text, "topic read {base}/+/{topic}");
         }

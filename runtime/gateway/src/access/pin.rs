@@ -20,7 +20,7 @@ pub(super) fn weakness(pin: &str) -> Option<&'static str> {
     different.sort_unstable();
     different.dedup();
     if different.len() < DIFFERENT_MIN {
-        return Some("it has fewer than 3 different characters");
+        return Some("the PIN has fewer than 3 different characters");
     }
     let is_digits = pin.bytes().all(|byte| byte.is_ascii_digit());
     let next = |character: u32| match character {
@@ -31,14 +31,14 @@ pub(super) fn weakness(pin: &str) -> Option<&'static str> {
     let is_up = characters.windows(2).all(|pair| pair[1] == next(pair[0]));
     let is_down = characters.windows(2).all(|pair| pair[0] == next(pair[1]));
     if is_up || is_down {
-        return Some("it is a sequence");
+        return Some("the PIN is a sequence");
     }
     let repeats = |part: usize| {
         characters.len() >= 2 * part && characters.chunks(part).all(|chunk| characters.starts_with(chunk))
     };
     (1..=characters.len() / 2)
         .any(repeats)
-        .then_some("a part of it repeats")
+        .then_some("a part of the PIN repeats")
 }
 
 fn argon2() -> Argon2<'static> {
@@ -46,12 +46,12 @@ fn argon2() -> Argon2<'static> {
     Argon2::new(Algorithm::Argon2id, Version::V0x13, Params::default())
 }
 
-/// True for the PIN of a hash.
+/// Returns true if a PIN has this hash.
 pub(super) fn is_of(pin: &str, phc: &str) -> bool {
     PasswordHash::new(phc).is_ok_and(|hash| argon2().verify_password(pin.as_bytes(), &hash).is_ok())
 }
 
-/// The hash of a new PIN, for the token file.
+/// Returns the hash of a new PIN, for the token file.
 pub(super) fn hash(pin: &str) -> Result<String, TokenError> {
     if !(PIN_MIN..=PIN_MAX).contains(&pin.chars().count()) {
         return Err(TokenError::Pin);
@@ -67,7 +67,7 @@ pub(super) fn hash(pin: &str) -> Result<String, TokenError> {
     Ok(hash.to_string())
 }
 
-/// True for a result of [`hash`].
+/// Returns true for a result of [`hash`].
 pub(super) fn is_hash(phc: &str) -> bool {
     PasswordHash::new(phc)
         .is_ok_and(|hash| hash.algorithm == Algorithm::Argon2id.ident() && hash.hash.is_some())
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pin_that_is_too_short_is_refused_and_no_two_hashes_of_one_are_the_same() {
+    fn short_pin_is_refused_and_hashes_of_one_pin_differ() {
         assert!(hash("12345").is_err());
         let (one, other) = (hash("493021").unwrap(), hash("493021").unwrap());
         assert!(one.starts_with("$argon2id$") && one != other && is_hash(&one));

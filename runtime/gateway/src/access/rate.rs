@@ -46,7 +46,7 @@ impl Rate {
         Ok(())
     }
 
-    /// Takes back one that was counted.
+    /// Refunds one count.
     pub(crate) fn give_back(&self) {
         let mut state = self.refilled();
         state.left = (state.left + 1.0).min(self.burst);
@@ -64,7 +64,7 @@ impl Rate {
         Duration::from_secs_f64((-state.left).max(0.0) / self.per_second)
     }
 
-    /// True for a rate that is completely recovered.
+    /// Returns true for a completely recovered rate.
     fn is_recovered(&self) -> bool {
         self.refilled().left >= self.burst
     }
@@ -209,10 +209,6 @@ mod tests {
         assert!(rates.of(&0).take().is_err(), "no rate was reset");
         tokio::time::advance(Duration::from_secs(1)).await;
         rates.of(&KEYS_MAX);
-        assert_eq!(
-            rates.by_key.lock().len(),
-            1,
-            "those that have recovered are forgotten"
-        );
+        assert_eq!(rates.by_key.lock().len(), 1, "recovered rates are removed");
     }
 }

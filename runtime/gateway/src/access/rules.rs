@@ -18,7 +18,7 @@ pub(crate) fn check(
     if *user == User::Unidentified {
         return match UrgentKind::of_request(parsed.request()) {
             Some((_, UrgentKind::Verb(_))) => Ok(()),
-            _ => Err("without a login only hold, stop and abort are allowed; log in".to_owned()),
+            _ => Err("without a login only hold, stop and abort are allowed; log in first".to_owned()),
         };
     }
     let role = user.role();
@@ -40,7 +40,8 @@ pub(crate) fn check(
     }
 }
 
-/// Whether a user may send in the name of a handler: it needs the right, and a handler may use only its own name.
+/// Checks whether a user may send in the name of a handler: the user needs the right, and a handler may use
+/// only its own name.
 pub(crate) fn may_speak_as(user: &User, right: Right, handler_id: &str) -> bool {
     user.has(right) && (user.role() != Role::Handler || user.name() == Some(handler_id))
 }
@@ -54,7 +55,7 @@ fn check_handler(
     let request = parsed.request();
     if let Some(said) = spoken_for(request).filter(|said| *said != name) {
         return Err(format!(
-            "the token of {name} has role handler: it speaks as handler_id {name} only, not as {said:?}"
+            "the token of {name} has role handler, so its handler_id must be {name}, not {said:?}"
         ));
     }
     if matches!(request, Request::Reset(_, _, reset) if reset.force.unwrap_or(false)) {
@@ -75,8 +76,9 @@ fn check_handler(
         |cs| format!("coordinate system {cs}"),
     );
     Err(format!(
-        "the token of {name} has role handler: it sets tool, spindle and variables only where it serves an M code, and \
-         handler {name} serves none of {place} now"
+        "the token of {name} has role handler, which may set tool, spindle and variables only if its \
+         handler serves an \
+         M code; handler {name} serves none of {place} now"
     ))
 }
 
@@ -91,16 +93,17 @@ fn check_input(name: &str, request: &Request) -> Result<(), String> {
         }
         Request::WriteIo(_, set) if set.handler_id.as_deref() == Some(name) => Ok(()),
         Request::WriteIo(point, _) => Err(format!(
-            "the token of {name} has role handler: it writes {point} with handler_id {name} only"
+            "the token of {name} has role handler, which may write {point} only with handler_id {name}"
         )),
         _ => Err(format!(
-            "the token of {name} has role handler: of the inputs it sets sources of interlock and start lock only, with \
+            "the token of {name} has role handler, which may set only sources of interlock and start lock \
+             as inputs, with \
              handler_id {name} and without force"
         )),
     }
 }
 
-/// The handler in whose name a request is made.
+/// Returns the handler in whose name a request is made.
 fn spoken_for(request: &Request) -> Option<&str> {
     match request {
         Request::Claim(_, _, claim) => Some(&claim.handler_id),

@@ -12,7 +12,7 @@ use super::User;
 /// Random bytes of a new token. They cannot be guessed, so a plain digest is as safe as a slow one.
 const TOKEN_BYTES: usize = 32;
 
-/// Why a token file cannot be used.
+/// Reason why a token file or a PIN cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TokenError {
@@ -25,7 +25,8 @@ pub enum TokenError {
         source: std::io::Error,
     },
     /// Other users than its owner may read or write it.
-    #[error("token file {}: its mode is {mode:03o}, so that others may read or write it; run chmod 600 {}", path.display(), path.display())]
+    #[error("token file {}: its mode is {mode:03o}, so other users may read or write the file; run chmod \
+             600 {}", path.display(), path.display())]
     Open {
         /// The file.
         path: PathBuf,
@@ -42,17 +43,18 @@ pub enum TokenError {
     },
     /// The name of a new token cannot be used.
     #[error(
-        "{0:?} is not a name for a token; write 1 to 64 of a to z, A to Z, 0 to 9, . _ -, not beginning with . or -"
+        "{0:?} is not a valid name for a token; write 1 to 64 of a to z, A to Z, 0 to 9, . _ -, not \
+         beginning with . or -"
     )]
     Name(String),
     /// A PIN cannot be used.
-    #[error("a PIN has 6 to 128 characters")]
+    #[error("a PIN must have 6 to 128 characters")]
     Pin,
     /// A PIN is easy to guess.
-    #[error("this PIN is easy to guess: {0}; take another one")]
+    #[error("this PIN is easy to guess: {0}; choose another PIN")]
     WeakPin(&'static str),
     /// The system provides no random bytes.
-    #[error("the system gives no random bytes: {0}")]
+    #[error("the operating system provides no random bytes: {0}")]
     Random(String),
 }
 

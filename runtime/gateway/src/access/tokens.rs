@@ -16,7 +16,7 @@ use crate::certificate::days_to_end;
 /// Bytes of a token file. Reason: 1000 entries with long names fit.
 const FILE_MAX: u64 = 512 * 1024;
 
-/// Bytes of a presented token; a longer one is not hashed. Reason: ours have 64.
+/// Bytes of a presented token; a longer one is not hashed. Reason: generated tokens have 64.
 const PRESENTED_MAX: usize = 512;
 
 /// The tokens and certificates of a machine's users.
@@ -84,7 +84,7 @@ impl Tokens {
             text,
         };
         if text.len() as u64 > FILE_MAX {
-            return Err(wrong(format!("it is larger than {FILE_MAX} bytes")));
+            return Err(wrong(format!("the file is larger than {FILE_MAX} bytes")));
         }
         let tokens = Self::parse(&text).map_err(wrong)?;
         tokens.announce_ends(SystemTime::now());
@@ -108,14 +108,14 @@ impl Tokens {
         for token in &self.tokens {
             if let Some(days) = token.until.and_then(|until| days_to_end(until, now)) {
                 warn!(
-                    "the entry of {} in the token file ends in {days} days; make a new one",
+                    "the entry of {} in the token file expires in {days} days; create a new one",
                     token.name
                 );
             }
         }
     }
 
-    /// Returns the file they were read from, and its state then.
+    /// Returns the file from which the tokens were read, and its state at that time.
     pub(super) fn file(&self) -> Option<(PathBuf, Stamp)> {
         self.file.clone()
     }
@@ -216,7 +216,7 @@ mod tests {
         assert_eq!((user.name(), user.role()), (Some("cell"), Role::View));
         assert_eq!(tokens.user_of(b"abd"), None);
         assert_eq!(tokens.user_of(b""), None);
-        assert_eq!(tokens.user_of(ABC.as_bytes()), None, "the digest is no token");
+        assert_eq!(tokens.user_of(ABC.as_bytes()), None, "the digest is not a token");
         assert_eq!(tokens.user_named("hmi-1").unwrap().role(), Role::Operate);
     }
 
@@ -264,7 +264,7 @@ mod tests {
         let named = certificate_entry("panel", Role::Operate, b"abc", None).unwrap();
         let tokens = Tokens::parse(&named).unwrap();
         assert!(tokens.names_certificates());
-        assert_eq!(tokens.user_of(b"abc"), None, "its bytes are no secret");
+        assert_eq!(tokens.user_of(b"abc"), None, "its bytes are not secret");
         let digest: [u8; 32] = Sha256::digest(b"abc").into();
         let user = tokens.user_of_certificate(&digest).unwrap();
         assert_eq!((user.name(), user.role()), (Some("panel"), Role::Operate));
@@ -300,7 +300,7 @@ mod tests {
             (entry("a", "boss", ABC), "boss"),
             (entry("a", "view", "12"), "64 hexadecimal"),
             (entry("a b", "view", ABC), "a b"),
-            (entry("../x", "view", ABC), "not a name"),
+            (entry("../x", "view", ABC), "not a valid name"),
             (entry("a", "view", ABC) + &entry("b", "view", ABC), "twice"),
             (entry("a", "view", ABC) + "secret = \"abc\"\n", "secret"),
         ] {

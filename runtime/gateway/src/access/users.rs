@@ -20,7 +20,7 @@ pub(crate) struct Users {
 pub(crate) enum Ended {
     /// The entry of the token, person or certificate is no longer valid.
     Revoked,
-    /// The time of the login is over, or it was given back.
+    /// The login has expired, or its user has ended it.
     Login,
 }
 
@@ -28,7 +28,7 @@ impl Ended {
     /// For the client.
     pub(crate) fn text(self) -> &'static str {
         match self {
-            Ended::Revoked => "the token counts no more",
+            Ended::Revoked => "the token is no longer valid",
             Ended::Login => "the login has ended; log in again",
         }
     }

@@ -117,7 +117,7 @@ impl Hall {
             let (stream, address) = match accepted {
                 Ok(accepted) => accepted,
                 Err(error) => {
-                    warn!("no MQTT connection accepted: {error}");
+                    warn!("cannot accept an MQTT connection: {error}");
                     tokio::time::sleep(ACCEPT_RETRY).await;
                     continue;
                 }
@@ -250,7 +250,7 @@ impl Hall {
 
     async fn clean(&self) {
         if let Err(error) = self.storage.cleanup_expired().await {
-            warn!("the embedded MQTT broker forgets nothing that has expired: {error}");
+            warn!("the embedded MQTT broker cannot remove expired sessions and messages: {error}");
         }
         self.router.sweep_sessions().await;
     }
@@ -397,7 +397,7 @@ impl AuthProvider for Door {
     ) -> Answer<'a, mqtt5::Result<AuthResult>> {
         if !self.is_open {
             warn!(
-                "MQTT client {:.64} at {address} refused: this port speaks TLS only, write mqtts://",
+                "MQTT client {:.64} at {address} refused: this port accepts only TLS; write mqtts://",
                 connect.client_id
             );
             return Box::pin(now(Ok(AuthResult::fail(ReasonCode::NotAuthorized))));

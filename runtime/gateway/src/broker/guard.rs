@@ -146,8 +146,13 @@ impl Guard {
         }
         let shown = match &self.access.users {
             None => User::Anyone.into(),
-            Some(users) => who(users, connect, certificate)
-                .ok_or_else(|| self.wrong(from, "user and password are not name and token of a [[token]] or of a login, and there is no certificate of a [[certificate]]"))?,
+            Some(users) => who(users, connect, certificate).ok_or_else(|| {
+                self.wrong(
+                    from,
+                    "user and password match no [[token]] or login, and no \
+                                                 certificate of a [[certificate]] is presented",
+                )
+            })?,
         };
         let user = shown.user.clone();
         let other = self.sessions.of(client_id);
@@ -159,7 +164,7 @@ impl Guard {
         self.check_will(&user, connect)?;
         let reserved = if user.has(Right::Operate) { 0 } else { RESERVED };
         if !place.know(reserved) {
-            let text = format!("{} clients are connected, which is the limit", place.known_max());
+            let text = format!("the limit of {} connected clients is reached", place.known_max());
             return Err((ReasonCode::ServerBusy, text));
         }
         place.stay();
@@ -184,14 +189,14 @@ impl Guard {
         let refused_will = match connect.will.as_ref().map(|will| &will.topic) {
             // a lost connection of an HMI must not start a machine
             Some(topic) if self.is_inbound(topic) => Some(format!(
-                "its will on {topic} is a command; a will may be a presence"
+                "its will on {topic} is a command; only a presence is allowed as a will"
             )),
             Some(topic) if !may_publish(user, &self.access.root, topic) => {
                 Some(format!("it may not publish its will on {topic}"))
             }
             // a lost handler must not appear as online
             Some(topic) if self.is_presence_online(topic, connect) => Some(format!(
-                "its will on {topic} must say that the handler is offline; write {{\"online\": false}}"
+                "its will on {topic} must report the handler as offline; write {{\"online\": false}}"
             )),
             _ => None,
         };

@@ -349,7 +349,7 @@ mod tests {
         let line = Line::new();
         let pass = async || tokio::time::advance(DEAF_AFTER).await;
         pass().await;
-        assert!(!line.is_deaf(), "nothing is on its way");
+        assert!(!line.is_deaf(), "nothing is in transit");
         line.write(&[0x32, 0]);
         assert!(!line.is_deaf());
         pass().await;

@@ -11,7 +11,8 @@ use tokio::time::Instant;
 /// Bytes of one message in addition to topic and payload.
 const OVERHEAD: usize = 256;
 
-/// A message that is not kept within this time never will be: its client did not finish sending it.
+/// Time limit for keeping a message. After it, the message is never kept, because its client did not finish
+/// sending it.
 const UNFINISHED_MAX: Duration = Duration::from_mins(1);
 
 /// Kinds of messages, each with separate limits.
@@ -112,7 +113,8 @@ impl Retained {
                 table.refused.get_or_insert((kind, bytes));
                 let (count_max, bytes_max) = kind.limits();
                 return Err(format!(
-                    "the broker keeps {count_max} messages and {} MiB of {}, and they are full; clear topics by empty retained messages",
+                    "the broker's store for {count_max} messages and {} MiB of {} is full; clear topics by \
+                     empty retained messages",
                     bytes_max / 1024 / 1024,
                     kind.words()
                 ));
@@ -175,7 +177,7 @@ mod tests {
     use super::*;
 
     #[tokio::test(start_paused = true)]
-    async fn retained_messages_are_bounded_in_number_and_bytes_by_kind_and_cleared_ones_make_room() {
+    async fn retained_messages_are_bounded_per_kind_and_clearing_one_frees_space() {
         let retained = Retained::default();
         let large = 255 * 1024;
         let mut kept = 0;
@@ -200,7 +202,7 @@ mod tests {
         assert!(retained.put(Kind::Other, "plant/newer", large).is_err());
         tokio::time::advance(UNFINISHED_MAX).await;
         let again = retained.put(Kind::Other, "plant/newer", large);
-        assert!(again.is_ok(), "what was never sent to its end holds no place");
+        assert!(again.is_ok(), "an incomplete message occupies no room");
     }
 
     #[test]
@@ -215,7 +217,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn presences_of_handlers_that_have_gone_give_way_the_first_one_first_and_others_stay() {
+    async fn offline_presences_are_evicted_oldest_first_and_online_ones_stay() {
         let retained = Retained::default();
         let (count, _) = Kind::Presence.limits();
         for n in 0..count {

@@ -13,11 +13,11 @@ use crate::access::{Account, User};
 /// Sessions that outlive their connections; more are refused. Reason: messages wait in memory for each absent client.
 pub(super) const REMEMBERED_MAX: usize = 64;
 
-/// The part of them that is reserved for users who may operate the machine or serve M codes.
+/// Number of these sessions that are reserved for users who may operate the machine or serve M codes.
 const REMEMBERED_RESERVED: usize = 24;
 
-/// The part of them that one user may have. Without users, every client on the computer has all rights, and only the
-/// total is limited.
+/// Maximum number of these sessions for one user. Without users, every client on the computer has all rights,
+/// and only the total is limited.
 const REMEMBERED_PER_USER_MAX: usize = 24;
 
 /// A session that outlives its connection.
@@ -60,7 +60,7 @@ impl Sessions {
     /// operate the machine or serve M codes.
     ///
     /// # Errors
-    /// The limit that is reached, in words.
+    /// Returns the limit that is reached, as text.
     pub(super) fn remember(
         &self,
         client_id: &str,
@@ -74,20 +74,21 @@ impl Sessions {
             return Ok(());
         }
         if client_id.is_empty() {
-            return Err("a session that outlives its connection needs a client id; send one".to_owned());
+            return Err("a session that outlives its connection needs a client id".to_owned());
         }
         remembered.retain(|_, session| session.away.is_none_or(|since| since.elapsed() < SESSION_EXPIRY));
         if !remembered.contains_key(client_id) {
             let own = remembered.values().filter(|session| session.account == account);
             if matches!(account, Account::User(_)) && own.count() >= REMEMBERED_PER_USER_MAX {
                 return Err(format!(
-                    "the broker remembers {REMEMBERED_PER_USER_MAX} clients of this user that may be away; take a clean session"
+                    "the broker already remembers {REMEMBERED_PER_USER_MAX} disconnected clients of this \
+                     user; use a clean session"
                 ));
             }
             let reserved = if is_reserved { 0 } else { REMEMBERED_RESERVED };
             if remembered.len() + reserved >= REMEMBERED_MAX {
                 return Err(format!(
-                    "the broker remembers {} clients that may be away; take a clean session",
+                    "the broker already remembers {} disconnected clients; use a clean session",
                     remembered.len()
                 ));
             }
@@ -192,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn the_host_of_a_client_that_has_just_left_is_known_and_as_many_as_may_be_connected() {
+    fn addresses_of_disconnected_clients_are_kept_up_to_the_client_limit() {
         let sessions = Sessions::default();
         let host = |n: usize| {
             IpAddr::from([
@@ -219,7 +220,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn sessions_that_outlive_their_connections_are_bounded_until_they_are_given_up() {
+    async fn sessions_outliving_their_connections_are_bounded_until_they_expire() {
         let sessions = Sessions::default();
         let host = Account::Host(None);
         let remember = |id: &str, outlives| sessions.remember(id, outlives, host.clone(), true).is_ok();
@@ -231,9 +232,9 @@ mod tests {
         assert!(remember("one more", false), "it leaves nothing");
         assert!(remember("0", false));
         assert!(remember("in its place", true));
-        assert!(!remember("", true), "nobody could come back to it");
+        assert!(!remember("", true), "no client could resume it");
         tokio::time::advance(SESSION_EXPIRY).await;
-        assert!(remember("when all are forgotten", true));
+        assert!(remember("when all are removed", true));
     }
 
     #[tokio::test]

@@ -1,4 +1,4 @@
-//! The AsyncAPI 3 document, from the topics that the runtime publishes and the table of those that come in.
+//! The AsyncAPI 3 document, from the topics that the runtime publishes and the table of incoming topics.
 
 use std::sync::LazyLock;
 
@@ -69,7 +69,9 @@ pub(super) fn document(schemas: &Schemas) -> Value {
         "info": {
             "title": "Tandem over MQTT and WebSocket",
             "version": "1",
-            "description": "What the runtime sends and receives. Addresses begin with the topic prefix, where the configuration has one. x-right is what a sender needs where the machine has a token file.",
+            "description": "Messages that the runtime sends and receives. Addresses begin with the topic \
+                            prefix, if the configuration has one. x-right is the right that a sender needs \
+                            if the machine has a token file.",
             "license": {"name": "Apache-2.0 OR MIT"},
         },
         "defaultContentType": "application/json",
@@ -114,7 +116,7 @@ fn parameter_of(name: &str) -> Value {
             &["6", "12", "100"],
         ),
         "id" => (
-            "Who it is: 1 to 64 characters without / + #, always the same for one program.",
+            "Name of the sender: 1 to 64 characters without / + #; a program always uses one name.",
             &["changer", "panel"],
         ),
         "client_id" => (
@@ -125,13 +127,10 @@ fn parameter_of(name: &str) -> Value {
             "Its name in the configuration: 1 to 64 characters without / + #.",
             &["door_closed", "coolant_valve"],
         ),
-        "side" => (
-            "Whether it is an input or an output of the plant.",
-            &["in", "out"],
-        ),
+        "side" => ("Selects inputs or outputs of the plant.", &["in", "out"]),
         "number" => ("Number of the CNC motor, from 1.", &["1"]),
-        "verb" => ("What is commanded.", &["load", "start", "hold"]),
-        "input" => ("Which input.", &["optional_skip", "interlock"]),
+        "verb" => ("The command.", &["load", "start", "hold"]),
+        "input" => ("Name of the input.", &["optional_skip", "interlock"]),
         _ => ("A name.", &[]),
     };
     let mut parameter = json!({"description": description, "examples": examples});
@@ -169,7 +168,7 @@ fn message(of: &str, schema: &str) -> Value {
 static EXAMPLES: LazyLock<Value> =
     LazyLock::new(|| serde_json::from_str(include_str!("examples.json")).unwrap_or_default());
 
-/// The path on which a message is answered; `None` where it is not.
+/// Returns the path on which a message is answered; `None` if it is not answered.
 fn answer_to(topic: &Inbound) -> Option<&'static str> {
     match topic.pattern {
         _ if !topic.envelope.is_empty() => Some("reply/{client_id}"),
@@ -190,7 +189,8 @@ fn add_websocket(channels: &mut Map<String, Value>, operations: &mut Map<String,
         "websocket".into(),
         json!({
             "address": "/api/v1/ws",
-            "description": "JSON as text frames. A frame of the client may ask for several things at once; each refusal is a frame of its own.",
+            "description": "JSON as text frames. A frame of the client may contain several requests; each \
+                            refusal is a separate frame.",
             "servers": [{"$ref": "#/servers/websocket"}],
             "messages": messages,
             "bindings": {"ws": {"method": "GET"}},

@@ -24,7 +24,13 @@ pub(super) fn document(schemas: &Schemas) -> Value {
         "info": {
             "title": "Tandem",
             "version": "1",
-            "description": "Programs, commands, states and values of one machine. Refusals are problem details (RFC 9457) with a machine-readable code. Where the machine has a token file each request carries a token; x-right is what it needs: read has every role, operate the roles operate and admin, handle the roles handler and admin, reset and raise the roles operate, handler and admin, set the same, but a handler only where it serves an M code, administrate the role admin.",
+            "description": "Programs, commands, states and values of one machine. Refusals are problem \
+                            details (RFC 9457) with a machine-readable code. If the machine has a token \
+                            file, each request must carry a token. x-right is the right that a request \
+                            needs. Roles with each right: read: all roles; operate: operate and admin; \
+                            handle: handler and admin; reset and raise: operate, handler and admin; set: \
+                            operate, admin, and handler in coordinate systems in which it serves an M code; \
+                            administrate: admin.",
             "license": {"name": "Apache-2.0 OR MIT", "identifier": "Apache-2.0 OR MIT"},
         },
         "servers": [{"url": "/api/v1"}],
@@ -97,15 +103,16 @@ fn list_words(fields: &mut Map<String, Value>) {
 const TAGS: [(&str, &str); 8] = [
     (
         "commands",
-        "What a coordinate system shall do, and who may command it.",
+        "Commands to a coordinate system, and its control lease.",
     ),
-    ("states", "What a coordinate system does, and where it is."),
+    ("states", "States and positions of a coordinate system."),
     ("m_codes", "Outputs of M codes, and the handlers that serve them."),
     (
         "inputs",
-        "What the machine is told: inputs, overrides, spindle, tool, inputs and outputs of the plant, and clients that it watches.",
+        "Values written to the machine: inputs, overrides, spindle, tool, inputs and outputs of the plant, \
+         and heartbeats of watched clients.",
     ),
-    ("programs", "The store of programs, and what they would do."),
+    ("programs", "The program store, and previews of its programs."),
     ("values", "Variables, tools and work offsets."),
     ("alarms", "Alarms and the journal."),
     ("machine", "The machine as a whole, its users and its documents."),
@@ -256,9 +263,9 @@ fn responses(route: &Route, right: Option<Right>, is_limited_in_age: bool) -> Va
         let description = match status {
             101 => "The connection is a WebSocket.",
             201 => "New.",
-            202 => "Accepted; Location tells where to ask for the rest.",
+            202 => "Accepted; Location is the path of the result.",
             204 => "Done.",
-            _ => "As asked.",
+            _ => "The requested data.",
         };
         let mut response = json!({"description": description});
         if let Some(content) = content {
@@ -273,7 +280,7 @@ fn responses(route: &Route, right: Option<Right>, is_limited_in_age: bool) -> Va
         let headers = response_headers(route, 200);
         responses.insert(
             "304".to_owned(),
-            json!({"description": "The client has it.", "headers": headers}),
+            json!({"description": "The client already has the current data.", "headers": headers}),
         );
     }
     for status in refusals(route, right, is_limited_in_age) {
@@ -296,7 +303,7 @@ fn refusal_headers(status: u16) -> Option<Value> {
             json!({"WWW-Authenticate": {"schema": {"type": "string", "enum": ["Bearer"]}, "description": "A token is needed."}}),
         ),
         429 => Some(
-            json!({"Retry-After": {"schema": {"type": "integer", "minimum": 1}, "description": "Seconds after which it is worth another try."}}),
+            json!({"Retry-After": {"schema": {"type": "integer", "minimum": 1}, "description": "Seconds after which the request can be repeated."}}),
         ),
         _ => None,
     }
@@ -310,17 +317,17 @@ fn response_headers(route: &Route, status: u16) -> Option<Value> {
     };
     let is_path = matches!(route.answer.1, Content::Bytes);
     match status {
-        201 if route.headers == Headers::Command => {
-            Some(json!({"Location": {"schema": {"type": "string"}, "description": "Where it can be read."}}))
-        }
+        201 if route.headers == Headers::Command => Some(
+            json!({"Location": {"schema": {"type": "string"}, "description": "Path of the new object."}}),
+        ),
         202 => Some(
-            json!({"Location": {"schema": {"type": "string"}, "description": "Where to ask how far the command is."}}),
+            json!({"Location": {"schema": {"type": "string"}, "description": "Path of the command's progress."}}),
         ),
         200 | 201 if matches!(route.headers, Headers::Cached | Headers::Upload) => {
-            says("The hash of the program in quotes.")
+            says("The hash of the program, in quotes.")
         }
-        200 if is_path => says("Tells this path from others, in quotes."),
-        200 if is_state(route) => says("The revision of the state in quotes."),
+        200 if is_path => says("A tag that identifies this path, in quotes."),
+        200 if is_state(route) => says("The revision of the state, in quotes."),
         _ => None,
     }
 }
@@ -357,18 +364,18 @@ fn refusals(route: &Route, right: Option<Right>, is_limited_in_age: bool) -> Vec
 
 fn refusal_text(status: u16) -> &'static str {
     match status {
-        400 => "Not well-formed, or a value out of its range.",
+        400 => "The request is malformed, or a value is out of its range.",
         401 => "A token is needed.",
-        403 => "Not for this role, or a foreign Origin or Host.",
-        404 => "There is no such thing.",
-        408 => "The body did not come in time.",
+        403 => "The role lacks the right, or Origin or Host is foreign.",
+        404 => "The object does not exist.",
+        408 => "The body did not arrive within the time limit.",
         409 => "The state does not allow it.",
-        412 => "The condition does not hold, or the request is older than it may be.",
-        413 => "Larger than the limit.",
-        415 => "The body is of another type.",
-        422 => "The program has errors, is not signed, or is of another dialect.",
-        426 => "This is for a WebSocket.",
+        412 => "The condition is not met, or the request is older than its age limit.",
+        413 => "The body is larger than the limit.",
+        415 => "The body has a wrong type.",
+        422 => "The program has errors, is not signed, or has another dialect.",
+        426 => "This path needs a WebSocket.",
         429 => "Too many requests.",
-        _ => "The machine cannot do it now.",
+        _ => "The machine cannot execute the request now.",
     }
 }

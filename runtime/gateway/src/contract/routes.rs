@@ -70,7 +70,8 @@ static OWN: [(Option<Right>, Route); 13] = [
         Some(Right::Read),
         Route::get(
             "/machines",
-            "Other machines: those of the configuration, and what those at the shared MQTT broker do.",
+            "Other machines: the addresses in the configuration, and the states of the machines at the \
+             shared MQTT broker.",
         )
         .gives::<Machines>(),
     ),
@@ -78,7 +79,7 @@ static OWN: [(Option<Right>, Route); 13] = [
         None,
         Route::get(
             "/health",
-            "Whether the server answers, has its MQTT broker, and all tasks of the runtime work.",
+            "Condition of the server, of the connection to the MQTT broker, and of the tasks of the runtime.",
         )
         .gives::<Health>(),
     ),
@@ -99,7 +100,7 @@ static OWN: [(Option<Right>, Route); 13] = [
         Route::new(
             "POST",
             "/login",
-            "Gives a token for some hours to a person with a name and a PIN.",
+            "Returns a token, valid for some hours, to a person with a name and a PIN.",
         )
         .takes(Content::Json(Form::of::<LoginRequest>()))
         .gives::<Login>()
@@ -107,11 +108,11 @@ static OWN: [(Option<Right>, Route); 13] = [
     ),
     (
         Some(Right::Read),
-        Route::get("/login", "Who the caller is, and in which role.").gives::<CurrentUser>(),
+        Route::get("/login", "Name and role of the caller.").gives::<CurrentUser>(),
     ),
     (
         Some(Right::Read),
-        Route::new("DELETE", "/login", "Ends the login whose token it carries.").refusals(&[404]),
+        Route::new("DELETE", "/login", "Ends the login of the token in the request.").refusals(&[404]),
     ),
     (
         Some(Right::Read),

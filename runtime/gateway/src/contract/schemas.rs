@@ -1,4 +1,4 @@
-//! JSON Schemas of all that crosses a wire, from the types that the tables name.
+//! JSON Schemas of all messages and bodies, from the types that the tables name.
 
 use std::collections::BTreeSet;
 use std::sync::LazyLock;
@@ -66,7 +66,7 @@ fn incoming() -> Schemas {
     all
 }
 
-/// Adds the age limit to an object, or to each of several of which it is one.
+/// Adds the age limit to an object, or to each alternative of a schema.
 fn add_not_after(all: &mut Schemas, name: &str, not_after: &Value) {
     let schema = &mut all[name];
     if let Some(properties) = schema.get_mut("properties").and_then(Value::as_object_mut) {
@@ -197,7 +197,7 @@ fn schema_of(form: Form, way: Way) -> (Value, Schemas) {
     (schema, generator.take_definitions(true))
 }
 
-/// One name means one thing.
+/// Each name has one schema.
 fn put(all: &mut Schemas, name: &str, schema: &Value) {
     let kept = all.entry(name).or_insert_with(|| schema.clone());
     assert_eq!(kept, schema, "two schemas of the name {name}");

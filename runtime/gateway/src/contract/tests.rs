@@ -155,7 +155,7 @@ fn snake_case(name: &str) -> String {
 }
 
 #[test]
-fn no_schema_has_a_member_of_its_own_name_which_generated_clients_confuse_with_it() {
+fn no_schema_has_a_member_of_its_own_name_that_confuses_generators() {
     assert_eq!(snake_case("RunList"), "run_list");
     for (name, schema) in schemas::all() {
         assert_eq!(schema["properties"].get(snake_case(&name)), None, "{name}");

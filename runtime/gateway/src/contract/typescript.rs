@@ -13,8 +13,9 @@ const WIDTH: usize = 120;
 
 pub(super) fn declarations(schemas: &Schemas) -> String {
     let mut text = String::from(
-        "// Shapes of the interface, version 1: what the runtime says over WebSocket and REST. Written from the types;\n\
-         // TANDEM_UPDATE=1 cargo test -p tandem-gateway contract writes them anew.\n",
+        "// Shapes of the interface, version 1: messages of the runtime over WebSocket and REST. Generated \
+         from the types;\n\
+         // TANDEM_UPDATE=1 cargo test -p tandem-gateway contract generates them again.\n",
     );
     for (name, schema) in schemas {
         if let Some(description) = schema["description"].as_str() {
@@ -40,10 +41,10 @@ pub(super) fn declarations(schemas: &Schemas) -> String {
     text
 }
 
-/// Which message a topic has.
+/// Writes the type that maps a topic to its message.
 fn push_messages(text: &mut String) {
     text.push_str(
-        "\n/** The message of a topic, such as `cs/1/state`; where it is not known before, any. */\n\
+        "\n/** The message of a topic, such as `cs/1/state`; for an unknown topic, any message. */\n\
          export type MessageOf<Topic extends string> =\n",
     );
     for topic in outbound() {

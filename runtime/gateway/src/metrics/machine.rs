@@ -77,7 +77,7 @@ impl Text {
         let name = "tandem_alarms_active";
         self.head(
             name,
-            "Active alarms and warnings by number; cs is empty where they are of the machine.",
+            "Active alarms and warnings by number; cs is empty for those of the whole machine.",
         );
         for ((cs, number, severity), count) in alarms {
             self.value(
@@ -88,7 +88,7 @@ impl Text {
         let name = "tandem_handler_online";
         self.head(
             name,
-            "1 while a handler of M codes is there, 0 after it has gone.",
+            "1 while a handler of M codes is online, 0 while it is offline.",
         );
         for (id, online) in &states.handlers {
             self.value(
@@ -108,7 +108,7 @@ impl Text {
         let name = "tandem_reason";
         self.head(
             name,
-            "1 for why a coordinate system is held, stopped or waits, where there is a reason.",
+            "1 for the reason why a coordinate system is held, stopped or waits, if there is a reason.",
         );
         for (cs, state) in &states.systems {
             if let Some(reason) = &state.reason {
@@ -122,7 +122,7 @@ impl Text {
 
     fn open_m_codes(&mut self, states: &States) {
         let name = "tandem_m_code_open_seconds";
-        self.head(name, "How long an open M code has been in its state.");
+        self.head(name, "Time for which a pending M code has been in its state.");
         let age_s = |since: &plc_api::types::Timestamp| {
             let since = since.to_system_time()?;
             Some(
@@ -154,8 +154,8 @@ impl Text {
             ]
         };
         let help = [
-            "Parts that were ordered in the newest run.",
-            "Parts of it that are completed.",
+            "Ordered parts of the newest run.",
+            "Completed parts of the newest run.",
         ];
         for (place, help) in help.into_iter().enumerate() {
             for (first, (cs, run)) in states.runs.iter().enumerate() {
@@ -177,7 +177,7 @@ impl Text {
         if let Some(cpu_s) = usage.cpu_s {
             self.number(
                 "process_cpu_seconds_total",
-                "Time of all cores that the process has taken.",
+                "Processor time used by the process on all cores.",
                 cpu_s,
             );
         }

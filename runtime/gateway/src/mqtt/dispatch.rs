@@ -159,7 +159,7 @@ impl Dispatch {
             };
         }
         let Some(place) = self.place(urgent).await else {
-            let text = "too many requests are unanswered; send it again";
+            let text = "too many requests are unanswered; send the request again";
             let refusal = Refusal::new(RefusalCode::Unavailable, text);
             return self.refuse(to_tell, refusal).await;
         };
@@ -219,7 +219,8 @@ impl Dispatch {
     /// Rejects a request that its topic or its order of arrival forbids.
     fn reject_on_arrival(&self, request: &Request, urgent: bool, arrival: &Arrival) -> Option<Refusal> {
         if self.requires_named && !arrival.is_named && !urgent && !names_itself(request) {
-            let text = "over a broker of others the topic names the sender: publish on client/{client_id}/... or \
+            let text = "over an external broker the topic must name the sender: publish on \
+                        client/{client_id}/... or \
                         handler/{handler_id}/..., or set [mqtt] accept_unverified_senders";
             return Some(Refusal::new(RefusalCode::Forbidden, text));
         }
@@ -228,8 +229,7 @@ impl Dispatch {
             return None;
         }
         self.arrivals.receive(cs, number);
-        let text =
-            "a hold, stop or abort that came after it has been executed before it; send the command again";
+        let text = "a later hold, stop or abort was executed before this command; send the command again";
         Some(Refusal::new(RefusalCode::NotAllowed, text))
     }
 
@@ -273,7 +273,10 @@ impl Dispatch {
     pub(super) async fn end_presences(&mut self) -> Vec<(String, String)> {
         let mut said = Vec::new();
         for (id, instance) in self.ages.take_ended(Instant::now()) {
-            warn!("handler {id:?} has not said its presence again in time: it counts as gone");
+            warn!(
+                "handler {id:?} has not repeated its presence within its interval and is treated as \
+                   offline"
+            );
             let gone = Machine::gone(id.clone(), instance.clone(), ServerTransport::Mqtt);
             // fails if the runtime is stopping
             let _ = self.machine.carry_out(gone).await;
@@ -351,8 +354,9 @@ fn refuse_unnamed(request: &Request) -> Option<(String, Refusal)> {
     let Request::Handler(id, presence) = request else {
         return None;
     };
-    let text = "instance: name the process, by 1 to 64 characters without / + # ~ that it makes at its start; this broker does not \
-                tell two processes apart";
+    let text = "instance: write a name of 1 to 64 characters without / + # ~ that the process creates at \
+                its start; this broker \
+                cannot distinguish two processes";
     let is_unnamed = presence.online && presence.instance.is_none();
     is_unnamed.then(|| (id.clone(), Refusal::new(RefusalCode::Invalid, text)))
 }

@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn messages_keep_the_order_of_their_publisher_also_those_that_find_no_room_on_their_way() {
+    async fn messages_keep_the_order_of_their_publisher_when_the_queue_is_full() {
         let inside = Inside(broker().exchange());
         let mut wire = connected(&inside, "runtime").await;
         wire.publish("begin".into(), 1, false, String::new(), None);
@@ -348,7 +348,7 @@ mod tests {
                 .router
                 .route_message_with_deadline(&message("n", &n), None, now)
                 .await;
-            // it reads a little meanwhile
+            // the client reads a little in the meantime
             if n % 50 == 49 {
                 assert_eq!(read(&mut wire).await.1, (n / 50).to_string());
             }
@@ -359,7 +359,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_is_retained_comes_with_the_subscription_and_then_what_is_published() {
+    async fn retained_messages_arrive_with_the_subscription_before_published_ones() {
         let inside = Inside(broker().exchange());
         let mut retained = message("kept", &"old");
         retained.retain = true;
@@ -371,7 +371,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_will_is_published_for_a_connection_that_breaks_and_not_for_one_that_says_goodbye() {
+    async fn will_is_published_after_a_broken_connection_not_after_a_disconnect() {
         let inside = Inside(broker().exchange());
         let mut other = connected(&inside, "other").await;
         let mut leaves = connected(&inside, "leaves").await;
@@ -383,7 +383,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn each_message_of_quality_1_is_acknowledged_and_one_that_waits_for_a_turn_comes_in_between() {
+    async fn qos_1_messages_are_acknowledged_with_waiting_messages_in_between() {
         let inside = Inside(broker().exchange());
         let mut wire = connected(&inside, "runtime").await;
         for n in 0..3 {

@@ -95,7 +95,7 @@ impl<W: Wire> Session<W> {
         next.await.unwrap_or_else(|_| {
             let wait_s = BROKER_SILENCE_MAX.as_secs();
             Err(Lost {
-                why: format!("it has acknowledged nothing for {wait_s} s"),
+                why: format!("the broker has acknowledged nothing for {wait_s} s"),
                 version_unknown: false,
             })
         })
@@ -289,7 +289,7 @@ impl<C: Connect> Link<C> {
         };
         let redelivered = async {
             match &mut self.redelivering {
-                // one that has panicked marks nothing more
+                // a task that has panicked marks nothing
                 Some(redelivering) => drop(redelivering.await),
                 None => std::future::pending().await,
             }
@@ -349,7 +349,7 @@ impl<C: Connect> Link<C> {
         let lost = self.outbox.take_lost();
         if lost > 0 {
             add(&self.parts.metrics.mqtt_events_lost, lost);
-            warn!("the MQTT broker is too slow or away: {lost} events were dropped; states are kept");
+            warn!("the MQTT broker is too slow or offline: {lost} events were dropped; states are kept");
         }
     }
 
@@ -408,7 +408,7 @@ impl<C: Connect> Link<C> {
         add(&metrics.mqtt_connections, 1);
         if !wire.subscribe(inbound_filters().map(|filter| format!("{root}{filter}"))) {
             warn!(
-                "the MQTT client takes no subscriptions; nothing can be commanded over MQTT until it reconnects"
+                "the MQTT client accepts no subscriptions; no MQTT command is received until it reconnects"
             );
         }
         let is_again = self.connections > 1;

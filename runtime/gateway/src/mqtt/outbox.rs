@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn a_waiting_state_is_sent_once_with_its_last_value_and_in_its_first_place() {
+    fn waiting_state_is_sent_once_with_last_value_at_first_position() {
         let mut outbox = Outbox::default();
         for message in [switch(true), cancel(1), switch(false)] {
             outbox.put(message);
@@ -325,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_lost_connection_states_and_unacknowledged_events_are_sent_again() {
+    fn after_reconnect_states_and_unacknowledged_events_are_sent_again() {
         let mut outbox = Outbox::default();
         for message in [switch(true), cancel(1), cancel(2)] {
             outbox.put(message);
@@ -371,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_lost_connection_pending_is_told_once_and_behind_every_cancel_that_explains_it() {
+    fn after_reconnect_pending_is_sent_once_after_the_cancels_it_reflects() {
         let mut outbox = Outbox::default();
         for message in [switch(true), pending(1), output(1), output(2), cancel(1)] {
             outbox.put(message);
@@ -394,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_lost_connection_the_notice_of_an_open_output_stands_behind_the_pending_that_shows_it() {
+    fn after_reconnect_the_notice_of_a_pending_output_follows_pending() {
         let mut outbox = Outbox::default();
         for message in [output(1), output(2), output(3), cancel(1), cancel(3), output(4)] {
             outbox.put(message);

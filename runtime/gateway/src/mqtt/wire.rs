@@ -131,7 +131,7 @@ pub enum Event {
 /// Why a connection ended.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Lost {
-    /// In words.
+    /// The reason as text.
     pub why: String,
     /// The broker was reached, and hung up like one that does not support the version.
     pub version_unknown: bool,

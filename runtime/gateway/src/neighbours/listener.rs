@@ -14,7 +14,7 @@ use crate::error::GatewayError;
 use crate::mqtt::{Connect, Event, Lost, Version, Wire, client_id};
 use crate::settings::MqttSettings;
 
-/// How long the connection stays open after the last request for the other machines.
+/// Time for which the connection stays open after the last request for the other machines.
 const ASKED_FOR: Duration = Duration::from_mins(1);
 /// Messages after which other tasks may run.
 const TURN: u32 = 64;
@@ -73,7 +73,7 @@ impl<C: Connect> Listener<C> {
                 return;
             };
             self.neighbours.heard.lock().broker = SharedBroker::Connecting;
-            debug!("the other machines are not heard: {}", lost.why);
+            debug!("no messages of other machines are received: {}", lost.why);
             if lost.version_unknown && version == Version::V5 {
                 version = Version::V3_1_1;
                 continue;
@@ -109,7 +109,7 @@ impl<C: Connect> Listener<C> {
             };
             match event {
                 Event::Connected { .. } => {
-                    info!("the other machines at the broker are read");
+                    info!("messages of other machines at the broker are received");
                     let base = &self.base;
                     wire.subscribe(TOPICS.iter().map(|topic| format!("{base}+/{topic}")));
                     let mut heard = self.neighbours.heard.lock();
@@ -126,7 +126,8 @@ impl<C: Connect> Listener<C> {
                 }
                 Event::SubscriptionRefused => {
                     warn!(
-                        "the MQTT broker does not let this machine read others below {}",
+                        "the access rules of the MQTT broker forbid this machine to read other machines \
+                         below {}",
                         self.base
                     );
                 }

@@ -260,10 +260,14 @@ mod tests {
     }
 
     #[test]
-    fn a_machine_is_told_from_its_presence_on_and_is_silent_when_that_is_too_old() {
+    fn machine_is_listed_after_its_presence_and_silent_when_it_expires() {
         let (mut registry, now) = (Registry::new("mill-1"), Instant::now());
         take(&mut registry, "mill-2", "cs/1/state", &state(7), now);
-        assert_eq!(registry.machines(now), [], "nobody knows whether it is there");
+        assert_eq!(
+            registry.machines(now),
+            [],
+            "unknown whether the machine is online"
+        );
         take(&mut registry, "mill-2", "presence", PRESENCE, now);
         let told = registry.machines(now + Duration::from_millis(899));
         assert_eq!(
@@ -335,7 +339,7 @@ mod tests {
         let later = now + Duration::from_secs(1);
         take(&mut registry, "new", "presence", PRESENCE, later);
         let told = registry.machines(later);
-        assert_eq!(told.len(), MACHINES_MAX, "one that is silent has given its place");
+        assert_eq!(told.len(), MACHINES_MAX, "a silent machine was evicted");
         assert!(told.iter().any(|seen| seen.machine == "new"));
 
         for cs in 1..=20 {

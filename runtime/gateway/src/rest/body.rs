@@ -1,4 +1,4 @@
-//! Reading of request bodies, with a limit on everything.
+//! Reads request bodies, with limits on size and time.
 
 use std::time::Duration;
 
@@ -97,7 +97,7 @@ pub(super) async fn read(body: Body, limit: usize) -> Result<Vec<u8>, Problem> {
         let Some(chunk) = chunk.map_err(|_| too_slow())? else {
             return Ok(bytes);
         };
-        let chunk = chunk.map_err(|error| Problem::invalid(format!("the body broke off: {error}")))?;
+        let chunk = chunk.map_err(|error| Problem::invalid(format!("the body ended early: {error}")))?;
         if bytes.len() + chunk.len() > limit {
             return too_large();
         }
@@ -109,7 +109,7 @@ pub(super) async fn read(body: Body, limit: usize) -> Result<Vec<u8>, Problem> {
 
 fn too_slow() -> Problem {
     let text = format!(
-        "the body comes too slowly: it may take {} s, and 1 s more for each {} KiB",
+        "the body arrives too slowly: the limit is {} s, and 1 s more for each {} KiB",
         BODY_MAX.as_secs(),
         BODY_RATE_MIN / 1024
     );

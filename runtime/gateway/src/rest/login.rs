@@ -25,7 +25,7 @@ use crate::shared::Shared;
 pub(super) async fn log_in(State(shared): State<Arc<Shared>>, request: Request) -> Result<Response, Problem> {
     let Some(users) = shared.access.users() else {
         let text =
-            "this machine has no token file: everyone on this computer may do everything without a login";
+            "this machine has no token file: every user of this computer has all rights without a login";
         return Err(Problem::not_found(text));
     };
     // a request without a connection comes from a test of the router
@@ -59,7 +59,7 @@ pub(super) async fn log_in(State(shared): State<Arc<Shared>>, request: Request) 
             }
             Refused::Wait(wait) => too_many(wait),
             Refused::Busy => {
-                let text = "others are logging in; try it again";
+                let text = "other users are logging in; try again";
                 Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text)
             }
         }
@@ -97,6 +97,6 @@ pub(super) async fn log_out(
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
     Err(Problem::not_found(
-        "this token is none of a login: take its entry out of the token file",
+        "this token does not belong to a login; remove its entry from the token file",
     ))
 }

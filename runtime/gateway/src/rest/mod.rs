@@ -75,7 +75,7 @@ fn problem_of(fault: Fault, uri: &Uri) -> Problem {
     match fault {
         Fault::Level(_) => nothing_at(uri),
         Fault::NotFound(text) => Problem::not_found(text),
-        Fault::Json(error) => Problem::invalid(format!("the JSON body is not right: {error}")),
+        Fault::Json(error) => Problem::invalid(format!("the JSON body is invalid: {error}")),
         Fault::Invalid(text) => Problem::invalid(text),
     }
 }

@@ -238,7 +238,7 @@ async fn carry_out(
         return Err(Problem::new(
             StatusCode::SERVICE_UNAVAILABLE,
             "unavailable",
-            "too many commands are unanswered; send it again",
+            "too many commands are unanswered; send the command again",
         ));
     };
     let (command_id, wait) = match authorized.request() {

@@ -286,7 +286,7 @@ async fn next_text(socket: &mut Socket) -> String {
 }
 
 #[tokio::test]
-async fn a_websocket_takes_its_token_as_a_sub_protocol_and_does_not_send_it_back() {
+async fn websocket_takes_its_token_as_sub_protocol_without_returning_it() {
     let users = Users::new();
     let gateway = start_with(&port(), users.settings.clone()).await;
     assert_eq!(websocket(&gateway, None).await.unwrap_err(), 401);
@@ -301,7 +301,7 @@ async fn a_websocket_takes_its_token_as_a_sub_protocol_and_does_not_send_it_back
 }
 
 #[tokio::test]
-async fn over_a_websocket_only_a_handler_announces_itself_and_validates_in_its_own_name() {
+async fn over_websocket_only_a_handler_announces_and_validates_as_itself() {
     let users = Users::new();
     let port = port();
     let gateway = start_with(&port, users.settings.clone()).await;
@@ -488,7 +488,7 @@ async fn what_a_user_may_not_publish_reaches_nobody_and_the_connection_stays() {
 }
 
 #[tokio::test]
-async fn a_client_whose_token_is_revoked_is_disconnected_and_its_will_published_over_both_versions() {
+async fn revoked_token_disconnects_mqtt_3_and_5_clients_and_publishes_wills() {
     use rumqttc::v5::mqttbytes::{QoS as QoS5, v5 as mqtt5};
     let mut users = Users::new();
     let (old, new, stays) = ["old", "new", "stays"]

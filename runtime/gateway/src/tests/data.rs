@@ -158,7 +158,7 @@ async fn a_write_of_variables_without_the_number_of_the_first_is_refused() {
 }
 
 #[tokio::test]
-async fn what_get_gives_of_variables_is_written_where_path_and_query_say_the_same() {
+async fn get_body_of_variables_is_accepted_by_put_if_path_and_query_match() {
     let port = machine();
     let (_, read) = get(&port, "/variables/p?from=7&count=2").await;
     assert_eq!(put(&port, "/variables/p?from=7", read.clone()).await, 204);

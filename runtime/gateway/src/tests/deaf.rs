@@ -71,7 +71,7 @@ async fn a_subscriber_that_takes_nothing_holds_up_nobody_who_publishes() {
 }
 
 #[tokio::test]
-async fn where_memory_for_messages_runs_out_clients_that_take_nothing_are_closed_and_others_go_on() {
+async fn message_memory_limit_closes_non_reading_clients_and_keeps_the_rest() {
     let gateway = start(&StubPort::new()).await;
     let mut deaf = Raw::deaf(&gateway, "plant").await;
     let mut publisher = Raw::connect(&gateway).await;

@@ -49,7 +49,7 @@ async fn end_of_websocket(gateway: &Gateway, token: &str, then: impl FnOnce()) -
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_websocket_of_a_login_is_closed_when_its_time_is_over_or_it_is_given_back() {
+async fn websocket_of_a_login_is_closed_at_its_expiry_or_logout() {
     let (gateway, token) = with_login().await;
     let (after, code, reason) = end_of_websocket(&gateway, &token, || {}).await;
     assert_eq!(

@@ -65,7 +65,7 @@ async fn with_an_external_broker_that_is_away_everything_else_works() {
     let port: Arc<dyn ServedPort> = StubPort::new();
     let mut settings = settings();
     settings.mqtt.embedded_listen = None;
-    // the discard port, on which nothing listens
+    // the discard port, on which no program listens
     settings.mqtt.brokers = vec![("127.0.0.1".to_owned(), 9)];
     let gateway = Gateway::start(port, settings).await.unwrap();
     assert_eq!(gateway.mqtt_addr(), None);

@@ -59,7 +59,7 @@ fn is_own(request: &Request) -> bool {
 }
 
 #[tokio::test]
-async fn no_payload_lets_a_handler_reset_in_anothers_name_over_either_version_of_mqtt() {
+async fn no_mqtt_3_or_5_payload_lets_a_handler_reset_under_another_name() {
     let users = Users::new();
     let port = port();
     let gateway = start_with(&port, users.settings.clone()).await;
@@ -143,7 +143,7 @@ fn sets_of_system_2_and_of_all() -> [Request; 4] {
 }
 
 #[tokio::test]
-async fn a_handler_sets_tool_spindle_and_variables_only_where_it_serves_an_m_code() {
+async fn handler_sets_tool_spindle_and_variables_only_where_it_serves_m_codes() {
     let users = Users::new();
     let port = port();
     let shared = shared_with(Arc::clone(&port), users.settings.tokens.clone());
@@ -380,7 +380,7 @@ proptest! {
     }
 
     #[test]
-    fn what_is_judged_over_a_websocket_and_what_is_carried_out_are_the_same_value(
+    fn value_authorized_over_websocket_is_the_value_executed(
         frame in prop::sample::select(vec!["handler", "validate_result"]),
         payload in payload(),
     ) {

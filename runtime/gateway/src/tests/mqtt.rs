@@ -1,4 +1,4 @@
-//! MQTT end through the embedded broker, with the client library that anybody would use.
+//! MQTT end through the embedded broker, with a common client library.
 
 use plc_api::types::command::Command;
 use plc_api::types::output::HandlerPresence;
@@ -109,7 +109,7 @@ impl Client {
         .await
     }
 
-    /// Messages that are here now.
+    /// Returns the messages received so far.
     pub(super) fn here(&mut self) -> Vec<Publish> {
         std::iter::from_fn(|| self.received.try_recv().ok()).collect()
     }
@@ -255,7 +255,7 @@ async fn presence_is_offline_after_a_shutdown_and_by_the_will_after_a_crash() {
 }
 
 #[tokio::test]
-async fn on_every_connection_presence_birth_and_all_retained_state_are_published_again() {
+async fn each_connection_republishes_presence_birth_and_all_retained_state() {
     let port = StubPort::new();
     let (first, address) = broker("127.0.0.1:0".parse().unwrap());
     let end = mqtt_end(&port, address);
@@ -438,7 +438,7 @@ impl mqtt::Wire for Node {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_node_that_acknowledges_nothing_for_10_s_is_left_for_the_next_one_which_is_kept() {
+async fn node_not_acknowledging_for_10_s_is_replaced_and_the_next_is_kept() {
     let nodes = TwoNodes {
         silent: Some(0),
         ..TwoNodes::default()

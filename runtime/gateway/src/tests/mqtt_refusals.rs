@@ -54,7 +54,7 @@ async fn a_malformed_or_unknown_command_is_rejected_with_a_reply() {
 }
 
 #[tokio::test]
-async fn a_message_that_nobody_can_be_told_about_is_dropped_and_the_next_one_counts() {
+async fn unanswerable_invalid_message_is_dropped_and_the_next_one_is_accepted() {
     let port = StubPort::new();
     let (gateway, client) = connected(&port).await;
     client
@@ -73,7 +73,7 @@ async fn a_message_that_nobody_can_be_told_about_is_dropped_and_the_next_one_cou
 }
 
 #[tokio::test]
-async fn a_claim_or_reset_that_is_not_right_is_answered_by_a_result_that_says_why() {
+async fn invalid_claim_or_reset_is_answered_with_a_result_and_its_reason() {
     let port = StubPort::with(|request| match request {
         Request::Reset(..) => {
             let code = plc_api::types::request::RefusalCode::Invalid;
@@ -228,8 +228,7 @@ async fn answer_to_a_published_state(gateway: &Gateway, version: u8, qos: u8) ->
 }
 
 #[tokio::test]
-async fn a_retained_message_that_is_not_kept_is_refused_with_its_reason_and_presences_have_places_of_their_own()
- {
+async fn retained_message_over_limit_is_refused_with_reason_presences_pass() {
     let port = StubPort::new();
     let gateway = start(&port).await;
     let mut new = Raw::connect(&gateway, 5).await;

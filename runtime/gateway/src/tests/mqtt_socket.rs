@@ -83,7 +83,7 @@ async fn a_page_speaks_mqtt_over_a_websocket_with_its_token_as_over_tcp() {
 }
 
 #[tokio::test]
-async fn mqtt_over_websocket_asks_for_a_token_and_a_page_of_another_origin_gets_no_connection() {
+async fn mqtt_over_websocket_requires_a_token_and_rejects_foreign_origins() {
     let (users, gateway, _port) = served().await;
     for (user, password) in [("view", "guessed"), ("admin", users.token("view")), ("", "")] {
         let mut socket = open(&gateway).await.unwrap();
@@ -107,7 +107,7 @@ async fn mqtt_over_websocket_asks_for_a_token_and_a_page_of_another_origin_gets_
 }
 
 #[tokio::test]
-async fn mqtt_over_websocket_that_says_nothing_takes_few_places_and_keeps_others_out_of_nothing_else() {
+async fn silent_mqtt_websockets_are_limited_and_leave_other_services_free() {
     let (users, gateway, _port) = served().await;
     let mut silent = Vec::new();
     for _ in 0..SOCKETS_MAX {

@@ -25,7 +25,7 @@ async fn status(shared: &Arc<Shared>, agent: Option<&Agent>, method: &str, token
 }
 
 #[tokio::test]
-async fn it_is_off_where_nothing_is_written_and_reads_for_everyone_on_a_loopback_without_users() {
+async fn mtconnect_is_off_by_default_and_readable_on_loopback_without_users() {
     let port = StubPort::new();
     let shared = shared(Arc::clone(&port));
     assert_eq!(status(&shared, None, "GET", None).await, 404);
@@ -82,7 +82,7 @@ fn the_adapter_knows_no_users_and_is_refused_anywhere_but_on_the_loopback() {
     assert_eq!(with("127.0.0.1:7878"), "");
     assert_eq!(with("[::1]:7878"), "");
     assert!(
-        with("0.0.0.0:7878").contains("SHDR knows no users"),
+        with("0.0.0.0:7878").contains("SHDR has no users"),
         "{}",
         with("0.0.0.0:7878")
     );

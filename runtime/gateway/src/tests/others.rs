@@ -64,7 +64,7 @@ async fn ask(
 }
 
 #[tokio::test]
-async fn a_page_of_an_allowed_origin_needs_a_token_and_one_of_another_origin_gets_nothing() {
+async fn allowed_origin_needs_a_token_and_other_origins_are_refused() {
     let (users, shared) = open_to_others();
     let token = format!("Bearer {}", users.token("view"));
     let state = ("GET", "/api/v1/cs/1/state");
@@ -131,7 +131,7 @@ async fn without_allowed_origins_no_page_of_others_is_told_that_it_may_read() {
 }
 
 #[tokio::test]
-async fn pages_of_the_machine_builder_are_served_as_the_hmi_is_and_nothing_else_of_the_disk() {
+async fn machine_builder_pages_are_served_like_the_hmi_without_other_files() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path().join("hmi");
     std::fs::create_dir(&dir).unwrap();

@@ -316,7 +316,7 @@ async fn inputs_overrides_spindle_and_tool_are_set() {
 }
 
 #[tokio::test]
-async fn the_handshake_answers_200_when_it_counts_or_counted_and_409_with_the_status_else() {
+async fn handshake_returns_200_if_accepted_or_duplicate_else_409_with_status() {
     for (status, expected) in [
         (HandshakeStatus::Accepted, (200, "accepted")),
         (HandshakeStatus::Duplicate, (200, "duplicate")),
@@ -475,7 +475,7 @@ async fn the_hmi_is_served_with_its_type_tag_and_protection() {
 }
 
 #[tokio::test]
-async fn only_the_page_of_several_machines_may_ask_other_servers_and_it_runs_no_script_of_theirs() {
+async fn only_the_machines_page_contacts_other_servers_without_their_scripts() {
     let port = StubPort::new();
     for path in ["/machines", "/machines.html"] {
         let response = call(&port, "GET", path, &[], "").await;

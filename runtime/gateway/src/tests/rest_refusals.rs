@@ -137,7 +137,7 @@ async fn json_that_says_nothing_of_its_type_or_what_curl_says_by_itself_counts()
 }
 
 #[tokio::test]
-async fn what_brings_a_machine_to_rest_is_carried_out_whatever_else_its_body_says() {
+async fn stopping_commands_are_executed_despite_unknown_body_members() {
     let port = StubPort::new();
     for verb in ["hold", "stop", "abort"] {
         let path = format!("/api/v1/cs/1/{verb}");
@@ -183,7 +183,7 @@ async fn slow_body(size: usize, count: usize, each: Duration) -> (u16, Duration)
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_body_that_hardly_comes_is_given_up_and_a_large_one_on_a_slow_line_is_not() {
+async fn nearly_stalled_body_times_out_and_a_large_slow_one_does_not() {
     let second = Duration::from_secs(1);
     let (status, took) = slow_body(1, 1_000_000, 5 * second).await;
     assert_eq!(status, 408);

@@ -28,7 +28,7 @@ fn every_line_of_the_threats_has_its_test() {
     ] {
         sources(&own.join(folder), &mut text);
     }
-    let tried = page.split("## What is tried").nth(1).unwrap();
+    let tried = page.split("## Attempts and reactions").nth(1).unwrap();
     let table = tried.split("\n## ").next().unwrap();
     let lines: Vec<_> = table
         .lines()

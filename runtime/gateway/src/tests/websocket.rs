@@ -39,7 +39,7 @@ async fn next(socket: &mut Socket) -> Value {
 }
 
 #[tokio::test]
-async fn a_subscriber_gets_the_full_value_first_and_then_every_change_with_its_revision() {
+async fn subscriber_gets_the_full_value_first_then_each_change_with_revision() {
     let port = StubPort::new();
     let gateway = start(&port).await;
     let mut socket = connect(&gateway).await;
@@ -118,7 +118,7 @@ async fn what_is_not_understood_is_answered_and_the_connection_stays() {
 }
 
 #[tokio::test]
-async fn a_slow_reader_is_given_the_latest_values_and_never_an_unbounded_backlog() {
+async fn slow_reader_gets_the_latest_values_and_never_an_unbounded_backlog() {
     let port = StubPort::new();
     let gateway = start(&port).await;
     let mut socket = connect(&gateway).await;
@@ -154,7 +154,7 @@ async fn a_slow_reader_is_given_the_latest_values_and_never_an_unbounded_backlog
 }
 
 #[tokio::test]
-async fn a_slow_reader_hears_of_a_cancel_before_the_pending_that_no_longer_shows_the_output() {
+async fn slow_reader_receives_a_cancel_before_the_pending_without_the_output() {
     let port = StubPort::new();
     let gateway = start(&port).await;
     let mut socket = connect(&gateway).await;

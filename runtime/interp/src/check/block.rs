@@ -22,7 +22,7 @@ use crate::restrictions;
 /// numbers and operators of expressions have two.
 const LONG_BYTES: u32 = 300;
 
-/// More repetitions of a call are not counted.
+/// Maximum number of repetitions of a call that are counted.
 const REPETITIONS_COUNTED: u16 = 16;
 
 impl Explorer<'_> {
@@ -202,7 +202,7 @@ impl Explorer<'_> {
             .read(tree, block, &reading, &mut |finding| found.push(finding));
     }
 
-    /// If motion or plane is unknown, records the faults that occur with every possible one.
+    /// Records, if motion or plane is unknown, the faults that occur with every possible one.
     fn read_in_all(&mut self, here: Here<'_>, state: &State, found: &mut Vec<Diagnostic>) {
         let is_arc = |code: &Code| code.role == Role::Motion(MotionKind::Arc);
         let no_plane = state.modal.in_force.plane.is_none() && self.words.taker.is_some_and(is_arc);
@@ -311,7 +311,7 @@ impl Explorer<'_> {
             let finding = diagnostics::BLOCKS_AT_REST.at(
                 tree.span(block),
                 "the second block in a row without a motion along X or Y in tool-diameter offset",
-                "Write one of them elsewhere.",
+                "Move one of the two blocks.",
             );
             self.note(here, finding, Weight::Sure);
         }
@@ -432,9 +432,9 @@ impl Explorer<'_> {
         }
         if state.callers.len() >= CALL_DEPTH_MAX {
             let text = format!(
-                "a way through the program calls program {number} more than {CALL_DEPTH_MAX} deep: that call is not made"
+                "on one path, the call of program {number} is nested deeper than {CALL_DEPTH_MAX}, and is skipped"
             );
-            let help = "Call it from a program that is called less deep, or write its blocks here.";
+            let help = "Call the program at a lower depth, or write its blocks here.";
             self.note(
                 here,
                 diagnostics::CALL_TOO_DEEP.at(span, text, help),

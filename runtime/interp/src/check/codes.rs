@@ -72,14 +72,14 @@ impl Explorer<'_> {
             let finding = diagnostics::NO_RESULT.at(
                 code.span,
                 what,
-                "Test the value before, or correct the calculation; as a word's value it is an alarm.",
+                "Test the value before, or correct the calculation. If a word takes the result, the block is an alarm.",
             );
             self.note(here, finding, Weight::Sure);
         }
     }
 }
 
-/// Returns the paths of a condition: where it holds, and where it does not.
+/// Returns the two paths of a condition: for true and for false.
 fn branch(tree: &NcProgram, condition: ExpressionId, ways: [(Place, Way); 2], state: &State) -> Step {
     let known = holds(tree, condition, &state.values);
     let parts = ways.into_iter().zip([true, false]).map(|((place, way), is_so)| {

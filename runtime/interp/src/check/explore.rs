@@ -262,8 +262,8 @@ impl<'a> Explorer<'a> {
         })
     }
 
-    /// True if a fault that would be an alarm in a run is an error. Blocks that no run reaches are checked as when
-    /// loading.
+    /// Returns true if a fault that would be an alarm in a run is an error. Blocks that no run reaches are
+    /// checked as when loading.
     pub fn calculates(&self, node: usize) -> bool {
         self.context.calculates && self.is_real(node)
     }
@@ -388,7 +388,7 @@ impl<'a> Explorer<'a> {
         });
     }
 
-    /// All findings.
+    /// Returns all findings.
     pub fn finish(self) -> Check {
         let Self {
             dialect,

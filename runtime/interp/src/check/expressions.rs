@@ -6,7 +6,7 @@ use crate::arithmetic::compare;
 use crate::range::Range;
 use crate::text_values::Values;
 
-/// The value of an expression.
+/// Returns the value of an expression.
 pub(super) fn number(program: &NcProgram, id: ExpressionId, values: &Values) -> Range {
     let of = |id| number(program, id, values);
     match program.expression(id).copied() {
@@ -35,7 +35,8 @@ pub(super) fn number(program: &NcProgram, id: ExpressionId, values: &Values) -> 
     }
 }
 
-/// Whether a condition holds. `None` if that is unknown, also if it depends on values that the program does not own.
+/// Returns whether a condition holds. `None` if that is unknown, also if it depends on values that the
+/// program does not own.
 pub(super) fn holds(program: &NcProgram, id: ExpressionId, values: &Values) -> Option<bool> {
     let of = |id| holds(program, id, values);
     let is_one = || {

@@ -13,7 +13,7 @@ use crate::dialect::{Dialect, OtherMCodes};
 /// A decision taken on a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Way {
-    /// None.
+    /// No decision.
     On,
     /// `if`: its commands are executed, or not.
     If(bool),
@@ -32,9 +32,10 @@ pub(super) enum Way {
 /// Whether a run reaches a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// It may.
+    /// A run may reach the node.
     Real,
-    /// No run reaches it, because of compared values or because it follows the end; it is checked all the same.
+    /// No run reaches the node, because of compared values or because it follows the end; it is checked
+    /// anyway.
     Supposed,
 }
 
@@ -45,7 +46,7 @@ pub(super) struct Place {
     pub block: usize,
 }
 
-/// The block in hand: of which node, where, and its text.
+/// The block that is checked: its node, its place, and its text.
 #[derive(Clone, Copy)]
 pub(super) struct Here<'t> {
     pub node: usize,
@@ -67,17 +68,17 @@ impl Here<'_> {
 pub(super) struct Node {
     pub place: Place,
     pub kind: Kind,
-    /// A run reaches this node, independent of other writers.
+    /// True if a run reaches this node, independent of other writers.
     pub is_certain: bool,
-    /// Some modal value is unknown.
+    /// True if a modal value is unknown.
     pub is_open: bool,
-    /// The node that it was first come to from, and the decision there.
+    /// The node from which this node was first reached, and the decision there.
     pub before: Option<(usize, Way)>,
     /// One past the last block of its run.
     pub end: usize,
     /// State after the last block of its run, where the path continues.
     pub state: Arc<State>,
-    /// It is to be followed, or followed again.
+    /// True if the node must be followed, or followed again.
     pub waits: bool,
 }
 
@@ -101,13 +102,13 @@ pub(super) struct Call {
 
 /// Paths join before the block.
 pub(super) const JOIN: u8 = 1;
-/// A run reaches it.
+/// A run reaches the block.
 pub(super) const REACHED: u8 = 2;
-/// It has been checked.
+/// The block has been checked.
 pub(super) const LOOKED_AT: u8 = 4;
 
 impl Checked<'_> {
-    /// True for a block with this mark.
+    /// Returns true for a block with this mark.
     pub fn has(&self, block: usize, mark: u8) -> bool {
         self.marks.get(block).is_some_and(|marks| marks & mark != 0)
     }
@@ -162,8 +163,8 @@ impl Checked<'_> {
             if call.is_missing {
                 findings.push(diagnostics::PROGRAM_MISSING.at(
                     call.span,
-                    format!("program {number} is not there"),
-                    "Load it before the program starts, or correct the number.",
+                    format!("program {number} does not exist"),
+                    "Load the program before this one starts, or correct the number.",
                 ));
             }
         }
@@ -176,7 +177,7 @@ impl Checked<'_> {
             findings.push(diagnostics::MARK_MISSING.at(
                 Span::default(),
                 format!("the program does not begin with {mark}, and is not executed"),
-                format!("Write a line of {mark} alone before it."),
+                format!("Write a line with only {mark} before the program."),
             ));
         }
     }

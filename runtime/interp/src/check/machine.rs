@@ -111,7 +111,7 @@ impl Explorer<'_> {
                 diagnostics::ARC_WORD_UNUSED.at(
                     tree.span_of(block, address),
                     format!("{} is not used: {why}", address.text()),
-                    "Remove the word, or select the plane that it belongs to.",
+                    "Remove the word, or select the plane to which it belongs.",
                 )
             })
             .collect();
@@ -172,7 +172,7 @@ impl Explorer<'_> {
             };
             let finding = entry.at(
                 tree.span(block),
-                "the block moves at the feedrate, and none is programmed",
+                "the block moves at the feedrate, but no feedrate is programmed",
                 "Write F in this block or before it, or set default_feedrate.",
             );
             self.note(here, finding, Weight::Sure);
@@ -180,7 +180,7 @@ impl Explorer<'_> {
         if lacks_speed {
             let finding = diagnostics::SPEED_MISSING.at(
                 tree.span(block),
-                "the block cuts a thread, and no spindle speed is programmed",
+                "the block cuts a thread, but no spindle speed is programmed",
                 "Write S in this block or before it: the pitch is F / S.",
             );
             self.note(here, finding, Weight::Sure);
@@ -188,7 +188,7 @@ impl Explorer<'_> {
     }
 }
 
-/// True for a code that moves at the feedrate.
+/// Returns true for a code that moves at the feedrate.
 fn cuts(code: &Code) -> bool {
     match code.role {
         Role::Motion(kind) => kind != MotionKind::Rapid,
@@ -196,7 +196,7 @@ fn cuts(code: &Code) -> bool {
     }
 }
 
-/// True for a cycle that cuts a thread.
+/// Returns true for a cycle that cuts a thread.
 fn threads(code: &Code) -> bool {
     matches!(code.sets, Some(ModalValue::Cycle(Some(cycle))) if cycle.threads().is_some())
 }

@@ -28,18 +28,18 @@ pub(super) struct State {
     pub position: TextPosition,
     pub values: Values,
     pub callers: Vec<Caller>,
-    /// F has been programmed, or may have been.
+    /// True if F has been programmed, or may have been.
     pub has_feed: bool,
-    /// S has been programmed, or may have been.
+    /// True if S has been programmed, or may have been.
     pub has_speed: bool,
     /// Blocks in a row that do not move in the plane of cutter compensation.
     pub at_rest: u8,
-    /// Some modal value is unknown: the state represents many states.
+    /// True if a modal value is unknown: the state represents many states.
     pub is_open: bool,
 }
 
 impl State {
-    /// At the head of a main program.
+    /// Returns the state at the start of a main program.
     pub fn start_up(dialect: &Dialect, context: &CheckContext<'_>) -> Self {
         Self {
             modal: Modal::of_text(dialect, context.unit),

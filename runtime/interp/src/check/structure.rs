@@ -19,14 +19,14 @@ pub(super) fn judge(of: &Checked<'_>, dialect: &Dialect, findings: &mut Findings
         let reached = reachable(program, dialect);
         let mut all = blocks.iter().zip(&reached);
         let dead = all.position(|(block, reached)| !reached && !is_mark(program, block));
-        // after an endless loop no end is needed
+        // a program that ends in an endless loop needs no end
         let is_run = of.has(0, REACHED);
         let ends_there = reached.last() == Some(&true);
         (dead, ends_there && (!is_run || of.has(blocks.len(), REACHED)))
     } else {
         (dead, dead.is_none())
     };
-    // an unreadable block may lead there
+    // an unreadable block may jump to that block
     let is_clear = !branches || !blocks.iter().any(Block::has_errors);
     if let Some(block) = dead.and_then(|dead| blocks.get(dead)).filter(|_| is_clear) {
         let (message, help) = if branches {
@@ -36,7 +36,7 @@ pub(super) fn judge(of: &Checked<'_>, dialect: &Dialect, findings: &mut Findings
             )
         } else {
             (
-                "this block and what follows are never executed",
+                "this block and the blocks after it are never executed",
                 "Remove them, or move the end of the program below them.",
             )
         };
@@ -54,7 +54,7 @@ pub(super) fn judge(of: &Checked<'_>, dialect: &Dialect, findings: &mut Findings
     });
     findings.push(diagnostics::END_MISSING.at(
         span,
-        "the program goes past this block and has no end",
+        "the program runs past this block and has no end",
         format!("Write {end} in the last block{of_what}, without block skip."),
     ));
 }
@@ -63,7 +63,8 @@ fn has_branches(program: &NcProgram) -> bool {
     program.has_program_codes() && program.blocks().iter().any(|block| is_mark(program, block))
 }
 
-/// Returns which blocks a run may reach, independent of conditions; the last entry is the place past the last block.
+/// Returns for each block whether a run may reach it, independent of conditions; the last entry is the place
+/// past the last block.
 fn reachable(program: &NcProgram, dialect: &Dialect) -> Vec<bool> {
     let blocks = program.blocks();
     let mut reached = vec![false; blocks.len() + 1];
@@ -88,7 +89,7 @@ fn reachable(program: &NcProgram, dialect: &Dialect) -> Vec<bool> {
     reached
 }
 
-/// The blocks that a program code may jump to.
+/// Returns the blocks that a program code may jump to.
 fn targets(program: &NcProgram, code: &ProgramCode) -> impl Iterator<Item = usize> {
     let cases = match code.statement {
         Statement::Switch { first, count } => Some(program.case_blocks(first, count)),
@@ -98,7 +99,7 @@ fn targets(program: &NcProgram, code: &ProgramCode) -> impl Iterator<Item = usiz
     blocks.map(|block| block as usize)
 }
 
-/// The blocks that a run may come to by a jump.
+/// Returns the blocks that a run may reach by a jump.
 pub(super) fn joins(program: &NcProgram) -> Vec<usize> {
     if !program.has_program_codes() {
         return Vec::new();
@@ -108,13 +109,13 @@ pub(super) fn joins(program: &NcProgram) -> Vec<usize> {
     codes.flat_map(|code| targets(program, code)).collect()
 }
 
-/// True for a block that always ends the program.
+/// Returns true for a block that always ends the program.
 fn ends(program: &NcProgram, block: &Block, dialect: &Dialect) -> bool {
     let ends = |word: &Word| m_code(word, dialect).is_some_and(Code::ends);
     block.skip_numbers() == 0 && program.words(block).iter().any(ends)
 }
 
-/// True for a program that returns: its initial modal state may be that of its caller.
+/// Returns true for a program that returns: its initial modal state may be that of its caller.
 pub(super) fn may_be_called(program: &NcProgram, dialect: &Dialect) -> bool {
     let returns = |word: &Word| m_code(word, dialect).is_some_and(|code| code.role == Role::Return);
     if !program.all_words().iter().any(returns) {
@@ -124,13 +125,13 @@ pub(super) fn may_be_called(program: &NcProgram, dialect: &Dialect) -> bool {
     blocks.any(|block| program.words(block).iter().any(returns))
 }
 
-/// The M code of a word that the runtime handles itself.
+/// Returns the M code of a word that the runtime handles itself.
 fn m_code(word: &Word, dialect: &Dialect) -> Option<&'static Code> {
     let number = word.number().filter(|_| word.address == Address::M)?;
     dialect.m_codes.find(tenths(number)?)
 }
 
-/// True for parts of branches that need not be reached: the continuation after commands that end.
+/// Returns true for parts of branches that need not be reached: the continuation after commands that end.
 fn is_mark(program: &NcProgram, block: &Block) -> bool {
     program
         .program_code(block)

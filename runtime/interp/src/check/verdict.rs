@@ -1,5 +1,5 @@
-//! Combines the findings of single states into reports: an error if they occur in all states, a warning with the path
-//! if they occur in some.
+//! Combines the findings of single states into reports: an error if a finding occurs in all states, a warning
+//! with the path if it occurs in some.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -22,11 +22,11 @@ pub(super) struct Found {
 /// Dependency of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Weight {
-    /// On the written text.
+    /// It depends on the written text only.
     Sure,
-    /// On a calculated value: it is an alarm in a run (D11).
+    /// It depends on a calculated value, and is an alarm in a run (D11).
     Calculated,
-    /// On a variable that another writer may have changed.
+    /// It depends on a variable that another writer may have changed.
     Doubtful,
 }
 
@@ -77,7 +77,7 @@ impl Groups {
     }
 }
 
-/// How sure a fault is.
+/// Certainty of a fault.
 enum Verdict {
     Always,
     Sometimes { with: usize, without: Option<usize> },
@@ -91,7 +91,7 @@ fn judge(group: Group, grammar: &Grammar, nodes: &[Node], programs: &[Checked<'_
     }
     let doubt = match group.weight {
         Weight::Sure => "",
-        Weight::Calculated => "; a run stops there with an alarm",
+        Weight::Calculated => "; a run stops at this block with an alarm",
         Weight::Doubtful => ", unless another program has written the variable",
     };
     let way = match verdict(group.place, &group.nodes, nodes) {
@@ -102,7 +102,7 @@ fn judge(group: Group, grammar: &Grammar, nodes: &[Node], programs: &[Checked<'_
             let parting = parting(nodes, with, without);
             match parting {
                 Some((at, way)) => format!(" {}", told(programs, group.place.program, at, nodes, way)),
-                None if is_root_of_two(nodes) => " when the program is started itself".to_owned(),
+                None if is_root_of_two(nodes) => " if the program is started as a main program".to_owned(),
                 None => String::new(),
             }
         }
@@ -141,12 +141,12 @@ fn verdict(place: Place, found: &BTreeSet<usize>, nodes: &[Node]) -> Verdict {
     match (with, without.or(without_open)) {
         (_, None) => Verdict::Always,
         (Some(with), without) => Verdict::Sometimes { with, without },
-        // a summary of many states proves nothing about any single one
+        // a merged state proves nothing about the single states
         (None, Some(_)) => Verdict::Never,
     }
 }
 
-/// True where the main program has been looked at as one that is started, and as one that is called.
+/// Returns true if the main program was checked both as a started and as a called program.
 fn is_root_of_two(nodes: &[Node]) -> bool {
     let roots = nodes
         .iter()
@@ -154,8 +154,8 @@ fn is_root_of_two(nodes: &[Node]) -> bool {
     roots.count() > 1
 }
 
-/// Returns where the path to one node has parted from that to another, and by which decision; without another, the last
-/// decision.
+/// Returns the node and the decision at which the path to `with` leaves the path to `without`; if there is no
+/// other path, the last decision.
 fn parting(nodes: &[Node], with: usize, without: Option<usize>) -> Option<(usize, Way)> {
     let mut others = BTreeSet::new();
     let mut at = without;
@@ -177,7 +177,7 @@ fn parting(nodes: &[Node], with: usize, without: Option<usize>) -> Option<(usize
     last
 }
 
-/// A decision in words; it was taken in the last block of a node's run.
+/// Describes a decision that was taken in the last block of a node's run.
 fn told(programs: &[Checked<'_>], reader: usize, node: usize, nodes: &[Node], way: Way) -> String {
     let program = nodes[node].place.program;
     let of = &programs[program];
@@ -193,15 +193,15 @@ fn told(programs: &[Checked<'_>], reader: usize, node: usize, nodes: &[Node], wa
     };
     match way {
         Way::On => String::new(),
-        Way::If(true) => format!("after {here} with the if"),
-        Way::If(false) => format!("after {here} without the if"),
-        Way::Loop(true) => format!("after {here} in the loop"),
-        Way::Loop(false) => format!("after {here} without another turn of the loop"),
-        Way::Again => format!("after {here} with another turn of the loop"),
-        Way::Case(Some(label)) => format!("after {here} with case {label}"),
-        Way::Case(None) => format!("after {here} without one of the cases"),
-        Way::Skip(true) => format!("after {here} when that block is skipped"),
-        Way::Skip(false) => format!("after {here} when that block is not skipped"),
-        Way::Called => format!("when {here} calls it"),
+        Way::If(true) => format!("if the condition in {here} is true"),
+        Way::If(false) => format!("if the condition in {here} is false"),
+        Way::Loop(true) => format!("in the loop of {here}"),
+        Way::Loop(false) => format!("after the loop of {here}"),
+        Way::Again => format!("in a further turn of the loop of {here}"),
+        Way::Case(Some(label)) => format!("if case {label} in {here} matches"),
+        Way::Case(None) => format!("if no case in {here} matches"),
+        Way::Skip(true) => format!("if the block in {here} is skipped"),
+        Way::Skip(false) => format!("if the block in {here} is not skipped"),
+        Way::Called => format!("if {here} calls the program"),
     }
 }

@@ -1,8 +1,8 @@
 //! The words that fixed cycles have in common, and the effect of a block with them (D42).
 //!
-//! All levels are programmed positions. The initial level is Z where the cycle began, not where each of its blocks
-//! does: in the manual's examples the last hole returns with G98 to the level before the first one, and in G91 all
-//! holes have the same R and Z point.
+//! All levels are programmed positions. The initial level is Z at the start of the cycle, not at the start of
+//! each block: in the manual's examples, the last hole returns with G98 to the level before the first hole,
+//! and in G91 all holes have the same R and Z point.
 
 use tandem_model::alarm::FIXED_CYCLE_REFUSED;
 use tandem_model::flow::{AxisWords, Distance};
@@ -101,7 +101,7 @@ pub(super) fn take_over(execution: &mut Execution<'_>, distance: Distance) {
     kept.peck = peck.or(kept.peck);
 }
 
-/// Z where the cycle began, as a programmed position: where the tool is, in its first block.
+/// Returns Z at the start of the cycle, as a programmed position: that of the tool, in the first block.
 pub(super) fn initial_level(execution: &mut Execution<'_>) -> f64 {
     let initial = execution.modal.cycle.initial.unwrap_or_else(|| {
         let position = execution.position();

@@ -12,8 +12,8 @@ pub static G01: Code = Code {
     group: ModalGroup::Motion,
     role: Role::Motion(MotionKind::Linear),
     words: &AXIS_WORDS,
-    docs: "Moves along a straight line at the feedrate F with the ramps of ta, td and ts. F counts the way of X, Y \
-           and Z; rotary axes of the same block end at the same time. In force at start-up.",
+    docs: "Moves along a straight line at the feedrate F with the ramps of ta, td and ts. F is the speed \
+           along X, Y and Z; rotary axes of the same block end at the same time. In force at start-up.",
     motion: Some(|execution, words| execution.act(Action::Linear(words))),
     ..Code::BASE
 };

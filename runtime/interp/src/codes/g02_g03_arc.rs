@@ -61,10 +61,10 @@ pub static G02: Code = Code {
     group: ModalGroup::Motion,
     role: Role::Motion(MotionKind::Arc),
     words: &WORDS,
-    docs: "Moves clockwise on an arc of the selected plane, with the centre I, J, K from the start point, or the \
-           radius R: positive for up to a half circle, negative for more, 0 for a straight line. Without a target in \
-           the plane I, J, K give a full circle. Axes outside the plane move linearly in the angle; a different \
-           radius at the end makes a spiral. R wins over I, J, K.",
+    docs: "Moves clockwise on an arc of the selected plane, with the centre I, J, K from the start point, or \
+           the radius R: positive for up to a half circle, negative for more, 0 for a straight line. Without \
+           a target in the plane I, J, K give a full circle. Axes outside the plane move linearly in the \
+           angle; a different radius at the end makes a spiral. With R, I, J and K have no effect.",
     motion: Some(|execution, words| arc(execution, words, Turn::Clockwise)),
     ..Code::BASE
 };

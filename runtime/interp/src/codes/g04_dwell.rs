@@ -24,8 +24,9 @@ pub static G04: Code = Code {
         WordSpec::new(Address::P, "dwell time", "ms", 0.0, MILLISECONDS_MAX),
         WordSpec::new(Address::X, "dwell time", "s", 0.0, SECONDS_MAX),
     ],
-    docs: "Rests for the time of F or X in seconds or of P in milliseconds; without a word for no time at all. The \
-           spindle and the outputs of the sequence program go on. Only one of the three words may stand in a block.",
+    docs: "Rests for the time of F or X in seconds, or of P in milliseconds; if none is written, the time is 0. \
+           The spindle and the outputs of the sequence program continue. Only one of the three words is \
+           allowed in a block.",
     check: Some(one_time),
     select: dwell,
     ..Code::BASE
@@ -37,8 +38,8 @@ pub static G04_X_P: Code = Code {
         WordSpec::new(Address::X, "dwell time", "s", 0.0, DWELL_MAX_S),
         WordSpec::new(Address::P, "dwell time", "ms", 0.0, DWELL_MAX_S * 1000.0).whole(),
     ],
-    docs: "Rests for the time of X, in seconds with a decimal point and in milliseconds without one, or of P in \
-           milliseconds, at most for an hour.",
+    docs: "Rests for the time of X, in seconds with a decimal point and in milliseconds without one, or of P \
+           in milliseconds, at most one hour.",
     check: Some(just_one_time),
     ..G04
 };

@@ -1,5 +1,6 @@
-//! G09 Exact Stop. Its place in the block tells where it stops (D27): before the axis words it stops before the
-//! block's motion, after the first of them at the motion's end. A block that does not move ends the chain before it.
+//! G09 Exact Stop. Its position in the block selects the stop (D27): before the axis words, it stops before
+//! the block's motion; after the first axis word, at the end of the motion. A block without motion ends the
+//! chain before it.
 
 use super::Code;
 use crate::execution::Execution;
@@ -8,8 +9,9 @@ use crate::execution::Execution;
 pub static G09: Code = Code {
     code: "G09",
     name: "Exact Stop",
-    docs: "Comes to rest in position once. Before the axis words of its block it stops before the motion of the \
-           block, behind them at its end. In a block that does not move it stops there, with G500 too.",
+    docs: "Stops once in position. Before the axis words of its block, G09 stops before the motion of the \
+           block; after them, at the end of the motion. In a block without motion, it stops before the \
+           block, also with G500.",
     select: exact_stop,
     ..Code::BASE
 };

@@ -40,9 +40,10 @@ pub static G10: Code = Code {
             POSITION_MAX,
         ),
     ],
-    docs: "With L2 sets the offsets of work coordinate system P, 1 to 6 for G54 to G59, or with P0 EXOFS; axes without a word \
-           keep theirs, and G90 and G91 make no difference. With R sets the tool-diameter offset of number P, 1 or more. \
-           Both hold until the next program begins and beat the tables of the machine, which stay.",
+    docs: "With L2, sets the offsets of work coordinate system P (1 to 6 for G54 to G59), or EXOFS with P0. \
+           Axes not written keep their offsets, in G90 and G91 alike. With R, sets the tool-diameter \
+           offset of number P, 1 or more. Both are valid until the next program begins, in place of the \
+           machine's tables, which do not change.",
     check: Some(form),
     select: set,
     ..Code::BASE
@@ -61,7 +62,7 @@ fn form(words: &BlockWords) -> Option<Refusal> {
     let has = |address| words.present.contains(address);
     if let Some(kind) = words.get(Address::L) {
         if kind.to_bits() != WORK_OFFSETS.to_bits() {
-            return None; // the range of L says it
+            return None; // the range of L reports the fault
         }
         if has(Address::R) {
             return refuse(
@@ -77,7 +78,7 @@ fn form(words: &BlockWords) -> Option<Refusal> {
             refuse(
                 &OUT_OF_RANGE,
                 Address::P,
-                "there is no such coordinate system",
+                "this coordinate system does not exist",
                 help,
             )
         })?;

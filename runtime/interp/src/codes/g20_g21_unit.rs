@@ -10,9 +10,10 @@ pub static G20: Code = Code::setting(
     ModalValue::Unit(Unit::Inch),
     "G20",
     "Inch input",
-    "Lengths and feedrates from this block on are in inches and inches a minute, `max_feedrate` and \
-     `default_feedrate` of the coordinate system too. Motor limits, soft limits, offsets, tools \
-     and `_CNC_CapturedPosition` stay in mm, and F of blocks that move rotary axes only stays in degrees a minute (D25).",
+    "Lengths and feedrates from this block on are in inches and inches per minute, also `max_feedrate` and \
+     `default_feedrate` of the coordinate system. Motor limits, soft limits, offsets, tools and \
+     `_CNC_CapturedPosition` stay in mm, and F of blocks that move rotary axes only stays in degrees per \
+     minute (D25).",
 );
 
 /// G21: lengths and feedrates are in mm.
@@ -20,5 +21,5 @@ pub static G21: Code = Code::setting(
     ModalValue::Unit(Unit::Millimetre),
     "G21",
     "Metric input",
-    "Lengths and feedrates from this block on are in mm and mm/min. In force at start-up, but with units = \"inch\".",
+    "Lengths and feedrates from this block on are in mm and mm/min. In force at start-up, unless units = \"inch\".",
 );

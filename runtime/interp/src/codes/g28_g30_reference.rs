@@ -15,9 +15,9 @@ pub static G28: Code = Code {
     name: "Return to Reference Point",
     role: Role::ToMachine,
     words: &AXIS_WORDS,
-    docs: "Moves the named axes as G00 to the middle point and on to the reference point; without axis words all axes \
-           go straight there. Scaling, mirroring and rotation end at the middle point. Cutter compensation and tool \
-           offset must be off (D23).",
+    docs: "Moves the named axes, as G00, to the middle point and from there to the reference point; without \
+           axis words, all axes move directly to the reference point. Scaling, mirroring and rotation end at \
+           the middle point. Cutter compensation and tool offset must be off (D23).",
     select: |execution| reference(execution, 1),
     ..Code::BASE
 };
@@ -30,9 +30,11 @@ pub static G28_REMEMBERED: Code = Code {
         axis_word(Address::Y),
         axis_word(Address::Z),
     ],
-    docs: "Moves straight to the middle point and on to the reference point, as fast as G00. An axis without a word has \
-           the middle point of an earlier G28 of the program, in the coordinates then in force, or goes straight where that was \
-           a distance (G91); one that no G28 has named does not move. It does not move A. Tool-diameter offset must be off.",
+    docs: "Moves straight to the middle point and from there straight to the reference point, as fast as \
+           G00. An axis not written uses the middle point of an earlier G28 of the program, in the \
+           coordinates then in force. If that middle point was a distance (G91), the axis moves directly to \
+           the reference point. An axis that no G28 has named does not move, nor does A. Tool-diameter \
+           offset must be off.",
     select: remembered,
     ..G28
 };
@@ -85,7 +87,7 @@ pub static G30: Code = Code {
         axis_word(Address::B),
         axis_word(Address::C),
     ],
-    docs: "As G28, to the second reference point, or to that of P.",
+    docs: "As G28, to the second reference point, or to the one that P selects.",
     select: |execution| {
         let point = match execution.words.get(Address::P) {
             Some(point) if point >= 4.0 => 4,

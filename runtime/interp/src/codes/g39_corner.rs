@@ -12,9 +12,10 @@ pub static G39: Code = Code {
     name: "Corner-offset Circular Interpolation",
     role: Role::Corner,
     words: &[axis_word(Address::X), axis_word(Address::Y)],
-    docs: "Rounds the outside corner between the motions before and after it by an arc of the tool's radius about the \
-           corner. X and Y say in which direction the next motion goes: its target in G90, the way in G91. Without them it \
-           is that of the next motion. It is for this corner alone, and moves nothing by itself.",
+    docs: "Rounds the outside corner between the motions before and after it by an arc of the tool's radius \
+           about the corner. X and Y give the direction of the next motion: its target in G90, its distance \
+           in G91; without them, the direction of the next motion is used. It applies to this corner only, \
+           and has no motion of its own.",
     select: |execution| {
         let direction = execution.own_axis_words();
         execution.act(Action::Corner(direction));

@@ -14,8 +14,9 @@ pub static G40: Code = Code {
         ModalValue::Side(Side::Off),
         "G40",
         "Cancels tool compensation",
-        "Switches cutter compensation off; the next G00 or G01 that moves in the plane leads out, over at least the tool's \
-         radius. Until then the program neither waits nor ends. In force at start-up.",
+        "Switches cutter compensation off; the next G00 or G01 that moves in the plane leads out, over at \
+         least the tool's radius. Until then, a block that waits or ends the program is an error. In force \
+         at start-up.",
     )
 };
 /// G41.
@@ -25,13 +26,14 @@ pub static G41: Code = Code {
         ModalValue::Side(Side::Left),
         "G41",
         "Tool Compensation, left",
-        "Moves the tool's centre to the left of the path by its radius, in the plane in force. The next motion in the plane \
-         leads in: a G01 over at least the tool's radius. Until G40 only G01, G02 and G03 move, the plane and the side stay, \
-         and nothing may stand at which the program waits: M00, M01, an M code with parameters or one that is output after \
-         the motion. Inside corners end where the offset blocks meet, outside corners are extended up to 90 degrees of \
-         deflection and rounded beyond. Where the tool would cut into another block there is an alarm, or with overcut = \
-         \"prevent\" the blocks that it does not fit between are left out. Without a tool of the tool table it warns, and the \
-         radius counts as 0.",
+        "Shifts the tool's centre to the left of the path by the tool's radius, in the plane in force. The \
+         next motion in the plane leads in: a G01 over at least the tool's radius. Until G40, motions are \
+         only G01, G02 and G03, the plane and the side stay, and the program must not wait: M00, M01, an M \
+         code with parameters, and an M code that is output after the motion are not allowed. At inside \
+         corners, the blocks end where their offset paths meet; at outside corners, they are extended up to \
+         90 degrees of deflection, and joined by an arc beyond. If the tool would cut into another block, \
+         the run stops with an alarm; with overcut = \"prevent\", the blocks that the tool does not fit \
+         between are left out. Without a tool of the tool table, a warning is given and the radius is 0.",
     )
 };
 /// G42.
@@ -54,9 +56,10 @@ static OFFSET_NUMBER: [WordSpec; 1] = [WordSpec::new(Address::D, "offset number"
 pub static G41_D: Code = Code {
     words: &OFFSET_NUMBER,
     select: compensate_by_number,
-    docs: "Shifts the tool to the left of the path by the offset of number D: of G10, or the radius in the tool table. The \
-           next motion in the XY plane, by G00 or G01, leads in. Until G40 the plane, the side and D stay, and no code \
-           stands that sets coordinates, scales, drills or goes to the reference point.",
+    docs: "Shifts the tool to the left of the path by the offset of number D: of G10, or the radius in the \
+           tool table. The next motion in the XY plane, by G00 or G01, leads in. Until G40, the plane, the \
+           side and D stay, and codes that set coordinates, scale, drill or move to the reference point are \
+           not allowed.",
     ..G41
 };
 
@@ -85,7 +88,7 @@ fn compensate_by_number(execution: &mut Execution<'_>) {
             None => tool.radius,
         }
     });
-    // a negative offset is one to the other side
+    // a negative offset shifts to the other side
     let compensation = &mut execution.modal.compensation;
     *compensation = match *compensation {
         Compensation::Left { radius, plane } if radius < 0.0 => Compensation::Right {

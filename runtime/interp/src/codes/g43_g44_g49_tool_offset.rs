@@ -15,8 +15,9 @@ pub static G43: Code = Code {
         ModalValue::Length(LengthOffset::Added),
         "G43",
         "Tool Offset, positive",
-        "Adds the length of the selected tool to Z. It moves nothing by itself; the next motion ends at the corrected Z, \
-         whether it names Z or not (D22). Without a tool of the tool table it warns, and the length counts as 0.",
+        "Adds the length of the selected tool to Z. The code itself moves nothing; the next motion ends at \
+         the corrected Z, also without a Z word (D22). Without a tool of the tool table, a warning is given \
+         and the length is 0.",
     )
 };
 /// G44.
@@ -26,7 +27,7 @@ pub static G44: Code = Code {
         ModalValue::Length(LengthOffset::Subtracted),
         "G44",
         "Tool Offset, negative",
-        "As G43, and takes the length away from Z.",
+        "As G43, but subtracts the length from Z.",
     )
 };
 /// G49.
@@ -49,8 +50,9 @@ pub static G43_H: Code = Code {
         let (number, tool) = execution.offset_entry(Address::H);
         move_by(execution, if number == 0 { 0.0 } else { tool.length });
     },
-    docs: "Adds the offset of number H, the length in the tool table, to Z. With axis words their motion ends at the \
-           corrected Z; without them Z moves by the change of the offset. Number 0 is no offset.",
+    docs: "Adds the offset of number H, the length in the tool table, to Z. With axis words, their motion \
+           ends at the corrected Z; without them, Z moves by the change of the offset. Number 0 means no \
+           offset.",
     ..G43
 };
 
@@ -61,7 +63,7 @@ pub static G49_H: Code = Code {
     ..G49
 };
 
-/// Sets an offset, and moves Z by its change if no axis word of the block does.
+/// Sets an offset, and moves Z by the change if the block has no axis word.
 fn move_by(execution: &mut Execution<'_>, length: f64) {
     if (length - execution.modal.transform.tool_length).abs() == 0.0 {
         return;

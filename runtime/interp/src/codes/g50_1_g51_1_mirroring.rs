@@ -21,8 +21,8 @@ pub static G50_1: Code = Code {
     sets: Some(ModalValue::Shape(Shape::Mirroring, false)),
     role: Role::Coordinates,
     words: &CENTRE,
-    docs: "Ends the mirroring of the named axes, or all mirroring when none is named. The values do not matter. In \
-           force at start-up.",
+    docs: "Ends the mirroring of the named axes, or of all axes if none is named. The values have no effect. \
+           In force at start-up.",
     select: |execution| {
         let named = execution.own_axis_words().named;
         let Some(mirror) = execution.modal.transform.mirror else {

@@ -58,9 +58,10 @@ pub static G51: Code = Code {
         factor(Address::J, "factor of Y"),
         factor(Address::K, "factor of Z"),
     ],
-    docs: "Multiplies distances from the centre X, Y, Z by P, or by I, J and K axis by axis; a factor that is not \
-           written is 1, P wins, and a factor below zero mirrors. Factors are from 0.00001 to 10000 in amount. The \
-           centre is absolute; an axis that is not written has it where the tool is.",
+    docs: "Multiplies distances from the centre X, Y, Z by P, or by I, J and K for each axis. With P, I, J \
+           and K have no effect; a missing factor is 1, and a negative factor mirrors. Factors are 0.00001 \
+           to 10000 in amount. The centre is absolute; for an axis not written, it is the position of the \
+           tool.",
     check: Some(factors),
     select: |execution| {
         let all = execution.words.get(Address::P);
@@ -79,8 +80,9 @@ pub static G51_P: Code = Code {
         axis_word(Address::Z),
         WordSpec::new(Address::P, "factor", "", -POINT_MAX, POINT_MAX).needed(),
     ],
-    docs: "Multiplies distances in X, Y and Z from the point of these words, or from where the tool is, by P. A factor \
-           below 0.001 counts as 0.001, one above 999.999 as 999.999. The point is absolute.",
+    docs: "Multiplies distances in X, Y and Z by P. They are measured from the point of these words, for an \
+           axis not written from the position of the tool. The factor is limited to 0.001 to 999.999. The \
+           point is absolute.",
     check: None,
     select: |execution| {
         let written = execution.words.get(Address::P).unwrap_or(1.0);

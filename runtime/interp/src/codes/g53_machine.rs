@@ -10,8 +10,8 @@ use crate::meaning::Role;
 /// G53 of dialect dgshape, which ends no other code.
 pub static G53_ALONE: Code = Code {
     select: to_machine,
-    docs: "Moves as G00 to machine positions, of named axes only, for this block alone; in G90 only. Tool-diameter offset and \
-           tool-length offset must be off.",
+    docs: "Moves the named axes, as G00, to machine positions, in this block only; allowed only in G90. \
+           Tool-diameter offset and tool-length offset must be off.",
     ..G53
 };
 
@@ -29,9 +29,9 @@ pub static G53: Code = Code {
     name: "Dimension Shift Cancel",
     role: Role::ToMachine,
     words: &AXIS_WORDS,
-    docs: "Moves as G00 to machine positions, always absolute. Ends scaling, mirroring, rotation and the local \
-           coordinate system; work offsets do not count for this block. Cutter compensation and tool offset must be \
-           off (D23).",
+    docs: "Moves as G00 to machine positions, always absolute. Ends scaling, mirroring, rotation and the \
+           local coordinate system; work offsets have no effect in this block. Cutter compensation and tool \
+           offset must be off (D23).",
     select: |execution| {
         to_machine(execution);
         execution.release_shape();

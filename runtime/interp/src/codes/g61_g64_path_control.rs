@@ -18,6 +18,7 @@ pub static G64: Code = Code::setting(
     ModalValue::PathControl(PathControl::ContinuousPath),
     "G64",
     "Continuous-path Mode",
-    "Each cutting block is blended with the next one, until G61. It still stops at G00, at G09, and before a \
-     block without motion, with G500 only where the tool length changes in it. In force at start-up.",
+    "Each cutting block is blended with the next one, until G61. The motion still stops at G00, at G09, and \
+     before a block without motion; with G500, only before such a block that changes the tool length. In \
+     force at start-up.",
 );

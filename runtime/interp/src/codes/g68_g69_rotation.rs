@@ -26,8 +26,9 @@ pub static G68: Code = Code {
         axis_word(Address::Z),
         WordSpec::new(Address::R, "angle, counter-clockwise", "deg", -360.0, 360.0).needed(),
     ],
-    docs: "Turns the coordinates about the centre X, Y, Z by the angle R in the plane in force. The centre is absolute; \
-           an axis that is not written has it where the tool is. The manual's table ends at 300 degrees: beyond it is a warning.",
+    docs: "Turns the coordinates about the centre X, Y, Z by the angle R in the plane in force. The centre \
+           is absolute; for an axis not written, it is the position of the tool. The manual's table ends \
+           at 300 degrees; a larger angle gives a warning.",
     check: Some(|words| {
         let angle_deg = words.get(Address::R).filter(|angle| is_beyond_table(*angle))?;
         Some(Refusal {
@@ -35,7 +36,7 @@ pub static G68: Code = Code {
             address: Address::R,
             message: format!("R{angle_deg} is beyond the {ANGLE_OF_TABLE_DEG} degrees of the manual's table"),
             help: format!(
-                "Write R{}, which turns the same way.",
+                "Write R{}, which gives the same rotation.",
                 angle_deg - 360.0_f64.copysign(angle_deg)
             ),
         })
@@ -44,7 +45,7 @@ pub static G68: Code = Code {
         let angle_deg = execution.words.get(Address::R).unwrap_or_default();
         if is_beyond_table(angle_deg) {
             execution.warn(format!(
-                "R{angle_deg} is beyond the {ANGLE_OF_TABLE_DEG} degrees of the manual's table; the coordinates turn by it"
+                "R{angle_deg} is beyond the {ANGLE_OF_TABLE_DEG} degrees of the manual's table; it is executed as written"
             ));
         }
         let plane = execution.modal.plane();

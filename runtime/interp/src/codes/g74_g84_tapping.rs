@@ -64,13 +64,14 @@ pub static G74: Code = Code {
         ModalValue::Cycle(Some(&LEFT_HAND)),
         "G74",
         "Left-handed Tapping Cycle",
-        "Taps at X, Y from the R point to the Z point and back, the spindle turning counter-clockwise on the way in, \
-         K times (once without K). Each later block with an axis word taps again until G80 or G00 to G03; Z, R, P \
-         and K stay. The first block needs Z and R. In G91 R counts from the initial level, Z from R (D42). The \
-         initial level is Z where the cycle began; G98 returns to it, G99 to the R point. With a spindle in the \
-         coordinate system it turns in step with Z, S / F revolutions a millimetre, ramps included, and rests at the \
-         R and Z point. A block with a hole beyond a soft limit moves nothing. No override acts on a thread, \
-         and feed hold waits until the tool is out.",
+        "Taps at X, Y from the R point to the Z point and back, with a counter-clockwise spindle on the way \
+         in, K times (once without K). Each later block with an axis word taps again until G80 or G00 to \
+         G03; Z, R, P and K stay. The first block needs Z and R. In G91, R counts from the initial level, Z \
+         from R (D42). The initial level is Z at the start of the cycle; G98 returns to it, G99 to the R \
+         point. A spindle of the coordinate system turns in step with Z, S / F revolutions per millimetre, \
+         ramps included, and rests at the R point and the Z point. If a hole of a block is beyond a soft \
+         limit, the block does not move. No override acts on a thread, and a feed hold takes effect only \
+         after the tool is out.",
     )
 };
 
@@ -82,7 +83,7 @@ pub static G84: Code = Code {
         ModalValue::Cycle(Some(&RIGHT_HAND)),
         "G84",
         "Tapping Cycle",
-        "As G74, the spindle turning clockwise on the way in.",
+        "As G74, but with a clockwise spindle on the way in.",
     )
 };
 
@@ -93,6 +94,6 @@ pub static G80: Code = Code {
         ModalValue::Cycle(None),
         "G80",
         "Fixed Cycle Cancel",
-        "Ends a fixed cycle and forgets its words. In force at start-up.",
+        "Ends a fixed cycle and discards its words. In force at start-up.",
     )
 };

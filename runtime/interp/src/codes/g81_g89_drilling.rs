@@ -74,10 +74,11 @@ pub static G81: Code = cycle(
     "G81",
     &DRILL,
     &WORDS,
-    "Drills at X, Y: rapid to the R point, feed to Z, rapid to the initial level (G98) or the R point (G99), K times. Each \
-     later block with a word of it drills again until G80 or G00 to G03; Z and R stay, K does not. Written in G91 R counts \
-     from the initial level and Z from R; a later G90 or G91 moves neither. Without Z it only moves to X, Y; without R the R point is the initial level. The \
-     spindle must turn (M03), the plane is XY, and A does not move.",
+    "Drills at X, Y: rapid to the R point, feed to Z, rapid to the initial level (G98) or the R point (G99), \
+     K times. Each later block with a word of the cycle drills again until G80 or G00 to G03; Z and R stay, \
+     K does not. If written in G91, R counts from the initial level and Z from R; a later G90 or G91 changes \
+     neither. Without Z, only X and Y move; without R, the R point is the initial level. The spindle must \
+     turn (M03), the plane must be XY, and A does not move.",
 );
 /// G82.
 pub static G82: Code = cycle(
@@ -91,22 +92,23 @@ pub static G83: Code = cycle(
     "G83",
     &PECK,
     &WITH_PECKS,
-    "As G81, in cuts of depth Q: after each the tool goes to the R point and back to peck_clearance above the last depth, at \
-     rapid speed. The sign of Q does not count; without Q, or with Q0, it goes down at once.",
+    "As G81, but in cuts of depth Q. After each cut, the tool moves to the R point, and back to \
+     peck_clearance above the last depth, at rapid speed. The sign of Q has no effect; without Q, or with \
+     Q0, the hole is drilled in one cut.",
 );
 /// G85.
 pub static G85: Code = cycle(
     "G85",
     &BORE,
     &WORDS,
-    "As G81, and comes up to the R point at the feedrate.",
+    "As G81, but returns to the R point at the feedrate.",
 );
 /// G86.
 pub static G86: Code = cycle(
     "G86",
     &BORE_AND_OUT,
     &WORDS,
-    "Moves as G81. The spindle goes on turning.",
+    "Moves as G81. The spindle continues to turn.",
 );
 /// G89.
 pub static G89: Code = cycle(

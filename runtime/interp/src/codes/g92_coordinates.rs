@@ -16,8 +16,9 @@ pub static G92: Code = Code {
         axis_word(Address::Z),
         axis_word(Address::A),
     ],
-    docs: "Shifts all work coordinate systems so that the tool, where it is, has the coordinates of the words; the other axes \
-           stay. In G91 the words are coordinates, too. It holds until the next program begins.",
+    docs: "Shifts all work coordinate systems so that the present position of the tool has the coordinates \
+           of the words; axes not written do not change. In G91, the words are coordinates too. The shift \
+           is valid until the next program begins.",
     select: set,
     ..Code::BASE
 };

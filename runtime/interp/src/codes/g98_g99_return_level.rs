@@ -8,7 +8,7 @@ pub static G98: Code = Code::setting(
     ModalValue::ReturnLevel(ReturnLevel::Initial),
     "G98",
     "Fixed Cycle Return to Initial Level",
-    "A fixed cycle returns to the level where the first of its blocks began. In force at start-up.",
+    "A fixed cycle returns to the Z level at the start of its first block. In force at start-up.",
 );
 
 /// G99.

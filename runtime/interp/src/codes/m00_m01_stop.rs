@@ -1,4 +1,4 @@
-//! M00 Program Stop and M01 Optional Stop. They act when motion has come to them (D14).
+//! M00 Program Stop and M01 Optional Stop. They take effect when the motion has reached them (D14).
 
 use super::Code;
 use crate::execution::Flow;
@@ -19,7 +19,7 @@ pub static M01: Code = Code {
     code: "M01",
     name: "Optional Stop",
     role: Role::Stop,
-    docs: "Stops like M00 when the optional stop input is on at the time that motion has come to this block.",
+    docs: "Stops like M00 if the optional stop input is on when the motion has reached this block.",
     select: |execution| execution.draft.flow = Flow::Stop { optional: true },
     ..Code::BASE
 };

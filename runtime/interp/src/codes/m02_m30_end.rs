@@ -9,8 +9,8 @@ const fn end(code: &'static str) -> Code {
         code,
         name: "End of Program",
         role: Role::End,
-        docs: "Ends the program, from a subprogram too. Blocks after it are not executed; the next start begins at the \
-               head of the main program.",
+        docs: "Ends the program, from a subprogram too. Blocks after it are not executed; the next start \
+               begins at line 1 of the main program.",
         select: |execution| execution.draft.flow = Flow::End,
         ..Code::BASE
     }

@@ -28,15 +28,15 @@ pub static M03: Code = spindle(
     true,
     "M03",
     "Rotate spindle",
-    "Makes an output at the start of its block, and the motion of the block goes on with it. The spindle turns with S. \
-     Fixed cycles need it.",
+    "Makes an output at the start of its block, together with the motion of the block. The spindle turns at \
+     S. Fixed cycles need M03.",
 );
 /// M05.
 pub static M05: Code = spindle(
     false,
     "M05",
     "Stop spindle",
-    "Makes an output at the start of its block, on which the spindle stops.",
+    "Makes an output at the start of its block, which stops the spindle.",
 );
 /// M06.
 pub static M06: Code = Code {
@@ -48,12 +48,13 @@ pub static M06: Code = Code {
     ..output(
         "M06",
         "Tool selection",
-        "Makes an output at the start of its block whose parameter VA is the number of T: the stocker of the tool to take, \
-         or 0 to put the tool back. It has no tool-length offset of its own. T stands with M06 only.",
+        "Makes an output at the start of its block. Its parameter VA is the number of T: the stocker of the \
+         tool to take, or 0 to put the tool back. M06 sets no tool-length offset. T is allowed only with \
+         M06.",
     )
 };
 
-/// An output that switches a device of the machine.
+/// Returns an output that switches a device of the machine.
 const fn switch(code: &'static str, name: &'static str) -> Code {
     output(code, name, "Makes an output at the start of its block.")
 }

@@ -24,9 +24,10 @@ pub static M98: Code = Code {
         .needed(),
         WordSpec::new(Address::L, "number of calls", "", 0.0, 10_000.0).whole(),
     ],
-    docs: "Runs subprogram P from its first block, L times (once without L, not at all with L0), then goes on with the \
-           next block. Calls nest 8 deep; a deeper call is not made, and a warning tells. A missing program is an alarm. \
-           As every block without movement, it ends a chain of blended blocks, and so does M99, but not with G500.",
+    docs: "Runs subprogram P from its first block, L times (once without L, not at all with L0), then \
+           continues with the next block. Calls can be nested 8 deep; a deeper call is skipped with a \
+           warning. A missing program is an alarm. As every block without motion, M98 and M99 end a chain of \
+           blended blocks, but not with G500.",
     select: call,
     ..Code::BASE
 };

@@ -9,8 +9,8 @@ pub static M99: Code = Code {
     code: "M99",
     name: "Subprogram End",
     role: Role::Return,
-    docs: "Ends a subprogram: the program that called it goes on, or the next repetition of the call begins. In a main \
-           program it ends the program.",
+    docs: "Ends a subprogram: the next repetition of the call begins, or the calling program continues. In a \
+           main program it ends the program.",
     select: |execution| execution.draft.flow = Flow::Return,
     ..Code::BASE
 };

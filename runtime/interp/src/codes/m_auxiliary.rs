@@ -31,14 +31,15 @@ pub static AUXILIARY: Code = Code {
         parameter(Address::Vg),
         parameter(Address::Vh),
     ],
-    docs: "Makes an output with up to eight parameters to the sequence program and owes it a reset. By the setting of \
-           the M code the output is made after the motion of its block, and the next block waits for the reset, or \
-           when the block is interpreted. An output with parameters is always made after the motion (D30).",
+    docs: "Makes an output with up to eight parameters to the sequence program, which must reset it. The \
+           setting of the M code selects the time: after the motion of its block, and the next block then \
+           waits for the reset, or when the block is interpreted. An output with parameters is always made \
+           after the motion (D30).",
     select: output,
     ..Code::BASE
 };
 
-/// Place among the parameters: that of VA to VH, and the first for the tool of a tool change.
+/// Returns the place among the parameters: that of VA to VH, and the first for the tool of a tool change.
 pub(crate) fn parameter_place(address: Address) -> Option<usize> {
     match address {
         Address::T => Some(0),

@@ -57,15 +57,15 @@ use crate::meaning::{ModalValue, Role, Shape};
 /// A G or M code.
 #[derive(Debug)]
 pub struct Code {
-    /// As the manual writes it: `G50.1`, `M30`. Its number is the one that words name it by.
+    /// The code as the manual writes it: `G50.1`, `M30`. Words refer to it by its number.
     pub code: &'static str,
-    /// The manual's name of it.
+    /// The manual's name of the code.
     pub name: &'static str,
     /// The modal group; M codes are [`ModalGroup::NonModal`].
     pub group: ModalGroup,
     /// The value that it sets in its modal group, if the interpreter and checker use it.
     pub sets: Option<ModalValue>,
-    /// Its part in a block.
+    /// Its role in a block.
     pub role: Role,
     /// Its own words. The active motion takes none of the axis words when a code of another group has its own axis
     /// words.
@@ -74,7 +74,7 @@ pub struct Code {
     pub docs: &'static str,
     /// Common requirement on its words, beyond their ranges.
     pub check: Option<BlockCheck>,
-    /// Effect when it is in a block, in addition to its modal value.
+    /// Effect of the code in its block, in addition to its modal value.
     pub select: Effect,
     /// Effect of a block with axis words while the code is active; for codes of group 01.
     pub motion: Option<Motion>,
@@ -86,9 +86,9 @@ pub type BlockCheck = fn(&BlockWords) -> Option<Refusal>;
 /// The fault that a [`BlockCheck`] finds.
 #[derive(Debug)]
 pub struct Refusal {
-    /// Which diagnostic.
+    /// The diagnostic.
     pub entry: &'static DiagnosticEntry,
-    /// The word that it is shown at.
+    /// The word at which the fault is shown.
     pub address: Address,
     /// The error text.
     pub message: String,
@@ -109,7 +109,7 @@ impl PartialEq for Code {
 }
 
 impl Code {
-    /// A code without words and effect; rows name the differences.
+    /// A code without words and effect, from which the other codes are built.
     pub const BASE: Self = Self {
         code: "",
         name: "",
@@ -123,7 +123,7 @@ impl Code {
         motion: None,
     };
 
-    /// A modal code that sets a value.
+    /// Returns a modal code that sets a value.
     pub const fn setting(
         value: ModalValue,
         code: &'static str,
@@ -140,7 +140,7 @@ impl Code {
         }
     }
 
-    /// Ten times the number: 501 for G50.1.
+    /// Returns ten times the number: 501 for G50.1.
     pub const fn tenths(&self) -> u16 {
         let name = self.code.as_bytes();
         let (mut number, mut factor, mut at) = (0, 10, 1);
@@ -155,22 +155,22 @@ impl Code {
         number * factor
     }
 
-    /// True when it ends a program or a subprogram.
+    /// Returns true if it ends a program or a subprogram.
     pub(crate) fn ends(&self) -> bool {
         matches!(self.role, Role::End | Role::Return)
     }
 
-    /// The addresses of its own words.
+    /// Returns the addresses of its own words.
     pub const fn addresses(&self) -> AddressSet {
         WordSpec::addresses(self.words)
     }
 
-    /// True where a word names the axis.
+    /// Returns true if the code takes a word of the axis.
     pub fn takes(&self, axis: Axis) -> bool {
         self.words.iter().any(|word| axis_of(word.address) == Some(axis))
     }
 
-    /// The description of one of its own words.
+    /// Returns the description of one of its own words.
     pub fn word(&self, address: Address) -> Option<&'static WordSpec> {
         self.words.iter().find(|word| word.address == address)
     }
@@ -189,14 +189,14 @@ pub struct WordSpec {
     pub min: f64,
     /// Largest value.
     pub max: f64,
-    /// True when the value must be a whole number.
+    /// True if the value must be a whole number.
     pub integer: bool,
-    /// True when the code needs the word.
+    /// True if the code needs the word.
     pub required: bool,
 }
 
 impl WordSpec {
-    /// An optional word with any value from `min` to `max`.
+    /// Creates an optional word with any value from `min` to `max`.
     pub const fn new(
         address: Address,
         meaning: &'static str,
@@ -229,7 +229,7 @@ impl WordSpec {
         self
     }
 
-    /// The addresses of words.
+    /// Returns the addresses of words.
     pub const fn addresses(words: &[WordSpec]) -> AddressSet {
         let mut set = AddressSet::EMPTY;
         let mut i = 0;
@@ -240,12 +240,12 @@ impl WordSpec {
         set
     }
 
-    /// True for a value within the range; never for one that is not a number.
+    /// Returns true for a value within the range; never for one that is not a number.
     pub fn holds(&self, value: f64) -> bool {
         value >= self.min && value <= self.max
     }
 
-    /// The range as text, with its unit.
+    /// Returns the range as text, with its unit.
     pub fn range_text(&self) -> String {
         let unit = if self.unit.is_empty() {
             String::new()
@@ -273,15 +273,15 @@ macro_rules! modal_groups {
             /// All groups, ascending by number.
             pub const ALL: &[ModalGroup] = &[$(ModalGroup::$name),*];
 
-            /// How many groups there are.
+            /// Number of groups.
             pub const COUNT: usize = ModalGroup::ALL.len();
 
-            /// Number in two digits, as HMIs name it.
+            /// Returns the number in two digits, as HMIs show it.
             pub const fn number(self) -> &'static str {
                 match self { $(ModalGroup::$name => $number,)* }
             }
 
-            /// The manual's name of it.
+            /// Returns the manual's name of the group.
             pub const fn text(self) -> &'static str {
                 match self { $(ModalGroup::$name => $text,)* }
             }
@@ -308,7 +308,7 @@ modal_groups! {
 }
 
 impl ModalGroup {
-    /// The group of the codes that set a value.
+    /// Returns the group of the codes that set a value.
     const fn of(value: ModalValue) -> Self {
         match value {
             ModalValue::Plane(_) => Self::Plane,

@@ -2,7 +2,7 @@
 
 use crate::execution::Limits;
 
-/// From here on S is revolutions a minute.
+/// Lowest S that is a speed in r/min.
 const SPEED_MIN: f64 = 100.0;
 
 /// Code of the slowest speed of the spindle.
@@ -47,7 +47,7 @@ fn of_code(code: usize, slowest: f64, fastest: f64) -> f64 {
         _ => {
             let decade = (code - 1) / SPEEDS.len();
             let factor = [1.0, 10.0, 100.0, 1000.0, 10_000.0];
-            // the manual's table is written in hundredths
+            // the manual's table has two decimals
             (SPEEDS[(code - 1) % SPEEDS.len()] * 100.0).round() * factor[decade.min(4)] / 100.0
         }
     }

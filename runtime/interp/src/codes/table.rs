@@ -47,14 +47,14 @@ impl CodeTable {
         self
     }
 
-    /// The code whose number, times ten, is this.
+    /// Returns the code whose number, times ten, is this.
     pub fn find(&self, tenths: u16) -> Option<&'static Code> {
         let entry = usize::from(*self.index.get(usize::from(tenths))?);
         self.codes.get(entry.checked_sub(1)?).copied()
     }
 }
 
-/// Ten times a code's number; `None` for a value that is no code number.
+/// Returns ten times a code's number; `None` for a value that is not a code number.
 pub(crate) fn tenths(value: f64) -> Option<u16> {
     let tenths = (value * 10.0).round();
     // the quotient is the double nearest to the written decimal, so it equals the parsed value

@@ -16,24 +16,24 @@ pub(crate) static USUAL_OUTPUTS: &[UsualOutput] = &[
     UsualOutput {
         m: 3,
         name: "Spindle CW",
-        docs: "Turns the spindle clockwise at S r/min. Where no handler serves it, the runtime turns the spindle of the coordinate \
-               system (D35).",
+        docs: "Turns the spindle clockwise at S r/min. If no handler serves the M code, the runtime turns \
+               the spindle of the coordinate system (D35).",
     },
     UsualOutput {
         m: 4,
         name: "Spindle CCW",
-        docs: "Turns the spindle counter-clockwise at S r/min. Where no handler serves it, the runtime turns the spindle of the \
-               coordinate system (D35).",
+        docs: "Turns the spindle counter-clockwise at S r/min. If no handler serves the M code, the runtime \
+               turns the spindle of the coordinate system (D35).",
     },
     UsualOutput {
         m: 5,
         name: "Spindle OFF",
-        docs: "Stops the spindle. Where no handler serves it, the runtime stops the spindle of the coordinate system (D35).",
+        docs: "Stops the spindle. If no handler serves the M code, the runtime stops the spindle of the coordinate system (D35).",
     },
     UsualOutput {
         m: 19,
         name: "Spindle Orientation",
-        docs: "Stops the spindle at its orientation position. Where no handler serves it, the runtime does so with the spindle of \
-               the coordinate system (D35).",
+        docs: "Stops the spindle at its orientation position. If no handler serves the M code, the runtime \
+               orients the spindle of the coordinate system (D35).",
     },
 ];

@@ -1,4 +1,4 @@
-//! Whether a value is one that its word may have.
+//! Checks the value of a word against its description.
 
 use tandem_model::{Diagnostic, Span};
 use tandem_syntax::diagnostics;
@@ -13,7 +13,7 @@ pub(crate) fn judge_value(spec: &WordSpec, value: f64, span: Span, fault: &mut d
     }
 }
 
-/// Checks a value that may have to be a whole number, or is invalid.
+/// Checks a value that must be a whole number, or that is out of range.
 #[cold]
 fn judge_closely(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(Diagnostic)) {
     let name = spec.address.text();
@@ -21,7 +21,7 @@ fn judge_closely(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(
         fault(diagnostics::NUMBER_TOO_LARGE.at(
             span,
             format!("the value of {name} is {value}"),
-            "Look at the calculation that gives it.",
+            "Check the calculation of the value.",
         ));
     } else if !spec.holds(value) {
         fault(diagnostics::OUT_OF_RANGE.at(
@@ -32,7 +32,7 @@ fn judge_closely(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(
                 spec.meaning,
                 spec.range_text()
             ),
-            "Write a value within it.",
+            "Write a value within the range.",
         ));
     } else if spec.integer && value.fract().abs() > 0.0 {
         fault(diagnostics::INTEGER_NEEDED.at(
@@ -43,7 +43,7 @@ fn judge_closely(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(
     }
 }
 
-/// A number that anything may have computed: one of many digits by its power of ten.
+/// Returns a calculated number as text: a number of many digits with a power of ten.
 fn shown(value: f64) -> String {
     if value != 0.0 && !(1e-9..1e15).contains(&value.abs()) {
         format!("{value:e}")

@@ -46,7 +46,7 @@ fn select<const INDEX: usize>(execution: &mut Execution<'_>) {
     }
 }
 
-/// The offset of the table; `None` and an alarm where it is lost.
+/// Returns the offset of the table; `None`, with an alarm, if its value is lost.
 fn of_table(execution: &mut Execution<'_>, index: usize) -> Option<AxisVector> {
     let offset = execution.inputs.work_offsets.0[index];
     let lost = Axis::ALL.into_iter().find(|axis| is_lost(offset[*axis]));

@@ -37,14 +37,14 @@ fn start(unit: Unit) -> String {
 /// Settings of the machine that a program was written for.
 #[derive(Debug, Clone, Copy)]
 pub struct Settings {
-    /// Those of its dialect.
+    /// Options of its dialect.
     pub options: NcOptions,
     /// The unit at the start of a program.
     pub unit: Unit,
 }
 
 impl From<&NcOptions> for Settings {
-    /// These options, with programs that start in mm.
+    /// Creates settings from these options, for programs that start in mm.
     fn from(options: &NcOptions) -> Self {
         Self {
             options: *options,
@@ -62,12 +62,12 @@ pub struct Converted {
     pub left: Vec<Left>,
 }
 
-/// A line that could not be converted, or whose blocks the dialect nj refuses.
+/// A line that could not be converted, or with blocks that dialect nj rejects.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Left {
     /// Line of the source, from 1.
     pub line: u32,
-    /// Its blocks are in the text. The text does not load until they are corrected.
+    /// True if its blocks are in the text. The text does not load until they are corrected.
     pub is_written: bool,
     /// The converted text.
     pub text: String,
@@ -105,7 +105,7 @@ pub fn convert(source: &str, from: Source, settings: impl Into<Settings>) -> Con
     let mut state = State::new(from, options, unit);
     let mut lines = vec![(0, start(unit))];
     if from == Source::Fanuc && fanuc::is_subprogram(&program) {
-        // its modal state is that of the calling program
+        // a subprogram begins in the modal state of the calling program
         state.lose_modal_state();
         lines.clear();
     }
@@ -158,23 +158,23 @@ fn wrong_lines(source: &str, found: &[Diagnostic], from: Source) -> BTreeMap<u32
         )
     };
     let told = found.iter().filter(is_told).map(line);
-    // the first of a line counts
+    // the first error of a line is kept
     told.rev().collect()
 }
 
 struct Writer<'a> {
     grammar: &'static Grammar,
-    /// The text as it is read.
+    /// The text that is converted.
     source: &'a str,
-    /// Its lines as they are displayed.
+    /// Lines of the text, for display.
     shown: Vec<&'a str>,
     program: &'a NcProgram,
     wrong: BTreeMap<u32, String>,
     state: State,
-    /// Lines of nj, each with that of the source.
+    /// Lines of nj, each with the line number of the source.
     lines: Vec<(u32, String)>,
     left: Vec<Left>,
-    /// Blocks that have been written.
+    /// Index of the next block.
     at: usize,
 }
 
@@ -207,7 +207,7 @@ impl Writer<'_> {
         if let Some(rest) = line.iter().find(|token| token.kind == TokenKind::Rest)
             && !self.of(rest).trim().is_empty()
         {
-            self.leave(number, "what follows the program is not read");
+            self.leave(number, "the text after the program is not converted");
         }
         comments.extend(self.state.note.take());
         match written {
@@ -228,7 +228,7 @@ impl Writer<'_> {
         }
     }
 
-    /// A line with a program number, which becomes a comment. Whatever else is on it would be lost.
+    /// Converts a line with a program number to a comment. Other words of the line would be lost.
     fn program_number(&self, number: &Token, line: &[Token]) -> Result<Vec<String>, String> {
         let is_alone = line.iter().all(|token| {
             token == number || token.kind == TokenKind::Comment || self.of(token).trim().is_empty()
@@ -236,7 +236,7 @@ impl Writer<'_> {
         let text = self.of(number);
         let digits = text.get(1..).unwrap_or_default();
         if digits.is_empty() || !digits.bytes().all(|byte| byte.is_ascii_digit()) {
-            return Err("O is followed by no program number. Calls by a name and O-words of other controls have no equal here: write M98 with the number of a subprogram, or the blocks themselves.".to_owned());
+            return Err("O is not followed by a program number. Calls by name and O-words of other controls have no equivalent in nj: write M98 with the number of a subprogram, or the blocks themselves.".to_owned());
         }
         if !is_alone {
             return Err(format!(
@@ -252,12 +252,12 @@ impl Writer<'_> {
         if self.state.from == Source::Dgshape && offset != AxisVector::ZERO {
             self.leave(
                 1,
-                "the external offset of the configuration shifts all work coordinates, and dialect nj has none. Add it to the work offsets of the machine that runs the program.",
+                "the external offset of the configuration shifts all work coordinates, and dialect nj has no external offset. Add it to the work offsets of the machine that runs the program.",
             );
         }
     }
 
-    /// Keeps the lines of further programs as comments, and reports where they begin.
+    /// Keeps the lines of further programs as comments, and reports the line at which they begin.
     fn leave_others(&mut self, lines_before: usize, lines: usize) {
         let first = u32::try_from(lines_before).unwrap_or(u32::MAX).saturating_add(1);
         for line in (first..).take(lines) {
@@ -269,7 +269,7 @@ impl Writer<'_> {
         }
         self.leave(
             first,
-            "a second program begins here. Convert each program of this file alone, as a file of its own; its lines follow as comments.",
+            "a second program begins here. Convert each program as a separate file. The lines of the second program follow as comments.",
         );
     }
 
@@ -292,14 +292,14 @@ impl Writer<'_> {
         });
     }
 
-    /// The blocks of nj of the block on this line.
+    /// Returns the blocks of nj for the block on this line.
     fn block(&mut self, number: u32) -> Result<Vec<String>, String> {
         let blocks = self.program.blocks();
         while blocks.get(self.at).is_some_and(|block| block.line < number) {
             self.at += 1;
         }
         let block = blocks.get(self.at).filter(|block| block.line == number);
-        let block = block.ok_or("it cannot be read")?;
+        let block = block.ok_or("the line cannot be read")?;
         let before = self.state.clone();
         let written = self.state.block(self.program, block);
         if written.is_err() {
@@ -354,7 +354,7 @@ impl Writer<'_> {
     }
 }
 
-/// A block, or a comment, with the comments of its line.
+/// Joins a block, or a comment, with the comments of its line.
 fn with_comments(block: &str, comments: &[String]) -> String {
     let comments = comments.join(" ");
     let begin = if comments.is_empty() || block.starts_with("//") {
@@ -365,7 +365,7 @@ fn with_comments(block: &str, comments: &[String]) -> String {
     format!("{block} {begin}{comments}").trim().to_owned()
 }
 
-/// The text of a comment in parentheses, for one that ends with its line.
+/// Returns the text of a comment in parentheses, for one that ends with its line.
 fn comment(text: &str) -> String {
     let inside = text.strip_prefix('(').unwrap_or(text);
     inside.strip_suffix(')').unwrap_or(inside).trim().to_owned()

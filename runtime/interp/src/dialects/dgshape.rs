@@ -49,7 +49,7 @@ use crate::dialect::{
 };
 use crate::restrictions;
 
-/// The dialect of DGSHAPE's machines.
+/// Returns the dialect of DGSHAPE's machines.
 pub fn dgshape() -> &'static Dialect {
     &DGSHAPE
 }

@@ -137,14 +137,14 @@ impl Dialect {
         examples.find(|(codes, _)| codes.contains(&code.code))
     }
 
-    /// Name of the picture of that program, and whether it moves in Z.
+    /// Returns the name of the picture of that program, and whether it moves in Z.
     pub fn picture(&self, code: &Code) -> Option<(String, bool)> {
         let (codes, blocks) = self.example_of(code)?;
         let name = format!("{}-{}.svg", self.name, codes.first()?.to_lowercase());
         Some((name, blocks.contains('Z')))
     }
 
-    /// A program that shows a code, as a file has it.
+    /// Returns a program that shows a code, as a file has it.
     pub fn example(&self, code: &Code) -> Option<String> {
         let (_, blocks) = self.example_of(code)?;
         let end = if blocks.ends_with("M99") { "" } else { "M30\n" };
@@ -162,7 +162,7 @@ mod tests {
     use crate::{CheckContext, check_source};
 
     #[test]
-    fn every_code_has_an_example_without_findings_that_has_it_or_one_of_its_family() {
+    fn every_code_has_a_clean_example_with_it_or_a_code_of_its_family() {
         for dialect in [nj(), dgshape()] {
             for code in dialect.g_codes.codes.iter().chain(dialect.m_codes.codes) {
                 let text = dialect

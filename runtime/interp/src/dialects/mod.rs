@@ -15,7 +15,7 @@ pub use nj::nj;
 /// All dialects. Configuration and command line find them by name.
 static DIALECTS: &[&Dialect] = &[&nj::NJ, &dgshape::DGSHAPE];
 
-/// The names of all dialects.
+/// Returns the names of all dialects.
 pub fn names() -> impl Iterator<Item = &'static str> {
     DIALECTS.iter().map(|dialect| dialect.name)
 }

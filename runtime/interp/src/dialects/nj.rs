@@ -35,7 +35,7 @@ use crate::codes::{AXIS_WORDS, CodeTable};
 use crate::dialect::{Dialect, ModalWords, Policy};
 use crate::restrictions;
 
-/// The dialect of the NJ/NY-series controllers.
+/// Returns the dialect of the NJ/NY-series controllers.
 pub fn nj() -> &'static Dialect {
     &NJ
 }

@@ -10,13 +10,13 @@ use crate::numbers;
 /// Texts of a dialect that replace the default ones of codes and diagnostics.
 #[derive(Debug, Clone, Copy)]
 pub struct Texts {
-    /// Code, its name, and what it does; empty: as the code says it.
+    /// Code, its name, and its effect; an empty text means that of the code itself.
     pub codes: &'static [(&'static str, &'static str, &'static str)],
     /// Diagnostic, its rule, and an example.
     pub diagnostics: &'static [(&'static str, &'static str, &'static str)],
 }
 
-/// None.
+/// Texts of a dialect that has no own texts.
 pub static NO_TEXTS: Texts = Texts {
     codes: &[],
     diagnostics: &[],
@@ -28,29 +28,30 @@ pub static DGSHAPE: Texts = Texts {
         (
             "G00",
             "Positioning",
-            "Moves along a straight line to the target, as fast as the motors can together; F does not count. It is never \
-             blended with another motion. In force at start-up.",
+            "Moves along a straight line to the target, as fast as the motors can together; F has no effect. \
+             It is never blended with another motion. In force at start-up.",
         ),
         (
             "G01",
             "",
-            "Moves along a straight line at the feedrate F. Where A moves, F is the speed of the surface about A at the tool \
-             (D58).",
+            "Moves along a straight line at the feedrate F. If A moves, F is the speed of the surface about \
+             A at the tool (D58).",
         ),
         (
             "G02",
             "Clockwise circular interpolation",
-            "Moves clockwise on an arc of the selected plane, with the centre I, J, K from the start point in G90 and G91 \
-             alike, or the radius R: positive for up to a half circle, negative for more, 0 for a straight line. Back to the \
-             start point, or without a target in the plane, I, J, K give a full circle. X, Y or Z outside the plane moves \
-             linearly in the angle; A does not move. R wins over I, J, K.",
+            "Moves clockwise on an arc of the selected plane, with the centre I, J, K from the start point \
+             in G90 and G91 alike, or the radius R: positive for up to a half circle, negative for more, 0 \
+             for a straight line. If the target is the start point, or no target in the plane is given, I, \
+             J, K give a full circle. X, Y or Z outside the plane moves linearly in the angle; A does not \
+             move. With R, I, J and K have no effect.",
         ),
         ("G03", "Counterclockwise circular interpolation", ""),
         (
             "G17",
             "Select X-Y plane",
-            "Selects the XY plane for arcs, and for tool-diameter offset and fixed cycles, which have no other. In force at \
-             start-up.",
+            "Selects the XY plane for arcs, and for tool-diameter offset and fixed cycles, which are \
+             possible in this plane only. In force at start-up.",
         ),
         ("G18", "Select Z-X plane", "Selects the ZX plane for arcs."),
         ("G19", "Select Y-Z plane", "Selects the YZ plane for arcs."),
@@ -66,8 +67,8 @@ pub static DGSHAPE: Texts = Texts {
         (
             "G40",
             "Cancel tool-diameter offset",
-            "Switches tool-diameter offset off; the next G00 or G01 that moves in the XY plane leads out. Until then the \
-             program neither waits nor ends. In force at start-up.",
+            "Switches tool-diameter offset off; the next G00 or G01 that moves in the XY plane leads out. \
+             Until then, a block that waits or ends the program is an error. In force at start-up.",
         ),
         ("G41", "Tool-diameter offset, left", ""),
         ("G42", "Tool-diameter offset, right", ""),
@@ -78,29 +79,29 @@ pub static DGSHAPE: Texts = Texts {
         (
             "M02",
             "",
-            "Ends the program. Blocks after it are not executed; the next start begins at the head.",
+            "Ends the program. Blocks after it are not executed; the next start begins at line 1.",
         ),
         (
             "M30",
             "",
-            "Ends the program. Blocks after it are not executed; the next start begins at the head.",
+            "Ends the program. Blocks after it are not executed; the next start begins at line 1.",
         ),
         (
             "M",
             "",
-            "Makes an output at the start of its block, and owes it a reset. The program goes on without it, unless the \
-             configuration says `timing = \"after_motion\"`.",
+            "Makes an output at the start of its block, which needs a reset. The program continues without \
+             waiting for the reset, unless the configuration has `timing = \"after_motion\"`.",
         ),
     ],
     diagnostics: &[
         (
             "E0001",
-            "A program is at most 64 MiB of text. Nothing of it has been read.",
+            "A program is at most 64 MiB of text. The program was not read.",
             "Split the program, and run its parts one after the other.",
         ),
         (
             "E0004",
-            "A comment that begins with ( ends with the first ) behind it, on the same line.",
+            "A comment that begins with ( ends with the next ), on the same line.",
             "wrong: (roughing   right: (roughing)",
         ),
         (
@@ -110,7 +111,7 @@ pub static DGSHAPE: Texts = Texts {
         ),
         (
             "E0007",
-            "The addresses are those of the manual's list of words (2-7).",
+            "The dialect has the addresses of the manual's list of words (2-7).",
             "wrong: G01 W10.   right: G01 Z10.",
         ),
         (
@@ -120,22 +121,22 @@ pub static DGSHAPE: Texts = Texts {
         ),
         (
             "E0009",
-            "Block skip stands before everything else, the block number included.",
+            "Block skip comes first in its line, also before the block number.",
             "wrong: N10 / X10.   right: / N10 X10.",
         ),
         (
             "E0104",
-            "M codes are those of the manual's list (2-7), and those that have a table m_code in the configuration.",
+            "The dialect has the M codes of the manual's list (2-7), and those with a table m_code in the configuration.",
             "wrong: M08   right: M08, with [m_code.8] in the configuration",
         ),
         (
             "E0106",
-            "Of two codes of a modal group the last one counts; but codes that hold for their block alone exclude each other.",
+            "If a block has two codes of a modal group, the last one is used. Codes that are valid only in their block exclude each other.",
             "wrong: G28 G92 X0   right: G28 X0 and G92 X0 in blocks of their own",
         ),
         (
             "E0107",
-            "A block makes at most one output. The manual does not say which of two would come first.",
+            "A block makes at most one output. The manual does not define the order of two M codes.",
             "wrong: M12 M14   right: M12 and M14 in blocks of their own",
         ),
         (
@@ -145,12 +146,12 @@ pub static DGSHAPE: Texts = Texts {
         ),
         (
             "E0110",
-            "D, H, K, L, N, S and T have no decimal point, nor has P but as a factor.",
+            "D, H, K, L, N, S and T have no decimal point. P has one only as a factor.",
             "wrong: G41 D1.   right: G41 D1",
         ),
         (
             "E0111",
-            "Some codes do nothing without a word: M06 needs T.",
+            "Some codes need a certain word: M06 needs T.",
             "wrong: M06   right: M06 T1",
         ),
         (
@@ -165,30 +166,30 @@ pub static DGSHAPE: Texts = Texts {
         ),
         (
             "E0118",
-            "It cannot be told which of the codes the value is for.",
+            "The text does not show to which of the codes the value belongs.",
             "wrong: G51 G04 P500   right: G51 P2. and G04 P500 in blocks of their own",
         ),
         (
             "E0119",
-            "Tool-diameter offset begins and ends with G00 or G01 in the XY plane. In between, the plane, the side and the \
-             number stay; G10, G28, G50, G51, G53 to G59, G80 to G89 and G92 do not stand, and the program neither waits nor \
-             ends.",
+            "Tool-diameter offset begins and ends with G00 or G01 in the XY plane. In between, the plane, \
+             the side and the number stay. G10, G28, G50, G51, G53 to G59, G80 to G89 and G92 are not \
+             allowed there, nor blocks that wait or end the program.",
             "wrong: G41 D1 and then G54   right: G40 and a lead-out before G54",
         ),
         (
             "E0120",
-            "G53 needs G49 before it. Alone, G49 moves Z down by the offset.",
+            "G53 needs G49 before it. Without axis words, G49 moves Z down by the offset.",
             "wrong: G43 H1 and then G53 Z0   right: G43 H1, then G90 G49 Z50., and then G53 Z0",
         ),
         (
             "E0121",
-            "Fixed cycles drill along Z: in the XY plane, and while the spindle turns.",
+            "Fixed cycles drill along Z: the XY plane must be selected, and the spindle must turn.",
             "wrong: G81 X1. Z-5. R2. before M03   right: M03 before G81",
         ),
         (
             "E0122",
-            "G02 and G03 need the centre by I, J, K of the plane in force, or the radius R, which is half the way to the end \
-             or more (D26).",
+            "G02 and G03 need the centre by I, J, K of the plane in force, or the radius R. R is at least \
+             half the distance from start to end (D26).",
             "wrong: G02 X10. Y0   right: G02 X10. Y0 R5.",
         ),
         (
@@ -198,19 +199,20 @@ pub static DGSHAPE: Texts = Texts {
         ),
         (
             "W0006",
-            "Block skip skips the words of its own line. It has no effect where the line has none.",
+            "Block skip skips the words of its own line. Without words on the line, it has no effect.",
             "wrong: / on a line of its own   right: /X10.",
         ),
         (
             "W0009",
-            "What is in force where the program comes to this block depends on a block that may be skipped. On the way that \
-             the message names, the block is the error in parentheses, and an alarm stops the machine there.",
+            "The codes in force at this block depend on a block that may be skipped. On the path that the \
+             message names, the block has the error in parentheses, and an alarm stops the machine there.",
             "wrong: /G02 X1. R5. and then X3. R5.   right: G02 X3. R5.",
         ),
         (
             "W0018",
-            "A motion at the feedrate without F before it or in its block takes default_feedrate of the coordinate system. \
-             Where that is 0, as it is unless the configuration says otherwise, it is alarm 101; with --config that is E0126.",
+            "A motion at the feedrate without F before it or in its block takes default_feedrate of the \
+             coordinate system. If that is 0, which is its default, the motion is alarm 101; with --config, \
+             the check reports E0126.",
             "wrong: G01 X10.   right: G01 X10. F300.",
         ),
     ],
@@ -233,13 +235,13 @@ impl Dialect {
         own.filter(|docs| !docs.is_empty()).unwrap_or(code.docs)
     }
 
-    /// The words that a code takes, of those that the dialect has.
+    /// Returns the words that a code takes, without those that the dialect does not have.
     pub fn words_of(&self, code: &Code) -> impl Iterator<Item = &'static WordSpec> {
         let known = (self.grammar)().addresses;
         code.words.iter().filter(move |word| known.contains(word.address))
     }
 
-    /// The range of a word's numbers, with its unit, as they are written.
+    /// Returns the range of a word's numbers, with its unit, as programs write them.
     pub fn range_text(&self, word: &WordSpec) -> String {
         match self.policy.numbers {
             Numbers::AsWritten => word.range_text(),
@@ -247,7 +249,7 @@ impl Dialect {
         }
     }
 
-    /// The rule and the example of a diagnostic.
+    /// Returns the rule and the example of a diagnostic.
     pub fn explained(&self, entry: &DiagnosticEntry) -> (&'static str, &'static str) {
         let mut own = self.texts.diagnostics.iter();
         let own = own.find(|(code, ..)| *code == entry.code);

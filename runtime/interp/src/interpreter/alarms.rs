@@ -7,14 +7,17 @@ use tandem_model::alarm::{
 use tandem_model::{Alarm, Diagnostic};
 use tandem_syntax::{Variable, diagnostics};
 
-/// The alarm of a block that reads a variable whose value is lost.
+/// Returns the alarm of a block that reads a variable with a lost value.
 pub(super) fn value_lost(variable: Variable) -> Alarm {
     let Variable { kind, index } = variable;
-    let text = format!("{}{index} is damaged; nothing has moved for it", kind.prefix());
+    let text = format!(
+        "{}{index} is damaged; the block that reads it has not moved",
+        kind.prefix()
+    );
     Alarm::new(&VALUE_LOST, text)
 }
 
-/// The alarm for what would have been an error at check time.
+/// Returns the alarm for a fault that a check would report as an error.
 #[cold]
 pub(super) fn alarm_of(fault: &Diagnostic) -> Alarm {
     let alarms = [

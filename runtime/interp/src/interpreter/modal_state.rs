@@ -1,4 +1,4 @@
-//! The modal state between two programs: kept, restored, and compared with that at start-up.
+//! The modal state between two programs: stored, restored, and compared with the start-up state.
 
 use std::sync::Arc;
 
@@ -32,8 +32,8 @@ impl Interpreter {
         self.opens = state.opens;
     }
 
-    /// Makes the program that begins read its numbers as at start-up: in the unit of the settings, and as positions.
-    /// All other codes stay active.
+    /// Selects the start-up meaning of numbers for the program that begins: the unit of the settings, and
+    /// positions. All other codes stay active.
     pub fn read_as_at_start_up(&mut self) {
         for group in [ModalGroup::Unit, ModalGroup::Distance] {
             if let Some(code) = self.start_up.code(group) {

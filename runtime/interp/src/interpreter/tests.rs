@@ -31,7 +31,7 @@ fn d11_a_computed_value_out_of_range_is_an_alarm() {
 }
 
 #[test]
-fn d11_the_alarm_of_a_value_out_of_range_names_value_and_range_in_few_digits() {
+fn d11_out_of_range_alarm_names_value_and_range_in_few_digits() {
     for (value, text) in [(-1e6 - 0.5, "X-1000000.5 ("), (1e300, "X1e300 (")] {
         let alarm = alarm(&AXIS_WORDS[0], value).expect("beyond 1e6");
         assert!(alarm.text.starts_with(text), "{}", alarm.text);

@@ -1,4 +1,4 @@
-//! Whether the words of an arc make one (D26), as far as the text shows.
+//! Checks whether the words of an arc define an arc (D26), as far as the text shows.
 
 use tandem_syntax::Address;
 use tandem_syntax::diagnostics::ARC_SHAPE;
@@ -41,7 +41,10 @@ pub(super) fn find(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
     (short || chord <= 0.0).then(|| Refusal {
         entry: &ARC_SHAPE,
         address: Address::R,
-        message: format!("no arc of radius {} reaches over {chord}", radius.abs()),
-        help: "Write a radius of half the way or more; a full circle needs a centre.".to_owned(),
+        message: format!(
+            "an arc of radius {} cannot join two points at a distance of {chord}",
+            radius.abs()
+        ),
+        help: "Write a radius of at least half the distance; a full circle needs a centre.".to_owned(),
     })
 }

@@ -22,13 +22,13 @@ const fn alone(role: Role) -> Restriction {
 }
 
 const LEAD_OUT: &str = "Write {no compensation} and a lead-out before it.";
-const DURING: &str = "{code} stands during tool-diameter offset";
+const DURING: &str = "{code} is not allowed during tool-diameter offset";
 const ONLY_XY: &str = "the plane is not XY";
 const SELECT_XY: &str = "Select the XY plane before it.";
 const STRAIGHT: &str = "tool-diameter offset begins or ends with an arc";
 const BY_LINES: &str = "Write G00 or {linear} in the block.";
 
-/// Only the first that a block breaks is reported.
+/// Only the first restriction that a block violates is reported.
 pub static DGSHAPE: [Restriction; 20] = [
     alone(Role::Stop),
     alone(Role::End),
@@ -106,21 +106,21 @@ pub static DGSHAPE: [Restriction; 20] = [
         &COMPENSATION_RULE,
         During::NoCompensation,
         What::Has(Role::Corner),
-        "{code} stands without tool-diameter offset",
-        "Write {compensation} before it, or remove it.",
+        "{code} is not allowed without tool-diameter offset",
+        "Write {compensation} before it, or remove the code.",
     ),
     Restriction::new(
         &TOOL_OFFSET_RULE,
         During::ToolOffset,
         What::Has(Role::ToMachine),
-        "{code} stands with a tool-length offset",
-        "Write {no tool offset} before it, with G90 and a free Z: alone it moves Z down by the offset.",
+        "{code} is not allowed with a tool-length offset",
+        "Write {no tool offset} before it, with G90 and a free Z. Without axis words, that moves Z down by the offset.",
     ),
     Restriction::new(
         &MACHINE_POSITION_RULE,
         During::Incremental,
         What::Has(Role::ToMachine),
-        "{code} stands in incremental programming",
+        "{code} is not allowed in incremental programming",
         "Write G90 in its block or before it.",
     ),
     Restriction::new(

@@ -15,11 +15,11 @@ const fn in_compensation(
 }
 
 const LEAD_OUT: &str = "Write {no compensation} and a lead-out first.";
-const CUTTING: &str = "only {cutting} move during cutter compensation";
+const CUTTING: &str = "during cutter compensation, only {cutting} are allowed as motions";
 const WAITS: &str = "the program waits during cutter compensation";
-const WAIT_ELSEWHERE: &str = "Write it before {compensation}, or behind the lead-out.";
+const WAIT_ELSEWHERE: &str = "Write it before {compensation}, or after the lead-out.";
 
-/// Only the first that a block breaks is reported.
+/// Only the first restriction that a block violates is reported.
 pub static USUAL: [Restriction; 13] = [
     Restriction::new(
         &FIXED_CYCLE_RULE,
@@ -32,7 +32,7 @@ pub static USUAL: [Restriction; 13] = [
         &FIXED_CYCLE_RULE,
         During::Cycle,
         What::ForeignToCycles,
-        "{code} stands in a fixed cycle",
+        "{code} is not allowed in a fixed cycle",
         "Write {no cycle} before it.",
     ),
     in_compensation(
@@ -87,14 +87,14 @@ pub static USUAL: [Restriction; 13] = [
     in_compensation(
         During::AnyCompensation,
         What::Has(Role::ToMachine),
-        "{code} stands during cutter compensation",
+        "{code} is not allowed during cutter compensation",
         "Write {no compensation} and a lead-out before it.",
     ),
     Restriction::new(
         &TOOL_OFFSET_RULE,
         During::ToolOffset,
         What::Has(Role::ToMachine),
-        "{code} stands with a tool offset",
-        "Write {no tool offset} before it, with G90 and a motion to a free Z: under G91 Z comes down by the offset.",
+        "{code} is not allowed with a tool offset",
+        "Write {no tool offset} before it, with G90 and a motion to a free Z. Under G91, Z comes down by the offset.",
     ),
 ];

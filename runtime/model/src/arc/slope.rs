@@ -11,7 +11,7 @@ use crate::bisect;
 const HALVINGS: u32 = 40;
 
 impl ArcPath {
-    /// Largest change of an axis per mm of the path, but for rounding.
+    /// Returns the largest change of an axis per mm of the path, but for rounding.
     pub fn steepest(&self, axis: Axis) -> f64 {
         // The first axis is steepest where the direction of travel is level, the second where it is a quarter turn off.
         let offset = match self.plane.axes() {
@@ -32,7 +32,7 @@ impl ArcPath {
             .map_or(ends, |share| ends.max(self.slope(share, offset)))
     }
 
-    /// Change per mm of an axis of the plane, without sign, at a share of the angle.
+    /// Returns the change per mm of an axis of the plane, without sign, at a share of the angle.
     fn slope(&self, share: f64, offset: f64) -> f64 {
         let in_plane = self
             .growth
@@ -40,7 +40,8 @@ impl ArcPath {
         (self.travel_angle(share) - offset).cos().abs() * in_plane / in_plane.hypot(self.height)
     }
 
-    /// The share of the angle where the slope of an axis of the plane is highest, if that is not at an end.
+    /// Returns the share of the angle where the slope of an axis of the plane is highest, if that is not at
+    /// an end.
     ///
     /// With the direction of travel f from the axis, `y = A r` and `p^2 = g^2 + y^2` the slope is `|cos f| p/sqrt(p^2 +
     /// h^2)`, g the growth of the radius, h the height, A the sweep. Its logarithm has the derivative by the share

@@ -1,11 +1,11 @@
-//! How far the motion may continue on the known profiles: from any point it must be able to come to rest on its path by
-//! the override factor alone and within the limits of the motors.
+//! The distance that the motion may continue on the known profiles: from any point it must be able to stop on
+//! its path by the override factor alone and within the limits of the motors.
 
 use std::collections::VecDeque;
 
 use tandem_model::profile::SlewRoom;
 
-/// Servo periods that the servo may be late with slowing.
+/// Number of servo periods by which the servo may start to slow down late.
 const LATE_PERIODS: f64 = 3.0;
 
 /// The planned motion that is not yet free to be passed.
@@ -14,7 +14,7 @@ pub(super) struct Braking {
     parts: VecDeque<Part>,
     /// The last segment through which the motion may continue.
     pub(super) free_to: u64,
-    /// Segments fall.
+    /// True if segment numbers fall.
     is_backward: bool,
 }
 
@@ -36,14 +36,14 @@ struct Part {
 }
 
 impl Braking {
-    /// A chain begins with this segment: everything before it ends at rest.
+    /// Begins a chain with this segment; the motion before it ends at rest.
     pub(super) fn begin(&mut self, segment: u64, is_backward: bool) {
         self.parts.clear();
         self.is_backward = is_backward;
         self.free_to = self.before(segment);
     }
 
-    /// The segment that is passed before this one.
+    /// Returns the segment that is passed before this one.
     fn before(&self, segment: u64) -> u64 {
         if self.is_backward {
             segment.saturating_add(1)
@@ -52,7 +52,7 @@ impl Braking {
         }
     }
 
-    /// The chain ends at rest with this segment.
+    /// Ends the chain at rest with this segment.
     pub(super) fn end(&mut self, segment: u64) {
         self.parts.clear();
         self.free_to = segment;

@@ -54,7 +54,8 @@ impl Side {
     }
 }
 
-/// The largest square of the rate on the ramp from rest at the begin of a block; infinite without a limit.
+/// Returns the largest square of the rate on the ramp from rest at the start of a block; infinite without a
+/// limit.
 pub(super) fn from_rest(way: &Way<'_>, motors: &Motors) -> f64 {
     if !motors.has_jerk || !way.begins_at_rest() {
         return f64::INFINITY;
@@ -64,7 +65,7 @@ pub(super) fn from_rest(way: &Way<'_>, motors: &Motors) -> f64 {
     largest_square(way.block.start, [Side::default(), own], motors)
 }
 
-/// The same on the ramp at the end of a block.
+/// Returns the same on the ramp at the end of a block.
 pub(super) fn at_end(way: &Way<'_>, motors: &Motors) -> f64 {
     if !motors.has_jerk {
         return f64::INFINITY;

@@ -23,17 +23,17 @@ pub(super) struct Course {
     pub(super) motion: Motion,
     /// Plan time, or distance at its initial speed, s.
     pub(super) length_s: f64,
-    /// None by plan time.
+    /// No growth if measured by plan time.
     pub(super) growth: SpeedGrowth,
-    /// Square of the speed at its end over that at its begin: the square of the rate by distance over that by plan time at
-    /// its end.
+    /// Square of the speed at the end over the square of the speed at the start. At the end, it is also the square of
+    /// the rate by distance over the square of the rate by plan time.
     pub(super) scale: f64,
     /// Share by which the square of the rate by plan time may exceed both ends between them.
     pub(super) excess: f64,
 }
 
 impl Course {
-    /// Of this length in plan time, s.
+    /// Creates a course of this length in plan time, s.
     pub(super) fn by_plan_time(motion: &Motion, length_s: f64) -> Self {
         Self {
             motion: *motion,
@@ -56,14 +56,14 @@ struct Place {
 }
 
 impl Way<'_> {
-    /// A piece within one phase by plan time.
+    /// Returns a piece within one phase by plan time.
     pub(super) fn by_plan_time(&self, from_s: f64, to_s: f64) -> Course {
         let within_s = f64::midpoint(from_s, to_s);
         let (from, to) = (self.end(from_s, within_s), self.end(to_s, within_s));
         Course::by_plan_time(&self.between(&from, &to), to_s - from_s)
     }
 
-    /// A piece within one phase by distance; `None` outside of ramps between different speeds.
+    /// Returns a piece within one phase by distance; `None` outside of ramps between different speeds.
     pub(super) fn by_distance(&self, from_s: f64, to_s: f64) -> Option<Course> {
         let speeds = self.uneven?;
         let stop_begins_s = self.stop_begins_s();
@@ -178,7 +178,7 @@ impl Ramp {
         }
     }
 
-    /// U over that at the begin.
+    /// Returns U divided by U at the start.
     fn speed(&self, place: &Place) -> f64 {
         self.own + self.change * place.share
     }
@@ -210,7 +210,8 @@ impl Ramp {
         ]
     }
 
-    /// Bounds between two places of a phase, and of the fourth derivative. S and U are monotone there.
+    /// Returns the bounds between two places of a phase, and of the fourth derivative. S and U are monotone
+    /// there.
     fn most(&self, places: &[Place; 2]) -> (Most, f64) {
         let [begin, end] = places;
         let r = self.speed(begin).min(self.speed(end));

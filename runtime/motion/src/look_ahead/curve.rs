@@ -16,8 +16,8 @@ const SHARE: f64 = 0.75;
 /// The largest ratio of the radii of a spiral whose curvature counts everywhere as that at its narrowest.
 const SPIRAL_MAX: f64 = 1.5;
 
-/// How the rate may change on an arc, and its largest square; `None` unless a motor that it moves has a maximum jerk, and
-/// for a spiral that opens wide.
+/// Returns the limits of the rate on an arc, and its largest square; `None` unless a motor that it moves has
+/// a maximum jerk, and for a spiral that opens wide.
 pub(super) fn straightened(way: &Way<'_>, arc: &ArcPath, bounds: Bounds<'_>) -> Option<(Straight, f64)> {
     let motors = bounds.motors;
     if !motors.has_jerk || opens_wide(arc) {
@@ -59,7 +59,7 @@ pub(super) fn straightened(way: &Way<'_>, arc: &ArcPath, bounds: Bounds<'_>) -> 
     Some((Straight { change, jerk }, square))
 }
 
-/// True for a spiral whose curvature at its narrowest is far above the rest of it.
+/// Returns true for a spiral whose curvature at its narrowest is far above the rest of it.
 pub(super) fn opens_wide(arc: &ArcPath) -> bool {
     let [start, end] = arc.radii();
     start.max(end) > SPIRAL_MAX * start.min(end)

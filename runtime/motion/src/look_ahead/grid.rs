@@ -111,7 +111,7 @@ pub(super) fn cut_finer(way: &Way<'_>, bounds: Bounds<'_>, piece: &Piece, pieces
     Cutter::new(way, bounds, [piece.from_s, piece.to_s], pieces).whole(1.0, true);
 }
 
-/// How the rate may change on a line, and its largest square.
+/// Returns the limits of the rate on a line, and its largest square.
 fn on_line(way: &Way<'_>, bounds: Bounds<'_>) -> (Straight, f64) {
     let most = |inverse: &[f64; AXES_MAX]| {
         Axis::ALL.into_iter().fold(0.0, |most: f64, axis| {
@@ -157,7 +157,7 @@ impl<'a> Cutter<'a> {
         }
     }
 
-    /// An end of a piece.
+    /// Returns an end of a piece.
     fn end(&self, t_s: f64) -> End {
         self.way.end(t_s, f64::midpoint(self.from_s, self.to_s))
     }
@@ -215,7 +215,7 @@ impl<'a> Cutter<'a> {
         });
     }
 
-    /// How many parts a piece must be cut into, and their depth.
+    /// Returns the number of parts into which a piece must be cut, and their depth.
     fn parts(&self, course: &Course, depth: u32, finer: bool) -> Option<(f64, u32)> {
         if !finer && !self.way.bends() {
             return None;

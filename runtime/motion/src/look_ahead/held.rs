@@ -10,7 +10,7 @@ use crate::block::RampedBlock;
 pub(super) struct Held {
     pub(super) block: RampedBlock,
     pub(super) passage: Passage,
-    /// It is the last block of its chain.
+    /// True for the last block of its chain.
     pub(super) is_last: bool,
     pub(super) feed_override: f64,
     pub(super) pieces: usize,
@@ -19,7 +19,7 @@ pub(super) struct Held {
 }
 
 impl Held {
-    /// The limits of its pieces.
+    /// Returns the limits of its pieces.
     pub(super) fn limits<'a>(&'a self, motors: &'a Motors, planes: &'a mut Vec<HalfPlane>) -> Limits<'a> {
         Limits {
             way: Way::new(&self.block.ramped, self.passage),

@@ -36,7 +36,7 @@ pub(super) struct HalfPlane {
 }
 
 impl HalfPlane {
-    /// Rounding of its sum above 1.
+    /// Returns the rounding error of its sum above 1.
     fn slack(self) -> f64 {
         (self.left.abs().max(self.right.abs()) * SLACK_OF_FACTORS).clamp(SLACK, SLACK_MAX)
     }
@@ -75,7 +75,7 @@ pub(super) struct Motors {
     pub(super) inverse: [f64; AXES_MAX],
     /// 1 over the maximum jerk of each motor, 0 without one.
     pub(super) inverse_jerks: [f64; AXES_MAX],
-    /// A motor has a maximum jerk.
+    /// True if a motor has a maximum jerk.
     pub(super) has_jerk: bool,
     /// Maximum velocity of each motor, 0 without one.
     velocities: [f64; AXES_MAX],
@@ -84,7 +84,7 @@ pub(super) struct Motors {
 }
 
 impl Motors {
-    /// Without the reserve for feed hold.
+    /// Creates the limits, without the reserve for feed hold.
     pub(super) fn new(settings: &CoordinateSystemSettings) -> Self {
         let of_each = |value: fn(&MotorSettings) -> f64| {
             settings
@@ -113,7 +113,8 @@ pub(super) struct Bounds<'a> {
 }
 
 impl Bounds<'_> {
-    /// The largest square of the rate for axes at most this fast at a rate of 1, where the maximum velocities hold.
+    /// Returns the largest square of the rate for axes at most this fast at a rate of 1, where the maximum
+    /// velocities hold.
     pub(super) fn cap_at(self, fastest: impl Fn(Axis) -> f64) -> f64 {
         if self.cap <= 1.0 {
             return self.cap;
@@ -129,7 +130,7 @@ impl Bounds<'_> {
     }
 }
 
-/// The limits that can bind with squares of the rate from 0 to the cap.
+/// Sets `planes` to the limits that can bind with squares of the rate from 0 to the cap.
 pub(super) fn half_planes(course: &Course, bounds: Bounds<'_>, planes: &mut Vec<HalfPlane>) {
     let Bounds { motors, cap } = bounds;
     planes.clear();
@@ -194,9 +195,9 @@ impl Spread {
         spread
     }
 
-    /// How much the rates differ that keep the velocity at both ends: the change of the velocity as a share of the slower
-    /// one, times the acceleration. With a square x of the rate linear over the piece, about x times that remains as
-    /// acceleration where the velocity would be constant.
+    /// Returns the difference of the rates that keep the velocity at both ends: the change of the velocity as
+    /// a share of the slower one, times the acceleration. With a square x of the rate linear over the piece,
+    /// about x times that remains as acceleration where the velocity would be constant.
     pub(super) fn sway(&self) -> f64 {
         if self.slower_s > 0.0 {
             self.swing + self.change_s / self.slower_s * self.used
@@ -206,8 +207,8 @@ impl Spread {
     }
 }
 
-/// The largest x0 up to `cap` for which some x1 up to `end` is within the limits, and that x1: a linear program in two
-/// variables, solved one half plane after the other. (0, 0) is always within.
+/// Returns the largest x0 up to `cap` for which some x1 up to `end` is within the limits, and that x1: a
+/// linear program in two variables, solved one half plane after the other. (0, 0) is always within.
 pub(super) fn fastest_start(planes: &[HalfPlane], cap: f64, end: f64) -> [f64; 2] {
     let (mut x, mut y) = (cap, end);
     for (i, plane) in planes.iter().enumerate() {
@@ -265,7 +266,7 @@ fn on_border(border: HalfPlane, within: &[HalfPlane], cap: f64, end: f64) -> Opt
     }
 }
 
-/// The largest x at both ends.
+/// Returns the largest x at both ends.
 fn at_one_rate(planes: &[HalfPlane], most: f64) -> f64 {
     planes.iter().fold(most, |most, plane| {
         let sum = plane.left + plane.right;
@@ -273,7 +274,7 @@ fn at_one_rate(planes: &[HalfPlane], most: f64) -> f64 {
     })
 }
 
-/// The largest x1 up to `end` within the limits, from a start that [`fastest_start`] allows.
+/// Returns the largest x1 up to `end` within the limits, from a start that [`fastest_start`] allows.
 pub(super) fn fastest_end(planes: &[HalfPlane], start: f64, end: f64) -> f64 {
     let most = planes.iter().fold(end, |most, plane| {
         if plane.right > 0.0 {
@@ -285,7 +286,7 @@ pub(super) fn fastest_end(planes: &[HalfPlane], start: f64, end: f64) -> f64 {
     most.max(0.0)
 }
 
-/// The room that the motors leave to overrides and feed hold while the piece is passed from x0 to x1.
+/// Returns the room that the motors leave to overrides and feed hold while the piece is passed from x0 to x1.
 pub(super) fn room(course: &Course, inverse: &[f64; AXES_MAX], [start, end]: [f64; 2]) -> SlewRoom {
     let (motion, h_s) = (&course.motion, course.length_s);
     let end = end * course.scale;
@@ -353,7 +354,7 @@ mod tests {
                     right: rounded(2.0 * sign * factor),
                 })
                 .into();
-            // 0.3 at the end leads to 0.6 at the begin, and 1/M more.
+            // 0.3 at the end leads to 0.6 at the start, and 1/M more.
             let [start, end] = fastest_start(&planes, 1.0, 0.3);
             assert!((start - 0.6 - 1.0 / factor).abs() < 1e-9, "{factor}: {start}");
             assert!((end - 0.3).abs() < 1e-9, "{factor}: {end}");

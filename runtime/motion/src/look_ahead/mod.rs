@@ -3,13 +3,13 @@
 //!
 //! The motion is `q(t) = q501(tau(t))` with a rate `tau' <= o`, whose square x is linear in tau on each piece; o is the
 //! feed override, at least 1 (below 100 percent the servo scales the time of the plan). A backward pass starts at the
-//! end of the known blocks and gives the begin of each piece the largest x from which the machine can still stop at
+//! end of the known blocks and gives the start of each piece the largest x from which the machine can still stop at
 //! that end; a second one leaves the end open. Where the two agree, no later block can change the preceding plan: up to
 //! there the plan is final, and a forward pass gives the largest rate. A backward pass starts only when as many blocks
 //! have been added as are not final, so the cost of a block does not depend on how far look-ahead reaches.
 //!
 //! A piece on which the velocity would change at a constant rate, or at whose end the rate could be higher than at its
-//! begin, is halved while that gains time. On a ramp between blocks of different speeds the rate is measured by the
+//! start, is halved while that gains time. On a ramp between blocks of different speeds the rate is measured by the
 //! distance along both instead of by plan time ([`course`]) where that is faster. The backward pass does not know how
 //! fast the motion can arrive, and may cut a corner into thousands of pieces for a rate that never occurs; the forward
 //! pass joins pieces where a single step is as fast.
@@ -84,17 +84,18 @@ const MET: f64 = 1e-3;
 #[derive(Debug, Clone)]
 pub(crate) struct LookAhead {
     motors: Motors,
-    /// For further blocks; 1 or more.
+    /// Feed override for further blocks; 1 or more.
     feed_override: f64,
     blocks: VecDeque<Held>,
     pieces: VecDeque<Piece>,
     /// Plan times of the chain's last blocks, s.
     in_a_row: VecDeque<f64>,
-    /// Blocks that an earlier backward pass has seen.
+    /// Number of blocks that an earlier backward pass has seen.
     seen: usize,
-    /// Square of the rate where the first block begins. `None` allows its limit, since the path is at rest there.
+    /// Square of the rate at the start of the first block. `None` allows its limit, since the path is at rest
+    /// there.
     square: Option<f64>,
-    /// The rate is constant where the first block begins.
+    /// True if the rate is constant at the start of the first block.
     is_even: bool,
     braking: Braking,
     planes: Vec<HalfPlane>,
@@ -108,7 +109,7 @@ impl LookAhead {
         Self::empty(Motors::new(settings), 1.0)
     }
 
-    /// Without blocks, with the same limits.
+    /// Returns a look-ahead without blocks, with the same limits.
     pub(crate) fn emptied(&self) -> Self {
         Self::empty(self.motors, self.feed_override)
     }
@@ -140,17 +141,18 @@ impl LookAhead {
         self.is_even = false;
     }
 
-    /// Plans further blocks for this override; below 1 the servo scales the time of the plan.
+    /// Plans further blocks for this override; below 1, the servo scales the time of the plan.
     pub(crate) fn set_feed_override(&mut self, factor: f64) {
         self.feed_override = factor.clamp(1.0, FEED_OVERRIDE_MAX);
     }
 
-    /// The blocks that are not final.
+    /// Returns the blocks that are not final.
     pub(crate) fn blocks(&self) -> impl Iterator<Item = &RampedBlock> {
         self.blocks.iter().map(|held| &held.block)
     }
 
-    /// The chain begins with the next block, of this segment, at rest where the path as planned is moving.
+    /// Begins the chain with the next block, of this segment, at rest at a point where the planned path
+    /// moves.
     pub(crate) fn begin_at_rest(&mut self, segment: u64, is_backward: bool) {
         self.square = Some(SQUARE_MIN);
         self.is_even = false;
@@ -204,7 +206,7 @@ impl LookAhead {
         }
     }
 
-    /// Largest square of the rate in the next block of the chain, of this plan time.
+    /// Returns the largest square of the rate in the next block of the chain, of this plan time.
     fn cap(&mut self, plan_s: f64) -> f64 {
         if self.in_a_row.len() == IN_A_ROW {
             self.in_a_row.pop_front();
@@ -220,7 +222,7 @@ impl LookAhead {
         (whole_s / least_s).min(most).powi(2)
     }
 
-    /// True if no further blocks are held back.
+    /// Returns true if no further blocks are held back.
     fn is_full(&self) -> bool {
         self.blocks.len() >= BLOCKS_MAX || self.pieces.len() >= HELD_PIECES_MAX
     }
@@ -242,7 +244,7 @@ impl LookAhead {
         }
         record.extend(self.blocks.drain(..finals).map(|held| Entry::Paced(held.block)));
         self.seen = self.blocks.len();
-        // With the last profile all of them are known.
+        // With the last profile, all profiles are known.
         if let Some(last) = out.range_mut(first..).next_back()
             && let Law::Paced { pace, .. } = &mut last.law
         {

@@ -17,23 +17,23 @@ pub(super) struct Piece {
     pub(super) least_s: f64,
     /// Largest square of the rate in it.
     pub(super) cap: f64,
-    /// Largest square of the rate at its begin from which the motion can come to rest; NaN before it is known.
+    /// Largest square of the rate at its start from which the motion can come to rest; NaN before it is known.
     pub(super) limit: f64,
 }
 
-/// How the rate may change on a piece.
+/// Limits of the rate on a piece.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Shape {
-    /// At one speed: by the same anywhere in it.
+    /// At one speed: the limits are the same anywhere in the piece.
     Straight(Straight),
     /// No motor exceeds its limit at the largest rate; it is cut finer where the rate changes.
     Whole {
-        /// Left by the motors at the largest rate.
+        /// Room that the motors leave at the largest rate.
         room: SlewRoom,
     },
-    /// By the half planes of its motors.
+    /// Limited by the half planes of its motors.
     Bent {
-        /// Left by the motors at the largest rate, when none exceeds its limit at that.
+        /// Room that the motors leave at the largest rate, if none exceeds its limit at that rate.
         planned: Option<SlewRoom>,
     },
 }
@@ -43,18 +43,18 @@ impl Piece {
         self.to_s - self.from_s
     }
 
-    /// True when both were cut from the same piece.
+    /// Returns true if both were cut from the same piece.
     pub(super) fn is_cut_with(&self, other: &Piece) -> bool {
         let is_bent = |piece: &Piece| matches!(piece.shape, Shape::Bent { .. });
         is_bent(self) && is_bent(other) && self.whole_to_s.to_bits() == other.whole_to_s.to_bits()
     }
 
-    /// True when its rate is its largest one from begin to end, `limit` being that of the next piece.
+    /// Returns true if the rate is the largest from begin to end; `limit` is the limit of the next piece.
     pub(super) fn is_even(&self, limit: f64) -> bool {
         self.room_at_cap().is_some() && self.limit >= self.cap && limit >= self.cap
     }
 
-    /// Left by the motors at its largest rate, when none exceeds its limit at that.
+    /// Returns the room that the motors leave at the largest rate, if none exceeds its limit at that rate.
     pub(super) fn room_at_cap(&self) -> Option<SlewRoom> {
         match self.shape {
             Shape::Straight(straight) => Some(straight.room(self.cap, [0.0; 2])),
@@ -63,7 +63,7 @@ impl Piece {
         }
     }
 
-    /// A phase at one speed, which is not halved.
+    /// Returns a phase at one speed, which is not halved.
     pub(super) fn straight(straight: Straight, cap: f64, phase: Phase) -> Self {
         Self {
             from_s: phase.from_s,
@@ -86,7 +86,7 @@ impl Piece {
         })
     }
 
-    /// Both halves; `None` when it may not be cut.
+    /// Returns both halves; `None` if the piece must not be cut.
     pub(super) fn halves(&self) -> Option<[Piece; 2]> {
         if self.length_s() < 2.0 * self.least_s {
             return None;

@@ -66,12 +66,12 @@ impl Limits<'_> {
         };
     }
 
-    /// The largest square of the rate at the begin of a piece, `end` being the largest one after it.
+    /// Returns the largest square of the rate at the start of a piece, `end` being the largest one after it.
     pub(super) fn start(&mut self, piece: &Piece, end: f64) -> f64 {
         self.start_and_end(piece, end)[0]
     }
 
-    /// That, and the square of the rate at the end that it leads to.
+    /// Returns that square, and the square of the rate at the end to which it leads.
     fn start_and_end(&mut self, piece: &Piece, end: f64) -> [f64; 2] {
         let end = end.min(piece.cap);
         match piece.shape {
@@ -86,8 +86,8 @@ impl Limits<'_> {
         }
     }
 
-    /// A bent piece by plan time or by distance, whichever gives the larger value: both respect the limits. Leaves its half
-    /// planes in `planes`.
+    /// Returns a bent piece by plan time or by distance, whichever gives the larger value: both respect the
+    /// limits. Leaves its half planes in `planes`.
     fn better(&mut self, piece: &Piece, value: impl Fn(&Self) -> f64) -> Course {
         let by_plan_time = self.way.by_plan_time(piece.from_s, piece.to_s);
         self.take(&by_plan_time, piece);
@@ -103,13 +103,14 @@ impl Limits<'_> {
         by_plan_time
     }
 
-    /// The largest square of the rate at the begin of the piece in `planes`, and the one at its end that it leads to.
+    /// Returns the largest square of the rate at the start of the piece in `planes`, and the one at its end
+    /// that it leads to.
     fn bent_start(&self, end: f64) -> [f64; 2] {
         let cap = self.bent.cap;
         limits::fastest_start(self.planes, cap, end.min(cap)).map(|square| square.max(0.0))
     }
 
-    /// The largest square of the rate at the end of the piece in `planes`.
+    /// Returns the largest square of the rate at the end of the piece in `planes`.
     fn bent_end(&self, before: f64, limit: f64) -> f64 {
         limits::fastest_end(self.planes, before, limit.min(self.bent.cap)).max(SQUARE_MIN)
     }
@@ -137,7 +138,7 @@ impl Limits<'_> {
         limit
     }
 
-    /// A piece whose rate changes, in finer ones.
+    /// Returns a piece whose rate changes, in finer ones.
     fn renew_finer(&mut self, piece: &Piece, end: f64, renewed: &mut Vec<Piece>) -> f64 {
         let mut finer = VecDeque::new();
         grid::cut_finer(&self.way, self.bounds, piece, &mut finer);
@@ -187,7 +188,7 @@ impl Limits<'_> {
         at
     }
 
-    /// True when halves are faster than a step over both of them; the limits are those after each half.
+    /// Returns true if halves are faster than a step over both of them; the limits are those after each half.
     fn gains(&mut self, whole: &Step, [first, second]: [&Piece; 2], most: f64, limit: f64) -> bool {
         let one = self.fastest(first, whole.start, most);
         let two = self.fastest(second, one.end, limit);
@@ -244,19 +245,21 @@ impl Limits<'_> {
         }
     }
 
-    /// True when halves of the piece in `planes` may be faster: its rate changes, or its velocity would at a constant rate.
+    /// Returns true if halves of the piece in `planes` may be faster: its rate changes, or its velocity would
+    /// at a constant rate.
     fn is_uneven(&self, before: f64, after: f64) -> bool {
         let after = after * self.bent.scale;
         changes(before, after) || self.bent.sway * before.max(after) > SWAY_MAX
     }
 
-    /// True when the rate would change without a limit after the piece in `planes`, so that it may rise and fall within it.
+    /// Returns true if the rate would change without a limit after the piece in `planes`, so that it may rise
+    /// and fall within it.
     fn could_rise(&self, before: f64) -> bool {
         let open = limits::fastest_end(self.planes, before, self.bent.cap);
         changes(before, open * self.bent.scale)
     }
 
-    /// A bent piece in one step.
+    /// Returns a bent piece in one step.
     fn fastest(&mut self, piece: &Piece, before: f64, limit: f64) -> Step {
         let course = self.better(piece, |limits| {
             let may_begin = limits.bent_start(limit)[0] >= before;
@@ -281,17 +284,17 @@ impl Limits<'_> {
     }
 }
 
-/// True when halves may be faster.
+/// Returns true if halves may be faster.
 fn changes(start: f64, end: f64) -> bool {
     (end - start).abs() > CHANGE_MIN * start.max(end)
 }
 
-/// True when no motor exceeds its limit.
+/// Returns true if no motor exceeds its limit.
 fn is_within(step: &Step) -> bool {
     step.room.braking.max(step.room.driving) <= 1.0 + WITHIN
 }
 
-/// A piece at its largest rate.
+/// Returns a piece at its largest rate.
 fn at_cap(piece: &Piece, room: SlewRoom) -> Step {
     Step {
         from_s: piece.from_s,

@@ -20,7 +20,7 @@ pub(super) struct Step {
     pub(super) to_s: f64,
     pub(super) start: f64,
     pub(super) end: f64,
-    /// Growth of the speed from its begin on, where the rate counts distance.
+    /// Growth of the speed from its start on, where the rate counts distance.
     pub(super) growth: SpeedGrowth,
     /// Change of the rate per second, in plan time or distance as the rate itself.
     pub(super) rate_change: f64,
@@ -34,8 +34,9 @@ impl Step {
         (self.start - square).abs() < SAME_RATE * square && (self.end - square).abs() < SAME_RATE * square
     }
 
-    /// Duration, s: plan time or distance over the mean rate. For a rate linear in time that is the mean of its ends w0 and
-    /// w1; of second degree, with the change c at its begin, it is `(2 w0 + w1)/3 + c t/6` after the time t.
+    /// Returns the duration, s: plan time or distance over the mean rate. For a rate linear in time that is
+    /// the mean of its ends w0 and w1; of second degree, with the change c at its start, it is
+    /// `(2 w0 + w1)/3 + c t/6` after the time t.
     pub(super) fn duration_s(&self) -> f64 {
         let plan_s = self.to_s - self.from_s;
         if self.rate_jerk != 0.0 {
@@ -49,7 +50,7 @@ impl Step {
         2.0 * self.growth.distance_s(plan_s) / (self.start.sqrt() + end)
     }
 
-    /// True when the rate is constant.
+    /// Returns true if the rate is constant.
     pub(super) fn is_even(&self) -> bool {
         self.growth.is_none() && self.rate_change == 0.0 && self.rate_jerk == 0.0
     }

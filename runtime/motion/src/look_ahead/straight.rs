@@ -34,7 +34,7 @@ struct FlankPart {
 }
 
 impl FlankPart {
-    /// From one plan time to another, up to the peak.
+    /// Returns the step from one plan time to another, up to the peak.
     fn step(&self, from_s: f64, to_s: f64, room: SlewRoom) -> Step {
         Step {
             from_s,
@@ -48,7 +48,7 @@ impl FlankPart {
         }
     }
 
-    /// The same part of the flank down.
+    /// Returns the same part of the flank down.
     fn reversed(&self) -> Self {
         let [low, high] = self.squares;
         let [before, after] = self.rate_changes;
@@ -60,7 +60,8 @@ impl FlankPart {
     }
 }
 
-/// Plan time of a flank: at the maximum jerk up to an acceleration, at that acceleration, and at the jerk down.
+/// Returns the plan time of a flank: at the maximum jerk up to an acceleration, at that acceleration, and at
+/// the jerk down.
 fn plan_s(flank: &[FlankPart; 3]) -> f64 {
     flank.iter().map(|part| part.plan_s).sum()
 }
@@ -111,7 +112,7 @@ impl Straight {
         }
     }
 
-    /// In one step at a constant acceleration: there is no room for a peak.
+    /// Adds one step at a constant acceleration, without a peak.
     fn pass_evenly(self, [from_s, to_s]: [f64; 2], [before, after]: [f64; 2], steps: &mut Vec<Step>) {
         let h_s = to_s - from_s;
         let share = (after - before) / (self.change * h_s);
@@ -127,7 +128,8 @@ impl Straight {
         step::push(steps, step, h_s);
     }
 
-    /// Left by the motors with these shares of the maximum acceleration used, up to this square of the rate.
+    /// Returns the room that the motors leave with these shares of the maximum acceleration in use, up to
+    /// this square of the rate.
     pub(super) fn room(self, peak: f64, [braking, driving]: [f64; 2]) -> SlewRoom {
         SlewRoom {
             // At the rate w the velocity of the limiting motor is w times 2 a/change.
@@ -156,9 +158,9 @@ impl Straight {
         fits(least).then(|| bisect([least, most], HALVINGS, fits)[0])
     }
 
-    /// From the rate w up to the peak `w_p`. At the maximum jerk j an acceleration c rises and falls in the time c/j each,
-    /// and gains `c^2/(2 j)` each time; c is the largest one, or that of the gain needed. Where the rate is not constant
-    /// before, it begins with c.
+    /// Returns the flank from the rate w up to the peak `w_p`. At the maximum jerk j, an acceleration c rises
+    /// and falls in the time c/j each, and gains `c^2/(2 j)` each time; c is the largest one, or that of the
+    /// gain needed. Where the rate is not constant before, it begins with c.
     fn flank(self, square: f64, peak: f64, is_even: bool) -> [FlankPart; 3] {
         let steepest = self.change / 2.0;
         let [rate, top] = [square.sqrt(), peak.sqrt()];

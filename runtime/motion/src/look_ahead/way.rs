@@ -11,23 +11,23 @@ const SAME_SPEED: f64 = 1e-3;
 /// From this ratio on two speeds are not measured by distance: its square is lost in the digits of plan time.
 const RATIO_MAX: f64 = 1e4;
 
-/// The motion of a block and the begin of the next one in plan time.
+/// The motion of a block and the start of the next one in plan time.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Way<'a> {
     pub(super) block: &'a Ramped,
     /// Change of each axis per unit of length, of the block and the next one.
     pub(super) slopes: [AxisVector; 2],
-    /// Speeds of both where they differ.
+    /// Speeds of both blocks, if they differ.
     pub(super) uneven: Option<[f64; 2]>,
     pub(super) passage: Passage,
 }
 
-/// How a block is passed.
+/// Start and direction of the motion along a block.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Passage {
-    /// Where it begins, s from the end that it passes first.
+    /// Its start, in s from the end of the block that it passes first.
     pub(crate) from_s: f64,
-    /// From its end to its begin; plan time then counts from its end.
+    /// True from the end of the block to its start; plan time is then measured from its end.
     pub(crate) is_backward: bool,
 }
 
@@ -42,7 +42,7 @@ pub(super) struct Phase {
 /// The part of a block that a phase belongs to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Part {
-    /// The ramp at the begin of its block.
+    /// The ramp at the start of its block.
     Start,
     /// Its block between its ramps.
     Between,
@@ -54,7 +54,7 @@ pub(super) enum Part {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct End {
     pub(super) t_s: f64,
-    /// Of its own block and the next one.
+    /// Motion along its own block and along the next one.
     along: [Along; 2],
     velocity: AxisVector,
     acceleration: AxisVector,
@@ -101,12 +101,12 @@ impl<'a> Way<'a> {
         }
     }
 
-    /// True when its path begins at rest.
+    /// Returns true if its path begins at rest.
     pub(super) fn begins_at_rest(&self) -> bool {
         self.block.begun_s == 0.0
     }
 
-    /// True when one of its blocks is an arc.
+    /// Returns true if one of its blocks is an arc.
     pub(super) fn bends(&self) -> bool {
         let is_arc = |path: &Path| matches!(path, Path::Arc(_));
         let next = self.block.next.as_ref();
@@ -170,7 +170,7 @@ impl<'a> Way<'a> {
         [own, next]
     }
 
-    /// One end of a piece, likewise.
+    /// Returns one end of a piece, likewise.
     pub(super) fn end(&self, t_s: f64, within_s: f64) -> End {
         if self.passage.is_backward {
             let end = self.forward_end(self.block.plan_s - t_s, self.block.plan_s - within_s);
@@ -194,7 +194,7 @@ impl<'a> Way<'a> {
         end
     }
 
-    /// The motion over a piece between two ends of one phase.
+    /// Returns the motion over a piece between two ends of one phase.
     pub(super) fn between(&self, from: &End, to: &End) -> Motion {
         let mut motion = Motion::of(from, to);
         motion.bound(&self.block.path, self.slopes[0], [from.along[0], to.along[0]]);
@@ -208,7 +208,7 @@ impl<'a> Way<'a> {
     }
 }
 
-/// Change of each axis per unit of a line's length; 0 for an arc.
+/// Returns the change of each axis per unit of a line's length; 0 for an arc.
 fn slopes(path: &Path) -> AxisVector {
     match path {
         Path::Line { from, to, length } => to.minus(*from).scaled(1.0 / length),
@@ -217,14 +217,14 @@ fn slopes(path: &Path) -> AxisVector {
 }
 
 impl Along {
-    /// True when it does not move.
+    /// Returns true if it does not move.
     fn rests(&self) -> bool {
         self.speed == 0.0 && self.acceleration == 0.0 && self.jerk == 0.0
     }
 }
 
 impl End {
-    /// Without the motion of any block yet.
+    /// Creates an end without the motion of any block.
     pub(super) fn at(t_s: f64, along: [Along; 2]) -> Self {
         Self {
             t_s,
@@ -234,7 +234,7 @@ impl End {
         }
     }
 
-    /// The same on the way back: the velocity changes its sign, the acceleration does not.
+    /// Returns the same on the way back: the velocity changes its sign, the acceleration does not.
     pub(super) fn reversed(self) -> Self {
         Self {
             velocity: self.velocity.scaled(-1.0),
@@ -261,13 +261,13 @@ impl End {
 }
 
 impl Motion {
-    /// Bound of the velocity of an axis anywhere on a piece of this length.
+    /// Returns the bound of the velocity of an axis anywhere on a piece of this length.
     pub(super) fn fastest(&self, axis: Axis, h_s: f64) -> f64 {
         let [begin, end] = self.velocity.map(|velocity| velocity[axis].abs());
         begin.max(end) + self.third[axis] * h_s * h_s / 8.0
     }
 
-    /// Without bounds yet.
+    /// Creates the motion without bounds.
     pub(super) fn of(from: &End, to: &End) -> Self {
         Self {
             velocity: [from.velocity, to.velocity],
@@ -323,7 +323,7 @@ impl Motion {
     }
 }
 
-/// The distances of the axes outside the plane of an arc.
+/// Returns the distances of the axes outside the plane of an arc.
 fn beside_plane(arc: &ArcPath) -> AxisVector {
     let way = arc.end().minus(arc.start());
     let mut way = AxisVector(way.0.map(f64::abs));
@@ -333,7 +333,7 @@ fn beside_plane(arc: &ArcPath) -> AxisVector {
     way
 }
 
-/// The largest second and third derivative of each axis by distance between two distances.
+/// Returns the largest second and third derivative of each axis by distance between two distances.
 pub(super) fn bends(arc: &ArcPath, [from, to]: [f64; 2]) -> [AxisVector; 2] {
     let [in_plane, beside] = arc.derivative_bounds(from, to);
     [1, 2].map(|n| {
@@ -345,7 +345,8 @@ pub(super) fn bends(arc: &ArcPath, [from, to]: [f64; 2]) -> [AxisVector; 2] {
     })
 }
 
-/// True for speeds that differ by more than rounding, but by less than the ratio at which their powers overflow.
+/// Returns true for speeds that differ by more than rounding, but by less than the ratio at which their
+/// powers overflow.
 fn differ([one, other]: &[f64; 2]) -> bool {
     let ratio = one.max(*other) / one.min(*other);
     (1.0 + SAME_SPEED..RATIO_MAX).contains(&ratio)

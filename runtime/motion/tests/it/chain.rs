@@ -170,7 +170,7 @@ fn lines(points: &[[f64; 3]], feed: Feed) -> Vec<Segment> {
 }
 
 #[test]
-fn s1b_a_corner_is_missed_by_the_difference_of_the_velocities_times_ta_over_8_and_more() {
+fn s1b_corner_miss_is_velocity_difference_times_ta_over_8_plus_ts_term() {
     // F6000 = 100 mm/s, ta 0.1, ts 0.05, right angle: |dv| (ta/8 + ts^2/(24 ta))
     let profiles = chain(
         &fast(),
@@ -344,7 +344,7 @@ fn a_block_is_held_back_until_the_next_one_tells_how_it_ends() {
     assert_eq!(
         counts,
         [(0, 1), (1, 2), (2, 3)],
-        "numbers count what is held back, too"
+        "the numbers include the segments held back"
     );
     planner.flush(&mut out);
     planner.flush(&mut out);

@@ -13,7 +13,7 @@ use crate::look_ahead_rig::{Chain, Shape, best_time_s, check, pieces, same_path,
 use crate::rig::{PERIOD_S, feed, line, vector};
 
 #[test]
-fn m1d_no_motor_exceeds_its_limits_on_random_chains_and_the_path_is_that_of_g501() {
+fn m1d_random_chains_keep_motor_limits_and_the_path_of_g501() {
     each_seed(chains(), |seed| {
         let mut numbers = Random(seed);
         let blocks = 1 + usize::try_from(numbers.bits() % 24).unwrap();
@@ -27,7 +27,7 @@ fn m1d_no_motor_exceeds_its_limits_on_random_chains_and_the_path_is_that_of_g501
 }
 
 #[test]
-fn m1d_planned_for_an_override_to_200_percent_no_motor_exceeds_its_limits_and_nothing_is_slower() {
+fn m1d_plan_for_200_percent_override_keeps_limits_and_is_never_slower() {
     each_seed(chains() / 4, |seed| {
         let mut numbers = Random(2_000_000 + seed);
         let blocks = 1 + usize::try_from(numbers.bits() % 16).unwrap();
@@ -159,7 +159,7 @@ fn m1d_more_blocks_than_look_ahead_holds_slow_down_and_keep_the_limits() {
 }
 
 #[test]
-fn m1d_blocks_come_out_when_nothing_to_come_can_change_them_and_flush_ends_at_rest() {
+fn m1d_blocks_are_output_once_final_and_flush_ends_at_rest() {
     let feed = feed(6000.0, [20.0, 20.0, 0.0]);
     let points: Vec<[f64; 2]> = (0..=400)
         .map(|n| [f64::from(n) * 2.0, f64::from(n % 2) * 0.5])
@@ -187,7 +187,7 @@ fn m1d_blocks_come_out_when_nothing_to_come_can_change_them_and_flush_ends_at_re
 }
 
 #[test]
-fn m1d_a_chain_ends_at_rest_between_g500_and_g501_and_a_motor_needs_an_acceleration() {
+fn m1d_chain_stops_between_g500_and_g501_and_motors_need_acceleration() {
     let feed = feed(600.0, [20.0, 20.0, 0.0]);
     let mut chain = through(&[[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]], feed, 1000.0);
     chain.segments[1].multi_block = MultiBlock::Off;

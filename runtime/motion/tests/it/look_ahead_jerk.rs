@@ -163,7 +163,7 @@ fn m1d_ramps_within_the_maximum_jerk_are_as_programmed() {
 }
 
 #[test]
-fn m1d_a_line_too_short_for_f_keeps_acceleration_and_jerk_and_takes_the_shortest_time() {
+fn m1d_line_too_short_for_f_keeps_limits_and_takes_the_shortest_time() {
     each_seed(2000, |seed| {
         let mut random = Random(seed);
         let to = AxisVector(std::array::from_fn(|i| {
@@ -216,7 +216,7 @@ fn m1d_a_line_too_short_for_f_keeps_acceleration_and_jerk_and_takes_the_shortest
 }
 
 #[test]
-fn m1d_a_chain_begins_and_ends_with_the_maximum_jerk_and_rounds_its_corners_as_g501_does() {
+fn m1d_chain_starts_and_ends_with_max_jerk_and_rounds_corners_like_g501() {
     let [corner, end] = [vector(&[100.0]), vector(&[100.0, 100.0])];
     let segments = lines(&[AxisVector::ZERO, corner, end], feed(6000.0, [20.0, 20.0, 10.0]));
     let motion = Motion::new(&xy(1000.0, 10_000.0), &segments);
@@ -244,7 +244,7 @@ fn m1d_a_chain_begins_and_ends_with_the_maximum_jerk_and_rounds_its_corners_as_g
 }
 
 #[test]
-fn m1d_between_its_ramps_a_line_slows_down_for_a_corner_with_the_maximum_jerk() {
+fn m1d_line_slows_for_a_corner_between_its_ramps_with_max_jerk() {
     let [corner, end] = [vector(&[100.0]), vector(&[100.0, 100.0])];
     let segments = lines(&[AxisVector::ZERO, corner, end], feed(6000.0, [20.0, 20.0, 10.0]));
     let motion = Motion::new(&xy(1000.0, 10_000.0), &segments);
@@ -266,7 +266,7 @@ fn m1d_between_its_ramps_a_line_slows_down_for_a_corner_with_the_maximum_jerk() 
 }
 
 #[test]
-fn m1d_into_a_corner_without_jerk_time_the_motor_that_limits_keeps_its_acceleration() {
+fn m1d_limiting_motor_keeps_acceleration_into_corner_without_jerk_time() {
     let [corner, end] = [vector(&[100.0]), vector(&[100.0, 100.0])];
     let segments = lines(&[AxisVector::ZERO, corner, end], feed(6000.0, [20.0, 20.0, 0.0]));
     let motion = Motion::new(&xy(1000.0, 10_000.0), &segments);
@@ -281,7 +281,7 @@ fn m1d_into_a_corner_without_jerk_time_the_motor_that_limits_keeps_its_accelerat
 }
 
 #[test]
-fn m1d_a_line_too_short_for_the_jerk_between_two_corners_has_one_acceleration_no_larger_than_it_needs() {
+fn m1d_line_too_short_for_jerk_between_corners_has_minimum_acceleration() {
     // 90 degrees, 4 mm of which 3 mm are ramps, and 45 degrees.
     let corners = [
         vector(&[100.0]),
@@ -409,7 +409,7 @@ pub fn rest_ramp_s([acceleration, jerk]: [f64; 2], [ta, ts]: [f64; 2]) -> f64 {
 }
 
 #[test]
-fn m1d_long_lines_keep_acceleration_and_jerk_in_their_corners_too_and_take_the_time_of_the_formulas() {
+fn m1d_long_lines_keep_corner_acceleration_and_jerk_and_formula_time() {
     each_seed(chains() / 10, |seed| {
         let long = LongLines::random(&mut Random(seed));
         let motion = Motion::new(&long.machine, &long.segments);
@@ -432,7 +432,7 @@ fn m1d_long_lines_keep_acceleration_and_jerk_in_their_corners_too_and_take_the_t
 }
 
 #[test]
-fn m1d_with_maximum_jerks_no_motor_exceeds_its_limits_on_random_chains_and_lines_and_arcs_keep_the_jerk() {
+fn m1d_random_chains_with_max_jerk_keep_motor_limits_and_jerk() {
     each_seed(chains() / 4, |seed| {
         let mut numbers = Random(5_000_000 + seed);
         let blocks = 2 + usize::try_from(numbers.bits() % 12).unwrap();
@@ -479,7 +479,7 @@ fn m1d_with_maximum_jerks_no_motor_exceeds_its_limits_on_random_chains_and_lines
 }
 
 #[test]
-fn m1d_a_ramp_from_rest_without_room_for_the_maximum_jerk_is_as_long_as_its_line_and_passed_at_one_rate() {
+fn m1d_ramp_from_rest_without_room_for_jerk_fills_its_line_at_one_rate() {
     // 11 mm take 0.11 s; 1000 mm/s^2 and 2000 mm/s^3 would take 0.45 s. In 0.055 s twice it is 100/0.055^2 mm/s^3.
     let segments = lines(
         &[AxisVector::ZERO, vector(&[11.0]), vector(&[11.0, 200.0])],
@@ -496,7 +496,7 @@ fn m1d_a_ramp_from_rest_without_room_for_the_maximum_jerk_is_as_long_as_its_line
 }
 
 #[test]
-fn m1d_with_the_rule_extend_and_with_g501_ramps_between_blocks_are_as_programmed() {
+fn m1d_ramps_between_blocks_are_as_programmed_with_extend_and_with_g501() {
     let points = [AxisVector::ZERO, vector(&[2.0]), vector(&[4.0])];
     let times = [20.0, 20.0, 10.0];
     let machine = |rule, jerk| {
@@ -532,7 +532,7 @@ fn m1d_with_the_rule_extend_and_with_g501_ramps_between_blocks_are_as_programmed
 }
 
 #[test]
-fn m1d_a_maximum_jerk_that_is_not_above_zero_is_an_alarm_for_a_motor_that_moves() {
+fn m1d_max_jerk_not_above_zero_is_an_alarm_for_a_moving_motor() {
     for jerk in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         let segments = lines(&[AxisVector::ZERO, vector(&[2.0])], feed(600.0, [20.0; 3]));
         let text = refused(&xy(1000.0, jerk), &segments[0], &LIMIT_ZERO);

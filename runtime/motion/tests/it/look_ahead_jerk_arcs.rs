@@ -245,14 +245,14 @@ impl Contour {
 }
 
 #[test]
-fn m1d_long_lines_and_arcs_keep_acceleration_and_jerk_all_the_way_and_take_the_time_of_the_formulas() {
+fn m1d_long_lines_and_arcs_keep_acceleration_jerk_and_formula_time() {
     each_seed(chains() / 10, |seed| {
         Contour::random(&mut Random(seed)).keeps_its_limits_and_takes_its_time(seed);
     });
 }
 
 #[test]
-fn m1d_back_along_long_lines_and_arcs_acceleration_jerk_and_time_are_those_of_the_way_there() {
+fn m1d_long_lines_and_arcs_backward_match_forward_limits_and_time() {
     each_seed(chains() / 20, |seed| {
         let contour = Contour::random(&mut Random(seed));
         contour.check(seed, &Motion::back(&contour.machine.settings, &contour.segments));
@@ -275,7 +275,7 @@ fn m1d_a_circle_from_rest_to_rest_keeps_acceleration_and_jerk() {
 }
 
 #[test]
-fn m1d_a_spiral_that_opens_wide_is_not_slowed_to_what_its_narrowest_turn_allows() {
+fn m1d_opening_spiral_is_not_slowed_to_the_limit_of_its_narrowest_turn() {
     // From a radius of 1 mm to one of 50 mm in a turn.
     let centre = [0.0, 0.0];
     let path = ArcPath::new(

@@ -131,8 +131,8 @@ impl Chain {
         out.into()
     }
 
-    /// Velocity and acceleration of M1b, `t` after the begin of the profile of block i (from 0); where the acceleration
-    /// jumps, its value on the side of `within`. Times count from the profile, so that long chains cost no digits.
+    /// Velocity and acceleration of M1b, `t` after the start of the profile of block i (from 0). Where the acceleration
+    /// jumps, it is the value on the side of `within`. Times begin at the profile, so that long chains cost no digits.
     pub fn derivatives(&self, i: usize, t: f64, within: f64) -> [AxisVector; 2] {
         let formula = &self.formula;
         let total = |k: usize| formula.ramps[k][0] + formula.ramps[k][1];
@@ -276,7 +276,7 @@ pub fn pieces(profile: &Profile) -> Vec<(PacePiece, f64)> {
         .collect()
 }
 
-/// Plan time t after the begin of a piece, by bisection of the distance where the rate counts that.
+/// Plan time t after the start of a piece, by bisection of the distance where the rate counts that.
 fn plan_time(piece: &PacePiece, t: f64) -> f64 {
     let gone = t * (piece.rate + piece.rate_change * t / 2.0 + piece.rate_jerk * t * t / 6.0);
     let SpeedGrowth { first, second } = piece.growth;
@@ -300,7 +300,7 @@ fn plan_time(piece: &PacePiece, t: f64) -> f64 {
     piece.plan_s + low
 }
 
-/// First and second derivative of plan time by time, t after the begin of a piece.
+/// First and second derivative of plan time by time, t after the start of a piece.
 fn rate_of_plan(piece: &PacePiece, t: f64) -> [f64; 2] {
     let SpeedGrowth { first, second } = piece.growth;
     let past = plan_time(piece, t) - piece.plan_s;
@@ -380,9 +380,9 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
                     let derivatives = chain.derivatives(block, plan(t) + off, inside + off);
                     exceeded(chain, derivatives, [rate, rate_change], digits)
                 };
-                // Rounding of plan time moves the begin of a ramp, in the plan and in the formula. Where a ramp is far
+                // Rounding of plan time moves the start of a ramp, in the plan and in the formula. Where a ramp is far
                 // steeper than the motors, the acceleration is a small difference of two large values that both shift
-                // with it: a limit is exceeded only if it is exceeded for all begins within that rounding.
+                // with it: a limit is exceeded only if it is exceeded for all starts within that rounding.
                 let rounding = [-2.0, -1.0, 0.0, 1.0, 2.0].map(|n| n * f64::EPSILON * within);
                 if let Some(found) = found_at(0.0)
                     && rounding.into_iter().all(|off| found_at(off).is_some())
@@ -480,7 +480,7 @@ fn grid(chain: &Chain, n: u32) -> Vec<Step> {
 }
 
 impl Step {
-    /// The largest square of the rate at the end, up to `most`, that one at the begin leaves open.
+    /// The largest square of the rate at the end, up to `most`, that one at the start leaves open.
     fn end(&self, x: f64, most: f64) -> Option<f64> {
         let (mut low, mut high) = (0.0_f64, most.min(self.most));
         for [left, right] in self.rows {
@@ -494,7 +494,7 @@ impl Step {
         (low <= high).then_some(high)
     }
 
-    /// The largest square of the rate at the begin, by bisection.
+    /// The largest square of the rate at the start, by bisection.
     fn start(&self, end: f64) -> f64 {
         if self.end(self.most, end).is_some() {
             return self.most;

@@ -187,7 +187,7 @@ fn alternating(length: f64, times: [f64; 3]) -> Chain {
 }
 
 #[test]
-fn m1d_feedrates_that_alternate_tenfold_cost_no_time_however_steep_their_ramps_are() {
+fn m1d_tenfold_alternating_feedrates_cost_no_time_at_any_ramp_steepness() {
     for times in RAMPS {
         for length in [0.5, 5.0, 15.0, 50.0] {
             near(&format!("{times:?} {length} mm"), &alternating(length, times));
@@ -196,8 +196,7 @@ fn m1d_feedrates_that_alternate_tenfold_cost_no_time_however_steep_their_ramps_a
 }
 
 #[test]
-fn m1d_a_line_is_gone_up_and_down_whatever_its_feedrates_are_where_their_ramps_are_a_million_times_too_steep()
-{
+fn m1d_line_with_ramps_a_million_times_too_steep_takes_shortest_time() {
     for (acceleration, times) in [(1.0, [0.1; 3]), (10.0, [0.125, 0.125, 0.0375])] {
         let blocks = (1..=200).map(|n| (n, if n % 2 == 1 { 60_000.0 } else { 20_000.0 }));
         let line = blocks.fold(Drawing::new(), |drawing, (n, f)| {
@@ -275,7 +274,7 @@ fn polygon(times: [f64; 3], side: f64, turn: f64, accelerations: &[f64]) -> Chai
 }
 
 #[test]
-fn m1d_polygons_whose_ramps_fill_their_blocks_are_passed_near_the_best_time() {
+fn m1d_polygons_with_ramps_filling_their_blocks_take_near_the_best_time() {
     for times in [
         [5.0, 5.0, 0.0],
         [5.0, 5.0, 5.0],

@@ -60,7 +60,7 @@ fn contour(random: &mut Random) -> String {
     text
 }
 
-/// The cutting segments of a program; `None` when it cannot be compensated.
+/// The cutting segments of a program; `None` if it cannot be compensated.
 fn segments(text: &str) -> Option<Vec<Segment>> {
     let settings = fast();
     let (program, findings) = parse(text, Grammar::nj());
@@ -118,7 +118,7 @@ fn shape(segment: &Segment) -> Shape {
 }
 
 #[test]
-fn m1d_no_motor_exceeds_its_limits_on_random_compensated_contours_from_their_text() {
+fn m1d_random_compensated_contours_from_text_keep_motor_limits() {
     let seeds = chains() / 10;
     let run = AtomicU64::new(0);
     each_seed(seeds, |seed| {

@@ -1,4 +1,4 @@
-//! The planner from outside: segments in, profiles out.
+//! Tests of the planner through its public interface.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "tests fail by panicking")]
 

@@ -102,7 +102,7 @@ fn s1a_f_is_clipped_by_the_maximum_feedrate() {
 }
 
 #[test]
-fn s1a_the_whole_block_slows_so_that_no_motor_exceeds_its_maximum_velocity() {
+fn s1a_whole_block_slows_so_that_no_motor_exceeds_its_maximum_velocity() {
     // X and Y 30 and 40 mm, C 90 degrees, F3000 = 50 mm/s: 1 s, C at 90 deg/s; its maximum is 45 deg/s: 2 s.
     let mut motors: [Option<MotorSettings>; AXES_MAX] = std::array::from_fn(|_| Some(motor(1e3, 1e4, None)));
     motors[Axis::C.index()] = Some(motor(45.0, 1e3, None));

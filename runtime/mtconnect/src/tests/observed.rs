@@ -51,15 +51,19 @@ fn the_emergency_stop_is_what_its_input_says_while_somebody_writes_that() {
     assert_eq!(
         said("door", true, false),
         None,
-        "another input says nothing of it"
+        "another input does not change the item"
     );
     assert_eq!(said("e_stop_ok", true, false).as_deref(), Some("ARMED"));
     assert_eq!(said("e_stop_ok", false, false).as_deref(), Some("TRIGGERED"));
-    assert_eq!(said("e_stop_ok", false, true), None, "nobody writes it any more");
+    assert_eq!(
+        said("e_stop_ok", false, true),
+        None,
+        "the input is not written any more"
+    );
 }
 
 #[test]
-fn an_asset_has_changed_when_its_tool_is_new_or_another_and_is_removed_with_it() {
+fn asset_changes_with_a_new_or_changed_tool_and_is_removed_with_it() {
     let mut feed = feed(Version::V2_3);
     let tool = |id, length| ToolData {
         id,

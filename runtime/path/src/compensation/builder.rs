@@ -1,5 +1,5 @@
-//! From pieces to the segments of the tool centre: the plane and the other axes are put together again, with the
-//! feedrate.
+//! Converts pieces to the segments of the tool centre: joins the motion in the plane with that of the other
+//! axes, and adds the feedrate.
 
 use tandem_model::flow::{Feed, Path, Segment, SegmentMotion};
 use tandem_model::plane::{Plane, Turn};
@@ -13,7 +13,7 @@ use crate::length::line_between;
 /// An arc shorter than this is output as a line, mm: an arc path between equal directions would be a full turn.
 const ARC_MIN: f64 = 1e-8;
 
-/// Builds segments one after the other; each begins to the last bit where the one before ends.
+/// Builder of successive segments: each begins exactly, to the last bit, at the end of the one before.
 #[derive(Debug, Clone)]
 pub(super) struct Builder {
     basis: CompensationFeed,
@@ -23,9 +23,9 @@ pub(super) struct Builder {
     at: AxisVector,
     /// Feedrate of the last block built.
     feed: Feed,
-    /// A stop before a block that turned out not to move.
+    /// True if a stop is due before a block that had no motion.
     stop: bool,
-    /// The block built last is in G61.
+    /// True if the block built last is in G61.
     is_exact: bool,
 }
 
@@ -84,7 +84,7 @@ impl Builder {
         (tail.iter()).try_for_each(|tail| self.cut(segment, tail, end, self.feed, out))
     }
 
-    /// A rapid; an arc added to it is cut at the last feedrate.
+    /// Outputs a rapid; an arc added to it is cut at the last feedrate.
     fn rapid(
         &mut self,
         segment: &Segment,
@@ -137,7 +137,7 @@ impl Builder {
         Ok(())
     }
 
-    /// A block that moves no axis of the plane, at the position of the centre.
+    /// Outputs a block that moves no axis of the plane, at the position of the centre.
     fn still(&mut self, leg: &Leg, out: &mut Vec<Leg>) -> Result<(), Alarm> {
         self.stop |= leg.stop_before;
         let (segment, centre) = (&leg.segment, Vec2::of(self.at, self.plane));
@@ -179,8 +179,8 @@ impl Builder {
         self.at = to;
     }
 
-    /// Feedrate of the centre on an offset curve. With the feedrate of the edge both take the same time for the same
-    /// angle: `F |R -+ r|/R` in the plane, the other axes counted in.
+    /// Returns the feedrate of the centre on an offset curve. If F applies to the edge, the centre and the
+    /// edge take the same time for the same angle: `F |R -+ r|/R` in the plane, with the other axes included.
     fn curve_feed(&self, wall: &Curve, centre: &Curve, way: AxisVector) -> Feed {
         let (Curve::Arc(wall), Curve::Arc(centre), CompensationFeed::Edge) = (wall, centre, self.basis)
         else {

@@ -1,10 +1,10 @@
 //! The joint of two compensated blocks (M1g).
 //!
-//! The type of a joint depends on the deflection between the blocks. On the inside both are cut at the intersection of
-//! their offset curves. On the outside both are extended by straight lines to where these meet, as long as the
-//! deflection is at most 90 degrees; beyond that, an arc about the programmed corner is added. A reversal within
-//! [`REVERSAL`] is treated as an outside corner on either side; on the inside the overcut check finds it where its
-//! blocks are apart.
+//! The type of a joint depends on the deflection between the blocks. On the inside, both are cut at the
+//! intersection of their offset curves. On the outside, both are extended by straight lines to the
+//! intersection of these lines, up to a deflection of 90 degrees; beyond that, an arc about the programmed
+//! corner is added. A reversal within [`REVERSAL`] is treated as an outside corner on either side; on the
+//! inside, the overcut check finds it if its blocks are apart.
 //!
 //! Decision: an arc is extended along its tangent, by a straight piece.
 
@@ -21,12 +21,12 @@ pub(super) const TANGENT: f64 = 1e-6;
 /// Blocks within this angle of the opposite direction are a reversal: 1 degree.
 pub(super) const REVERSAL: f64 = PI / 180.0;
 
-/// A corner of 90 degrees is still extended when rounding lets its deflection seem larger: its cosine.
+/// Cosine of the largest deflection that is still extended: 90 degrees and rounding.
 pub(super) const RIGHT_ANGLE: f64 = -1e-9;
 
-/// The path of the tool's centre from one block to the next: along the first one's curve to `end`, straight to `meet`,
-/// where a programmed exact stop is made, then along `arc` or straight, through `via`, to `start`, where the next one's
-/// curve begins.
+/// The path of the tool's centre from one block to the next: along the first curve to `end`, straight to
+/// `meet`, the place of a programmed exact stop, then along `arc` or straight, through `via`, to `start` of
+/// the next curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Joint {
     pub end: Vec2,
@@ -39,7 +39,7 @@ pub(super) struct Joint {
 }
 
 impl Joint {
-    /// Both curves meet in this point.
+    /// Creates a joint in which both curves meet at this point.
     pub fn at(point: Vec2, turn: f64) -> Self {
         Self {
             end: point,
@@ -51,7 +51,7 @@ impl Joint {
         }
     }
 
-    /// An arc about the corner.
+    /// Returns an arc about the corner.
     pub fn round(corner: Vec2, from: Vec2, to: Vec2, tool: f64, turn: f64) -> Self {
         let away = -tool.signum();
         let sweep = if turn * away > 0.0 {
@@ -77,8 +77,8 @@ impl Joint {
     }
 }
 
-/// The joint of two offset curves whose programmed blocks meet in `corner`. `tool` is the tool radius, negative on
-/// the right. Without a solution the feet of the curves, and `false`.
+/// Returns the joint of two offset curves whose programmed blocks meet in `corner`. `tool` is the tool
+/// radius, negative on the right. Without a solution the feet of the curves, and `false`.
 pub(super) fn between(before: &Curve, after: &Curve, corner: Vec2, tool: f64) -> (Joint, bool) {
     let (incoming, outgoing) = (before.end_direction(), after.start_direction());
     let (turn, cos) = (incoming.angle_to(outgoing), incoming.dot(outgoing));
@@ -104,8 +104,8 @@ pub(super) fn between(before: &Curve, after: &Curve, corner: Vec2, tool: f64) ->
         }
         return (joint, true);
     }
-    // The intersection on the side of the chord's middle where the programmed corner lies: it moved there from the corner
-    // as the tool's radius grew from zero.
+    // The intersection on the same side of the chord's middle as the programmed corner: as the tool's radius
+    // grew from zero, the intersection moved from the corner to this point.
     let on_line_and_circle =
         |line, arc: &Arc, radius| Chord::on_line(line, arc.centre, radius).end_towards(corner - arc.centre);
     let meet = match (before, after) {
@@ -125,7 +125,7 @@ pub(super) fn between(before: &Curve, after: &Curve, corner: Vec2, tool: f64) ->
     meet.map_or((feet, false), |meet| (Joint::at(meet, turn), true))
 }
 
-/// The joint of a straight lead-in with this direction and the first compensated curve.
+/// Returns the joint of a straight lead-in with this direction and the first compensated curve.
 pub(super) fn leading_in(direction: Vec2, after: &Curve, corner: Vec2, tool: f64) -> Joint {
     let outgoing = after.start_direction();
     let (turn, cos) = (direction.angle_to(outgoing), direction.dot(outgoing));
@@ -137,7 +137,7 @@ pub(super) fn leading_in(direction: Vec2, after: &Curve, corner: Vec2, tool: f64
     }
 }
 
-/// The joint of the last compensated curve and a straight lead-out with this direction.
+/// Returns the joint of the last compensated curve and a straight lead-out with this direction.
 pub(super) fn leading_out(before: &Curve, direction: Vec2, corner: Vec2, tool: f64) -> Joint {
     let incoming = before.end_direction();
     let (turn, cos) = (incoming.angle_to(direction), incoming.dot(direction));

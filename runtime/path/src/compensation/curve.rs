@@ -23,7 +23,7 @@ impl Vec2 {
         Self(vector[first], vector[second])
     }
 
-    /// The vector with these values on the plane's axes.
+    /// Returns the vector with these values on the plane's axes.
     pub fn put_into(self, mut vector: AxisVector, plane: Plane) -> AxisVector {
         let [first, second] = plane.axes();
         vector[first] = self.0;
@@ -35,22 +35,22 @@ impl Vec2 {
         self.0 * other.0 + self.1 * other.1
     }
 
-    /// Positive when `other` points to the left.
+    /// Returns the cross product, which is positive if `other` points to the left.
     pub fn cross(self, other: Self) -> f64 {
         self.0 * other.1 - self.1 * other.0
     }
 
-    /// A quarter turn counter-clockwise.
+    /// Returns a quarter turn counter-clockwise.
     pub fn left(self) -> Self {
         Self(-self.1, self.0)
     }
 
-    /// Positions are far from where their squares overflow.
+    /// Returns the length. The squares of positions are far from an overflow.
     pub fn length(self) -> f64 {
         self.dot(self).sqrt()
     }
 
-    /// Angle from here to `other`, counter-clockwise, -pi to pi.
+    /// Returns the angle from here to `other`, counter-clockwise, -pi to pi.
     pub fn angle_to(self, other: Self) -> f64 {
         self.cross(other).atan2(self.dot(other))
     }
@@ -106,7 +106,7 @@ pub(super) struct Arc {
 }
 
 impl Curve {
-    /// The projection of a path to the plane; `None` when it does not move there.
+    /// Returns the projection of a path to the plane; `None` if it does not move there.
     pub fn of(path: &Path, plane: Plane) -> Option<Self> {
         let (from, to) = (Vec2::of(path.start(), plane), Vec2::of(path.end(), plane));
         match path {
@@ -121,7 +121,7 @@ impl Curve {
         }
     }
 
-    /// The straight line; `None` without a length.
+    /// Returns the straight line; `None` without a length.
     pub fn line(from: Vec2, to: Vec2) -> Option<Self> {
         let way = to - from;
         let length = way.length();
@@ -143,7 +143,7 @@ impl Curve {
         }
     }
 
-    /// Unit vector of the direction at the start.
+    /// Returns the unit vector of the direction at the start.
     pub fn start_direction(&self) -> Vec2 {
         match self {
             Self::Line(line) => line.along,
@@ -151,7 +151,7 @@ impl Curve {
         }
     }
 
-    /// Unit vector of the direction at the end.
+    /// Returns the unit vector of the direction at the end.
     pub fn end_direction(&self) -> Vec2 {
         match self {
             Self::Line(line) => line.along,
@@ -159,7 +159,7 @@ impl Curve {
         }
     }
 
-    /// Angle by which the direction turns along the curve, counter-clockwise positive.
+    /// Returns the angle by which the direction turns along the curve, counter-clockwise positive.
     pub fn turning(&self) -> f64 {
         match self {
             Self::Line(_) => 0.0,
@@ -201,7 +201,8 @@ impl Curve {
         }
     }
 
-    /// The part between two points of the curve; a line is extended beyond its ends. `None` against the curve's direction.
+    /// Returns the part between two points of the curve; a line is extended beyond its ends. `None` against
+    /// the curve's direction.
     pub fn between(&self, from: Vec2, to: Vec2) -> Option<Self> {
         match *self {
             Self::Line(line) => {
@@ -232,7 +233,7 @@ impl Curve {
         }
     }
 
-    /// Length in the plane.
+    /// Returns the length in the plane.
     pub fn length(&self) -> f64 {
         match self {
             Self::Line(line) => (line.to - line.from).length(),
@@ -242,12 +243,13 @@ impl Curve {
 }
 
 impl Arc {
-    /// Direction of travel at a point of the arc with this radius.
+    /// Returns the direction of travel at a point of the arc with this radius.
     fn direction(&self, point: Vec2, radius: f64) -> Vec2 {
         (point - self.centre).left() * (self.sweep.signum() / radius)
     }
 
-    /// Share of the sweep at which this direction from the centre lies; `None` when the arc does not come there.
+    /// Returns the share of the sweep at which this direction from the centre lies; `None` if the arc does
+    /// not come there.
     pub fn share(&self, towards: Vec2) -> Option<f64> {
         let angle = self.sweep.signum() * (self.from - self.centre).angle_to(towards);
         let angle = if angle < 0.0 { angle + 2.0 * PI } else { angle };
@@ -303,7 +305,7 @@ impl Bounds {
         }
     }
 
-    /// True when the rectangles come closer than this on both axes.
+    /// Returns true if the rectangles come closer than this on both axes.
     pub fn is_near(&self, other: &Self, distance: f64) -> bool {
         self.low.0 - other.high.0 < distance
             && other.low.0 - self.high.0 < distance

@@ -3,7 +3,7 @@
 use super::curve::{Arc, Curve, Line, Vec2};
 use crate::length::LENGTH_MIN;
 
-/// The smallest distance between two curves; 0 when they cross.
+/// Returns the smallest distance between two curves; 0 when they cross.
 pub(super) fn distance(a: &Curve, b: &Curve) -> f64 {
     if intersections(a, b).iter().any(Option::is_some) {
         return 0.0;
@@ -26,7 +26,8 @@ pub(super) fn distance(a: &Curve, b: &Curve) -> f64 {
     }
 }
 
-/// The distance from the points of an arc in this direction from its centre, and opposite, to a curve.
+/// Returns the distance from the points of an arc in this direction from its centre, and opposite, to a
+/// curve.
 fn to_point_if_on_arc(arc: &Arc, towards: Vec2, curve: &Curve) -> f64 {
     let length = towards.length();
     if length < LENGTH_MIN {
@@ -42,7 +43,7 @@ fn to_point_if_on_arc(arc: &Arc, towards: Vec2, curve: &Curve) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// The distance of a point from a curve.
+/// Returns the distance of a point from a curve.
 fn to_point(curve: &Curve, point: Vec2) -> f64 {
     match curve {
         Curve::Line(line) => {
@@ -64,7 +65,7 @@ fn to_point(curve: &Curve, point: Vec2) -> f64 {
 /// At most two points.
 type Points = [Option<Vec2>; 2];
 
-/// The point that the curve reaches first.
+/// Returns the point that the curve reaches first.
 pub(super) fn first_on(curve: &Curve, points: Points) -> Option<Vec2> {
     let place = |point: &Vec2| match curve {
         Curve::Line(line) => (*point - line.from).dot(line.along),
@@ -76,7 +77,7 @@ pub(super) fn first_on(curve: &Curve, points: Points) -> Option<Vec2> {
         .min_by(|a, b| place(a).total_cmp(&place(b)))
 }
 
-/// Where two curves meet. Two lines on each other meet where the overlap begins.
+/// Returns the points at which two curves meet. Two overlapping lines meet at the beginning of the overlap.
 pub(super) fn intersections(a: &Curve, b: &Curve) -> Points {
     let mean = |arc: &Arc| f64::midpoint(arc.radii[0], arc.radii[1]);
     let candidates = match (a, b) {
@@ -113,7 +114,8 @@ pub(super) struct Chord {
     /// Unit vector.
     along: Vec2,
     radius: f64,
-    /// Distance of the middle from the circle's centre. If it is above the radius, they do not meet.
+    /// Distance of the middle from the circle's centre. If it is above the radius, the circle and the line or
+    /// circle do not meet.
     distance: f64,
 }
 
@@ -128,7 +130,7 @@ impl Chord {
         }
     }
 
-    /// `None` for circles about one centre.
+    /// Returns the chord of two circles; `None` for circles about one centre.
     pub fn of_circles([a, b]: [Vec2; 2], [first, second]: [f64; 2]) -> Option<Self> {
         let way = b - a;
         let distance = way.length();
@@ -156,7 +158,8 @@ impl Chord {
         [-half, half].map(|half| (self.distance <= self.radius).then(|| self.middle + self.along * half))
     }
 
-    /// The end in this direction from the circle's centre. A line that misses the circle by rounding touches it.
+    /// Returns the end in this direction from the circle's centre. A line that misses the circle by rounding
+    /// touches it.
     pub fn end_towards(self, direction: Vec2) -> Option<Vec2> {
         let side = direction.dot(self.along).signum();
         let meets = self.distance <= self.radius + LENGTH_MIN;
@@ -164,7 +167,7 @@ impl Chord {
     }
 }
 
-/// True for a point of the curve's line or circle that lies within its ends.
+/// Returns true for a point of the curve's line or circle between the ends of the curve.
 fn is_on(curve: &Curve, point: Vec2) -> bool {
     let at_an_end = |end: Vec2| (point - end).length() < LENGTH_MIN;
     if at_an_end(curve.from()) || at_an_end(curve.to()) {

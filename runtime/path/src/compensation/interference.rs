@@ -1,9 +1,9 @@
 //! Overcut: places where the tool on one block would cut into another one (M1g).
 //!
-//! Blocks whose directions lie within half a turn cannot do so as long as something is left of each between its
-//! neighbours: as the radius grows from zero, each keeps its direction, and curves that advance in one direction never
-//! meet again. So only blocks that are further apart in direction are measured: the path of the tool centre on each
-//! against the programmed shape of the other.
+//! Blocks whose directions lie within half a turn have no overcut if a part of each remains between its
+//! neighbours: as the radius grows from zero, each keeps its direction, and curves that advance in one
+//! direction never meet again. So only blocks whose directions differ more are measured: the path of the tool
+//! centre on each against the programmed shape of the other.
 
 use std::collections::VecDeque;
 
@@ -26,8 +26,8 @@ pub(super) struct Overcut {
     pub distance: f64,
 }
 
-/// The first piece that the piece at `place` interferes with: itself, or one of those in the queue before it and after
-/// the last move along another axis.
+/// Returns the first piece that the piece at `place` interferes with: itself, or one of those in the queue
+/// before it and after the last move along another axis.
 pub(super) fn with_earlier(queue: &VecDeque<Piece>, place: usize, radius: f64) -> Option<Overcut> {
     let piece = queue.get(place)?;
     let [mut low, mut high] = piece.directions;
@@ -53,9 +53,9 @@ pub(super) fn with_earlier(queue: &VecDeque<Piece>, place: usize, radius: f64) -
     found
 }
 
-/// Finds an overcut of an arc added before the lead-out, which follows the pieces in the queue and leaves the last
-/// one's corner: it belongs to no block of the contour, but its tool cuts all the same. The lead-out itself is not
-/// measured.
+/// Finds an overcut of an arc added before the lead-out, which follows the pieces in the queue and leaves the
+/// last piece's corner: it belongs to no block of the contour, but the tool can cut on it too. The lead-out
+/// itself is not measured.
 pub(super) fn of_last_arc(queue: &VecDeque<Piece>, arc: Curve, radius: f64) -> Option<Overcut> {
     let way = Way::of(&[Some(arc), None, None, None])?;
     let mut found = None;
@@ -70,7 +70,7 @@ pub(super) fn of_last_arc(queue: &VecDeque<Piece>, arc: Curve, radius: f64) -> O
     found
 }
 
-/// The distance of the tool's centre from the programmed curve of a piece, when that is too small.
+/// Returns the distance of the tool's centre from the programmed curve of a piece, when that is too small.
 pub(super) fn to_wall(way: &Way, other: &Piece, radius: f64) -> Option<f64> {
     let allowed = radius - OVERCUT_MIN;
     if !way.bounds.is_near(&other.wall_bounds, allowed) {

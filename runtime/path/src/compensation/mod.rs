@@ -2,21 +2,21 @@
 //!
 //! Between lead-in and lead-out the last [`LOOK_AHEAD_MAX`] blocks that move in the plane are held back, so that an
 //! overcut is found before the first motion of the first block that it concerns. All geometry is in the plane of the
-//! compensation; the other axes move linearly with their block, and stand still where the plane needs an extra piece.
+//! compensation; the other axes move linearly with their block, and rest on extra pieces in the plane.
 //!
-//! Our decisions where the manual is silent:
+//! Decisions where the manual is silent:
 //! - The radius is in mm of the machine: the offset is applied after all transforms (D20). A mirror of one axis of the
 //!   plane, or a negative scale, puts the tool on the other side in machine coordinates.
 //! - An added arc belongs to the block that follows it: its line, feedrate and stop. A straight extension belongs to
 //!   the block that it extends. An exact stop between two blocks is made where their extensions meet, before an added
 //!   arc.
-//! - A block that moves no axis of the plane waits for the next one that does, and moves where the two meet; this holds
-//!   before the lead-in and after G40, too. Blocks before and after a move along another axis are not measured against
-//!   each other: they cut at different heights.
-//! - The straight lead-in and lead-out are measured against nothing: the manual's own examples come closer than the
+//! - A block that moves no axis of the plane waits for the next block that does, and moves at their joint,
+//!   also before the lead-in and after G40. Blocks before and after a move along another axis are not
+//!   measured against each other: they cut at different heights.
+//! - The straight lead-in and lead-out are not measured: the manual's own examples come closer than the
 //!   radius. Arcs added to them are measured.
 //! - An arc whose radii differ by at most the arc radius tolerance is treated as the circle of each end; a spiral is
-//!   refused, since it has no offset curve.
+//!   rejected, since it has no offset curve.
 //! - Blocks that prevention leaves out take their feedrate and stops with them; the next block makes the moves of the
 //!   other axes.
 
@@ -51,15 +51,16 @@ use crate::length::LENGTH_MIN;
 /// overcut between blocks farther apart is not found; more blocks without a move in the plane are an alarm.
 pub const LOOK_AHEAD_MAX: usize = 64;
 
-/// How far a rounded corner's direction may be off that of the next motion, radians: a hundredth of a degree.
+/// Largest deviation of the direction given at a rounded corner from that of the next motion, radians: a
+/// hundredth of a degree.
 const DIRECTION_TOLERANCE: f64 = 1.75e-4;
 
 /// Direction in which the motion continues after a rounded corner.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Rounding {
-    /// In any.
+    /// Any direction.
     Free,
-    /// In this one.
+    /// This direction.
     Towards(AxisVector),
 }
 
@@ -71,32 +72,32 @@ pub(crate) struct Side {
     pub tool: f64,
 }
 
-/// Pieces that cannot all stay as they are.
+/// Pieces of which at least one must change or be left out.
 #[derive(Debug, Clone)]
 struct Conflict {
-    /// The first one, which must not move before the conflict is solved.
+    /// The first of the pieces, which must not move before the conflict is solved.
     first: u64,
-    /// The last one known.
+    /// The last known of the pieces.
     last: u64,
     alarm: Alarm,
 }
 
-/// Takes segments of blocks with G41 and G42 up to the lead-out, and gives segments.
+/// Converts segments of blocks with G41 and G42, up to the lead-out, to segments of the tool centre.
 #[derive(Debug, Clone)]
 pub(crate) struct Compensator {
     overcut: Overcut,
     rules: CompensationRules,
     start: CompensationStart,
     spiral_min_mm: f64,
-    /// Set from the lead-in to the lead-out.
+    /// The compensation from the lead-in to the lead-out.
     pub side: Option<Side>,
     queue: VecDeque<Piece>,
     builder: Builder,
-    /// Pieces since the lead-in.
+    /// Number of pieces since the lead-in.
     count: u64,
-    /// The machine is to rest where the next piece begins.
+    /// True if the machine must rest at the start of the next piece.
     stop_next: bool,
-    /// The next corner is rounded.
+    /// Rounding of the next corner.
     round_next: Option<Rounding>,
     conflict: Option<Conflict>,
 }
@@ -123,12 +124,12 @@ impl Compensator {
         self.round_next = Some(rounding);
     }
 
-    /// True from the lead-in to the lead-out.
+    /// Returns true from the lead-in to the lead-out.
     pub fn is_on(&self) -> bool {
         self.side.is_some()
     }
 
-    /// Segments of the blocks held back; fewer when some are left out to prevent an overcut.
+    /// Returns the segments of the blocks held back; fewer when some are left out to prevent an overcut.
     pub fn pending(&self) -> usize {
         let last = self.queue.len().saturating_sub(1);
         let of = |(i, piece): (usize, &Piece)| {
@@ -142,7 +143,7 @@ impl Compensator {
         self.queue.iter().enumerate().map(of).sum()
     }
 
-    /// The machine rests between the legs taken so far and the next one.
+    /// Requests a stop between the legs taken so far and the next one.
     pub fn stop(&mut self) {
         self.stop_next = true;
     }
@@ -168,7 +169,8 @@ impl Compensator {
         self.clear();
     }
 
-    /// Takes a segment of a block; `side` is active or requested. With `wanted` `None` it leads out.
+    /// Takes a segment of a block; `side` is active or requested. If `wanted` is `None`, the segment leads
+    /// out.
     ///
     /// # Errors
     /// Returns the alarms of `PathStage::push`. The pieces before the block that the alarm names have been output.
@@ -226,9 +228,8 @@ impl Compensator {
             return Ok(());
         };
         if last.stills.len() >= LOOK_AHEAD_MAX {
-            let text = format!(
-                "{LOOK_AHEAD_MAX} blocks since the last one that moves in the plane have not moved there"
-            );
+            let text =
+                format!("{LOOK_AHEAD_MAX} blocks in a row have not moved in the plane of the compensation");
             return Err(Alarm::new(&COMPENSATION_LOOK_AHEAD, text));
         }
         last.stills.push(leg);
@@ -280,7 +281,7 @@ impl Compensator {
         self.append(leg, wall, offset, joint, Role::Contour);
         let unsolved = (!solved).then(|| {
             let text = format!(
-                "With a tool radius of {:.6} mm the centre's way on the block before does not meet that on this block",
+                "With a tool radius of {:.6} mm, the compensated path of this block does not meet that of the block before",
                 side.tool.abs()
             );
             Alarm::new(&COMPENSATION_CORNER, text).at(origin)
@@ -304,9 +305,7 @@ impl Compensator {
         };
         let off = wanted.map_or(0.0, |way| way.start_direction().angle_to(along).abs());
         if off > DIRECTION_TOLERANCE {
-            return refused(
-                "The motion after a rounded corner does not go in the direction that the corner names",
-            );
+            return refused("The motion after a rounded corner does not have the direction that G39 gives");
         }
         Ok(straight_corner::round(&last.offset, next, corner, side.tool))
     }
@@ -314,7 +313,7 @@ impl Compensator {
     fn lead_out(&mut self, leg: Leg, way: Curve, side: Side, out: &mut Vec<Leg>) -> Result<(), Alarm> {
         let lead = straight_lead(way, side, "lead-out", self.rules)?;
         let Some(last) = self.queue.back().filter(|last| last.role == Role::Contour) else {
-            return refused("The lead-out follows the lead-in, and no block between them moves in the plane");
+            return refused("No block between the lead-in and the lead-out moves in the plane");
         };
         let (direction, corner) = (lead.start_direction(), lead.from());
         let joint = match self.rules {
@@ -361,7 +360,7 @@ impl Compensator {
         }
     }
 
-    /// The curve of the tool's centre on a block.
+    /// Returns the curve of the tool's centre on a block.
     fn offset(&self, wall: &Curve, tool: f64) -> Result<Curve, Alarm> {
         if let Curve::Arc(arc) = wall {
             let [start, end] = arc.radii;
@@ -370,7 +369,8 @@ impl Compensator {
                 return Err(Alarm::new(&COMPENSATION_SPIRAL, text));
             }
         }
-        // "an offset value that is larger than the radius" is the error (manual dgshape, G40 to G42, restriction 6)
+        // the error is "an offset value that is larger than the radius" (manual dgshape, G40 to G42,
+        // restriction 6)
         let as_large = self.rules == CompensationRules::Unchecked;
         wall.offset(tool, as_large).ok_or_else(|| {
             let radius = match wall {
@@ -378,7 +378,7 @@ impl Compensator {
                 Curve::Line(_) => 0.0,
             };
             let text = format!(
-                "The arc's radius is {radius:.6} mm on the inside, the tool's {:.6} mm",
+                "The arc's radius is {radius:.6} mm on the inside, and the tool's radius is {:.6} mm",
                 tool.abs()
             );
             Alarm::new(&COMPENSATION_ARC_SMALL, text)
@@ -464,7 +464,7 @@ impl Compensator {
     }
 }
 
-/// The curve of a segment in the plane; `None` when it does not move there.
+/// Returns the curve of a segment in the plane; `None` if it does not move there.
 fn way_in_plane(motion: &SegmentMotion, plane: Plane) -> Result<Option<Curve>, Alarm> {
     match motion {
         SegmentMotion::Feed { path, .. } => {
@@ -487,7 +487,7 @@ fn way_in_plane(motion: &SegmentMotion, plane: Plane) -> Result<Option<Curve>, A
     }
 }
 
-/// A lead-in or lead-out: straight, and not shorter than the tool's radius.
+/// Returns a lead-in or lead-out: straight, and not shorter than the tool's radius.
 fn straight_lead(way: Curve, side: Side, what: &str, rules: CompensationRules) -> Result<Curve, Alarm> {
     let (length, radius) = (way.length(), side.tool.abs());
     match way {
@@ -510,7 +510,7 @@ fn refused<T>(text: &str) -> Result<T, Alarm> {
 
 fn nothing_left(piece: &Piece, radius: f64) -> Alarm {
     let text = format!(
-        "With a tool radius of {radius:.6} mm nothing is left of the block's {:.6} mm between its neighbours",
+        "With a tool radius of {radius:.6} mm, no part of the block's {:.6} mm is left between its neighbours",
         piece.wall.length()
     );
     Alarm::new(&OVERCUT, text).at(piece.leg.segment.origin)
@@ -519,8 +519,8 @@ fn nothing_left(piece: &Piece, radius: f64) -> Alarm {
 fn too_close(earlier: &Piece, later: &Piece, distance: f64, radius: f64) -> Alarm {
     let other = later.leg.segment.origin;
     let text = format!(
-        "This block and the one in program {} line {}: the tool's centre comes to {distance:.6} mm, its radius is \
-         {radius:.6} mm",
+        "This block and the one in program {} line {}: the tool's centre comes as close as {distance:.6} mm, \
+         and the tool's radius is {radius:.6} mm",
         other.program, other.line
     );
     Alarm::new(&OVERCUT, text).at(earlier.leg.segment.origin)

@@ -5,12 +5,12 @@ use tandem_model::flow::{Segment, SegmentMotion};
 use super::corner::Joint;
 use super::curve::{Bounds, Curve};
 
-/// A segment, and whether the machine is to rest before it.
+/// A segment, and whether the machine must rest before it.
 #[derive(Debug, Clone)]
 pub(crate) struct Leg {
     pub segment: Segment,
     pub stop_before: bool,
-    /// True for a block in G61: the machine rests also where an added arc meets it, so that none of them is blended.
+    /// True for a block in G61: the machine also rests at an added arc, so that neither is blended.
     pub is_exact: bool,
 }
 
@@ -25,14 +25,14 @@ pub(super) enum Role {
 /// The path of the tool centre on a block.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Way {
-    /// From where it meets the block before to the block's own offset curve, by one or two parts, that curve, and from there
-    /// to where it meets the next block.
+    /// One or two parts from the joint with the block before to the block's own offset curve, that curve, and
+    /// a part to the joint with the next block.
     pub parts: [Option<Curve>; 4],
     pub bounds: Bounds,
 }
 
 impl Way {
-    /// `None` without any part.
+    /// Returns `None` without any part.
     pub fn of(parts: &[Option<Curve>; 4]) -> Option<Self> {
         let all = parts.iter().flatten().map(Bounds::of);
         let bounds = all.reduce(|all, part| all.with(&part))?;
@@ -52,12 +52,12 @@ impl Way {
 pub(super) struct Piece {
     pub leg: Leg,
     pub role: Role,
-    /// Counts pieces since the lead-in.
+    /// Number of the piece since the lead-in.
     pub id: u64,
     /// The programmed curve in the plane.
     pub wall: Curve,
     pub wall_bounds: Bounds,
-    /// The same curve moved by the tool's radius.
+    /// The curve shifted by the tool's radius.
     pub offset: Curve,
     /// Joint with the piece before.
     pub joint: Joint,
@@ -65,18 +65,18 @@ pub(super) struct Piece {
     pub heading: f64,
     /// Lowest and highest direction, including an arc added before it.
     pub directions: [f64; 2],
-    /// `None` until the next block decides where it ends, and where nothing is left of it.
+    /// `None` until the next block determines its end, and if no part of it is left.
     pub way: Option<Way>,
-    /// Overcuts are not looked for.
+    /// True if overcuts are not checked.
     pub may_go_back: bool,
-    /// Left out to prevent an overcut.
+    /// True if the piece is left out to prevent an overcut.
     pub dropped: bool,
     /// The blocks that move no axis of the plane between this piece and the next one.
     pub stills: Vec<Leg>,
 }
 
 impl Piece {
-    /// Returns the path when the joint with the next piece is known; `None` when nothing is left.
+    /// Returns the path when the joint with the next piece is known; `None` if nothing is left.
     pub fn up_to(&self, next: &Joint) -> Option<Way> {
         let joint = &self.joint;
         let curve = match self.role {
@@ -99,7 +99,7 @@ impl Piece {
         (self.may_go_back && is_line).then(|| Curve::line(self.joint.start, next.end))?
     }
 
-    /// True when the tool moves along another axis before the next piece.
+    /// Returns true if the tool moves along another axis before the next piece.
     pub fn lifts(&self) -> bool {
         self.stills
             .iter()

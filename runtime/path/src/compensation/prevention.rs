@@ -36,7 +36,7 @@ fn joined(queue: &VecDeque<Piece>, earlier: usize, place: usize) -> Option<[Way;
     join(before, queue.get(place)?.way.as_ref()?)
 }
 
-/// True when neither the shortened paths nor those before them come too close to anything programmed.
+/// Returns true if neither the shortened paths nor those before them come too close to anything programmed.
 fn is_free(
     queue: &VecDeque<Piece>,
     earlier: usize,
@@ -77,7 +77,7 @@ fn apply(queue: &mut VecDeque<Piece>, earlier: usize, place: usize, [before, aft
     }
 }
 
-/// Joins two paths where they meet first, without the parts between. `None` when they do not meet.
+/// Joins two paths where they meet first, without the parts between. `None` if they do not meet.
 fn join(earlier: &Way, later: &Way) -> Option<[Way; 2]> {
     for (i, part) in earlier.parts.iter().enumerate() {
         let Some(part) = part else { continue };

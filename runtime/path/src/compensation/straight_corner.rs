@@ -1,10 +1,11 @@
-//! The joints of dialect dgshape (G40 to G42 of its manual, whose figures are lost: as most controls make them).
+//! The joints of dialect dgshape (G40 to G42 of its manual). The manual's figures were not available, so the
+//! joints are those of most controls.
 //!
-//! Outside corners stay straight. Up to a deflection of 90 degrees the offset blocks meet where their tangents cross;
-//! beyond it both are extended by the tool's radius, and a line joins them. The lead-in and the lead-out end next to
-//! the corner (type A), or have the same joints as two blocks (type B); within 1 degree of a reversal they are of type
-//! A. On the inside the blocks meet where their offset curves cross, and within 1 degree of a reversal a line joins
-//! their ends.
+//! Outside corners stay straight. Up to a deflection of 90 degrees, the offset blocks meet at the
+//! intersection of their tangents; beyond that, both are extended by the tool's radius, and a line joins
+//! them. The lead-in and the lead-out end next to the corner (type A), or have the same joints as two blocks
+//! (type B); within 1 degree of a reversal they are of type A. On the inside, the blocks meet at the
+//! intersection of their offset curves; within 1 degree of a reversal, a line joins their ends.
 
 use std::f64::consts::PI;
 
@@ -48,7 +49,7 @@ impl End {
     }
 }
 
-/// The joint of two offset curves; see [`corner::between`].
+/// Returns the joint of two offset curves; see [`corner::between`].
 pub(super) fn between(before: &Curve, after: &Curve, corner: Vec2, tool: f64) -> (Joint, bool) {
     let (last, next) = (End::of_last(before), End::of_next(after));
     let turn = last.along.angle_to(next.along);
@@ -68,7 +69,7 @@ pub(super) fn between(before: &Curve, after: &Curve, corner: Vec2, tool: f64) ->
     corner::between(before, after, corner, tool)
 }
 
-/// The joint of a straight lead-in with this direction and the first compensated curve.
+/// Returns the joint of a straight lead-in with this direction and the first compensated curve.
 pub(super) fn leading_in(
     direction: Vec2,
     after: &Curve,
@@ -84,7 +85,7 @@ pub(super) fn leading_in(
     outside(lead, next, corner, tool)
 }
 
-/// The joint of the last compensated curve and a straight lead-out with this direction.
+/// Returns the joint of the last compensated curve and a straight lead-out with this direction.
 pub(super) fn leading_out(
     before: &Curve,
     direction: Vec2,
@@ -100,7 +101,7 @@ pub(super) fn leading_out(
     outside(last, lead, corner, tool)
 }
 
-/// An arc about an outside corner (G39); `None` on the inside.
+/// Returns an arc about an outside corner (G39); `None` on the inside.
 pub(super) fn round(last: &Curve, next: &Curve, corner: Vec2, tool: f64) -> Option<Joint> {
     let turn = last.end_direction().angle_to(next.start_direction());
     let is_outside = turn * tool < 0.0 && turn.abs() >= TANGENT && tool.abs() >= LENGTH_MIN;

@@ -173,7 +173,7 @@ fn s1f_a_positive_r_is_the_smaller_arc_and_a_negative_one_the_larger() {
 }
 
 #[test]
-fn d26_an_r_too_small_by_up_to_the_tolerance_is_a_half_circle_and_beyond_it_an_alarm() {
+fn d26_r_too_small_within_tolerance_is_a_half_circle_beyond_it_an_alarm() {
     for radius in [5.0, 4.995, -4.991] {
         let segments = run(&[g03(1, &[(X, 10.0)], Radius(radius))]);
         close(path(&segments[0]).length(), PI * 5.0);
@@ -238,7 +238,7 @@ fn what_is_no_arc_is_an_alarm_that_names_the_values() {
 }
 
 #[test]
-fn m1f_an_r_without_an_axis_of_the_plane_ends_where_it_starts_whatever_the_tool_length_is_about_to_move() {
+fn m1f_r_without_an_axis_of_the_plane_is_an_alarm_at_any_tool_length() {
     let mut stage = stage();
     let mut out = Vec::new();
     let longer = Transform {

@@ -358,7 +358,7 @@ fn s1g_start_up_ends_beside_the_first_compensated_block() {
 }
 
 #[test]
-fn s1g_start_up_outside_beyond_90_degrees_goes_beside_itself_and_then_round() {
+fn s1g_outside_start_up_beyond_90_degrees_ends_offset_and_adds_an_arc() {
     goes(
         R,
         (-10.0, 0.0),

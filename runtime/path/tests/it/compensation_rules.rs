@@ -29,7 +29,7 @@ fn s1g_a_lead_in_or_lead_out_shorter_than_the_radius_is_an_alarm() {
     assert_eq!(moved, None);
     let (alarm, moved) = refused(R, (0.0, 0.0), &[L(10.0, 0.0), L(20.0, 0.0), L(24.9, 0.0)]);
     is(&alarm, &COMPENSATION_LEAD_SHORT, 4);
-    // The block before is not moved: the lead-out would have said where it ends.
+    // The block before does not move: only the lead-out would have determined its end.
     assert_eq!(moved, Some(2));
     completed(&blocks(
         (0.0, 0.0),
@@ -230,7 +230,7 @@ fn the_soft_limits_are_those_of_the_tools_centre() {
 }
 
 #[test]
-fn more_blocks_without_a_move_in_the_plane_than_the_look_ahead_are_an_alarm() {
+fn more_blocks_without_plane_motion_than_the_look_ahead_are_an_alarm() {
     let lifting = |count: u32| {
         let lift = (0..count).map(|i| with(G41, g01(3 + i, &[(Z, f64::from(i + 1))])));
         led_in_then(lift.chain([with(G41, g01(200, &[(Y, 20.0)])), g01(201, &[(Y, 40.0)])]))
@@ -251,7 +251,7 @@ fn blocks_are_held_back_for_the_look_ahead_and_counted() {
         stage.push(&with(G41, g01(i + 1, &[(X, x)])), &mut out).unwrap();
         assert_eq!(out.len() + stage.held_back(), usize::try_from(i).unwrap() + 1);
         assert!(stage.held_back() <= LOOK_AHEAD_MAX + 1);
-        // Waiting brings out nothing that is not sure yet, and forgets nothing.
+        // A wait outputs no segment that may still change, and drops none.
         if i % 7 == 0 {
             stage.flush(&mut out);
             assert_eq!(out.len() + stage.held_back(), usize::try_from(i).unwrap() + 1);
@@ -337,7 +337,9 @@ fn s1g_an_overcut_of_blocks_apart_is_found_before_the_first_of_them_moves() {
     assert_eq!(alarm.entry, &OVERCUT);
     assert_eq!(alarm.origin.map(|origin| origin.line), Some(4));
     assert!(
-        alarm.text.contains("line 9: the tool's centre comes to 3.000000"),
+        alarm
+            .text
+            .contains("line 9: the tool's centre comes as close as 3.000000"),
         "{}",
         alarm.text
     );
@@ -380,7 +382,7 @@ fn s1g_prevention_leaves_out_what_the_tool_does_not_fit_into() {
         &centre,
         &[L(-20.0, 5.0), L(15.0, 5.0), L(15.0, 30.0), L(20.0, 60.0)],
     );
-    // The lead-out comes before there is a way: an alarm, and the last block moved leads in.
+    // The lead-out comes before any compensated motion: an alarm; the last moved block is the lead-in.
     let (centre, alarm) = run(&[
         L(-20.0, 0.0),
         L(20.0, 0.0),
@@ -394,7 +396,7 @@ fn s1g_prevention_leaves_out_what_the_tool_does_not_fit_into() {
 }
 
 #[test]
-fn s1g_an_arc_added_before_the_lead_out_is_an_overcut_where_it_reaches_into_a_block() {
+fn s1g_arc_before_the_lead_out_that_reaches_into_a_block_is_an_overcut() {
     // Clockwise about a block of material with a gap of 6 in its upper side. The lead-out turns by 135 degrees: the arc
     // about (20, 0) goes to (20 + 5 cos 45, -5 sin 45), and the first wall begins in (26, -2), behind the material.
     let contour = |first_wall: f64| {
@@ -414,7 +416,7 @@ fn s1g_an_arc_added_before_the_lead_out_is_an_overcut_where_it_reaches_into_a_bl
         let (segments, alarm) = outcome(&settings, &blocks((26.0, 20.0), &contour(26.0), G41));
         let alarm = alarm.unwrap();
         is(&alarm, &OVERCUT, 3);
-        let text = format!("line 7: the tool's centre comes to {distance:.6}");
+        let text = format!("line 7: the tool's centre comes as close as {distance:.6}");
         assert!(alarm.text.contains(&text), "{}", alarm.text);
         assert_eq!(segments.last().map(|segment| segment.origin.line), Some(2));
     }
@@ -423,7 +425,7 @@ fn s1g_an_arc_added_before_the_lead_out_is_an_overcut_where_it_reaches_into_a_bl
 }
 
 #[test]
-fn s1g_a_reversal_to_the_tools_side_is_an_overcut_where_its_blocks_are_apart() {
+fn s1g_reversal_to_the_tool_side_with_separated_blocks_is_an_overcut() {
     // 0.5 degrees over 20 mm: the block back lies 20 sin 0.5 degrees above the one forth, where the tool is.
     let (sin, cos) = 0.5_f64.to_radians().sin_cos();
     let back = |way: f64| L(20.0 - way * cos, way * sin);
@@ -433,7 +435,10 @@ fn s1g_a_reversal_to_the_tools_side_is_an_overcut_where_its_blocks_are_apart() {
         &[L(0.0, 0.0), L(20.0, 0.0), back(20.0), back(40.0)],
     );
     is(&alarm, &OVERCUT, 3);
-    let text = format!("line 4: the tool's centre comes to {:.6}", 5.0 - 20.0 * sin);
+    let text = format!(
+        "line 4: the tool's centre comes as close as {:.6}",
+        5.0 - 20.0 * sin
+    );
     assert!(alarm.text.contains(&text), "{}", alarm.text);
     assert_eq!(moved, Some(2));
 }

@@ -102,7 +102,7 @@ fn s1g_other_axes_go_linearly_with_their_block() {
 }
 
 #[test]
-fn s1g_a_block_without_a_move_in_the_plane_moves_where_its_neighbours_meet() {
+fn s1g_block_without_plane_motion_moves_at_the_join_of_its_neighbours() {
     let all = led_in_then([
         with(G41, g01(3, &[(Z, -2.0)])),
         with(G41, g01(4, &[(Y, 20.0)])),

@@ -1,4 +1,4 @@
-//! The path stage from outside: blocks in, segments out.
+//! Tests of the path stage through its public interface.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "tests fail by panicking")]
 

@@ -35,7 +35,7 @@ fn stage() -> PathStage {
 }
 
 #[test]
-fn g28_goes_over_the_middle_point_to_the_first_reference_point_with_the_named_axes_only() {
+fn g28_moves_named_axes_via_middle_point_to_first_reference_point() {
     let mut stage = stage();
     let mut out = Vec::new();
     let offset = Transform {
@@ -65,7 +65,7 @@ fn g28_goes_over_the_middle_point_to_the_first_reference_point_with_the_named_ax
 }
 
 #[test]
-fn g30_names_the_second_to_fourth_point_and_an_incremental_middle_point_counts_from_the_position() {
+fn g30_selects_points_2_to_4_and_takes_incremental_middle_from_position() {
     for (point, x, y) in [(2, 2.0, 20.0), (3, 3.0, 30.0), (4, 4.0, 40.0)] {
         let mut stage = stage();
         let mut out = Vec::new();
@@ -114,7 +114,7 @@ fn soft_limits_of_both_ways_are_checked_before_either_begins() {
 }
 
 #[test]
-fn g31_goes_to_its_target_and_the_next_block_begins_where_the_servo_says_it_rests() {
+fn g31_moves_to_its_target_and_next_block_starts_at_servo_rest_position() {
     let mut stage = stage();
     let mut out = Vec::new();
     let offset = Transform {

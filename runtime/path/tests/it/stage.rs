@@ -40,7 +40,7 @@ fn g90_counts_from_the_work_offset_and_g91_from_the_last_position() {
 }
 
 #[test]
-fn d20_switching_a_transform_on_moves_nothing_and_the_work_position_undoes_it() {
+fn d20_enabling_a_transform_moves_nothing_and_work_position_inverts_it() {
     let mut stage = stage();
     let mut out = Vec::new();
     let mut offset = AxisVector::ZERO;
@@ -131,7 +131,7 @@ fn d25_what_a_block_moves_says_which_f_counts() {
 }
 
 #[test]
-fn in_dry_run_cutting_blocks_take_its_feedrate_in_place_of_f_and_threads_keep_theirs() {
+fn dry_run_feedrate_replaces_f_in_cutting_blocks_and_not_in_threads() {
     let feed_of = |configured: f64, block: &Block| {
         let mut settings = settings();
         settings.max_feedrate_mm_min = 9000.0;
@@ -170,7 +170,7 @@ fn an_axis_that_the_coordinate_system_lacks_is_an_alarm() {
 }
 
 #[test]
-fn soft_limits_are_checked_before_anything_moves_and_the_text_names_axis_value_and_limit() {
+fn soft_limits_are_checked_first_and_text_names_axis_value_and_limit() {
     let text = refused(&g01(9, &[(X, 10.0), (Y, 200.5)]), &SOFT_LIMIT);
     assert!(
         text.contains('Y') && text.contains("200.5") && text.contains("upper limit 200.0"),
@@ -297,7 +297,7 @@ fn s1c_the_last_block_is_held_back_until_the_next_one_or_a_flush() {
     stage.push(&g01(3, &[(X, 3.0)]), &mut out).unwrap();
     stage.restart(MachinePosition::default());
     stage.flush(&mut out);
-    assert_eq!(out.len(), 2, "a restart forgets what is held back");
+    assert_eq!(out.len(), 2, "a restart discards the segments held back");
 }
 
 #[test]
@@ -370,7 +370,7 @@ fn s1c_rapid_dwell_transform_and_a_block_without_movement_end_a_chain() {
 }
 
 #[test]
-fn m1c_with_g500_a_block_without_movement_ends_no_chain_but_rapid_dwell_g09_and_a_tool_length_do() {
+fn m1c_g500_chain_ends_at_rapid_dwell_g09_tool_length_not_at_empty_block() {
     let with_g500 = |mut block: Block| {
         block.multi_block = MultiBlock::On;
         block
@@ -412,7 +412,7 @@ fn m1c_with_g500_a_block_without_movement_ends_no_chain_but_rapid_dwell_g09_and_
         let out = run(&blocks);
         assert_eq!(out[0].end == Continuous, continuous, "{between:?}");
         let on = |segment: &Segment| segment.multi_block == MultiBlock::On;
-        assert!(out.iter().all(on), "the motion stage is told");
+        assert!(out.iter().all(on), "the motion stage receives G500");
     }
     let out = run(&[g01(1, &[(X, 1.0)]), moved(X, 5.0), g01(3, &[(X, 2.0)])].map(with_g500));
     near(target(&out[1]), [7.0, 0.0, 0.0]);

@@ -91,13 +91,13 @@ fn m1h_f100_and_s300_are_15_revolutions_over_5_mm_and_back() {
 }
 
 #[test]
-fn m1h_without_a_spindle_in_the_coordinate_system_nothing_is_locked_to_the_way() {
+fn m1h_without_a_spindle_nothing_is_locked_to_the_thread_path() {
     let segments = run(&hole(-5.0, -10.0, None));
     near(thread(&segments[1]), (-5.0, -10.0, 0.0, TapLeg::In));
 }
 
 #[test]
-fn m1h_the_pitch_counts_in_machine_coordinates_and_a_mirror_keeps_the_turn() {
+fn m1h_pitch_is_in_machine_coordinates_and_mirror_keeps_the_rotation() {
     let mut scale = Transform {
         scaling: Some(Scaling {
             centre: AxisVector::ZERO,
@@ -122,7 +122,7 @@ fn m1h_the_pitch_counts_in_machine_coordinates_and_a_mirror_keeps_the_turn() {
 }
 
 #[test]
-fn m1h_the_pitch_is_that_of_f_as_programmed_and_f_of_other_blocks_is_at_most_the_maximum() {
+fn m1h_pitch_uses_programmed_f_and_other_blocks_are_limited_to_maximum() {
     let mut slow = settings();
     slow.max_feedrate_mm_min = 60.0;
     let mut stage = PathStage::new(&slow, MachinePosition::default());
@@ -137,7 +137,7 @@ fn m1h_the_pitch_is_that_of_f_as_programmed_and_f_of_other_blocks_is_at_most_the
 }
 
 #[test]
-fn m1h_without_a_spindle_f_above_what_z_can_go_would_change_the_pitch_and_is_refused() {
+fn m1h_without_spindle_f_above_z_limits_is_refused_to_keep_the_pitch() {
     // F100 is 1.67 mm/s.
     for (max_feedrate, max_velocity, is_refused) in
         [(100.0, 10.0, false), (99.9, 10.0, true), (1000.0, 1.66, true)]
@@ -256,7 +256,7 @@ fn a_cycle_with_a_hole_out_of_reach_is_refused_before_the_first_hole() {
 }
 
 #[test]
-fn a_cycle_that_begins_moves_nothing_and_its_levels_count_with_the_tool_length() {
+fn cycle_start_moves_nothing_and_its_levels_include_the_tool_length() {
     let mut stage = stage();
     let mut out = Vec::new();
     // machine Z is 60 less than programmed Z: Z-41 is beyond -100, Z-39 within
@@ -295,7 +295,7 @@ fn a_thread_along_another_direction_than_z_is_refused() {
 }
 
 #[test]
-fn d22_the_next_block_counts_from_z_with_the_tool_length_that_nothing_has_moved_for() {
+fn d22_next_block_starts_from_z_with_the_tool_length_not_yet_moved() {
     let mut stage = stage();
     let mut out = Vec::new();
     let longer = Transform {

@@ -56,7 +56,7 @@ fn everything_by_hand([x, y, z]: [f64; 3]) -> [f64; 3] {
 }
 
 #[test]
-fn d20_mirror_scale_rotation_local_work_offset_and_tool_length_in_this_order() {
+fn d20_order_is_mirror_scale_rotation_local_work_offset_tool_length() {
     for point in [[0.0, 0.0, 0.0], [3.0, -4.0, 5.0], [12.5, 7.25, -2.0]] {
         let [x, y, z] = point;
         let segments = run(&[transform(1, everything()), g01(2, &[(X, x), (Y, y), (Z, z)])]);
@@ -96,7 +96,7 @@ fn d20_incremental_words_take_the_linear_part_only() {
 }
 
 #[test]
-fn d20_under_a_rotation_an_axis_that_is_not_named_keeps_its_programmed_value() {
+fn d20_unnamed_axis_keeps_its_programmed_value_under_a_rotation() {
     let rotation = Rotation {
         plane: Plane::Xy,
         centre: xyz([0.0, 0.0, 0.0]),
@@ -128,7 +128,7 @@ fn d20_under_a_rotation_an_axis_that_is_not_named_keeps_its_programmed_value() {
 }
 
 #[test]
-fn d20_a_rotation_counts_counter_clockwise_from_the_first_axis_of_its_plane_to_the_second() {
+fn d20_rotation_is_counter_clockwise_from_first_to_second_plane_axis() {
     for (plane, axis, expected) in [
         (Plane::Xy, X, [0.0, 10.0, 0.0]),
         (Plane::Zx, Z, [10.0, 0.0, 0.0]),
@@ -202,7 +202,7 @@ fn d22_tool_length_shifts_z_without_motion_of_its_own() {
 }
 
 #[test]
-fn d22_the_next_motion_block_ends_at_the_corrected_z_whether_it_names_z_or_not() {
+fn d22_next_motion_block_ends_at_corrected_z_whether_or_not_it_names_z() {
     let long = Transform {
         tool_length: 8.0,
         ..Transform::default()
@@ -261,7 +261,7 @@ fn g53_moves_to_machine_coordinates_whatever_transform_is_in_force() {
 }
 
 #[test]
-fn d23_g53_g28_and_g30_with_a_tool_offset_or_cutter_compensation_are_alarms() {
+fn d23_g53_g28_g30_with_tool_offset_or_cutter_compensation_are_alarms() {
     let reference = Action::Reference {
         middle: words(Distance::Absolute, &[(X, 1.0)]),
         point: 1,
@@ -293,7 +293,7 @@ fn d23_g53_g28_and_g30_with_a_tool_offset_or_cutter_compensation_are_alarms() {
 }
 
 #[test]
-fn a_transform_with_a_scale_of_zero_or_a_value_that_is_not_a_number_is_an_alarm() {
+fn transform_with_zero_scale_or_not_a_number_is_an_alarm() {
     let scaled = |factor| Transform {
         scaling: Some(Scaling {
             centre: xyz([0.0; 3]),

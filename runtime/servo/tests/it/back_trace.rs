@@ -1,4 +1,4 @@
-//! Back trace: the way back of what moved with G500, and forward again from where it ends (M1d, M1e, M1i).
+//! Back trace: the return along motion with G500, and forward again from its end (M1d, M1e, M1i).
 
 use std::collections::VecDeque;
 
@@ -105,7 +105,7 @@ fn is_before(one: PathPlace, other: PathPlace) -> bool {
 }
 
 impl Machine {
-    /// Goes over to a plan at rest, and begins it.
+    /// Switches to a plan at rest, and begins it.
     fn turn_round(&mut self, profiles: VecDeque<Profile>) -> Result<(), TestCaseError> {
         self.splice(None, profiles);
         self.rig.control(Control::Resume);
@@ -114,7 +114,8 @@ impl Machine {
         Ok(())
     }
 
-    /// So many cycles on the path, each at the place before or further on, or further back.
+    /// Runs this number of cycles on the path; each is at the place of the one before or farther on, or
+    /// farther back.
     fn go(&mut self, cycles: u32, is_backward: bool) -> Result<(), TestCaseError> {
         for _ in 0..cycles {
             let before = self.place();
@@ -127,7 +128,7 @@ impl Machine {
         Ok(())
     }
 
-    /// From feed hold back for so many cycles, and to rest; then forward again.
+    /// Moves back from a feed hold for this number of cycles, and to rest; then forward again.
     fn back_and_forward(&mut self, cycles: u32) -> Result<(), TestCaseError> {
         let back = self.planner.retrace(self.held_at());
         if !back.is_empty() {
@@ -146,7 +147,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
-    fn back_trace_passes_every_block_of_g500_on_its_path_either_way_within_the_motors_limits(
+    fn back_trace_of_g500_blocks_keeps_path_and_motor_limits_both_directions(
         steps in steps(),
         feed in feeds(),
         acceleration in prop_oneof![Just(300.0), Just(2000.0), Just(10_000.0)],
@@ -186,7 +187,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(100))]
 
     #[test]
-    fn back_trace_goes_back_on_the_path_within_the_limits_and_forward_again_to_the_end(
+    fn back_trace_keeps_the_path_and_limits_and_forward_reaches_the_end(
         ways in ways(),
         feed in feeds(),
         acceleration in prop_oneof![Just(300.0), Just(2000.0), Just(10_000.0)],
@@ -274,7 +275,7 @@ fn a_dwell_is_waited_once_in_all_and_not_on_the_way_back() {
         let of = |profile: &Profile| (profile.segment, profile.duration_s);
         profiles.iter().map(of).collect()
     };
-    // Waited for a part: none of it on the way back, the rest on the way forward.
+    // Waited in part: not at all on the way back, the rest on the way forward.
     let at = until(&mut machine, 2, 200);
     let back = machine.planner.retrace(at);
     assert_eq!(passed(&back)[0], (2, 0.0));
@@ -340,7 +341,8 @@ fn what_is_passed_within_a_rapid_has_the_position_of_its_time() {
     assert_eq!(back[0].target(), AxisVector::ZERO);
 }
 
-/// Passes these ways, and goes back through a ring with so much room that is filled again once in so many cycles.
+/// Passes these paths, and returns through a ring with this room that is refilled once in this number of
+/// cycles.
 fn go_back_through_a_ring(
     settings: &CoordinateSystemSettings,
     ways: &[Way],
@@ -396,7 +398,7 @@ proptest! {
 }
 
 #[test]
-fn m1d_a_way_back_of_which_the_ring_holds_only_nanoseconds_comes_to_its_end() {
+fn m1d_back_trace_with_nanoseconds_of_motion_in_the_ring_reaches_its_end() {
     // 376 profiles a block, the shortest of them passed in 0.2 ns
     let (acceleration, jerk) = (2000.0, 4000.0);
     let feed = Feed {

@@ -158,7 +158,7 @@ fn s1i_a_chain_whose_next_block_is_late_waits_for_it_on_its_path() {
 }
 
 #[test]
-fn s1i_a_chain_too_short_to_come_to_rest_in_waits_for_more_and_passes_the_joint_only_then() {
+fn s1i_chain_too_short_to_stop_waits_for_more_blocks_before_the_joint() {
     // Two blocks of 5 ms each.
     let mut rig = Rig::new(&settings());
     for n in 0..2_u64 {

@@ -203,7 +203,7 @@ fn abort_brakes_each_motor_at_its_maximum_acceleration() {
 }
 
 #[test]
-fn abort_wins_over_a_stop_under_way_and_answers_once_with_the_highest_epoch() {
+fn abort_overrides_a_running_stop_and_reports_the_highest_epoch_once() {
     let mut rig = under_way();
     rig.control(Control::Stop { epoch: 4 });
     rig.cycles(100);
@@ -262,7 +262,7 @@ fn s1i_single_block_rests_at_the_end_of_each_block_that_stops_there() {
 }
 
 #[test]
-fn single_block_that_is_taken_back_in_time_holds_nothing_and_a_hold_wins_over_it() {
+fn revoked_single_block_holds_nothing_and_a_hold_takes_precedence() {
     let mut rig = Rig::new(&settings());
     rig.push(line(1, AxisVector::ZERO, vector(&[10.0]), 50.0, 0.1));
     rig.push(rapid(2, 10.0, 30.0));

@@ -10,7 +10,7 @@ use tandem_servo::{
 
 use crate::rig::{Rig, T, close, dwell, is_finished, is_stopped, rapid, settings, vector};
 
-/// Cycles that a drive takes to come to power.
+/// Number of cycles until a drive has power.
 const POWER_UP: u32 = 5;
 
 /// Switches by which a test changes the drives, and their observed commands.
@@ -103,7 +103,7 @@ fn moving() -> (Rig, Arc<Switches>) {
     (rig, switches)
 }
 
-/// Brings the motion to rest; gives the faults told.
+/// Brings the motion to rest; returns the reported faults.
 fn faults_until_rest(rig: &mut Rig) -> Vec<Fault> {
     let events = rig.cycles(200);
     let faults = events.iter().map(|event| match event {
@@ -113,7 +113,7 @@ fn faults_until_rest(rig: &mut Rig) -> Vec<Fault> {
     faults.collect()
 }
 
-/// A stop without a reset of the drives, and what the first cycle of the next motion tells.
+/// Stops without a reset of the drives, and returns the events of the first cycle of the next motion.
 fn next_motion_after_stop(rig: &mut Rig) -> Vec<Event> {
     rig.control(Control::Stop { epoch: 1 });
     assert!(rig.cycle().iter().any(is_stopped));
@@ -233,7 +233,7 @@ fn frames_lost_in_a_row_bring_the_machine_to_rest_with_a_fault_told_once() {
 }
 
 #[test]
-fn a_drive_fault_brings_the_channel_to_rest_and_a_reset_enables_where_the_motors_stand() {
+fn drive_fault_stops_the_channel_and_reset_enables_at_actual_position() {
     let (mut rig, switches) = moving();
     switches.fault.store(0x7305, Relaxed);
     let faults = faults_until_rest(&mut rig);

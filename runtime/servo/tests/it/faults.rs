@@ -31,7 +31,7 @@ fn fault(events: &[Event]) -> Fault {
 }
 
 #[test]
-fn s1c_a_motor_that_does_not_come_into_position_is_a_fault_after_its_time_out() {
+fn s1c_motor_not_in_position_after_its_timeout_is_a_fault() {
     let mut rig = Rig::on_bus(&settings(), Stuck);
     rig.push(dwell(1, AxisVector::ZERO, 0.1));
     rig.push(dwell(2, AxisVector::ZERO, 0.1));

@@ -1,4 +1,5 @@
-//! Cycles that come late: what moves is held, from where it stood, within the limits of the motors as they are by then.
+//! Late cycles: moving channels are held from their present position, within the limits of the motors at that
+//! time.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -16,7 +17,7 @@ fn is_held(event: &Event) -> bool {
     matches!(event, Event::Held { .. })
 }
 
-/// Drives that come to rest when no commands come.
+/// Drives that stop without commands.
 #[derive(Debug, Default)]
 struct Drives {
     heard: Arc<AtomicU64>,
@@ -63,23 +64,26 @@ fn steepest(rig: &mut Rig, before: f64, wanted: impl Fn(&Event) -> bool) -> f64 
 }
 
 #[test]
-fn a_late_servo_holds_from_where_it_stood_and_brakes_on_the_path_when_the_motors_keep_their_speed() {
+fn late_servo_brakes_on_the_path_from_its_position_if_motors_keep_speed() {
     let mut rig = Rig::new(&settings());
     rig.push(line(1, AxisVector::ZERO, vector(&[1000.0]), 100.0, 0.1));
     rig.cycles(1001);
     close(rig.x(), 95.0);
     assert_eq!(late(&mut rig, 2000), [Event::Late { cycles: 2000 }]);
-    assert!(rig.x() < 95.1 && rig.x() > 95.0, "it goes on from where it stood");
+    assert!(
+        rig.x() < 95.1 && rig.x() > 95.0,
+        "the motion continues from its last position"
+    );
     assert_eq!(rig.until(is_held), 199, "as by a feed hold of 0.2 s");
     close(rig.x(), 95.0 + 100.0 * 0.2 / 2.0);
-    assert!(rig.cycles(500).is_empty(), "nothing goes on by itself");
+    assert!(rig.cycles(500).is_empty(), "nothing continues without a resume");
     rig.control(Control::Resume);
     rig.until(is_finished(1));
     assert_eq!(rig.position(), vector(&[1000.0]));
 }
 
 #[test]
-fn motors_that_came_to_rest_meanwhile_see_no_step_and_start_again_from_rest() {
+fn after_a_late_servo_stopped_motors_see_no_step_and_restart_from_rest() {
     for profile in [
         line(1, AxisVector::ZERO, vector(&[1000.0]), 100.0, 0.1),
         rapid(1, 0.0, 1000.0),
@@ -129,7 +133,7 @@ fn p10_late_servo_at_a_reversal_holds_before_the_next_motion() {
         let mut rig = on_drives();
         rig.push(rapid(1, 0.0, 30.0));
         rig.until(is_finished(1));
-        // the way back has not been handed over
+        // the return path has not been passed to the servo
         rig.cycles(cycles);
         let events = late(&mut rig, 100);
         assert!(
@@ -246,7 +250,7 @@ fn m1h_late_servo_in_a_thread_rests_where_it_stood_and_resumes() {
 }
 
 #[test]
-fn the_bus_hears_the_heartbeat_in_every_cycle_and_in_none_that_is_left_out() {
+fn bus_receives_a_heartbeat_in_each_executed_cycle_and_no_omitted_one() {
     let heard = Arc::default();
     let drives = Drives {
         heard: Arc::clone(&heard),

@@ -172,7 +172,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(100))]
 
     #[test]
-    fn m1i_no_motor_exceeds_its_limits_at_any_override_through_holds_and_a_stop(
+    fn m1i_motor_limits_hold_at_any_override_through_holds_and_a_stop(
         ways in ways(),
         feed in feeds(),
         acceleration in prop_oneof![Just(300.0), Just(2000.0), Just(10_000.0)],
@@ -223,7 +223,7 @@ proptest! {
     }
 
     #[test]
-    fn m1d_profiles_that_come_late_slow_the_motion_on_its_path_within_the_limits(
+    fn m1d_late_profiles_slow_the_motion_on_its_path_within_the_limits(
         ways in ways(),
         feed in feeds(),
         acceleration in prop_oneof![Just(300.0), Just(2000.0), Just(10_000.0)],

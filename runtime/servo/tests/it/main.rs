@@ -1,4 +1,4 @@
-//! Channels from outside: profiles and controls in, setpoints and events out. Time is counted, never waited for.
+//! Tests of channels through the public interface. Time is counted in cycles, without waiting.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "tests fail by panicking")]
 

@@ -1,4 +1,4 @@
-//! Cycles that change nothing pass at once, and leave what as many counted cycles leave.
+//! Cycles that change nothing are passed at once; the result equals that of executed cycles.
 
 use proptest::prelude::*;
 use tandem_model::AxisVector;
@@ -21,7 +21,7 @@ fn machine() -> CoordinateSystemSettings {
     settings
 }
 
-/// Lets as many cycles pass as can; gives how many.
+/// Passes as many cycles as possible; returns their number.
 fn pass(servo: &mut Servo, cycles_max: u64) -> u64 {
     let cycles = servo.cycles_to_pass(cycles_max);
     servo.pass(cycles);
@@ -131,7 +131,7 @@ fn controls() -> impl Strategy<Value = Vec<(u64, Control)>> {
     })
 }
 
-/// Events and the last reading of 6000 cycles; `passes`: with as few cycles as can be.
+/// Returns events and the last reading of 6000 cycles; `passes`: with as few executed cycles as possible.
 fn run(
     settings: &CoordinateSystemSettings,
     controls: &[(u64, Control)],
@@ -202,7 +202,7 @@ fn positions(
 }
 
 #[test]
-fn a_line_whose_next_block_is_late_slows_down_as_when_every_cycle_is_counted() {
+fn line_with_late_next_block_slows_the_same_passed_or_cycle_by_cycle() {
     // 60 mm at 100 mm/s with ramps of 0.1 s take 0.7 s; feed hold of 0.2 s needs the last 0.1 s of them.
     let mut late = line(1, vector(&[0.0]), vector(&[60.0]), 100.0, 0.1);
     late.exact_stop = false;
@@ -213,7 +213,7 @@ fn a_line_whose_next_block_is_late_slows_down_as_when_every_cycle_is_counted() {
 }
 
 #[test]
-fn a_g500_chain_whose_blocks_are_late_slows_down_as_when_every_cycle_is_counted() {
+fn g500_chain_with_late_blocks_slows_the_same_passed_or_cycle_by_cycle() {
     let settings = crate::look_ahead::machine(1000.0);
     let feed = Feed {
         feedrate_mm_min: 6000.0,

@@ -1,4 +1,4 @@
-//! A machine that runs a plan, and goes over to others.
+//! A machine that runs a plan, and switches to others.
 
 use std::collections::VecDeque;
 
@@ -16,7 +16,7 @@ pub struct Machine {
     pub planner: Planner,
     pub watch: Watch,
     pub events: Vec<Event>,
-    /// As planned at first.
+    /// The first plan.
     pub profiles: Vec<Profile>,
     held_at: PathPlace,
 }
@@ -107,7 +107,7 @@ impl Machine {
         panic!("not at rest")
     }
 
-    /// Where the last feed hold has come to rest.
+    /// Place at which the last feed hold ended.
     pub fn held_at(&self) -> PathPlace {
         self.held_at
     }

@@ -1,4 +1,4 @@
-//! Whatever is commanded and whenever: the path is not left, nothing jumps, each stop is answered.
+//! For random commands at random times: the motion stays on the path, nothing jumps, each stop is answered.
 
 use proptest::prelude::*;
 use tandem_model::AxisVector;

@@ -27,7 +27,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
-    fn m1i_holds_and_overrides_within_a_rapid_keep_every_motors_maximum_acceleration(
+    fn m1i_holds_and_overrides_in_a_rapid_keep_motor_maximum_acceleration(
         way in prop::array::uniform3(-60.0..60.0),
         fractions in prop::array::uniform3(0.05..1.0),
         slew_ms in prop_oneof![Just(0.0), Just(20.0), Just(200.0)],
@@ -83,7 +83,7 @@ proptest! {
 }
 
 #[test]
-fn m1i_a_hold_while_a_rapid_brakes_as_hard_as_it_may_lets_it_brake_to_its_end() {
+fn m1i_hold_during_maximum_rapid_braking_lets_it_brake_to_its_end() {
     // X from 400 mm/s at 2000 mm/s^2: a ramp of 0.2 s; held in the last of it there is nothing left to slow down with.
     let mut settings = machine(2000.0);
     settings.hold_slew_ms = 100.0;

@@ -112,14 +112,14 @@ impl Rig {
         Self::with_room(settings, 64)
     }
 
-    /// With room for so many profiles.
+    /// Creates a rig with room for this number of profiles.
     pub fn with_room(settings: &CoordinateSystemSettings, profiles: usize) -> Self {
         let (servo, mut handles) = Servo::simulated(&[(settings, profiles)], settings.servo_period_s);
         let handle = handles.remove(0);
         Self { servo, handle }
     }
 
-    /// With these drives.
+    /// Creates a rig with these drives.
     pub fn on_bus(settings: &CoordinateSystemSettings, bus: impl DriveBus + 'static) -> Self {
         let hardware = Hardware {
             bus: Box::new(bus),
@@ -151,7 +151,7 @@ impl Rig {
         (0..n).flat_map(|_| self.cycle()).collect()
     }
 
-    /// Cycles until the events of one hold such an event; gives the number of cycles.
+    /// Runs cycles until the events of a cycle contain such an event; returns the number of cycles.
     pub fn until(&mut self, wanted: impl Fn(&Event) -> bool) -> u32 {
         for n in 1..1_000_000 {
             if self.cycle().iter().any(&wanted) {

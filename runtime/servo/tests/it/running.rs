@@ -6,7 +6,7 @@ use tandem_servo::{Control, Event, Reading, Servo};
 use crate::rig::{Rig, T, close, dwell, is_finished, line, origin, rapid, settings, vector};
 
 #[test]
-fn s1c_sample_k_is_the_formula_at_k_periods_and_the_last_sample_is_the_end_point() {
+fn s1c_sample_k_is_the_formula_at_k_periods_and_the_last_the_end_point() {
     let mut rig = Rig::new(&settings());
     // 10.005 mm at 50 mm/s, ramps 0.1 s: 0.3001 s, not a whole number of periods
     let profile = line(1, AxisVector::ZERO, vector(&[6.003, -8.004]), 50.0, 0.1);

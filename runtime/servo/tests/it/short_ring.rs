@@ -63,7 +63,7 @@ fn lines(n: usize, length: f64) -> Vec<Way> {
 }
 
 #[test]
-fn m1d_with_g500_a_ring_too_short_for_the_way_to_rest_only_slows_the_motion() {
+fn m1d_g500_ring_shorter_than_the_stopping_distance_only_slows_motion() {
     let acceleration = 1000.0;
     let settings = machine(acceleration);
     for length in [1e-3, 0.02, 0.5] {
@@ -106,7 +106,7 @@ fn with_g501(settings: &CoordinateSystemSettings, ways: &[Way], feed: Feed) -> V
 }
 
 #[test]
-fn m1b_with_g501_a_ring_too_short_for_the_way_to_rest_only_slows_the_motion() {
+fn m1b_g501_ring_shorter_than_the_stopping_distance_only_slows_motion() {
     let settings = settings();
     for length in [1e-4, 1e-3, 0.02, 0.5] {
         let profiles = with_g501(&settings, &lines(600, length), fast());
@@ -136,7 +136,7 @@ fn m1d_a_chain_of_which_the_ring_holds_only_picoseconds_comes_to_its_end() {
 }
 
 #[test]
-fn m1b_a_chain_with_more_blocks_than_a_servo_period_can_pass_is_slower_and_never_jumps() {
+fn m1b_chain_beyond_the_blocks_per_period_limit_slows_and_never_jumps() {
     // 10,000 blocks of 2e-5 mm in a period at F, 20,000 at 200 percent: 4,096 are passed; then one of 20 mm
     let settings = settings();
     let ways: Vec<Way> = std::iter::repeat_n((2e-5, 0.0, false), 60_000)
@@ -173,7 +173,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
     #[test]
-    fn m1d_in_a_ring_of_any_size_no_chain_runs_out_and_no_motor_exceeds_its_limit(
+    fn m1d_in_a_ring_of_any_size_chains_never_run_out_or_exceed_limits(
         ways in prop::collection::vec((-1.0..1.0, -1.0..1.0, prop::bool::weighted(0.2)), 20..60),
         size in prop_oneof![Just(5.0), Just(0.2), Just(0.01), Just(0.001)],
         room in 2_usize..200,

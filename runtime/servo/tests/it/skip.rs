@@ -63,7 +63,7 @@ fn set(axes: &[Axis]) -> AxisSet {
 }
 
 #[test]
-fn s1e_a_motor_overshoots_by_v_squared_over_2a_and_is_back_1_plus_root_2_v_over_a_after_the_trigger() {
+fn s1e_overshoot_is_v2_over_2a_and_return_takes_1_plus_root_2_v_over_a() {
     // -1.25 - 50 (0.172 - 0.05) = -7.35 is the first sample beyond the threshold, by a nanometre.
     let mut rig = Rig::new(&with_inputs(&[(Z, SimulatedSkip::Below(-7.35 + 1e-6))]));
     rig.push(skip(1, &[0.0; 3], &[0.0, 0.0, -20.0]));
@@ -147,7 +147,7 @@ fn d40_each_motor_stops_alone_and_one_without_an_input_goes_to_the_target() {
 }
 
 #[test]
-fn a_motor_beyond_its_threshold_at_the_start_stays_and_one_that_does_not_move_captures_nothing() {
+fn motor_past_threshold_at_start_stays_and_a_still_one_captures_nothing() {
     let inputs = [(X, SimulatedSkip::Below(5.0)), (Y, SimulatedSkip::Below(5.0))];
     let mut rig = Rig::new(&with_inputs(&inputs));
     rig.push(skip(1, &[0.0; 3], &[-10.0, 0.0, 3.0]));
@@ -167,7 +167,7 @@ fn a_motor_beyond_its_threshold_at_the_start_stays_and_one_that_does_not_move_ca
 }
 
 #[test]
-fn a_lagging_motor_that_comes_to_its_threshold_after_its_command_has_ended_turns_back() {
+fn lagging_motor_reaching_its_threshold_after_its_command_turns_back() {
     let mut settings = with_inputs(&[(X, SimulatedSkip::Above(9.99))]);
     settings.motors[0].as_mut().unwrap().lag_ms = 50.0;
     settings.motors[0].as_mut().unwrap().in_position = 0.001;
@@ -198,7 +198,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn s1i_hold_resume_and_rapid_override_change_neither_capture_nor_continuity(
+    fn s1i_hold_resume_and_rapid_override_keep_capture_and_continuity(
         controls in prop::collection::vec((0_u32..120, prop_oneof![
             Just(Control::Hold),
             Just(Control::Resume),
@@ -237,7 +237,7 @@ proptest! {
 }
 
 #[test]
-fn a_skip_input_set_from_outside_captures_where_the_motor_is_and_keeps_its_value() {
+fn external_skip_input_captures_the_motor_position_and_keeps_its_value() {
     let mut rig = Rig::new(&with_inputs(&[]));
     // motor 13 is Z; 50 mm/s after 50 ms, 1.25 mm
     rig.push(skip(1, &[0.0; 3], &[10.0, 0.0, -20.0]));
@@ -290,7 +290,7 @@ fn touched(round: SimulatedRound, to: [f64; 3]) -> ([f64; 3], AxisSet) {
 }
 
 #[test]
-fn a_simulated_bore_is_touched_on_its_circle_from_within_below_its_upper_edge() {
+fn simulated_bore_is_touched_on_its_inner_circle_below_its_upper_edge() {
     // centre (2, 1), radius 5: at Y 0 the wall is at X 2 +- sqrt(24), at X 0 at Y 1 +- sqrt(21)
     let round = SimulatedRound {
         centre: [2.0, 1.0],

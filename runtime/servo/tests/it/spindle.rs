@@ -55,7 +55,7 @@ fn orientation_is_told_once_for_each_command() {
     assert!(!rig.reading().oriented);
 }
 
-/// Cycles that the spindle's drive takes to come to power.
+/// Number of cycles until the spindle's drive has power.
 const POWER_UP: u32 = 5;
 
 /// Switches by which a test changes the spindle's drive, and its observed commands.
@@ -201,14 +201,14 @@ fn a_spindle_that_is_not_enabled_in_time_is_a_fault() {
     assert_eq!(fault.alarm().entry.number, 207);
     assert_eq!(fault.alarm().text, "The drive of motor 5 (spindle) has no power");
     assert!(!switches.enabled.load(Relaxed));
-    // the command is given up with it
+    // the command is discarded with it
     switches.has_no_supply.store(false, Relaxed);
     assert!(rig.cycles(100).is_empty());
     close(rig.reading().spindle_rpm, 0.0);
 }
 
 #[test]
-fn a_fault_of_the_spindle_brakes_the_motors_and_a_reset_clears_it_and_enables_the_spindle_at_rest() {
+fn spindle_fault_brakes_motors_and_reset_clears_it_and_enables_at_rest() {
     let (mut rig, switches) = moving();
     let from_x = rig.x();
     switches.fault.store(0x7305, Relaxed);

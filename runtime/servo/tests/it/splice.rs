@@ -73,7 +73,7 @@ fn run(machine: &mut Machine, acts: impl IntoIterator<Item = (u32, Act)>) -> Res
 }
 
 #[test]
-fn m1d_an_override_up_to_200_percent_never_passes_the_motors_limits_nor_leaves_the_path() {
+fn m1d_override_up_to_200_percent_keeps_motor_limits_and_the_path() {
     let taken = Cell::new(0);
     let accelerations = prop_oneof![Just(300.0), Just(2000.0), Just(10_000.0)];
     let slews_ms = prop_oneof![Just(0.0), Just(50.0), Just(500.0)];
@@ -100,7 +100,7 @@ fn m1d_an_override_up_to_200_percent_never_passes_the_motors_limits_nor_leaves_t
         prop_assert!(!machine.events.iter().any(is_fault), "{:?}", machine.events);
         prop_assert_eq!(machine.rig.position(), machine.profiles[machine.profiles.len() - 1].end());
     });
-    assert!(taken.get() > 0, "no case has gone over to another plan");
+    assert!(taken.get() > 0, "no case has taken another plan");
 }
 
 pub fn slow_feed() -> Feed {
@@ -114,7 +114,7 @@ pub fn slow_feed() -> Feed {
 }
 
 #[test]
-fn m1d_at_200_percent_a_straight_way_runs_at_twice_its_feedrate_within_the_acceleration() {
+fn m1d_straight_path_at_200_percent_runs_at_twice_its_feedrate() {
     let mut machine = Machine::new(&machine(2000.0), &[(400.0, 0.0, false)], slow_feed());
     machine.rig.control(Control::Override {
         feed: 2.0,
@@ -153,7 +153,7 @@ fn a_splice_at_a_place_that_was_passed_is_refused_and_the_plan_goes_on() {
 
 /// The motion goes over in a profile that still waits when the cycle begins, and brakes in it.
 #[test]
-fn m1d_what_the_motors_leave_counts_beyond_a_joint_that_is_in_the_next_profile() {
+fn m1d_motor_reserve_holds_beyond_a_joint_inside_the_next_profile() {
     let ways = [
         (-5.642_462_133_969_372, 2.121_901_928_205_308, false),
         (0.0, -0.098_640_607_440_271_02, false),

@@ -18,7 +18,7 @@ const PER_MM: f64 = 3.0;
 /// 5 mm at F100 with ta 100, td 80, ts 50 ms: 3 s and half of both ramps.
 const WAY_S: f64 = 3.0 + f64::midpoint(0.15, 0.13);
 
-/// A test that takes longer waits for something that never comes.
+/// Time limit of a test, after which an expected event is missing.
 const ENDLESS_S: f64 = 30.0;
 
 pub fn with_spindle() -> CoordinateSystemSettings {
@@ -125,7 +125,7 @@ fn way(t: f64) -> f64 {
 }
 
 #[test]
-fn m1h_the_spindle_is_in_phase_with_z_in_every_cycle_ramps_and_dwell_included() {
+fn m1h_spindle_is_in_phase_with_z_in_every_cycle_with_ramps_and_dwell() {
     for sense in [1.0, -1.0] {
         let mut rig = oriented_at_the_hole(&with_spindle(), 15.0 * sense);
         let mut turned = Turned::new(&rig);
@@ -198,7 +198,7 @@ fn m1i_a_hold_in_the_thread_comes_after_the_way_out() {
             "{last:?}"
         );
         close(rig.position().0[2], R);
-        assert!(rig.cycles(100).is_empty(), "the move behind it waits");
+        assert!(rig.cycles(100).is_empty(), "the next move waits");
         rig.control(Control::Resume);
         rig.until(is_finished(5));
     }

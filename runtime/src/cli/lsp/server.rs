@@ -64,7 +64,7 @@ struct Server<'a> {
 /// Fails if the editor does not speak the protocol, or if the connection is closed.
 pub(super) fn serve(connection: &Connection, setup: Setup, command: PathBuf) -> anyhow::Result<bool> {
     let begun = connection.initialize_start();
-    let (id, params) = begun.context("no editor has begun with the request initialize on standard input")?;
+    let (id, params) = begun.context("no editor has sent the request initialize on standard input")?;
     let params: InitializeParams = serde_json::from_value(params)?;
     let info = json!({"name": "tandem", "version": env!("CARGO_PKG_VERSION")});
     connection.initialize_finish(id, json!({"capabilities": capabilities(), "serverInfo": info}))?;
@@ -248,7 +248,7 @@ impl Server<'_> {
                     Some(SemanticTokensRangeResult::Tokens(tokens(document, first, last)))
                 }),
             method => {
-                let text = format!("{method} is not offered");
+                let text = format!("{method} is not supported");
                 Response::new_err(request.id, ErrorCode::MethodNotFound as i32, text)
             }
         }

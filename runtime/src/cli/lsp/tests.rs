@@ -209,7 +209,7 @@ fn hover_says_what_explain_says_of_words_and_findings() {
 }
 
 #[test]
-fn completion_offers_the_words_of_the_codes_before_it_and_codes_and_program_codes() {
+fn completion_offers_words_of_preceding_codes_codes_and_program_codes() {
     let mut editor = Editor::new(&[], None);
     editor.open("a.nc", "G04 \n\n// G0 \nG02 X1 \nL1 = \nif (\nX[\n");
     assert_eq!(editor.labels(0, 4)[..2], ["F", "P"], "of G04");

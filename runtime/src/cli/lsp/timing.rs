@@ -114,7 +114,7 @@ impl Timing {
             .stderr(Stdio::null());
         let Ok(mut child) = command.spawn() else {
             self.titles
-                .insert(uri, "no time: the simulation does not start".to_owned());
+                .insert(uri, "no time: the simulation cannot be started".to_owned());
             return;
         };
         self.started += 1;

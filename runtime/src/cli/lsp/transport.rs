@@ -82,7 +82,7 @@ fn next(input: &mut impl BufRead) -> io::Result<Next> {
                 length = value.trim().parse::<u64>().ok();
             }
             Some(_) => {}
-            None => wrong = Some(format!("`{}` is no header of a message", line.escape_debug())),
+            None => wrong = Some(format!("`{}` is not a message header", line.escape_debug())),
         }
     }
     if let Some(why) = wrong {
@@ -94,7 +94,7 @@ fn next(input: &mut impl BufRead) -> io::Result<Next> {
     let mut body = input.by_ref().take(length);
     if length > MESSAGE_BYTES_MAX {
         io::copy(&mut body, &mut io::sink())?;
-        let why = format!("a message has {length} bytes; {MESSAGE_BYTES_MAX} are the most");
+        let why = format!("a message has {length} bytes; the maximum is {MESSAGE_BYTES_MAX}");
         return Ok(Next::Malformed(why));
     }
     let mut bytes = Vec::new();
@@ -104,7 +104,7 @@ fn next(input: &mut impl BufRead) -> io::Result<Next> {
     }
     Ok(match serde_json::from_slice(&bytes) {
         Ok(message) => Next::Message(message),
-        Err(error) => Next::Malformed(format!("a message is none of JSON-RPC: {error}")),
+        Err(error) => Next::Malformed(format!("a message is not valid JSON-RPC: {error}")),
     })
 }
 
@@ -127,15 +127,15 @@ mod tests {
     fn what_is_no_message_is_told_and_the_next_one_is_read() {
         let good = "Content-Length: 14\r\n\r\n{\"method\":\"a\"}";
         for (bad, why) in [
-            ("Content-Length: 5\r\n\r\n{{{{{", "is none of JSON-RPC"),
+            ("Content-Length: 5\r\n\r\n{{{{{", "is not valid JSON-RPC"),
             (
                 "Content-Length: 15\r\n\r\n{\"jsonrpc\":2.0}",
-                "is none of JSON-RPC",
+                "is not valid JSON-RPC",
             ),
-            ("Content-Length: 2\r\n\r\n\u{e4}", "is none of JSON-RPC"),
+            ("Content-Length: 2\r\n\r\n\u{e4}", "is not valid JSON-RPC"),
             ("Content-Length: -5\r\n\r\n", "has no Content-Length"),
             ("Content-Type: x\r\n\r\n", "has no Content-Length"),
-            ("hello\r\n\r\n", "`hello` is no header"),
+            ("hello\r\n\r\n", "`hello` is not a message header"),
         ] {
             let told = all(&format!("{good}{bad}{good}"));
             assert_eq!(told.len(), 3, "{told:?}");
@@ -152,7 +152,7 @@ mod tests {
         let told = all("Content-Length: 999999999999\r\n\r\nabc");
         assert_eq!(told.len(), 1);
         assert!(
-            told[0].contains("999999999999 bytes; 268435456 are the most"),
+            told[0].contains("999999999999 bytes; the maximum is 268435456"),
             "{told:?}"
         );
         let too_large_for_a_number = format!("Content-Length: {}0\r\n\r\n", u64::MAX);

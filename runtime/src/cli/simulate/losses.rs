@@ -47,7 +47,7 @@ impl Loss {
         let places = if self.places == 1 { "place" } else { "places" };
         let sum = format!("{:.3} s in {} {places}", self.lost_s, self.places);
         match self.worst.as_ref().filter(|worst| worst.lost_s > 0.0) {
-            Some(worst) => format!("{sum}, most behind line {}: {:.3} s", worst.line, worst.lost_s),
+            Some(worst) => format!("{sum}, most after line {}: {:.3} s", worst.line, worst.lost_s),
             None => sum,
         }
     }

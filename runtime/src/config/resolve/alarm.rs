@@ -15,7 +15,7 @@ pub(super) fn alarm_texts(
     let mut texts = BTreeMap::new();
     if config.len() > ALARM_TEXTS_MAX {
         let text = format!(
-            "[alarm]: {} are there; write up to {ALARM_TEXTS_MAX}",
+            "[alarm]: there are {} alarms; write at most {ALARM_TEXTS_MAX}",
             config.len()
         );
         problems.add("alarm", text);
@@ -23,7 +23,7 @@ pub(super) fn alarm_texts(
     for (key, config) in config {
         let mut of_table = problems.of(format!("alarm.{key}"), format!("[alarm.{key}] "));
         let Ok(code) = key.parse::<u16>() else {
-            of_table.problem("", "name it by the code of the alarm, 0 to 9999");
+            of_table.problem("", "name the table by the code of the alarm, 0 to 9999");
             continue;
         };
         let text = AlarmText {

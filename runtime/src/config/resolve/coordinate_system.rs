@@ -46,7 +46,7 @@ impl CoordinateSystemConfig {
             checked.problem(&format!("axes.{letter}"), format!("axes: {letter}{wrong}"));
         }
         if self.axes.is_empty() {
-            checked.problem("axes", "axes: write at least one");
+            checked.problem("axes", "axes: write at least one axis");
         }
         let spindle = self.spindle.and_then(|number| motors.get(&number));
         let spindle = spindle.filter(|motor| motor.kind == MotorKind::Spindle).cloned();
@@ -88,7 +88,7 @@ impl CoordinateSystemConfig {
     fn nc_options(&self, m_codes: MCodeSet, checked: &mut Checked<'_, '_>) -> NcOptions {
         if self.dgshape.is_some() && self.dialect.name != DGSHAPE {
             let text =
-                format!("dgshape: nothing reads this table; take it out, or write dialect = \"{DGSHAPE}\"");
+                format!("dgshape: this table has no effect; remove it, or write dialect = \"{DGSHAPE}\"");
             checked.problem(DGSHAPE, text);
         }
         let config = self.dgshape.clone().unwrap_or_default();

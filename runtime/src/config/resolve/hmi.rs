@@ -39,7 +39,7 @@ impl Config {
             if count > ADDED_MAX {
                 problems.add(
                     &format!("hmi.{what}"),
-                    format!("[[hmi.{what}]]: at most {ADDED_MAX} are shown"),
+                    format!("[[hmi.{what}]]: write at most {ADDED_MAX}"),
                 );
             }
         }
@@ -94,7 +94,7 @@ impl Added<'_, '_, '_> {
         let is_number = button.value.is_some_and(f64::is_finite);
         if button.variable.is_some() && !is_number {
             self.checked
-                .problem("value", "variable needs value, the number that is set");
+                .problem("value", "variable needs value, the number to be set");
         }
         if button.variable.is_none() && button.value.is_some() {
             self.checked.problem("value", "value is for variable");
@@ -235,7 +235,7 @@ impl Added<'_, '_, '_> {
         let Some(dir) = self.dir else {
             return self.checked.problem(
                 key,
-                format!("{key}: it is a file of the folder dir of [hmi], which is missing"),
+                format!("{key}: this is a file in the folder dir of [hmi], but [hmi] has no dir"),
             );
         };
         if !is_kind || !is_plain {
@@ -316,7 +316,7 @@ mod tests {
             assert!(told.contains("line "), "it has a place: {told}");
         }
         let without_dir = refusal("[[hmi.button]]\ntext = \"Oil\"\nm_code = 60\nicon = \"lamp.svg\"\n");
-        assert!(without_dir.contains("which is missing"), "{without_dir}");
+        assert!(without_dir.contains("[hmi] has no dir"), "{without_dir}");
     }
 
     #[test]

@@ -26,7 +26,7 @@ impl Config {
             {
                 checked.problem(
                     key,
-                    format!("{key}: write a line of 1 to {TEXT_MAX} characters, or take it out"),
+                    format!("{key}: write a line of 1 to {TEXT_MAX} characters, or remove the key"),
                 );
             }
         }

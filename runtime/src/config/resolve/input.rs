@@ -17,7 +17,7 @@ impl InputConfig {
                 let path = format!("input.{name}.source.{source}");
                 let mut checked = problems.of(path.as_str(), format!("[{path}] "));
                 if !is_client_id(source) {
-                    checked.problem("", "name a source by 1 to 64 characters without / + #");
+                    checked.problem("", "write a source name of 1 to 64 characters without / + #");
                 }
                 for number in &config.coordinate_systems {
                     if !systems.iter().any(|system| system.number == *number) {

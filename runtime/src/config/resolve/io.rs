@@ -25,7 +25,7 @@ impl IoConfig {
             };
             if points.len() > IO_MAX {
                 let text = format!(
-                    "[{word}]: {} are declared; a plant has up to {IO_MAX}",
+                    "[{word}]: {} points are declared; the maximum is {IO_MAX}",
                     points.len()
                 );
                 problems.add(word, text);
@@ -34,7 +34,7 @@ impl IoConfig {
                 let path = format!("{word}.{name}");
                 let mut checked = problems.of(path.as_str(), format!("[{path}] "));
                 if !is_client_id(name) {
-                    checked.problem("", "name it by 1 to 64 characters without / + #");
+                    checked.problem("", "write a name of 1 to 64 characters without / + #");
                 }
                 let name = name.clone();
                 config.check_loss(side, &mut checked);
@@ -52,7 +52,8 @@ impl IoPointConfig {
         match (is_kept, self.at_start) {
             (true, _) if side == IoSide::In => checked.problem(
                 "on_loss",
-                "on_loss = \"keep\" is for outputs; what nobody reads any more is unknown: write a safe value",
+                "on_loss = \"keep\" is for outputs only: without its owner an input is unknown; write a \
+                 safe value",
             ),
             (true, None) => checked.problem(
                 "on_loss",
@@ -85,7 +86,10 @@ impl IoPointConfig {
         if let (Some(low), Some(high)) = (self.min, self.max)
             && low > high
         {
-            checked.problem("max", format!("max = {high}: write {low} or more, which is min"));
+            checked.problem(
+                "max",
+                format!("max = {high}: write at least {low}, the value of min"),
+            );
         }
         let unit = self.unit.as_deref().unwrap_or_default();
         for (key, text, most) in [("text", self.text.as_str(), TEXT_MAX), ("unit", unit, UNIT_MAX)] {
@@ -138,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn inputs_and_outputs_are_declared_by_name_with_a_safe_value_of_their_kind() {
+    fn io_points_are_declared_by_name_with_a_safe_value_of_their_kind() {
         let io = declared(
             "[io.in.door_closed]\ntext = \"Door\"\n[io.out.lamp]\non_loss = true\n\
              [io.out.pressure]\nkind = \"number\"\nunit = \"bar\"\nmin = 1\nmax = 6.5\non_loss = 1\n\
@@ -209,7 +213,7 @@ mod tests {
             (
                 "[io.out.p]\nkind = \"number\"\nmin = 3\nmax = 2\non_loss = 3",
                 "max = 2",
-                "3 or more",
+                "at least 3",
             ),
             ("[io.out.p]\nkind = \"number\"\nmax = inf", "max = inf", "finite"),
             ("[io.out.p]\nkind = \"text\"", "kind", "number"),
@@ -232,6 +236,10 @@ mod tests {
             tables.join("\n")
         };
         assert!(declared(&tables(IO_MAX)).is_ok());
-        assert!(declared(&tables(IO_MAX + 1)).unwrap_err().contains("up to 256"));
+        assert!(
+            declared(&tables(IO_MAX + 1))
+                .unwrap_err()
+                .contains("the maximum is 256")
+        );
     }
 }

@@ -20,7 +20,8 @@ impl MqttConfig {
             Broker::Embedded => {
                 for (key, _) in users.into_iter().filter(|(_, is_there)| *is_there) {
                     let text = format!(
-                        "{key} is for an external broker; the users of broker = \"embedded\" are those of [http] token_file"
+                        "{key} is for an external broker; the users of broker = \"embedded\" are in [http] \
+                         token_file"
                     );
                     checked.problem(key, text);
                 }
@@ -28,7 +29,7 @@ impl MqttConfig {
             Broker::External(_) if self.listen.is_some() => {
                 checked.problem(
                     "listen",
-                    "listen is for broker = \"embedded\"; an external one listens by itself",
+                    "listen is for broker = \"embedded\"; an external broker has its own address",
                 );
             }
             Broker::External(_) => {}

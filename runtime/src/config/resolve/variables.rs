@@ -32,7 +32,8 @@ impl VariablesConfig {
                 let all: usize = ranges.iter().map(|(_, count)| *count as usize).sum();
                 if all > VARIABLES_AT_ONCE_MAX {
                     let text = format!(
-                        "{all} are published with it: write up to {VARIABLES_AT_ONCE_MAX} in all, of P, and of Q"
+                        "with this range {all} variables are published: write at most \
+                         {VARIABLES_AT_ONCE_MAX} of P, and of Q"
                     );
                     checked.problem("count", text);
                 }
@@ -67,7 +68,7 @@ impl PublishedConfig {
         };
         if (first as usize).saturating_add(self.count as usize) > len {
             let text = format!(
-                "count = {}: there are {letter}0 to {letter}{}",
+                "count = {}: the variables are {letter}0 to {letter}{}",
                 self.count,
                 len - 1
             );
@@ -82,8 +83,8 @@ impl PublishedConfig {
             None if self.is_global() => vec![VariableArea::Global],
             None => numbers.map(VariableArea::CoordinateSystem).collect(),
             Some(_) if self.is_global() => {
-                let text =
-                    "coordinate_system: P variables are the same for all; take it out, or write a Q variable";
+                let text = "coordinate_system: all coordinate systems share the P variables; remove the key, or \
+                     write a Q variable";
                 checked.problem("coordinate_system", text);
                 Vec::new()
             }
@@ -93,7 +94,7 @@ impl PublishedConfig {
             Some(cs) => {
                 let there: Vec<String> = numbers.map(|number| number.to_string()).collect();
                 let text = format!(
-                    "coordinate_system = {cs}: write one that is there: {}",
+                    "coordinate_system = {cs}: write an existing one: {}",
                     there.join(", ")
                 );
                 checked.problem("coordinate_system", text);
@@ -121,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn p_is_published_of_the_machine_and_q_of_each_coordinate_system_or_of_one() {
+    fn p_is_published_for_the_machine_q_for_each_coordinate_system_or_one() {
         let tables = "[[variables.published]]\nfrom = \"P200\"\ncount = 16\n[[variables.published]]\nfrom = \"Q0\"\n\
                     [[variables.published]]\nfrom = \"Q4095\"\ncoordinate_system = 2\n";
         let published: Vec<_> = resolved(tables).unwrap().published.into_iter().collect();
@@ -140,14 +141,17 @@ mod tests {
             ("from = \"X1\"", "write a variable, P0 to P32767 or Q0 to Q4095"),
             ("from = \"P-1\"", "write a variable"),
             ("from = \"\"", "write a variable"),
-            ("from = \"P32768\"", "there are P0 to P32767"),
-            ("from = \"Q4090\"\ncount = 7", "count = 7: there are Q0 to Q4095"),
+            ("from = \"P32768\"", "the variables are P0 to P32767"),
+            (
+                "from = \"Q4090\"\ncount = 7",
+                "count = 7: the variables are Q0 to Q4095",
+            ),
             ("from = \"P0\"\ncount = 0", "count = 0: write 1 to 1024"),
             ("from = \"P0\"\ncount = 1025", "count = 1025: write 1 to 1024"),
-            ("from = \"P0\"\ncoordinate_system = 1", "the same for all"),
+            ("from = \"P0\"\ncoordinate_system = 1", "share the P variables"),
             (
                 "from = \"Q0\"\ncoordinate_system = 3",
-                "write one that is there: 1, 2",
+                "write an existing one: 1, 2",
             ),
         ] {
             let refused = resolved(&format!("[[variables.published]]\n{table}\n")).err();
@@ -157,6 +161,10 @@ mod tests {
             );
         }
         let two = "[[variables.published]]\nfrom = \"P0\"\ncount = 1000\n[[variables.published]]\nfrom = \"P5000\"\ncount = 25\n";
-        assert!(resolved(two).unwrap_err().contains("1025 are published with it"));
+        assert!(
+            resolved(two)
+                .unwrap_err()
+                .contains("with this range 1025 variables are published")
+        );
     }
 }

@@ -154,7 +154,7 @@ fn from_each_line_a_run_goes_on_as_the_whole_one_does() {
 }
 
 #[test]
-fn the_newest_m_code_of_each_group_is_put_out_before_the_approach_in_the_order_of_the_settings() {
+fn newest_m_code_per_group_is_issued_before_approach_in_settings_order() {
     let text = "M03 S500\nM100 VA1\nM08\nM60\nM09\nM100 VA2\nM04 S900\nM08\nG90 G54 G00 X5\nG01 X9 F600\nM30";
     let state = state_at(text, LineStart::line(10)).unwrap();
     let told = |outputs: &[plc_api::types::line_start::RestoredOutput]| -> Vec<_> {
@@ -237,7 +237,7 @@ fn the_axes_come_there_in_the_order_of_the_approach() {
 }
 
 #[test]
-fn a_line_of_a_loop_or_subprogram_is_reached_several_times_and_needs_occurrence() {
+fn line_reached_several_times_by_loop_or_subprogram_needs_occurrence() {
     let text = "L1 = 0\nG91\nwhile (L1 < 3) {\nL1 = L1 + 1\nG01 X[L1] F600\n}\nM98 P1000 L2\nM30";
     let why = refusal(text, LineStart::line(5));
     assert!(
@@ -304,7 +304,7 @@ fn what_the_text_does_not_decide_is_refused_by_its_name() {
         ),
         ("G01 X1 F600\n\nX2\nM30", 2, ["no block", "is 3"]),
         ("G01 X1 F600\nX2\nM30", 9, ["no block", "line 9"]),
-        ("if (0 > 1)\n{\nX5\n}\nM30", 3, ["does not come to", "line 3"]),
+        ("if (0 > 1)\n{\nX5\n}\nM30", 3, ["does not reach", "line 3"]),
         ("G01 X9000 F600\nX2\nM30", 2, ["soft limit", "in line 1"]),
     ] {
         let why = refusal(text, LineStart::line(line));
@@ -323,7 +323,7 @@ fn what_the_text_does_not_decide_is_refused_by_its_name() {
 }
 
 #[test]
-fn a_tool_change_that_gives_another_tool_than_the_line_needs_stops_before_the_approach() {
+fn tool_change_to_a_wrong_tool_stops_before_the_approach() {
     let serve_other = |output: AuxOutput, plc: Plc| async move {
         plc.coordinate_system(output.coordinate_system())
             .select_tool(9)

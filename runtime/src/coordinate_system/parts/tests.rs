@@ -42,7 +42,7 @@ async fn waits_for(plc: &Plc, cs: &CoordinateSystem) -> String {
 }
 
 #[test]
-fn each_part_begins_after_the_completion_of_the_one_before_and_all_are_one_run() {
+fn each_part_starts_after_the_previous_completion_and_all_are_one_run() {
     let (journal, lines) = kept_journal();
     let bench = Bench::new().journal(journal).subprogram(50, PART);
     let play = bench.play(async |scene, _| {

@@ -171,7 +171,7 @@ fn a_hold_and_an_end_show_the_state_before_until_the_machine_rests() {
 }
 
 #[test]
-fn under_hold_a_reset_is_latched_and_resume_goes_on_with_what_the_run_waited_for() {
+fn reset_during_hold_is_latched_and_resume_continues_the_wait() {
     let held = at_rest(after(state("WAIT"), [RunEvent::Hold(Cause::Operator)]));
     let resumed = after(held.clone(), [RunEvent::Resume]);
     assert_eq!(resumed, state("WAIT"));
@@ -195,7 +195,7 @@ fn after_a_back_trace_the_motion_turns_before_it_goes_on() {
 }
 
 #[test]
-fn a_stop_under_way_is_not_begun_anew_and_an_abort_an_alarm_and_a_reset_are() {
+fn stop_in_progress_is_not_restarted_except_by_abort_alarm_or_reset() {
     let stopping = after(state("ACTIVE"), [end(End::Stop)]);
     for why in [End::Stop, End::JogEnded(JogStop::Commanded)] {
         let again = stopping.clone().on(RunEvent::End {
@@ -452,7 +452,7 @@ proptest! {
     #![proptest_config(ProptestConfig { rng_seed: RngSeed::Fixed(20), ..ProptestConfig::with_cases(2000) })]
 
     #[test]
-    fn whatever_happens_a_state_is_one_of_the_interface_and_an_ended_run_never_moves(
+    fn any_event_leads_to_an_interface_state_and_an_ended_run_never_moves(
         happenings in prop::collection::vec(happening(), 1..80),
     ) {
         let mut model = Model {

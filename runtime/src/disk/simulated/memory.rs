@@ -28,7 +28,7 @@ pub(crate) struct Mount {
     process: u64,
 }
 
-/// Does something on the disk of a path.
+/// Runs an operation on the disk of a path.
 pub(super) fn on<T>(
     path: &Path,
     real: impl FnOnce(&Path) -> io::Result<T>,
@@ -41,7 +41,7 @@ pub(super) fn on<T>(
 }
 
 impl Mount {
-    /// The disk that this thread has mounted at a path.
+    /// Returns the disk that this thread has mounted at a path.
     pub(super) fn of(path: &Path) -> Option<Self> {
         if !path.starts_with(ROOT) {
             return None;
@@ -49,7 +49,7 @@ impl Mount {
         MOUNTED.with_borrow(Clone::clone)
     }
 
-    /// Mounts a disk in this thread for a new process; the one before has ended.
+    /// Mounts a disk in this thread for a new process; the previous process has ended.
     pub(crate) fn mount(disk: &Arc<Mutex<Disk>>) {
         let mut locked = disk.lock();
         locked.process += 1;
@@ -81,13 +81,13 @@ impl Mount {
         work(&mut disk)
     }
 
-    /// Returns the number of a file, which is created if the options say so.
+    /// Returns the number of a file, which is created if the options require it.
     pub(super) fn open(&self, path: &Path, options: &OpenOptions) -> io::Result<u64> {
         self.with(|disk| disk.open(path, options))
     }
 }
 
-/// That of the disk which this thread has mounted.
+/// Returns the time of day of the disk that this thread has mounted.
 pub(crate) fn time_of_day() -> Option<SystemTime> {
     MOUNTED.with_borrow(|mount| mount.as_ref().map(|mount| mount.disk.lock().now))
 }
@@ -105,7 +105,8 @@ pub(crate) struct Faults {
     pub dies_at: Option<u64>,
     /// Syncs do nothing, as on a defective disk.
     pub forgets_syncs: bool,
-    /// Lines of JSON at an offset are forgotten, as by a defect of the program: those of the ring of the journal.
+    /// JSON lines written at an offset are dropped, as by a defect of the program. Only the journal's ring
+    /// has such lines.
     pub forgets_ahead: bool,
 }
 
@@ -340,7 +341,7 @@ impl Disk {
         self.enter(path, Entry::Unlink)
     }
 
-    /// Both names are in one folder.
+    /// Both names are in the same folder.
     pub(super) fn rename(&mut self, from: &Path, to: &Path) -> io::Result<()> {
         self.find(from)?;
         self.change()?;
@@ -411,7 +412,7 @@ impl Disk {
         Ok(())
     }
 
-    /// Cuts the power: synced data remain, and any part of the data that were not synced.
+    /// Cuts the power: synced data remain, together with any part of the data that was not synced.
     pub fn cut_power(&mut self) {
         self.kill();
         let all: Vec<u64> = self.nodes.keys().copied().collect();

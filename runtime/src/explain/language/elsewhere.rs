@@ -83,5 +83,5 @@ fn none_of_its_kind(letters: &str, value: &str, grammar: &Grammar) -> Option<&'s
 /// Returns the page about comments in parentheses, if the dialect has another form of comments.
 fn comment(grammar: &Grammar) -> Option<String> {
     let open = grammar.line_comment?;
-    Some(format!("Write a comment behind {open}."))
+    Some(format!("Write a comment after {open}."))
 }

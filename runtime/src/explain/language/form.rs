@@ -32,23 +32,26 @@ pub(super) fn page_of(what: &str, grammar: &Grammar) -> Option<String> {
         Form::BlockNumber => (
             "block number",
             "N10 G01 X5".to_owned(),
-            "Stands before the other words of its block, behind block skip. It names the block for people, and does nothing."
+            "Stands before the other words of its block, after block skip. It names the block for people; \
+             it has no effect."
                 .to_owned(),
         ),
         Form::BlockSkip => ("block skip", "/ N10 G01 X5".to_owned(), block_skip(grammar)),
         Form::Mark => (
             "begin and end of the program",
             format!("{name}\nO1\nG90\nM30\n{name}"),
-            "Stands alone on the first line: a program without it is not executed. Where it stands again the program ends; there it \
-             may be left out."
+            "Must be alone on the first line: a program without it is not executed. The second one ends the \
+             program, and \
+             may be omitted."
                 .to_owned(),
         ),
         Form::ProgramNumber => (
             "program number",
             format!("{name}1234"),
             format!(
-                "Stands alone on the line behind the first mark, once, with 1 to {} digits. It is shown, and is not the number under \
-                 which the program is stored.",
+                "Must be alone on the line after the first mark, once, with 1 to {} digits. It is shown, \
+                 but is not the number \
+                 under which the program is stored.",
                 grammar.program_form.number_digits_max
             ),
         ),
@@ -56,7 +59,8 @@ pub(super) fn page_of(what: &str, grammar: &Grammar) -> Option<String> {
         Form::BlockEnd => (
             "end of block",
             "X5\nY10".to_owned(),
-            "A block ends with its line: a line feed, with a carriage return before it or without one. No sign stands for it."
+            "A block ends with its line: a line feed, with or without a carriage return before it. No other \
+             sign ends a block."
                 .to_owned(),
         ),
     };
@@ -97,16 +101,20 @@ fn find(what: &str, grammar: &Grammar) -> Option<(Form, String)> {
 fn block_skip(grammar: &Grammar) -> String {
     let numbers = match grammar.block_skip_max {
         1 => String::new(),
-        max => format!(" / alone is /1, the others are /2 to /{max}, and several may stand (D13)."),
+        max => format!(
+            " / alone is /1, the others are /2 to /{max}. A block may have several of them \
+                        (D13)."
+        ),
     };
     let place = if grammar.program_codes {
-        " Before program codes it does not stand."
+        " It cannot precede program codes."
     } else {
         ""
     };
     format!(
-        "The block is passed over while the input of block skip is on when the block is read, ahead of the motion. It stands before all \
-         else on its line.{numbers}{place}"
+        "The block is skipped if the input of block skip is on when the block is read, which is ahead of \
+         the motion. \
+         It precedes all other words on its line.{numbers}{place}"
     )
 }
 
@@ -121,10 +129,14 @@ fn comments(grammar: &Grammar) -> String {
 
 fn comment(grammar: &Grammar) -> &'static str {
     match (grammar.line_comment, grammar.comment_spans_lines) {
-        (None, _) => "Ends on its line. It is passed over; the first one of a program is its title.",
+        (None, _) => {
+            "Ends on its line. A comment has no effect; the first comment of a program is its \
+                      title."
+        }
         (Some(_), _) => {
-            "The first form ends with its line, the second where it is closed, on any line. It is passed over; the first one of a \
-             program is its title."
+            "The first form ends with its line, the second form at the closing sign, on any line. A comment \
+             has no effect; \
+             the first comment of a program is its title."
         }
     }
 }

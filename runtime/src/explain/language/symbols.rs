@@ -5,27 +5,28 @@ use super::super::{indented, page};
 /// Spellings, title, example and description of a symbol.
 type Symbol = (&'static [&'static str], &'static str, &'static str, &'static str);
 
-const COMPARED: &str = "Compares two numbers; a comparison with what is not a number is false. It is a condition, and no number (D09).";
-const ORDER: &str = "! comes first, then comparisons, then &&, then ||; parentheses say otherwise.";
+const COMPARED: &str = "Compares two numbers; a comparison with NaN (not a number) is false. The result is \
+                        a condition, not a number (D09).";
+const ORDER: &str = "Order of evaluation: !, then comparisons, then &&, then ||. Parentheses change it.";
 
 static ALL: &[Symbol] = &[
     (
         &["="],
         "assignment",
         "L1 = L2 + 1",
-        "Gives the variable on its left the value on its right. Program codes stand on lines of their own.",
+        "Assigns the value on its right to the variable on its left. Program codes are on separate lines.",
     ),
     (
         &["+"],
         "addition",
         "L1 = L2 + L3",
-        "Adds two numbers. As a sign it stands before numbers only.",
+        "Adds two numbers. As a sign it can precede numbers only.",
     ),
     (
         &["-"],
         "subtraction, or sign",
         "L1 = -L2 - L3",
-        "Subtracts the number on its right, or turns its sign.",
+        "Subtracts the number on its right, or reverses its sign.",
     ),
     (
         &["*"],
@@ -37,20 +38,22 @@ static ALL: &[Symbol] = &[
         &["/"],
         "division",
         "L1 = L2 / L3",
-        "Divides by the number on its right. A division by 0 is no alarm; its result is one where it is the value of a word (D07).",
+        "Divides by the number on its right. A division by 0 raises an alarm only if its result becomes the \
+         value of a word (D07).",
     ),
     (
         &["%"],
         "remainder of a division",
         "L1 = 7 % 3",
-        "Gives what is left over, with the sign of the number on its left (D07).",
+        "Returns the remainder of the division, with the sign of the number on its left (D07).",
     ),
     (&["=="], "is equal", "if (L1 == 2) X5", COMPARED),
     (
         &["!="],
         "is not equal",
         "if (L1 != 2) X5",
-        "Compares two numbers; what is not a number is equal to none. It is a condition, and no number (D09).",
+        "Compares two numbers; NaN (not a number) equals no number. The result is a condition, not a number \
+         (D09).",
     ),
     (&["<"], "is less", "if (L1 < 2) X5", COMPARED),
     (&[">"], "is greater", "if (L1 > 2) X5", COMPARED),
@@ -60,37 +63,38 @@ static ALL: &[Symbol] = &[
         &["&&"],
         "and",
         "if (L1 > 0 && L1 < 5) X5",
-        "Holds where both conditions hold.",
+        "True if both conditions are true.",
     ),
     (
         &["||"],
         "or",
         "if (L1 < 0 || L1 > 5) X5",
-        "Holds where one of the conditions holds, or both.",
+        "True if at least one of the conditions is true.",
     ),
     (
         &["!"],
         "not",
         "if (!(L1 == 2)) X5",
-        "Holds where the condition does not. Its parentheses are needed.",
+        "True if the condition is false. The parentheses are required.",
     ),
     (
         &["[", "]"],
         "indirection",
         "X[L1] F[Q5]",
-        "The value of the word is that of the variable when the block is interpreted. One variable stands in the brackets, and no calculation (D04).",
+        "The word has the value of the variable when the block is interpreted. The brackets contain one \
+         variable, no calculation (D04).",
     ),
     (
         &["(", ")"],
         "parentheses",
         "L1 = 2 * (L2 + sqrt(L3))",
-        "Stand around conditions, arguments of functions, and what is calculated first.",
+        "Enclose conditions, arguments of functions, and parts that are calculated first.",
     ),
     (
         &["{", "}"],
         "commands of a branch or loop",
         "if (L1 == 2) {\n    X5\n}",
-        "What stands between them is carried out as one command.",
+        "The commands between them are executed as one command.",
     ),
 ];
 

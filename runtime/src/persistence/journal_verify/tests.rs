@@ -55,7 +55,7 @@ fn start(folder: &Path) {
 }
 
 #[test]
-fn a_journal_is_whole_over_starts_and_files_and_what_rotation_removes_is_no_break() {
+fn journal_verifies_over_starts_files_and_rotation() {
     let folder = tempfile::tempdir().unwrap();
     for round in 0..3 {
         journal(folder.path(), 40, 1500);
@@ -108,7 +108,7 @@ fn change(random: &mut Random, kind: usize, lines: &mut Vec<Vec<u8>>, at: usize)
 }
 
 #[test]
-fn any_line_that_is_changed_removed_inserted_or_moved_is_found_at_its_place_and_the_next_start_goes_on() {
+fn changed_removed_inserted_or_moved_line_found_and_chain_continues() {
     let mut random = Random::new(11);
     for round in 0..70 {
         let folder = tempfile::tempdir().unwrap();
@@ -144,7 +144,7 @@ fn any_line_that_is_changed_removed_inserted_or_moved_is_found_at_its_place_and_
         start(folder.path());
         let after = verify(folder.path(), None).unwrap();
         assert!(!after.is_whole(), "{context}: forgotten by the next start");
-        // what is written from then on is chained again
+        // later lines are chained again
         let again = verify(folder.path(), None).unwrap();
         start(folder.path());
         let later = verify(folder.path(), None).unwrap();
@@ -171,14 +171,17 @@ fn files_that_somebody_removed_are_told_from_those_that_rotation_removed() {
         fs::remove_file(place(folder.path(), age)).unwrap();
     }
     let found = breaks(folder.path());
-    assert!(found[0].what.contains("number 59 was the newest"), "{found:#?}");
+    assert!(
+        found[0].what.contains("the newest known line was number 59"),
+        "{found:#?}"
+    );
     start(folder.path());
     let found = breaks(folder.path());
-    assert!(found[0].what.contains("begins anew"), "{found:#?}");
+    assert!(found[0].what.contains("a new chain begins"), "{found:#?}");
 }
 
 #[test]
-fn newest_lines_that_are_gone_are_found_by_the_anchor_and_by_a_head_that_somebody_noted() {
+fn missing_newest_lines_found_by_anchor_and_by_recorded_head() {
     let folder = tempfile::tempdir().unwrap();
     journal(folder.path(), 20, 100_000);
     let head = verify(folder.path(), None).unwrap().head.unwrap().to_string();
@@ -189,7 +192,10 @@ fn newest_lines_that_are_gone_are_found_by_the_anchor_and_by_a_head_that_somebod
     let kept = lines(&path)[..15].concat();
     fs::write(&path, &kept).unwrap();
     let found = breaks(folder.path());
-    assert!(found[0].what.contains("number 19 was the newest"), "{found:#?}");
+    assert!(
+        found[0].what.contains("the newest known line was number 19"),
+        "{found:#?}"
+    );
     assert_eq!(found[0].line, Some(15));
     // with the anchor removed, too
     fs::remove_file(folder.path().join("anchor")).unwrap();

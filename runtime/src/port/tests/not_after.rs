@@ -138,7 +138,7 @@ fn hold_stop_abort_and_the_end_of_a_jog_are_executed_however_old_they_are() {
 }
 
 #[test]
-fn a_request_within_its_age_limit_takes_effect_and_one_of_another_boot_does_not() {
+fn request_within_age_limit_is_executed_and_foreign_boot_is_expired() {
     with_machine(async move |port| {
         let not_after = from_now(&port, 60_000).await;
         let elsewhere = NotAfter {
@@ -191,7 +191,7 @@ fn a_command_that_waits_longer_than_its_age_limit_does_not_take_effect() {
 }
 
 #[test]
-fn a_start_that_handlers_validate_longer_than_its_age_limit_does_not_begin() {
+fn start_expires_when_validation_exceeds_its_age_limit() {
     with_machine(async move |port| {
         let picky = HandlerPresence {
             online: true,
@@ -224,7 +224,7 @@ fn a_start_that_handlers_validate_longer_than_its_age_limit_does_not_begin() {
 }
 
 #[test]
-fn a_repeated_command_gets_its_stored_reply_after_its_age_limit_has_passed() {
+fn repeated_command_gets_its_stored_reply_after_its_age_limit() {
     with_machine(async move |port| {
         let not_after = from_now(&port, 300).await;
         let first = port.request_not_after(&not_after, None, start("1").into()).await;

@@ -115,7 +115,7 @@ fn a_program_has_one_name_and_others_are_renamed_once_or_named() {
 }
 
 #[test]
-fn what_is_no_file_in_the_place_of_a_program_is_named_and_waited_for_by_nobody() {
+fn non_file_named_like_a_program_is_reported_without_waiting() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name| folder.path().join(name);
     fs::create_dir(path("71.nc")).unwrap();

@@ -1,4 +1,4 @@
-//! What a machine builder says of its alarms comes with them.
+//! Alarms carry the texts of the machine builder.
 
 use plc_api::UserAlarm;
 use plc_api::types::machine::AlarmRecord;
@@ -12,7 +12,7 @@ const NO_AIR: UserAlarm = UserAlarm::new(12, "the air pressure is low")
     .remedy("Open the main valve.")
     .in_language("de", "der Luftdruck ist zu niedrig", "Hauptventil öffnen.");
 
-/// The alarm of M20 on the demo machine with these tables, and what is explained of it.
+/// Returns the alarm of M20 on the demo machine with these tables, and its explanation.
 fn told(tables: &str) -> (AlarmRecord, String) {
     let program = SequenceProgram::new()
         .on(20, async |_output: AuxOutput| Err(NO_AIR.with("2.1 bar")))

@@ -1,4 +1,4 @@
-//! What runs beside a test.
+//! Work that runs next to a test.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -99,7 +99,7 @@ fn a_panic_of_a_plant_is_that_of_the_test() {
     let _panics = bench.run("G04 X100\nM30");
 }
 
-/// The error of a run, which says what to do.
+/// Returns the error of a run, which contains the remedy.
 fn foreign(bench: Bench) -> String {
     let error = bench.run("M20\nG04 X1\nM30").unwrap_err().to_string();
     assert!(error.contains("Bench::plant"), "{error}");
@@ -133,17 +133,17 @@ fn a_socket_ends_the_test_wherever_it_is_used() {
 }
 
 #[test]
-fn work_on_another_thread_ends_the_test_which_says_that_nobody_waits_for_it() {
+fn work_on_another_thread_fails_the_test_with_the_reason() {
     let program = SequenceProgram::new().on(20, async |_output: AuxOutput| {
         let computed = tokio::task::spawn_blocking(|| 1).await;
         computed.map(|_| ()).map_err(|_| Alarm::user(1, "it has gone"))
     });
     let error = foreign(Bench::new().serve(program));
-    assert!(error.starts_with("something works on another thread"), "{error}");
+    assert!(error.starts_with("some work runs on another thread"), "{error}");
 }
 
 #[test]
-fn each_answer_says_what_to_do_where_a_handler_waits_for_what_does_not_come() {
+fn errors_of_a_stuck_handler_recommend_plc_sleep() {
     let program = SequenceProgram::new().on(20, async |_output: AuxOutput| std::future::pending().await);
     let run = Bench::new().serve(program).run("M20\nM30").unwrap();
     let (alarm, output) = (run.alarm().unwrap_err(), run.output(21).unwrap_err());

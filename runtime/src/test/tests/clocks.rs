@@ -74,7 +74,7 @@ fn tasks_plants_and_actions_have_tokios_clock_too() {
     assert!((run.time_s - 13.0).abs() < 0.02, "{}", run.time_s);
 }
 
-/// A line of 100 mm at 10 mm/s, and where X is after so long by tokio's clock.
+/// Returns the position of X on a line of 100 mm at 10 mm/s after this time of tokio's clock.
 fn x_at(lag_ms: f64, servo_period_us: u64, at: Duration) -> f64 {
     let mut config = Config::demo();
     config.machine.servo_period_us = servo_period_us;
@@ -99,7 +99,7 @@ fn a_timer_in_the_middle_of_a_motion_finds_the_machine_there() {
             x_at(lag_ms, servo_period_us, Duration::from_secs(2)),
             x_at(lag_ms, servo_period_us, Duration::from_secs(5)),
         );
-        // between its ramps it goes 10 mm each second, to a cycle of the servo
+        // between the ramps X moves 10 mm per second, with a tolerance of a servo cycle
         let tolerance = 10.0 * (servo_period_us as f64 / 1e6 + 0.001);
         let way = at_5_s - at_2_s;
         assert!(
@@ -139,7 +139,7 @@ fn equal_tests_with_both_clocks_are_equal() {
 }
 
 #[test]
-fn a_task_that_ticks_for_ever_ends_neither_a_run_nor_keeps_one_from_its_time_limit() {
+fn endless_ticking_task_prevents_neither_the_end_nor_the_time_limit() {
     let bench = || {
         let program = SequenceProgram::new()
             .task(async |_plc: Plc| {
@@ -168,14 +168,14 @@ fn run_with(work: fn()) -> Result<Run, TestError> {
         .run("M40\nM30")
 }
 
-/// Other systems do not tell a sleep from a busy computer.
+/// Other systems do not distinguish a sleep from a busy computer.
 #[cfg(target_os = "linux")]
 #[test]
-fn a_handler_that_stands_still_in_real_time_ends_the_run_with_what_to_write() {
+fn handler_blocking_in_real_time_ends_the_run_with_advice() {
     let error = run_with(|| std::thread::sleep(Duration::from_millis(600))).unwrap_err();
     let text = error.to_string();
     for word in [
-        "a sequence program stood still for 0.6 s",
+        "a sequence program was blocked for 0.6 s",
         "std::thread::sleep",
         "plc.sleep(..).await",
     ] {

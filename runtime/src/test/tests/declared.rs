@@ -1,4 +1,4 @@
-//! What handlers and the configuration declare of M codes, on a whole machine.
+//! Declarations of M codes by handlers and the configuration, on a whole machine.
 
 use std::time::Duration;
 
@@ -77,7 +77,7 @@ fn an_mdi_input_with_other_parameters_is_refused_at_its_place() {
 }
 
 #[test]
-fn birth_tells_what_is_served_by_whom_and_with_which_parameters_while_they_are_there() {
+fn birth_lists_served_m_codes_with_parameters_while_handlers_online() {
     let run = bench().at_s(0.1, |scene| async move {
         let told = birth(scene.plc()).await;
         let one = told.serves.iter().find(|one| one.m == 12).unwrap();

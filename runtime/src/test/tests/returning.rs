@@ -1,4 +1,4 @@
-//! A handler that leaves says when it is back.
+//! A leaving handler announces the time of its return.
 
 use super::*;
 
@@ -37,7 +37,7 @@ fn an_m_code_whose_handler_is_not_back_in_time_is_an_alarm_then() {
         .unwrap();
     assert!(run.alarm().unwrap().text.contains("M20 has no handler"));
     assert!((run.time_s - 11.0).abs() < 0.05, "{}", run.time_s);
-    // what was put out while the program was ending counts too
+    // outputs issued while the program was ending are included
     let slow = stopped().on(21, wait);
     let run = there(Bench::new(), slow, 0, 1).beside(2, 7, "G04 X2\nM20\nM30");
     let run = run.run("M21 VA5\nM30").unwrap();
@@ -54,7 +54,7 @@ fn one_that_does_not_come_back_is_waited_for_during_the_grace_time() {
 }
 
 #[test]
-fn one_that_does_not_end_in_its_time_is_dropped_and_its_work_is_redone_by_who_comes_back() {
+fn slow_handler_is_dropped_at_its_limit_and_its_successor_redoes_work() {
     let program = || {
         let program = SequenceProgram::new().handler_id("cell").on(21, wait);
         program.on_redelivery(Redelivery::Redo)
@@ -64,7 +64,7 @@ fn one_that_does_not_end_in_its_time_is_dropped_and_its_work_is_redone_by_who_co
     let run = there(bench, program(), 30, 1000).run("M21 VA5\nM30");
     let run = run.unwrap().completed().unwrap();
     assert!((run.time_s - 35.0).abs() < 0.05, "{}", run.time_s);
-    // one that ends within it loses nothing
+    // a handler that ends within that time loses nothing
     let quick = program().ends_within(Duration::from_secs(6));
     let bench = there(Bench::new(), quick, 0, 1);
     let run = there(bench, program(), 30, 1000).run("M21 VA5\nM30");

@@ -19,18 +19,18 @@ const NOTHING: fn() -> State = || State::Nothing;
 pub(super) static BLOCKS: &[BuiltIn] = &[
     BuiltIn {
         name: "MCODE",
-        about: "one M code: the program serves it, and the NC program waits for `Done` or `Error`",
+        about: "serves one M code: the NC program waits for `Done` or `Error`",
         ports: ports! {
             M, "M": Uint, "the M number";
             CS, "CS": Usint, "the coordinate system";
-            Input, "Done": Bool, "the M code is done: the NC program goes on";
-            Input, "Error": Bool, "the M code has failed: an alarm stops the NC program; it wins over `Done`";
-            Input, "ErrorText": String, "what has happened, for the operator";
-            Input, "ErrorCode": Uint, "the alarm has number 10000 plus this; 0: plus the M number";
-            InputOr(-1.0), "Progress": Lreal, "percent done; below 0: not known";
-            Input, "ProgressText": String, "what happens now, for the operator; empty: no progress is told";
-            Output, "Active": Bool, "the NC program has put it out, and waits";
-            Output, "A": Lreal, "parameter VA; 0 without one";
+            Input, "Done": Bool, "the M code is done: the NC program continues";
+            Input, "Error": Bool, "the M code has failed: an alarm stops the NC program; has priority over `Done`";
+            Input, "ErrorText": String, "text of the alarm, for the operator";
+            Input, "ErrorCode": Uint, "the number of the alarm is 10000 plus this value; 0 selects the M number";
+            InputOr(-1.0), "Progress": Lreal, "progress in percent; below 0: unknown";
+            Input, "ProgressText": String, "present step, for the operator; empty: no progress is reported";
+            Output, "Active": Bool, "the M code is output, and the NC program waits";
+            Output, "A": Lreal, "parameter VA; 0 if not given";
             Output, "B": Lreal, "VB"; Output, "C": Lreal, "VC"; Output, "D": Lreal, "VD"; Output, "E": Lreal, "VE";
             Output, "F": Lreal, "VF"; Output, "G": Lreal, "VG"; Output, "H": Lreal, "VH";
             Output, "HasA": Bool, "the NC program has given VA";
@@ -38,49 +38,49 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
             Output, "HasF": Bool, "VF"; Output, "HasG": Bool, "VG"; Output, "HasH": Bool, "VH";
             Output, "Program": Uint, "number of the NC program";
             Output, "Line": Udint, "its line";
-            Output, "Redelivered": Bool, "it has been put out before: part of it may be done";
+            Output, "Redelivered": Bool, "the M code was output before: a part of the work may be done";
         },
         state: || State::Progress(None),
         run: m_code,
     },
     BuiltIn {
         name: "QUESTION",
-        about: "asks the operator about an M code that an `MCODE` serves",
+        about: "asks the operator a question about an M code that an `MCODE` serves",
         ports: ports! {
             M, "M": Uint, "the M number";
             CS, "CS": Usint, "the coordinate system";
-            Input, "Ask": Bool, "the question stands while this is on and the M code is active";
+            Input, "Ask": Bool, "the question is shown while this input is on and the M code is active";
             Input, "Text": String, "the question, 1 to 200 characters";
-            Input, "Choice1": String, "an answer, 1 to 40 characters; empty ones are left out";
+            Input, "Choice1": String, "an answer, 1 to 40 characters; empty answers are omitted";
             Input, "Choice2": String, "an answer"; Input, "Choice3": String, "an answer"; Input, "Choice4": String, "an answer";
             Output, "Answered": Bool, "the operator has answered";
-            Output, "Answer": Usint, "1 to 4; 0: none yet";
+            Output, "Answer": Usint, "number of the answer, 1 to 4; 0: no answer yet";
         },
         state: NOTHING,
         run: question,
     },
     BuiltIn {
         name: "INTERLOCK",
-        about: "an interlock: while `On`, motion is held and none starts; a source is on while any of its instances is",
+        about: "an interlock: while `On` is on, motion is held and no motion starts; a source is on while any of its instances is on",
         ports: LOCK,
         state: NOTHING,
         run: |ports, machine| lock(ports, machine, LockKind::Interlock),
     },
     BuiltIn {
         name: "START_LOCK",
-        about: "a start lock: while `On`, no NC program starts; a source is on while any of its instances is",
+        about: "a start lock: while `On` is on, no NC program starts; a source is on while any of its instances is on",
         ports: LOCK,
         state: NOTHING,
         run: |ports, machine| lock(ports, machine, LockKind::StartLock),
     },
     BuiltIn {
         name: "ALARM",
-        about: "an alarm while `On`, which stops the machine and stays until a reset",
+        about: "raises an alarm while `On` is on; the alarm stops the machine and stays until a reset",
         ports: ports! {
-            Constant(1, 9_996, None), "Code": Uint, "the alarm has number 10000 plus this";
+            Constant(1, 9_996, None), "Code": Uint, "the number of the alarm is 10000 plus this value";
             Constant(0, 8, Some(0)), "CS": Usint, "the coordinate system; 0: the whole machine";
-            Input, "On": Bool, "the alarm is raised while this is on";
-            Input, "Text": String, "what has happened, for the operator";
+            Input, "On": Bool, "the alarm is raised while this input is on";
+            Input, "Text": String, "text of the alarm, for the operator";
         },
         state: NOTHING,
         run: |ports, machine| {
@@ -100,7 +100,7 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
     },
     BuiltIn {
         name: "OVERRIDE",
-        about: "sets overrides, percent, in each call; what is below 0 is left to others",
+        about: "sets overrides, percent, in each call; an override with a value below 0 is not set",
         ports: ports! {
             CS, "CS": Usint, "the coordinate system";
             InputOr(-1.0), "Feed": Lreal, "0 to 200"; InputOr(-1.0), "Rapid": Lreal, "0 to 100";
@@ -170,8 +170,8 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
         name: "SELECT_TOOL",
         about: "sets the tool in the spindle while `Enable` is on",
         ports: ports! {
-            CS, "CS": Usint, "the coordinate system"; Input, "Enable": Bool, "the tool is set";
-            Input, "Tool": Uint, "its number; 0: none";
+            CS, "CS": Usint, "the coordinate system"; Input, "Enable": Bool, "true to set the tool";
+            Input, "Tool": Uint, "number of the tool; 0: no tool";
         },
         state: NOTHING,
         run: |ports, machine| {
@@ -183,9 +183,9 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
     },
     BuiltIn {
         name: "SPINDLE",
-        about: "commands the spindle while `Enable` is on; without a direction it stops",
+        about: "commands the spindle while `Enable` is on; without a direction, the spindle stops",
         ports: ports! {
-            CS, "CS": Usint, "the coordinate system"; Input, "Enable": Bool, "the spindle is commanded";
+            CS, "CS": Usint, "the coordinate system"; Input, "Enable": Bool, "true to command the spindle";
             Input, "Clockwise": Bool, "as M03"; Input, "CounterClockwise": Bool, "as M04"; Input, "Orient": Bool, "as M19";
             Input, "Speed": Lreal, "r/min";
         },
@@ -206,23 +206,23 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
     },
     BuiltIn {
         name: "IO_OUT",
-        about: "writes an output of the plant in each call, which is the program's from then on",
+        about: "writes an output of the plant in each call; the first call makes the program the writer of the output",
         ports: ports! {
-            Input, "Name": String, "of `[io.out.NAME]`"; Input, "On": Bool, "its value, where it is on or off";
-            Input, "Number": Lreal, "its value, where it is a number";
-            Output, "Valid": Bool, "the configuration declares it"; Output, "Forced": Bool, "an operator has put a value in its place";
+            Input, "Name": String, "NAME of `[io.out.NAME]`"; Input, "On": Bool, "value of an output that is on or off";
+            Input, "Number": Lreal, "value of an output that is a number";
+            Output, "Valid": Bool, "the configuration declares the output"; Output, "Forced": Bool, "an operator has forced another value";
         },
         state: NOTHING,
         run: io_out,
     },
     BuiltIn {
         name: "CS_COMMAND",
-        about: "commands a coordinate system, each at the rising edge of its input",
+        about: "commands a coordinate system; each command at the rising edge of its input",
         ports: ports! {
             CS, "CS": Usint, "the coordinate system";
             Input, "Load": Bool, "loads the NC program `Program`"; Input, "Start": Bool, "starts it"; Input, "Hold": Bool, "holds it";
             Input, "Resume": Bool, "resumes it"; Input, "Stop": Bool, "stops it"; Input, "Abort": Bool, "aborts it";
-            Input, "Reset": Bool, "resets alarms, and the program to its head"; Input, "Program": Uint, "1 to 9999";
+            Input, "Reset": Bool, "resets alarms, and sets the program to line 1"; Input, "Program": Uint, "1 to 9999";
         },
         state: || State::Edges([RisingEdge::default(); 7]),
         run: command,
@@ -230,8 +230,8 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
 ];
 
 const LOCK: &[super::Port] = ports! {
-    CS, "CS": Usint, "the coordinate system"; Input, "On": Bool, "its level"; Input, "Text": String, "why, for the operator";
-    Input, "Source": String, "its source, such as one of `[input.interlock.source.NAME]`; empty: `default`";
+    CS, "CS": Usint, "the coordinate system"; Input, "On": Bool, "its level"; Input, "Text": String, "reason, for the operator";
+    Input, "Source": String, "source of the lock, such as NAME of `[input.interlock.source.NAME]`; empty: `default`";
 };
 
 const SWITCH: &[super::Port] = ports! {
@@ -295,7 +295,7 @@ fn m_code(ports: &mut Ports, machine: &mut Machine) {
     }
 }
 
-/// Tells progress that is another than before.
+/// Reports changed progress.
 fn progress(ports: &mut Ports, machine: &mut Machine, cs: u8, m: u16) {
     let is_active = ports.bool(8) && !ports.text(7).is_empty();
     let now = is_active.then(|| (ports.text(7).to_owned(), ports.real(6)));

@@ -1,4 +1,4 @@
-//! The function blocks of IEC 61131-3, by those of `plc_api::function_blocks`.
+//! The function blocks of IEC 61131-3, implemented by those of `plc_api::function_blocks`.
 
 use std::time::Duration;
 
@@ -42,7 +42,7 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
     },
     BuiltIn {
         name: "SR",
-        about: "a flag, whose set wins",
+        about: "a flag; set has priority over reset",
         ports: ports! { Input, "S1": Bool, "set"; Input, "R": Bool, "reset"; Output, "Q1": Bool, "the flag"; },
         state: || State::SetDominant(SetDominant::default()),
         run: |ports, _| {
@@ -55,7 +55,7 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
     },
     BuiltIn {
         name: "RS",
-        about: "a flag, whose reset wins",
+        about: "a flag; reset has priority over set",
         ports: ports! { Input, "S": Bool, "set"; Input, "R1": Bool, "reset"; Output, "Q1": Bool, "the flag"; },
         state: || State::ResetDominant(ResetDominant::default()),
         run: |ports, _| {
@@ -68,21 +68,21 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
     },
     BuiltIn {
         name: "TON",
-        about: "on once its input has been on for the preset time",
+        about: "turns on after its input has been on for the preset time",
         ports: TIMER,
         state: || State::OnDelay(OnDelay::new(Duration::ZERO)),
         run: timer,
     },
     BuiltIn {
         name: "TOF",
-        about: "off once its input has been off for the preset time",
+        about: "turns off after its input has been off for the preset time",
         ports: TIMER,
         state: || State::OffDelay(OffDelay::new(Duration::ZERO)),
         run: timer,
     },
     BuiltIn {
         name: "TP",
-        about: "on for the preset time after its input comes on",
+        about: "is on for the preset time after its input turns on",
         ports: TIMER,
         state: || State::Pulse(Pulse::new(Duration::ZERO)),
         run: timer,
@@ -91,7 +91,7 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
         name: "CTU",
         about: "counts up",
         ports: ports! {
-            Input, "CU": Bool, "its rising edges count"; Input, "R": Bool, "sets the value to 0";
+            Input, "CU": Bool, "input whose rising edges are counted"; Input, "R": Bool, "sets the value to 0";
             Input, "PV": Lint, "the preset value"; OutputOn, "Q": Bool, "CV is at least PV"; Output, "CV": Lint, "the value";
         },
         state: || State::UpCounter(UpCounter::new(0)),
@@ -109,7 +109,7 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
         name: "CTD",
         about: "counts down",
         ports: ports! {
-            Input, "CD": Bool, "its rising edges count"; Input, "LD": Bool, "sets the value to PV";
+            Input, "CD": Bool, "input whose rising edges are counted"; Input, "LD": Bool, "sets the value to PV";
             Input, "PV": Lint, "the preset value"; OutputOn, "Q": Bool, "CV is 0 or less"; Output, "CV": Lint, "the value";
         },
         state: || State::DownCounter(DownCounter::new(0)),
@@ -127,7 +127,7 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
         name: "CTUD",
         about: "counts up and down",
         ports: ports! {
-            Input, "CU": Bool, "its rising edges count up"; Input, "CD": Bool, "its rising edges count down";
+            Input, "CU": Bool, "input whose rising edges count up"; Input, "CD": Bool, "input whose rising edges count down";
             Input, "R": Bool, "sets the value to 0"; Input, "LD": Bool, "sets the value to PV";
             Input, "PV": Lint, "the preset value"; OutputOn, "QU": Bool, "CV is at least PV";
             OutputOn, "QD": Bool, "CV is 0 or less"; Output, "CV": Lint, "the value";

@@ -1,4 +1,4 @@
-//! Function blocks that show the machine, as it was before the scan.
+//! Function blocks that show the state of the machine before the scan.
 
 use plc_api::Execution;
 use plc_api::types::io::{IoPoint, IoValue};
@@ -18,18 +18,18 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
         about: "the state of a coordinate system",
         ports: ports! {
             CS, "CS": Usint, "the coordinate system";
-            Output, "State": String, "the state word, such as `ACTIVE`; empty before the machine has told it";
+            Output, "State": String, "the state word, such as `ACTIVE`; empty before the machine has reported the state";
             Output, "Ready": Bool, "READY"; Output, "Active": Bool, "ACTIVE"; Output, "Wait": Bool, "WAIT";
             Output, "FeedHold": Bool, "FEED_HOLD"; Output, "ProgramStopped": Bool, "PROGRAM_STOPPED (M00)";
             Output, "OptionalStopped": Bool, "OPTIONAL_STOP (M01)"; Output, "Interrupted": Bool, "INTERRUPTED";
             Output, "Stopped": Bool, "STOPPED"; Output, "ProgramCompleted": Bool, "PROGRAM_COMPLETED";
-            Output, "Program": Uint, "the loaded NC program; 0: none"; Output, "Alarms": Udint, "active alarms";
+            Output, "Program": Uint, "the loaded NC program; 0: no program"; Output, "Alarms": Udint, "number of active alarms";
             Output, "SingleBlock": Bool, "the single block input"; Output, "DryRun": Bool, "the dry run input";
             Output, "OptionalStop": Bool, "the optional stop input"; Output, "Interlock": Bool, "the interlock";
             Output, "StartLock": Bool, "the start lock";
             Output, "FeedOverride": Lreal, "percent"; Output, "RapidOverride": Lreal, "percent";
-            Output, "SpindleOverride": Lreal, "percent"; Output, "Tool": Uint, "in the spindle; 0: none";
-            Output, "SpindleSpeed": Lreal, "commanded, r/min; counter-clockwise below 0";
+            Output, "SpindleOverride": Lreal, "percent"; Output, "Tool": Uint, "tool in the spindle; 0: no tool";
+            Output, "SpindleSpeed": Lreal, "commanded speed, r/min; below 0 counter-clockwise";
         },
         state: NOTHING,
         run: cs_state,
@@ -39,20 +39,20 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
         about: "the position of an axis",
         ports: ports! {
             CS, "CS": Usint, "the coordinate system"; Input, "Axis": String, "its letter";
-            Output, "Valid": Bool, "the machine has told it"; Output, "Machine": Lreal, "commanded machine position, mm or degrees";
-            Output, "Work": Lreal, "in work coordinates"; Output, "Actual": Lreal, "actual machine position";
-            Output, "Feedrate": Lreal, "on the path, mm/min"; Output, "SpindleSpeed": Lreal, "actual, r/min; counter-clockwise below 0";
+            Output, "Valid": Bool, "the machine has reported the position"; Output, "Machine": Lreal, "commanded machine position, mm or degrees";
+            Output, "Work": Lreal, "commanded position in work coordinates"; Output, "Actual": Lreal, "actual machine position";
+            Output, "Feedrate": Lreal, "feedrate on the path, mm/min"; Output, "SpindleSpeed": Lreal, "actual speed, r/min; below 0 counter-clockwise";
         },
         state: NOTHING,
         run: position,
     },
     BuiltIn {
         name: "CAPTURED",
-        about: "what the last G31 has captured",
+        about: "the position that the last G31 has captured",
         ports: ports! {
             CS, "CS": Usint, "the coordinate system"; Input, "Motor": Uint, "its CNC motor number";
-            Output, "Valid": Bool, "there was a G31 with this motor"; Output, "Captured": Bool, "its skip input has come";
-            Output, "Position": Lreal, "machine position, mm or degrees"; Output, "Line": Udint, "the line of the G31";
+            Output, "Valid": Bool, "a G31 has moved this motor"; Output, "Captured": Bool, "the skip input has turned on";
+            Output, "Position": Lreal, "captured machine position, mm or degrees"; Output, "Line": Udint, "the line of the G31";
         },
         state: NOTHING,
         run: captured,
@@ -61,11 +61,11 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
         name: "IO_IN",
         about: "an input of the plant",
         ports: ports! {
-            Input, "Name": String, "of `[io.in.NAME]`";
-            Output, "On": Bool, "its value, where it is on or off"; Output, "Number": Lreal, "its value, where it is a number";
-            Output, "Valid": Bool, "the configuration declares it";
-            Output, "Lost": Bool, "who has written it is away, and it has its safe value";
-            Output, "Forced": Bool, "an operator has put a value in its place";
+            Input, "Name": String, "NAME of `[io.in.NAME]`";
+            Output, "On": Bool, "value of an input that is on or off"; Output, "Number": Lreal, "value of an input that is a number";
+            Output, "Valid": Bool, "the configuration declares the input";
+            Output, "Lost": Bool, "the writer of the input is lost, and the input has its safe value";
+            Output, "Forced": Bool, "an operator has forced another value";
         },
         state: NOTHING,
         run: io_in,
@@ -74,7 +74,7 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
         name: "ALARM_STATE",
         about: "the active alarms of the machine",
         ports: ports! {
-            Output, "Count": Udint, "how many"; Output, "Number": Uint, "of the first; 0: none"; Output, "Text": String, "of the first";
+            Output, "Count": Udint, "number of active alarms"; Output, "Number": Uint, "number of the first; 0: no alarm"; Output, "Text": String, "text of the first";
         },
         state: NOTHING,
         run: |ports, machine| {
@@ -92,11 +92,11 @@ pub(super) static BLOCKS: &[BuiltIn] = &[
         name: "SCAN_STATE",
         about: "the scan itself",
         ports: ports! {
-            Output, "First": Bool, "the first scan"; Output, "Count": Ulint, "scans before this one";
-            Output, "Time": Time, "the machine's clock"; Output, "LastTime": Time, "how long the scan before took";
-            Output, "LongestTime": Time, "how long the longest took"; Output, "Late": Ulint, "scans that took longer than the period";
-            Output, "Overruns": Ulint, "periods that were left out"; Output, "Refusals": Udint, "writes of the scan before that the machine refused";
-            Output, "RefusalText": String, "the first of them";
+            Output, "First": Bool, "true in the first scan"; Output, "Count": Ulint, "number of scans before this one";
+            Output, "Time": Time, "the machine's clock"; Output, "LastTime": Time, "duration of the scan before";
+            Output, "LongestTime": Time, "duration of the longest scan"; Output, "Late": Ulint, "number of scans that took longer than the period";
+            Output, "Overruns": Ulint, "number of omitted periods"; Output, "Refusals": Udint, "number of writes of the scan before that the machine rejected";
+            Output, "RefusalText": String, "text of the first rejection";
         },
         state: NOTHING,
         run: scan_state,

@@ -1,4 +1,4 @@
-//! Arguments of a call to the parameters that they are for.
+//! Assigns the arguments of a call to its parameters.
 
 use tandem_model::Span;
 
@@ -9,7 +9,8 @@ use crate::tree::{Argument, Expression};
 use crate::types::Type;
 
 impl Checker<'_> {
-    /// The argument of each parameter, by order or by name. Parameters have a name, and are outputs or not.
+    /// Returns the argument of each parameter, by order or by name. Each parameter has its name, and true for
+    /// an output.
     pub(super) fn arranged<'t>(
         &mut self,
         of: &str,
@@ -25,14 +26,14 @@ impl Checker<'_> {
             let place = self.by_name(of, parameters, argument)?;
             if arranged[place].replace(argument).is_some() {
                 let what = format!("the parameter {} is given twice", parameters[place].0);
-                self.found(&PARAMETERS, argument.value.span, what, "give it once");
+                self.found(&PARAMETERS, argument.value.span, what, "write it once");
                 return None;
             }
         }
         Some(arranged)
     }
 
-    /// Arguments in the order of the parameters that are no outputs.
+    /// Returns arguments in the order of the parameters that are not outputs.
     fn in_order<'t>(
         &mut self,
         of: &str,
@@ -42,10 +43,7 @@ impl Checker<'_> {
     ) -> Option<Vec<Option<&'t Argument>>> {
         let inputs = parameters.iter().filter(|(_, is_output)| !is_output).count();
         if !arguments.is_empty() && arguments.len() != inputs {
-            let what = format!(
-                "{of} takes {inputs} parameters in their order, not {}",
-                arguments.len()
-            );
+            let what = format!("{of} takes {inputs} parameters by order, not {}", arguments.len());
             let help = format!("write {of}({})", shown(parameters));
             self.found(&PARAMETERS, span, what, help);
             return None;
@@ -59,11 +57,11 @@ impl Checker<'_> {
         )
     }
 
-    /// The parameter that an argument names.
+    /// Returns the index of the parameter that an argument names.
     fn by_name(&mut self, of: &str, parameters: &[(String, bool)], argument: &Argument) -> Option<usize> {
         let Some(name) = &argument.name else {
-            let what = "a parameter without a name stands among some with";
-            let help = "write all of them by name, or all in their order";
+            let what = "parameters with and without names are mixed";
+            let help = "write all of them by name, or all by order";
             self.found(&PARAMETERS, argument.value.span, what, help);
             return None;
         };
@@ -81,9 +79,9 @@ impl Checker<'_> {
         };
         if parameters[place].1 != argument.is_output {
             let (what, help) = if argument.is_output {
-                ("=> takes outputs, and this is an input", "write :=")
+                ("=> is for outputs, but this is an input", "write :=")
             } else {
-                (":= gives inputs, and this is an output", "write =>")
+                (":= is for inputs, but this is an output", "write =>")
             };
             self.found(&PARAMETERS, name.span, what, help);
             return None;
@@ -91,11 +89,11 @@ impl Checker<'_> {
         Some(place)
     }
 
-    /// What is passed as a `VAR_IN_OUT`.
+    /// Returns the variable that is passed as a `VAR_IN_OUT`.
     pub(super) fn passed(&mut self, argument: &Argument, of: &Type) -> Option<Place> {
         let found = self.place(&argument.value)?;
         if let Some(why) = found.fixed {
-            let what = format!("a VAR_IN_OUT may be assigned, and this cannot: {why}");
+            let what = format!("a VAR_IN_OUT may be assigned, but this cannot be assigned: {why}");
             self.found(
                 &crate::finding::NOT_ASSIGNABLE,
                 argument.value.span,
@@ -106,18 +104,13 @@ impl Checker<'_> {
         }
         if found.of != *of {
             let what = format!("a variable of {of} is passed here, not of {}", found.of);
-            self.found(
-                &TYPE,
-                argument.value.span,
-                what,
-                "pass a variable of this very type",
-            );
+            self.found(&TYPE, argument.value.span, what, "pass a variable of this type");
             return None;
         }
         Some(found.place)
     }
 
-    /// The assignment of an expression to a place.
+    /// Returns the assignment of an expression to a place.
     pub(super) fn assignment(&mut self, to: Place, of: &Type, value: &Expression) -> Option<Stmt> {
         self.wanted = of.elementary();
         let typed = self.valued(value)?;
@@ -146,7 +139,7 @@ impl Checker<'_> {
         }
     }
 
-    /// The assignment of an output to a variable.
+    /// Returns the assignment of an output to a variable.
     pub(super) fn output(&mut self, from: Place, of: &Type, to: &Expression) -> Option<Stmt> {
         let target = self.assignable(to)?;
         let span = from.span;
@@ -174,7 +167,7 @@ impl Checker<'_> {
         })
     }
 
-    /// A constant parameter in its range.
+    /// Returns a constant parameter if it is in its range; otherwise reports a finding.
     pub(super) fn number_in(
         &mut self,
         value: i128,
@@ -185,7 +178,7 @@ impl Checker<'_> {
         if (low..=high).contains(&value) {
             return Some(());
         }
-        let what = format!("{name} is {low} to {high}, not {value}");
+        let what = format!("{name} must be {low} to {high}, not {value}");
         self.found(
             &crate::finding::NUMBER_RANGE,
             span,
@@ -195,14 +188,14 @@ impl Checker<'_> {
         None
     }
 
-    /// A finding for a parameter that must be given.
+    /// Reports a missing parameter.
     pub(super) fn missing(&mut self, of: &str, name: &str, span: Span) {
         let what = format!("{of} needs its parameter {name}");
         self.found(&PARAMETERS, span, what, format!("write {name} := ..."));
     }
 }
 
-/// Parameters as a call writes them.
+/// Returns parameters as a call writes them.
 fn shown(parameters: &[(String, bool)]) -> String {
     let parameters = parameters
         .iter()
@@ -210,7 +203,7 @@ fn shown(parameters: &[(String, bool)]) -> String {
     parameters.collect::<Vec<_>>().join(", ")
 }
 
-/// True of what a call gives, other than by `VAR_IN_OUT`.
+/// Returns true for the section of outputs, without `VAR_IN_OUT`.
 pub(super) fn is_output(section: Section) -> bool {
     section == Section::Output
 }

@@ -10,7 +10,7 @@ use crate::finding::{NOT_CALLABLE, NOT_CONSTANT, NUMBER_RANGE};
 use crate::tree::{Argument, Expression};
 use crate::types::Type;
 
-/// A place within an instance.
+/// Returns a place within an instance.
 fn within(instance: &Place, offset: usize) -> Place {
     let mut place = instance.clone();
     place.offset += offset;
@@ -128,8 +128,8 @@ impl Checker<'_> {
                 {
                     given = Some(value.int());
                 } else if port.is_constant() {
-                    let what = format!("{} of {} is a constant", port.name, block.name);
-                    let help = "write a number or a VAR CONSTANT: it is known before the program runs";
+                    let what = format!("{} of {} must be a constant", port.name, block.name);
+                    let help = "write a number or a VAR CONSTANT, which is known before the program runs";
                     self.found(&NOT_CONSTANT, argument.value.span, what, help);
                     return None;
                 }
@@ -154,7 +154,7 @@ impl Checker<'_> {
         Some(Stmt::Block(Box::new(call)))
     }
 
-    /// The value that the declaration of an instance gives a port.
+    /// Returns the value that the declaration of an instance gives to a port.
     fn declared(&self, instance: &Found, slot: usize) -> Option<i128> {
         let place = &instance.place;
         if place.root != crate::code::Root::Frame || !place.indices.is_empty() {
@@ -164,7 +164,7 @@ impl Checker<'_> {
         Some(value.int())
     }
 
-    /// Notes what a function block needs of the machine.
+    /// Records the needs of a function block on the machine.
     fn needed(&mut self, block: &BuiltIn, constants: &[i128], span: Span) -> Option<()> {
         let cs = |value: i128| u8::try_from(value).unwrap_or_default();
         match (block.name, constants) {

@@ -25,7 +25,7 @@ impl Checker<'_> {
     ) -> Option<Typed> {
         let ExpressionKind::Name(name) = &callee.kind else {
             let help = "call an instance of a function block as a statement";
-            self.found(&NOT_CALLABLE, callee.span, "only a function gives a value", help);
+            self.found(&NOT_CALLABLE, callee.span, "only a function has a value", help);
             return None;
         };
         if let Some(Global::Unit(unit)) = self.names.get(name.as_str()).copied()
@@ -52,7 +52,7 @@ impl Checker<'_> {
             || self.names.contains_key(name.as_str())
             || crate::blocks::built_in(name).is_some()
         {
-            let what = format!("{name} is no function");
+            let what = format!("{name} is not a function");
             self.found(
                 &NOT_CALLABLE,
                 callee.span,
@@ -60,7 +60,7 @@ impl Checker<'_> {
                 "declare an instance of a function block, and call it as a statement",
             );
         } else {
-            let what = format!("the function {name} is not known");
+            let what = format!("the function {name} is unknown");
             self.found(
                 &UNKNOWN,
                 callee.span,
@@ -71,7 +71,7 @@ impl Checker<'_> {
         None
     }
 
-    /// Parameters of a unit, as [`Checker::arranged`] takes them; the result of a function is none.
+    /// Returns the parameters of a unit for [`Checker::arranged`], without the result of a function.
     pub(super) fn parameters(&self, unit: usize) -> Vec<(usize, String, bool)> {
         let frame = &self.frames[unit];
         let variables = frame
@@ -151,7 +151,7 @@ impl Checker<'_> {
         self.folded(None, ExprKind::Call(Box::new(call)), of, span)
     }
 
-    /// Names of the parameters of a standard function for so many arguments.
+    /// Returns the names of the parameters of a standard function for this number of arguments.
     fn standard_parameters(function: &Function, count: usize) -> Vec<(String, Class)> {
         let fixed = function
             .parameters
@@ -202,7 +202,7 @@ impl Checker<'_> {
                 Class::Bool => Elementary::Bool,
                 Class::Int => typed.elementary().unwrap_or(Elementary::Lint),
                 Class::Text => Elementary::String,
-                // an exponent may be of another type than its base
+                // an exponent may have another type than its base
                 _ => kind.unwrap_or(Elementary::Lint),
             };
             values.push(self.become_type(typed, &of.into())?);
@@ -221,7 +221,7 @@ impl Checker<'_> {
         )
     }
 
-    /// All arguments, in the order of their parameters.
+    /// Returns all arguments, in the order of their parameters.
     fn all_given(
         &mut self,
         name: &str,
@@ -242,7 +242,7 @@ impl Checker<'_> {
         Some(typed)
     }
 
-    /// A finding if a value is not of a class.
+    /// Returns true if a value is of a class; otherwise reports a finding.
     fn fits(&mut self, typed: &Typed, class: Class, name: &str) -> bool {
         let kind = typed.elementary();
         let is_number = matches!(typed.of, Of::Integer | Of::Real);
@@ -257,7 +257,7 @@ impl Checker<'_> {
             Class::Bits => (is(Elementary::is_bits), "a BYTE, WORD, DWORD or LWORD"),
         };
         if !fits {
-            let what = format!("{name} takes {wanted} here, not {}", typed.of);
+            let what = format!("{name} needs {wanted} here, not {}", typed.of);
             let help = if class == Class::Bits && is_number {
                 "write its type: WORD#16#FF"
             } else {
@@ -265,21 +265,21 @@ impl Checker<'_> {
             };
             self.found(&TYPE, typed.expr.span, what, help);
         }
-        // an integer becomes a number with a fraction only where it is no narrowing
+        // an integer is converted to REAL or LREAL only if no digits can be lost
         if fits && class == Class::Real && !is_number && !is(Elementary::is_real) {
-            let what = format!("{name} takes a REAL or an LREAL, not {}", typed.of);
+            let what = format!("{name} needs a REAL or an LREAL, not {}", typed.of);
             self.found(
                 &TYPE,
                 typed.expr.span,
                 what,
-                "convert it, such as by INT_TO_REAL(...)",
+                "convert it, for example with INT_TO_REAL(...)",
             );
             return false;
         }
         fits
     }
 
-    /// A value of the type that two values become.
+    /// Returns a value converted to the common type of two values.
     fn with_common(&mut self, one: Typed, other: &Typed, name: &str, span: Span) -> Option<Typed> {
         let untyped = |typed: &Typed| matches!(typed.of, Of::Integer | Of::Real);
         if untyped(&one) && untyped(other) {
@@ -291,14 +291,14 @@ impl Checker<'_> {
                 &TYPE,
                 span,
                 what,
-                "convert one of them, such as by DINT_TO_REAL(...)",
+                "convert one of them, for example with DINT_TO_REAL(...)",
             );
             return None;
         };
         Some(Typed::of(one.expr.kind, kind, span))
     }
 
-    /// `ADD(a, b)` is `a + b`.
+    /// Checks an operator that is written as a function: `ADD(a, b)` is `a + b`.
     fn operator_by_name(
         &mut self,
         name: &str,
@@ -365,7 +365,7 @@ impl Checker<'_> {
             ),
             (None, of) => {
                 let Some(from) = typed.elementary() else {
-                    let what = format!("{name} takes a value of an elementary type, not {of}");
+                    let what = format!("{name} needs a value of an elementary type, not {of}");
                     self.found(&TYPE, span, what, "write another value");
                     return None;
                 };
@@ -384,7 +384,12 @@ impl Checker<'_> {
                 from.text(),
                 to.text()
             );
-            self.found(&UNKNOWN, span, what, "write another conversion, or two of them");
+            self.found(
+                &UNKNOWN,
+                span,
+                what,
+                "write another conversion, or two conversions",
+            );
             return None;
         }
         let value = constant(&expr);
@@ -424,8 +429,8 @@ impl Checker<'_> {
             match constant(&expr) {
                 Some(value) if *name != "IN" => self.number_in(value.int(), range, name, expr.span)?,
                 None if number < function.constants => {
-                    let what = format!("{} takes a constant {name}", function.name);
-                    let help = "write a number or a VAR CONSTANT: it is read before each scan";
+                    let what = format!("{} needs a constant {name}", function.name);
+                    let help = "write a number or a VAR CONSTANT: the variable is read before each scan";
                     self.found(&NOT_CONSTANT, expr.span, what, help);
                     return None;
                 }
@@ -452,7 +457,7 @@ impl Checker<'_> {
         self.folded(None, ExprKind::Machine(function, values), of, span)
     }
 
-    /// A function that is called for what it does.
+    /// Checks a function that is called as a statement, for its effect.
     pub(super) fn function_statement(
         &mut self,
         callee: &Expression,
@@ -466,13 +471,13 @@ impl Checker<'_> {
         self.found(
             &PARAMETERS,
             span,
-            "the value of this function goes nowhere",
+            "the value of this function is not used",
             "assign it to a variable",
         );
         None
     }
 
-    /// The type of a variable that a name stands for.
+    /// Returns the type of the variable with this name.
     pub(super) fn type_of_variable(&self, name: &str) -> Option<&Type> {
         self.variable(name).map(|variable| &variable.of)
     }
@@ -485,7 +490,8 @@ fn constant(expr: &crate::code::Expr) -> Option<Value> {
     }
 }
 
-/// The type of integers without one: the one that is wanted, else the narrowest that has all of them.
+/// Returns the type of integers without a type: the wanted type, otherwise the narrowest that contains all of
+/// them.
 fn of_literals<'v>(wanted: Option<Elementary>, values: impl Iterator<Item = &'v Value>) -> Elementary {
     use Elementary::{Dint, Int, Lint, Udint, Ulint, Usint};
     if let Some(kind) = wanted.filter(|kind| kind.is_num() || kind.is_bits()) {
@@ -502,7 +508,7 @@ fn of_literals<'v>(wanted: Option<Elementary>, values: impl Iterator<Item = &'v 
         .unwrap_or(Lint)
 }
 
-/// True of classes whose values become one type.
+/// Returns true for classes whose values are converted to one type.
 fn is_common(class: Class) -> bool {
     matches!(class, Class::Any | Class::Num | Class::Real | Class::Bits)
 }

@@ -16,11 +16,11 @@ use crate::value::{Fault, Value};
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Of {
     Type(Type),
-    /// An integer without a type: it takes the one that is wanted.
+    /// An integer without a type, which takes the wanted type.
     Integer,
     /// A number without a type.
     Real,
-    /// A function that gives nothing.
+    /// A function without a result.
     Nothing,
 }
 
@@ -54,7 +54,7 @@ impl Typed {
         }
     }
 
-    /// True of an integer with a type or without one.
+    /// Returns true for an integer with or without a type.
     pub fn is_int(&self) -> bool {
         self.of == Of::Integer || self.elementary().is_some_and(Elementary::is_int)
     }
@@ -79,7 +79,7 @@ impl std::fmt::Display for Of {
 }
 
 impl Checker<'_> {
-    /// An expression with its type. `None`: a finding says what is wrong.
+    /// Returns an expression with its type; `None` after a finding.
     pub(super) fn expression(&mut self, expression: &Expression) -> Option<Typed> {
         let (span, wanted) = (expression.span, self.wanted.take());
         match &expression.kind {
@@ -107,14 +107,14 @@ impl Checker<'_> {
         }
     }
 
-    /// An expression that has a value.
+    /// Returns an expression that has a value; `None` after a finding.
     pub(super) fn valued(&mut self, expression: &Expression) -> Option<Typed> {
         let typed = self.expression(expression)?;
         if typed.of == Of::Nothing {
             self.found(
                 &TYPE,
                 expression.span,
-                "this function gives nothing",
+                "this function has no result",
                 "call it as a statement",
             );
             return None;
@@ -164,7 +164,7 @@ impl Checker<'_> {
         match found.as_slice() {
             [(number, value)] => Some(self.enumeration_value(*number, *value, span)),
             [] => {
-                let what = format!("{name} is not known");
+                let what = format!("{name} is unknown");
                 self.found(
                     &UNKNOWN,
                     span,
@@ -174,7 +174,7 @@ impl Checker<'_> {
                 None
             }
             _ => {
-                let what = format!("{name} is a value of several types");
+                let what = format!("{name} is a value of several enumerations");
                 self.found(&UNKNOWN, span, what, "write its type before it: Type#Value");
                 None
             }
@@ -198,7 +198,7 @@ impl Checker<'_> {
         if let Some((number, value)) = found {
             return Some(self.enumeration_value(*number, *value, span));
         }
-        let what = format!("there is no type {} with a value {}", of.text, value.text);
+        let what = format!("no type {} has a value {}", of.text, value.text);
         self.found(&UNKNOWN, span, what, "declare it by TYPE, or correct the name");
         None
     }
@@ -223,12 +223,13 @@ impl Checker<'_> {
         let Some(kind) = kind.filter(fits) else {
             let (what, help) = match operator {
                 Unary::Not => (
-                    "NOT takes a BOOL or a bit string",
+                    "NOT needs a BOOL or a bit string",
                     "write a comparison, such as a = 0",
                 ),
-                Unary::Minus | Unary::Plus => {
-                    ("a sign stands before a number or a TIME", "leave the sign out")
-                }
+                Unary::Minus | Unary::Plus => (
+                    "a sign is allowed only before a number or a TIME",
+                    "remove the sign",
+                ),
             };
             self.found(&TYPE, span, format!("{what}, not {}", of.of), help);
             return None;
@@ -248,7 +249,7 @@ impl Checker<'_> {
         self.folded(folded, node, Of::Type(kind.into()), span)
     }
 
-    /// The constant that a node is, where it is one.
+    /// Returns a node as a constant, if it is one.
     pub(super) fn folded(
         &mut self,
         folded: Option<Result<Value, Fault>>,
@@ -273,7 +274,7 @@ impl Checker<'_> {
         Some(Typed { expr, of })
     }
 
-    /// The expression as a value of a type, if it becomes one by itself.
+    /// Returns the expression converted to a type, if the conversion is implicit; `None` after a finding.
     pub(super) fn become_type(&mut self, typed: Typed, to: &Type) -> Option<Expr> {
         let span = typed.expr.span;
         let wanted = to.elementary();
@@ -301,7 +302,7 @@ impl Checker<'_> {
 
     fn no_widening(&mut self, from: Elementary, to: Elementary, span: Span) {
         let (from_name, to_name) = (from.text(), to.text());
-        let what = format!("{from_name} does not become {to_name} by itself");
+        let what = format!("{from_name} is not converted to {to_name} implicitly");
         if is_conversion(from, to) {
             self.found(
                 &NARROWING,
@@ -335,7 +336,7 @@ impl Checker<'_> {
                 self.found(
                     &NARROWING,
                     span,
-                    format!("a number with a fraction is no {}", to.text()),
+                    format!("a number with a fraction is not a value of type {}", to.text()),
                     help,
                 );
                 return None;
@@ -373,18 +374,18 @@ impl Checker<'_> {
             &LITERAL_RANGE,
             span,
             what,
-            format!("write a value in its range {range}").trim_end(),
+            format!("write a value in the range {range}").trim_end(),
         );
         None
     }
 
-    /// A condition.
+    /// Returns a condition; `None` after a finding.
     pub(super) fn condition(&mut self, expression: &Expression) -> Option<Expr> {
         let typed = self.valued(expression)?;
         self.become_type(typed, &Type::BOOL)
     }
 
-    /// An integer that is known before the program runs.
+    /// Returns an integer that is known before the program runs; `None` after a finding.
     pub(super) fn constant_int(&mut self, expression: &Expression) -> Option<i128> {
         let typed = self.valued(expression)?;
         let value = typed.value().filter(|_| typed.is_int());
@@ -400,7 +401,7 @@ impl Checker<'_> {
         value.map(Value::int)
     }
 
-    /// A constant string must fit its variable.
+    /// Checks that a constant string fits its variable.
     pub(super) fn fits_text(&mut self, value: &Value, of: &Type, span: Span) -> Option<()> {
         if let (Value::Text(text), Type::Text(max)) = (value, of) {
             let length = text.chars().count();
@@ -419,7 +420,7 @@ impl Checker<'_> {
     }
 }
 
-/// A value as one of a wider type.
+/// Returns a value converted to a wider type.
 fn widened(expr: Expr, from: Elementary, to: Elementary) -> Option<Expr> {
     if !(to.is_real() && from.is_int()) {
         return Some(expr);

@@ -22,7 +22,7 @@ impl Checker<'_> {
             Progress::Open => {}
             Progress::Resolving => {
                 let what = format!("{} contains itself", unit.name.text);
-                self.found(&RECURSION, unit.name.span, what, "leave that variable out");
+                self.found(&RECURSION, unit.name.span, what, "remove that variable");
                 self.frames[number].progress = Progress::Refused;
                 return;
             }
@@ -38,11 +38,11 @@ impl Checker<'_> {
                 self.frames[number].result = Some((slot, of.clone()));
                 self.add(number, &unit.name, Section::Output, (false, None), of);
             } else {
-                let help = "give a single value, and the rest by VAR_OUTPUT or VAR_IN_OUT";
+                let help = "return a single value, and the others by VAR_OUTPUT or VAR_IN_OUT";
                 self.found(
                     &NOT_IN_SUBSET,
                     unit.name.span,
-                    "a function gives no arrays and structures",
+                    "a function cannot return an array or a structure",
                     help,
                 );
             }
@@ -59,7 +59,7 @@ impl Checker<'_> {
         }
     }
 
-    /// `None`: a finding says why not.
+    /// Declares a variable; returns `None` after a finding.
     fn declare_variable(&mut self, unit: usize, kind: UnitKind, variable: &Variable) -> Option<()> {
         let name = &variable.name;
         if self.frames[unit].by_name.contains_key(&name.text) {
@@ -68,12 +68,12 @@ impl Checker<'_> {
                 &TWICE,
                 name.span,
                 what,
-                "take another name; upper and lower case are the same",
+                "use another name; upper and lower case are equal",
             );
-            // the first one counts
+            // the first declaration is used
             return Some(());
         }
-        // a finding has said that they are too many
+        // too many values were already reported
         (self.memory <= MEMORY_MAX && self.is_free(name)).then_some(())?;
         let of = self.type_of(&variable.of)?;
         if let Some((what, help)) = misplaced(kind, variable, &of) {
@@ -141,7 +141,7 @@ impl Checker<'_> {
                     self.found(
                         &NOT_CONSTANT,
                         expression.span,
-                        "a value at the start is constant",
+                        "a value at the start must be constant",
                         help,
                     );
                     return None;
@@ -163,13 +163,13 @@ impl Checker<'_> {
                 Some(())
             }
             (Initial::Value(expression), of) => {
-                let what = format!("a single value is no {of}");
+                let what = format!("a single value is not a value of {of}");
                 let help = "write [1, 2] for an array, (A := 1, B := 2) for a structure or a function block";
                 self.found(&TYPE, expression.span, what, help);
                 None
             }
             (Initial::List(_, span) | Initial::Fields(_, span), of) => {
-                let what = format!("this is no value of {of}");
+                let what = format!("this is not a value of {of}");
                 self.found(
                     &TYPE,
                     *span,
@@ -182,7 +182,7 @@ impl Checker<'_> {
                 self.found(
                     &TYPE,
                     count.span,
-                    "only elements of an array are repeated",
+                    "only elements of an array can be repeated",
                     "write [3(0)]",
                 );
                 None
@@ -219,7 +219,7 @@ impl Checker<'_> {
         Some(())
     }
 
-    /// A field of a structure, or an input of a function block.
+    /// Returns a field of a structure, or an input of a function block.
     fn part_for_initial(&mut self, of: &Type, name: &Name) -> Option<(Type, usize)> {
         let found = match of {
             Type::Struct(number, _) => {
@@ -242,29 +242,31 @@ impl Checker<'_> {
             _ => None,
         };
         if found.is_none() {
-            let what = format!("{of} has no {} to set", name.text);
+            let what = format!("{of} has no field or input {}", name.text);
             self.found(&UNKNOWN, name.span, what, "write one of its fields or inputs");
         }
         found
     }
 }
 
-/// Why a variable does not belong where it is declared, and what to do.
+/// Returns why a variable cannot be declared in its section, with the remedy.
 fn misplaced(kind: UnitKind, variable: &Variable, of: &Type) -> Option<(&'static str, &'static str)> {
     let section = variable.section;
     let is_value = matches!(section, Section::Input | Section::Output | Section::Temporary);
     if section == Section::InOut {
         if variable.initial.is_some() {
-            let what = "a VAR_IN_OUT has the value of the variable that is passed";
-            return Some((what, "leave the value out"));
+            let what = "a VAR_IN_OUT has the value of the passed variable";
+            return Some((what, "remove the value"));
         }
-        return (kind == UnitKind::Program)
-            .then_some(("nobody passes a VAR_IN_OUT to the program", "write VAR"));
+        return (kind == UnitKind::Program).then_some((
+            "a PROGRAM has no caller that could pass a VAR_IN_OUT",
+            "write VAR",
+        ));
     }
     if kind == UnitKind::Function && of.is_block() {
-        let what = "a function keeps nothing, so it has no function blocks";
+        let what = "a function keeps no values, so it cannot contain function blocks";
         return Some((what, "write a FUNCTION_BLOCK, or pass the instance by VAR_IN_OUT"));
     }
     let help = "declare it by VAR, or pass it by VAR_IN_OUT";
-    (of.is_block() && is_value).then_some(("an instance of a function block is no value", help))
+    (of.is_block() && is_value).then_some(("an instance of a function block is not a value", help))
 }

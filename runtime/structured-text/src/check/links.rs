@@ -1,4 +1,4 @@
-//! Units to one program: who calls whom, and where functions have their variables.
+//! Links units to one program: checks their calls, and assigns the memory of functions.
 
 use super::{Arc, BTreeSet, Checker, Code, CodeUnit, Needs, Section};
 use crate::code::Stmt;
@@ -7,7 +7,7 @@ use crate::limits::CALL_DEPTH_MAX;
 use crate::tree::UnitKind;
 
 impl Checker<'_> {
-    /// All in one, unless there are findings.
+    /// Returns the whole program; `None` if it has findings.
     pub(super) fn link(mut self, program: usize, bodies: Vec<Vec<Stmt>>) -> Option<(Code, Needs)> {
         let mut depths = vec![None; self.file.units.len()];
         for unit in 0..depths.len() {
@@ -15,7 +15,8 @@ impl Checker<'_> {
         }
         for ((cs, m), span) in std::mem::take(&mut self.asked) {
             if !self.needs.m_codes.contains(&(cs, m)) {
-                let what = format!("a question about M{m:02} is never asked: no MCODE serves it");
+                let what =
+                    format!("a question about M{m:02} is never asked, because no MCODE serves M{m:02}");
                 let help = format!("call an MCODE with M := {m}, CS := {cs}");
                 self.found(&NUMBER_RANGE, span, what, help);
             }
@@ -62,7 +63,7 @@ impl Checker<'_> {
         Some((code, self.needs))
     }
 
-    /// How deep the calls of a unit go; a finding if it calls itself, or too deep.
+    /// Returns the depth of the calls of a unit; reports a finding if the unit calls itself, or too deep.
     fn depth(&mut self, unit: usize, known: &mut Vec<Option<usize>>, open: &mut BTreeSet<usize>) -> usize {
         if let Some(depth) = known[unit] {
             return depth;
@@ -82,8 +83,8 @@ impl Checker<'_> {
             }
             let depth = 1 + self.depth(called, known, open);
             if depth == CALL_DEPTH_MAX + 1 {
-                let what = format!("the calls go more than {CALL_DEPTH_MAX} deep");
-                self.found(&TOO_DEEP, span, what, "call fewer within each other");
+                let what = format!("calls are nested more than {CALL_DEPTH_MAX} deep");
+                self.found(&TOO_DEEP, span, what, "reduce the nesting of calls");
             }
             deepest = deepest.max(depth);
         }

@@ -69,7 +69,7 @@ impl Checker<'_> {
         self.folded(folded, node, Of::Type(of), span)
     }
 
-    /// A finding if an operator does not take values of a type.
+    /// Returns `None`, after a finding, if an operator does not accept values of a type.
     fn takes(&mut self, operator: Binary, kind: Elementary, span: Span) -> Option<()> {
         let fits = match operator {
             Binary::And | Binary::Or | Binary::Xor => kind == Elementary::Bool || kind.is_bits(),
@@ -82,11 +82,11 @@ impl Checker<'_> {
             let help = match operator {
                 Binary::And | Binary::Or | Binary::Xor => "write BOOL or bit strings; compare numbers: a > 0",
                 Binary::Modulo => "write integers",
-                _ if kind.is_bits() => "convert bit strings to integers, such as by WORD_TO_UINT(...)",
-                _ if kind == Elementary::String => "join strings by CONCAT(...)",
+                _ if kind.is_bits() => "convert bit strings to integers, for example with WORD_TO_UINT(...)",
+                _ if kind == Elementary::String => "join strings with CONCAT(...)",
                 _ => "write numbers",
             };
-            let what = format!("{} does not take {}", operator.text(), kind.text());
+            let what = format!("{} does not accept {}", operator.text(), kind.text());
             self.found(&TYPE, span, what, help);
         }
         fits.then_some(())
@@ -101,7 +101,7 @@ impl Checker<'_> {
         self.folded(folded, node, Of::Type(Type::BOOL), span)
     }
 
-    /// Two literals without a type: so is the result.
+    /// Returns the result of two literals without a type, which has no type either.
     fn untyped(&mut self, operator: Binary, left: &Typed, right: &Typed, span: Span) -> Option<Typed> {
         let (one, other) = (left.value()?.clone(), right.value()?.clone());
         let is_integer = left.of == Of::Integer && right.of == Of::Integer;
@@ -115,7 +115,7 @@ impl Checker<'_> {
             return Some(Typed::constant(value, Of::Type(Type::BOOL), span));
         }
         if operator == Binary::Modulo && !is_integer {
-            self.found(&TYPE, span, "MOD takes integers", "write integers");
+            self.found(&TYPE, span, "MOD needs integers", "write integers");
             return None;
         }
         let calculated = if is_integer {
@@ -143,14 +143,14 @@ impl Checker<'_> {
         }
     }
 
-    /// `TIME * ANY_NUM`, `TIME / ANY_NUM`.
+    /// Checks `TIME * ANY_NUM` and `TIME / ANY_NUM`.
     fn scaled(&mut self, operator: Binary, time: Typed, by: Typed, span: Span) -> Option<Typed> {
         let by = match by.of {
             Of::Integer => self.become_type(by, &Elementary::Lint.into())?,
             Of::Real => self.become_type(by, &Elementary::Lreal.into())?,
             _ if by.elementary().is_some_and(Elementary::is_num) => by.expr,
             of => {
-                let what = format!("a TIME is multiplied and divided by numbers, not {of}");
+                let what = format!("a TIME can be multiplied and divided only by a number, not by {of}");
                 self.found(&TYPE, span, what, "write a number");
                 return None;
             }
@@ -167,7 +167,7 @@ impl Checker<'_> {
         self.folded(folded, node, Of::Type(Elementary::Time.into()), span)
     }
 
-    /// `ANY_REAL ** ANY_NUM`.
+    /// Checks `ANY_REAL ** ANY_NUM`.
     pub(super) fn power(&mut self, base: Typed, exponent: Typed, span: Span) -> Option<Typed> {
         let kind = match base.of {
             Of::Integer | Of::Real => exponent
@@ -176,15 +176,20 @@ impl Checker<'_> {
                 .unwrap_or(Elementary::Lreal),
             _ => {
                 let Some(kind) = base.elementary().filter(|kind| kind.is_real()) else {
-                    let what = format!("the base of ** is a REAL or an LREAL, not {}", base.of);
-                    self.found(&TYPE, span, what, "convert it, such as by DINT_TO_LREAL(...)");
+                    let what = format!("the base of ** must be a REAL or an LREAL, not {}", base.of);
+                    self.found(
+                        &TYPE,
+                        span,
+                        what,
+                        "convert it, for example with DINT_TO_LREAL(...)",
+                    );
                     return None;
                 };
                 kind
             }
         };
         let base = self.become_type(base, &kind.into())?;
-        // a value of its own type is as good as any: the result has that of the base
+        // the exponent keeps its own type: the result has the type of the base
         let exponent = self.become_type(exponent, &Elementary::Lreal.into())?;
         let of = Of::Type(kind.into());
         let (base, exponent) = (
@@ -204,7 +209,7 @@ impl Checker<'_> {
     }
 }
 
-/// The type that both sides become.
+/// Returns the type to which both sides are converted.
 pub(super) fn common(left: &Typed, right: &Typed) -> Option<Elementary> {
     match (&left.of, &right.of) {
         (Of::Integer | Of::Real, Of::Type(_)) => literal_beside(left, right.elementary()?),
@@ -216,7 +221,7 @@ pub(super) fn common(left: &Typed, right: &Typed) -> Option<Elementary> {
     }
 }
 
-/// The type of both, where one is a literal without a type.
+/// Returns the type of both, if one is a literal without a type.
 fn literal_beside(literal: &Typed, other: Elementary) -> Option<Elementary> {
     if literal.of == Of::Real {
         if other.is_real() {

@@ -12,12 +12,12 @@ use crate::types::{ArrayType, Elementary, Type};
 pub(super) struct Found {
     pub place: Place,
     pub of: Type,
-    /// Why it cannot be assigned.
+    /// Reason why it cannot be assigned.
     pub fixed: Option<&'static str>,
 }
 
 impl Checker<'_> {
-    /// The place that an expression names. `None`: a finding says why not.
+    /// Returns the place that an expression names; `None` after a finding.
     pub(super) fn place(&mut self, expression: &Expression) -> Option<Found> {
         match &expression.kind {
             ExpressionKind::Name(name) => self.named(name, expression),
@@ -32,7 +32,7 @@ impl Checker<'_> {
             ExpressionKind::Parenthesized(inner) => self.place(inner),
             _ => {
                 let help = "write the name of a variable, with fields and indices";
-                self.found(&NOT_ASSIGNABLE, expression.span, "this is no variable", help);
+                self.found(&NOT_ASSIGNABLE, expression.span, "this is not a variable", help);
                 None
             }
         }
@@ -41,7 +41,7 @@ impl Checker<'_> {
     fn named(&mut self, name: &str, expression: &Expression) -> Option<Found> {
         let Some(variable) = self.variable(name) else {
             if !self.is_refused(name) {
-                let what = format!("the variable {name} is not known");
+                let what = format!("the variable {name} is unknown");
                 self.found(&UNKNOWN, expression.span, what, "declare it in VAR ... END_VAR");
             }
             return None;
@@ -55,13 +55,13 @@ impl Checker<'_> {
         let fixed = if variable.is_constant {
             Some("it is a constant")
         } else if variable.section == Section::Input {
-            Some("an input keeps its value within its unit")
+            Some("an input cannot be changed within its unit")
         } else {
             None
         };
         let of = variable.of.clone();
         let fixed = if self.running.iter().any(|running| running == name) {
-            Some("it is the variable of a FOR that runs")
+            Some("it is the variable of a running FOR")
         } else {
             fixed
         };
@@ -102,7 +102,7 @@ impl Checker<'_> {
                     .and_then(|block| block.port(&field.text))
                     .map(|(slot, port)| {
                         let fixed = if port.is_constant() {
-                            Some("it is given in the call or the declaration")
+                            Some("it is set in the call or the declaration")
                         } else if port.is_input() {
                             None
                         } else {
@@ -114,7 +114,7 @@ impl Checker<'_> {
             _ => None,
         };
         let Some((part, offset, fixed)) = found else {
-            let what = format!("{} has no {} that is seen from here", of.of, field.text);
+            let what = format!("{} has no accessible {}", of.of, field.text);
             self.found(
                 &UNKNOWN,
                 field.span,
@@ -134,8 +134,8 @@ impl Checker<'_> {
 
     fn element(&mut self, mut of: Found, indices: &[Expression], expression: &Expression) -> Option<Found> {
         let Type::Array(array) = of.of.clone() else {
-            let what = format!("{} is no array", of.of);
-            self.found(&TYPE, expression.span, what, "leave the index out");
+            let what = format!("{} is not an array", of.of);
+            self.found(&TYPE, expression.span, what, "remove the index");
             return None;
         };
         if indices.len() != array.bounds.len() {
@@ -174,7 +174,12 @@ impl Checker<'_> {
     ) -> Option<()> {
         let typed = self.expression(index)?;
         if !typed.is_int() {
-            self.found(&TYPE, index.span, "an index is an integer", "write an integer");
+            self.found(
+                &TYPE,
+                index.span,
+                "an index must be an integer",
+                "write an integer",
+            );
             return None;
         }
         let value = if typed.elementary().is_some() {
@@ -204,7 +209,7 @@ impl Checker<'_> {
         Some(())
     }
 
-    /// A place that may be assigned.
+    /// Returns a place that may be assigned; `None` after a finding.
     pub(super) fn assignable(&mut self, expression: &Expression) -> Option<Found> {
         let found = self.place(expression)?;
         if let Some(why) = found.fixed {
@@ -213,7 +218,7 @@ impl Checker<'_> {
             return None;
         }
         if found.of.is_block() {
-            let help = "call it with its inputs, or assign one of its inputs";
+            let help = "call the instance with its inputs, or assign one of its inputs";
             self.found(
                 &NOT_ASSIGNABLE,
                 expression.span,

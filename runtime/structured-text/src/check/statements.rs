@@ -8,7 +8,7 @@ use crate::types::{Elementary, Type};
 use crate::value::Value;
 
 impl Checker<'_> {
-    /// The statements of a unit.
+    /// Returns the statements of a unit.
     pub(super) fn body(&mut self, unit: usize) -> Vec<Stmt> {
         if self.frames[unit].progress != Progress::Done {
             return Vec::new();
@@ -71,7 +71,7 @@ impl Checker<'_> {
                 self.found(
                     &SYNTAX,
                     *span,
-                    "there is no loop around this",
+                    "this is not within a loop",
                     "write it within FOR, WHILE or REPEAT",
                 );
                 None
@@ -129,7 +129,7 @@ impl Checker<'_> {
             self.found(
                 &TYPE,
                 selector.span,
-                "CASE takes an integer or an enumeration",
+                "CASE needs an integer or an enumeration",
                 "write IF ... ELSIF",
             );
         }
@@ -144,11 +144,11 @@ impl Checker<'_> {
                 };
                 if seen.iter().any(|(from, to)| low <= *to && *from <= high) {
                     let what = if low == high {
-                        format!("the label {low} stands there twice")
+                        format!("the label {low} appears twice")
                     } else {
                         "labels overlap".to_owned()
                     };
-                    self.found(&LABELS, label.from.span, what, "leave one of them out");
+                    self.found(&LABELS, label.from.span, what, "remove one of them");
                 }
                 seen.push((low, high));
                 ranges.push((low, high));
@@ -174,7 +174,7 @@ impl Checker<'_> {
             self.found(
                 &LABELS,
                 label.from.span,
-                "the range begins above its end",
+                "the first value of the range is above the last",
                 "write the lower value first",
             );
             return None;
@@ -192,7 +192,7 @@ impl Checker<'_> {
         self.found(
             &crate::finding::NOT_CONSTANT,
             label.span,
-            "a label is constant",
+            "a label must be constant",
             help,
         );
         None
@@ -214,7 +214,7 @@ impl Checker<'_> {
             self.found(
                 &TYPE,
                 variable.span,
-                "the variable of a FOR is an integer",
+                "the variable of a FOR must be an integer",
                 "declare it as INT or DINT",
             );
         }
@@ -226,7 +226,7 @@ impl Checker<'_> {
                 checker.become_type(typed, of)
             };
             bounds = value(self, from, &of).zip(value(self, to, &of));
-            // a step may be below 0 though the variable is not
+            // a step may be negative even if the variable cannot be
             step = Some(by.map(|by| {
                 value(
                     self,

@@ -1,4 +1,4 @@
-//! Types: what their names stand for, their sizes and their values at the start.
+//! Types: the meanings of their names, their sizes and their values at the start.
 
 use tandem_model::Span;
 
@@ -10,7 +10,7 @@ use crate::tree::{Definition, Expression, TypeName, UnitKind};
 use crate::types::{ArrayType, Elementary, Type};
 use crate::value::Value;
 
-/// Characters of a `STRING` that count as one value of the memory.
+/// Number of characters of a `STRING` for each value of the memory limit.
 const CHARACTERS_OF_A_VALUE: usize = 16;
 
 impl Checker<'_> {
@@ -23,14 +23,14 @@ impl Checker<'_> {
             Progress::Open => {}
             Progress::Resolving => {
                 let what = format!("{} contains itself", declaration.name.text);
-                self.found(&RECURSION, declaration.name.span, what, "leave that part out");
+                self.found(&RECURSION, declaration.name.span, what, "remove that part");
                 self.types[number].progress = Progress::Refused;
                 return;
             }
             Progress::Done | Progress::Refused => return,
         }
         self.types[number].progress = Progress::Resolving;
-        // nothing of a unit is seen by a type
+        // a type has no access to the names of a unit
         let unit = self.unit.take();
         let name = declaration.name.text.as_str();
         let of = match &declaration.definition {
@@ -56,7 +56,7 @@ impl Checker<'_> {
     fn fields(&mut self, number: usize, fields: &[crate::tree::Variable]) {
         let mut offset = 0;
         for field in fields {
-            // a finding has said that they are too many
+            // too many values were already reported
             if self.memory > MEMORY_MAX {
                 return;
             }
@@ -69,7 +69,7 @@ impl Checker<'_> {
                 self.found(
                     &NOT_IN_SUBSET,
                     field.name.span,
-                    "a structure contains no function blocks",
+                    "a structure cannot contain function blocks",
                     help,
                 );
                 continue;
@@ -101,7 +101,7 @@ impl Checker<'_> {
         }
     }
 
-    /// The type of a name.
+    /// Returns the type with this name; `None` after a finding.
     pub(super) fn type_of(&mut self, name: &TypeName) -> Option<Type> {
         match name {
             TypeName::Text(None, _) => Some(Type::STRING),
@@ -111,7 +111,7 @@ impl Checker<'_> {
                     .ok()
                     .filter(|length| (1..=STRING_MAX).contains(length));
                 if fits.is_none() {
-                    let what = format!("a STRING has 1 to {STRING_MAX} characters, not {length}");
+                    let what = format!("the length of a STRING must be 1 to {STRING_MAX}, not {length}");
                     self.found(&BOUNDS, *span, what, "write a length in this range");
                 }
                 fits.map(Type::Text)
@@ -140,12 +140,12 @@ impl Checker<'_> {
                             .then(|| Type::Block(number, self.file.units[number].name.text.as_str().into()))
                     }
                     Some(Global::Unit(_)) => {
-                        let what = format!("{} is no type", name.text);
+                        let what = format!("{} is not a type", name.text);
                         self.found(&UNKNOWN, name.span, what, "write a type or a function block");
                         None
                     }
                     None => {
-                        let what = format!("the type {} is not known", name.text);
+                        let what = format!("the type {} is unknown", name.text);
                         let help = "write an elementary type such as BOOL, INT or TIME, a function block, or declare it by TYPE";
                         self.found(&UNKNOWN, name.span, what, help);
                         None
@@ -168,7 +168,7 @@ impl Checker<'_> {
             let (low_value, high_value) = (self.constant_int(low)?, self.constant_int(high)?);
             let both = i64::try_from(low_value).ok().zip(i64::try_from(high_value).ok());
             let Some((low_value, high_value)) = both.filter(|(low, high)| low <= high) else {
-                let what = format!("an array has no elements {low_value} to {high_value}");
+                let what = format!("an array cannot have the bounds {low_value} to {high_value}");
                 self.found(
                     &BOUNDS,
                     low.span.to(high.span),
@@ -196,7 +196,7 @@ impl Checker<'_> {
         ))
     }
 
-    /// Slots of the memory.
+    /// Returns the number of slots of the memory.
     pub(super) fn size(&self, of: &Type) -> usize {
         match of {
             Type::Elementary(_) | Type::Text(_) | Type::Enumeration(..) => 1,
@@ -207,7 +207,7 @@ impl Checker<'_> {
         }
     }
 
-    /// What a variable counts in the memory.
+    /// Returns the number of values of a variable for the memory limit.
     pub(super) fn weight(&self, of: &Type) -> usize {
         match of {
             Type::Text(length) => 1 + length / CHARACTERS_OF_A_VALUE,
@@ -227,7 +227,7 @@ impl Checker<'_> {
         .max(1)
     }
 
-    /// Values of a variable that is given none.
+    /// Returns the default values of a variable.
     pub(super) fn default(&self, of: &Type) -> Vec<Value> {
         match of {
             Type::Elementary(kind) => vec![initial(*kind)],
@@ -246,7 +246,7 @@ impl Checker<'_> {
     }
 }
 
-/// Elements of an array; the check of its bounds has limited them.
+/// Returns the number of elements of an array, which the check of its bounds has limited.
 pub(super) fn elements(array: &ArrayType) -> usize {
     let lengths = array
         .bounds

@@ -27,7 +27,7 @@ const OTHER_TYPES: [(&str, &str); 15] = [
 ];
 
 impl Parser<'_> {
-    /// Behind `TYPE`.
+    /// Reads the types after `TYPE`.
     pub(super) fn types(&mut self, types: &mut Vec<TypeDeclaration>) -> Parsed<()> {
         while !self.takes("END_TYPE") {
             let name = self.name()?;
@@ -50,7 +50,7 @@ impl Parser<'_> {
             };
             if self.is(":=") {
                 let span = self.span();
-                let help = "give the variables their initial values";
+                let help = "write the initial values at the variables";
                 return Err(self.found(
                     &NOT_IN_SUBSET,
                     span,
@@ -64,7 +64,7 @@ impl Parser<'_> {
         Ok(())
     }
 
-    /// Behind `PROGRAM`, `FUNCTION_BLOCK` or `FUNCTION`.
+    /// Reads a unit after `PROGRAM`, `FUNCTION_BLOCK` or `FUNCTION`.
     pub(super) fn unit(&mut self, kind: UnitKind) -> Parsed<Unit> {
         let name = self.name()?;
         let result = if kind == UnitKind::Function && self.takes(":") {
@@ -117,7 +117,7 @@ impl Parser<'_> {
         Ok(())
     }
 
-    /// `a, b : INT := 5;`
+    /// Reads declarations: `a, b : INT := 5;`
     fn variables(
         &mut self,
         section: Section,
@@ -173,7 +173,7 @@ impl Parser<'_> {
         }
         if self.is("(") {
             let span = self.span();
-            let help = "leave the range out, and check it in the program";
+            let help = "remove the range, and check the value in the program";
             return Err(self.found(
                 &NOT_IN_SUBSET,
                 span,
@@ -244,7 +244,7 @@ impl Parser<'_> {
         Ok(Initial::Value(self.expression()?))
     }
 
-    /// An element of a list, or some: `3(0)`.
+    /// Reads an element of a list, or several equal ones: `3(0)`.
     fn element(&mut self) -> Parsed<Initial> {
         use crate::tokens::TokenKind;
         let is_literal = self

@@ -1,4 +1,5 @@
-//! Expressions, from the operators that bind least to those that bind most: IEC 61131-3, operators of the ST language.
+//! Expressions, from the operators of the lowest priority to those of the highest: IEC 61131-3, operators of
+//! the ST language.
 
 use tandem_model::Span;
 
@@ -8,7 +9,7 @@ use crate::limits::NESTING_MAX;
 use crate::tokens::TokenKind;
 use crate::tree::{Argument, Binary, Expression, ExpressionKind, Unary};
 
-/// Operators by how they bind; those of one row from left to right.
+/// Operators in ascending priority; those of one row are evaluated from left to right.
 const LEVELS: [&[(&str, Binary)]; 7] = [
     &[("OR", Binary::Or)],
     &[("XOR", Binary::Xor)],
@@ -46,12 +47,18 @@ impl Parser<'_> {
         Ok(left)
     }
 
-    /// An expression with those within it, unless they are too many. Operators in a row, `a + b + c`, are within each other too.
+    /// Creates the node of an expression; reports a finding if the nesting is too deep. Operators in a row,
+    /// `a + b + c`, are nested too.
     fn node(&mut self, kind: ExpressionKind, span: Span) -> Parsed<Expression> {
         let node = Expression::new(kind, span);
         if node.height > NESTING_MAX {
-            let what = format!("more than {NESTING_MAX} operators stand within each other or in a row");
-            return Err(self.found(&TOO_DEEP, span, what, "give a part of the expression a variable"));
+            let what = format!("more than {NESTING_MAX} operators are nested or in a row");
+            return Err(self.found(
+                &TOO_DEEP,
+                span,
+                what,
+                "assign a part of the expression to a variable",
+            ));
         }
         Ok(node)
     }
@@ -67,9 +74,9 @@ impl Parser<'_> {
     fn power(&mut self) -> Parsed<Expression> {
         let mut left = self.unary()?;
         while self.is("**") {
-            // edition 2 of the standard lets ** bind more than a sign, edition 3 less
+            // in edition 2 of the standard, ** has a higher priority than a sign, in edition 3 a lower one
             if matches!(left.kind, ExpressionKind::Unary(..)) {
-                let what = "the base of ** has a sign, which editions of the standard read differently";
+                let what = "the base of ** has a sign, and editions of the standard differ in its priority";
                 let help = "write (-a) ** b or -(a ** b)";
                 return Err(self.found(&SYNTAX, left.span, what, help));
             }
@@ -77,7 +84,7 @@ impl Parser<'_> {
             let right = self.unary()?;
             if matches!(left.kind, ExpressionKind::Binary(Binary::Power, ..)) {
                 let help = "write (a ** b) ** c or a ** (b ** c)";
-                return Err(self.found(&SYNTAX, left.span, "two ** in a row are read differently", help));
+                return Err(self.found(&SYNTAX, left.span, "two ** in a row are ambiguous", help));
             }
             left = self.binary(Binary::Power, left, right)?;
         }
@@ -95,12 +102,12 @@ impl Parser<'_> {
         self.node(ExpressionKind::Unary(operator, Box::new(of)), span)
     }
 
-    /// True if a name stands here that is no keyword.
+    /// Returns true if the token is a name and not a keyword.
     pub(super) fn begins_name(&self) -> bool {
         matches!(self.token().map(|token| &token.kind), Some(TokenKind::Name(name)) if !KEYWORDS.contains(&name.as_str()))
     }
 
-    /// A literal, a variable with its parts, a call, or something in parentheses.
+    /// Reads a literal, a variable with its parts, a call, or an expression in parentheses.
     pub(super) fn primary(&mut self) -> Parsed<Expression> {
         let span = self.span();
         if let Some(TokenKind::Literal(literal, of)) = self.token().map(|token| token.kind.clone()) {
@@ -133,7 +140,7 @@ impl Parser<'_> {
         self.parts(name)
     }
 
-    /// Fields, indices and parameters behind a name.
+    /// Reads fields, indices and parameters after a name.
     fn parts(&mut self, of: Expression) -> Parsed<Expression> {
         let mut whole = of;
         loop {
@@ -173,7 +180,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Behind `(`.
+    /// Reads arguments after `(`.
     fn arguments(&mut self) -> Parsed<Vec<Argument>> {
         let mut arguments = Vec::new();
         if self.takes(")") {

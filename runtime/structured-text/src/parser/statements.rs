@@ -4,7 +4,7 @@ use super::{Parsed, Parser};
 use crate::finding::SYNTAX;
 use crate::tree::{ExpressionKind, Label, Statement};
 
-/// Words that end the statements within something.
+/// Words that end the statements within another statement or unit.
 const ENDS: [&str; 12] = [
     "END_IF",
     "END_CASE",
@@ -21,7 +21,7 @@ const ENDS: [&str; 12] = [
 ];
 
 impl Parser<'_> {
-    /// Statements up to one of these words. A statement with a mistake is left out.
+    /// Reads statements up to one of these words. A statement with a mistake is omitted.
     pub(super) fn statements(&mut self, ends: &[&str]) -> Vec<Statement> {
         let mut statements = Vec::new();
         while !self.is_any(ends) && !self.is_any(&ENDS) && !self.is_end() {
@@ -37,7 +37,7 @@ impl Parser<'_> {
         statements
     }
 
-    /// To behind the next semicolon, or to an end.
+    /// Skips to after the next semicolon, or to an end.
     fn skip_statement(&mut self, before: usize, ends: &[&str]) {
         if self.at == before {
             self.advance();
@@ -90,7 +90,7 @@ impl Parser<'_> {
         Ok(statement)
     }
 
-    /// The semicolon behind a statement. Behind an `END_...` the standard wants one as well.
+    /// Reads the semicolon after a statement. The standard also requires one after `END_...`.
     fn semicolon(&mut self) -> Parsed<()> {
         if self.takes(";") {
             return Ok(());
@@ -99,8 +99,8 @@ impl Parser<'_> {
         Err(self.found(
             &SYNTAX,
             span,
-            "a semicolon is missing behind this",
-            "write ; behind each statement",
+            "a semicolon is missing after this",
+            "write ; after each statement",
         ))
     }
 
@@ -182,7 +182,7 @@ impl Parser<'_> {
         Ok(Label { from, to })
     }
 
-    /// Statements up to the labels of the next branch.
+    /// Reads statements up to the labels of the next branch.
     fn branch(&mut self) -> Vec<Statement> {
         let ends = ["ELSE", "END_CASE"];
         let mut statements = Vec::new();
@@ -199,7 +199,7 @@ impl Parser<'_> {
         statements
     }
 
-    /// True if labels stand here: tokens that no statement has before a colon.
+    /// Returns true at labels: tokens that no statement has before a colon.
     fn is_label(&self) -> bool {
         for token in self.tokens.get(self.at..).unwrap_or_default() {
             if Self::is_text(token, ":") {

@@ -7,7 +7,7 @@ fn a_division_by_zero_stops_the_program() {
     let stops = stopped("a, count : INT;", "a := 1;\na := a / count;");
     assert_eq!(
         stops,
-        "test.st stands, line 4, at count: a division by zero. Correct the program, and start it again"
+        "test.st has stopped: line 4, at count: a division by zero. Correct the program, and start it again"
     );
     assert!(stopped("a, b : LREAL;", "a := a / b;").contains("at b: a division by zero"));
     assert!(stopped("a : TIME; b : INT;", "a := a / b;").contains("at b: a division by zero"));

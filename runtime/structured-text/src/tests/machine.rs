@@ -52,7 +52,7 @@ async fn mcode_shows_an_output_with_its_parameters_and_resets_it() {
 #[tokio::test]
 async fn mcode_fails_with_its_text_and_code() {
     let body = "a(M := 12, CS := 1, Error := TRUE, Done := TRUE, ErrorText := 'jammed'); b(M := 13, CS := 2, Error := TRUE, ErrorCode := 7);";
-    let elsewhere = "test.st serves M12 in another coordinate system only";
+    let elsewhere = "test.st serves M12 only in another coordinate system";
     for (cs, m, alarm) in [
         (1, 12, Alarm::user(12, "jammed")),
         (2, 13, Alarm::user(7, "M13 has failed")),
@@ -207,13 +207,14 @@ async fn a_program_that_stands_is_an_alarm_and_its_m_codes_fail() {
     .await;
     let seq = fake.put_out(1, 12, Params::default());
     advance(&fake, 50).await;
-    let text = "test.st stands, line 3, at n: a division by zero. Correct the program, and start it again";
+    let text =
+        "test.st has stopped: line 3, at n: a division by zero. Correct the program, and start it again";
     assert_eq!(fake.plc().alarms().await.unwrap()[0].text, text);
     let alarm = Alarm::user(Alarm::CODE_OF_ERROR, text);
     assert_eq!(fake.closed(1, seq), Some(Closed::Failed { alarm }));
     assert!(
         fake.plc().coordinate_system(1).interlock().await.unwrap().value,
-        "what was locked stays so"
+        "the locks of the program stay locked"
     );
 }
 

@@ -157,7 +157,7 @@ fn no_changed_program_panics() {
         "{:#?}",
         Program::compile("whole.st", WHOLE).err()
     );
-    // pieces of the text: words and what is between them
+    // pieces of the text: words and the characters between them
     let mut pieces: Vec<&str> = Vec::new();
     let mut rest = WHOLE;
     while let Some(first) = rest.chars().next() {

@@ -3,7 +3,7 @@
 use super::Literal;
 use crate::types::Elementary;
 
-/// Why a literal is none, behind its text, and what to write.
+/// Fault of a literal, as a text that follows the literal, and the help.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Malformed {
     pub what: &'static str,
@@ -19,14 +19,14 @@ impl Malformed {
 const NO_NUMBER: Malformed =
     Malformed::new("is not a number", "write 5, 1_000, 16#FF, 2#1010, 1.5 or 1.0E-3");
 
-/// Digits without their underscores, which stand between digits.
+/// Returns digits without their underscores, which are allowed between digits.
 fn digits(text: &str, base: u32) -> Option<String> {
     let is_wrong = text.is_empty() || text.starts_with('_') || text.ends_with('_') || text.contains("__");
     let digits: String = text.chars().filter(|letter| *letter != '_').collect();
     (!is_wrong && digits.chars().all(|digit| digit.is_digit(base))).then_some(digits)
 }
 
-/// A number of a type, or an untyped one.
+/// Returns a number with or without a type.
 pub(super) fn number(text: &str, is_negative: bool, of: Option<Elementary>) -> Result<Literal, Malformed> {
     let unsigned = match of {
         Some(Elementary::Bool) => return bool_value(text, is_negative),
@@ -57,7 +57,7 @@ fn unsigned(text: &str) -> Result<Literal, Malformed> {
             "2" => 2,
             "8" => 8,
             "16" => 16,
-            _ => return Err(Malformed::new("has a base that is none", "write 2#, 8# or 16#")),
+            _ => return Err(Malformed::new("has an invalid base", "write 2#, 8# or 16#")),
         };
         return integer(&digits(value, base).ok_or(NO_NUMBER)?, base);
     }
@@ -66,7 +66,7 @@ fn unsigned(text: &str) -> Result<Literal, Malformed> {
     }
     let (mantissa, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
     let (whole, fraction) = mantissa.split_once('.').ok_or(Malformed::new(
-        "is not a number: an exponent stands behind a fraction",
+        "is not a number: an exponent is allowed only after a fraction",
         "write 1.0E-3",
     ))?;
     let sign = if exponent.starts_with('-') { "-" } else { "" };
@@ -92,7 +92,7 @@ fn integer(digits: &str, base: u32) -> Result<Literal, Malformed> {
     }
 }
 
-/// Units of a time, from the longest on, with their nanoseconds.
+/// Units of a time, the longest first, with their nanoseconds.
 const UNITS: [(&str, i128); 7] = [
     ("D", 86_400_000_000_000),
     ("H", 3_600_000_000_000),
@@ -103,14 +103,14 @@ const UNITS: [(&str, i128); 7] = [
     ("NS", 1),
 ];
 
-/// Digits of one part of a time. Reason: no calculation with them leaves 128 bits.
+/// Maximum number of digits of one part of a time. Reason: no calculation with them exceeds 128 bits.
 const TIME_DIGITS_MAX: usize = 18;
 
-/// Nanoseconds of a time without sign and prefix: `1h30m`, `1.5s`, `1s_500ms`.
+/// Returns the nanoseconds of a time without sign and prefix: `1h30m`, `1.5s`, `1s_500ms`.
 pub(super) fn time(text: &str) -> Result<i128, Malformed> {
     const NO_TIME: Malformed = Malformed::new(
         "is not a time",
-        "write d, h, m, s, ms, us and ns in this order, a fraction in the last only: T#1h30m, T#1.5s, T#1s500ms",
+        "write d, h, m, s, ms, us and ns in this order, with a fraction only in the last: T#1h30m, T#1.5s, T#1s500ms",
     );
     let text = text.to_ascii_uppercase();
     let mut rest = text.as_str();
@@ -156,7 +156,7 @@ pub(super) fn time(text: &str) -> Result<i128, Malformed> {
     Ok(total)
 }
 
-/// A string with its `$` sequences carried out.
+/// Returns a string with its `$` sequences replaced.
 pub(super) fn text(written: &str) -> Result<String, Malformed> {
     let mut text = String::with_capacity(written.len());
     let mut letters = written.chars();
@@ -186,6 +186,6 @@ pub(super) fn text(written: &str) -> Result<String, Malformed> {
 }
 
 const NO_SEQUENCE: Malformed = Malformed::new(
-    "has a $ that begins nothing",
+    "has an invalid $ sequence",
     "write $$ for $, $' for ', $L, $N, $P, $R, $T, or two hexadecimal digits",
 );

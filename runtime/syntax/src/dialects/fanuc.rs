@@ -1,4 +1,5 @@
-//! The milling programs of FANUC controls, as far as they are read to be written in dialect nj: with its help.
+//! Milling programs of FANUC controls, for the conversion to dialect nj only: its help texts name
+//! replacements of nj.
 
 use super::{dgshape, nj};
 use crate::grammar::Grammar;

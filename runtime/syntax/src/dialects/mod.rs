@@ -10,17 +10,18 @@ use crate::grammar::Grammar;
 type Foreign = (&'static str, &'static str);
 
 impl Grammar {
-    /// Dialect nj: the NJ/NY-series manual O031, chapters 1 and 4.
+    /// Returns the grammar of dialect nj: the NJ/NY-series manual O031, chapters 1 and 4.
     pub fn nj() -> &'static Grammar {
         &nj::NJ
     }
 
-    /// Dialect dgshape: the NC code manual FA01232, 1-1 and 2-6.
+    /// Returns the grammar of dialect dgshape: the NC code manual FA01232, 1-1 and 2-6.
     pub fn dgshape() -> &'static Grammar {
         &dgshape::DGSHAPE
     }
 
-    /// The milling programs of FANUC controls, as far as they are read to be written in dialect nj: with its help.
+    /// Returns the grammar of milling programs of FANUC controls, for the conversion to dialect nj only: its
+    /// help texts name replacements of nj.
     pub fn fanuc() -> &'static Grammar {
         &fanuc::FANUC
     }

@@ -16,18 +16,18 @@ enum Frame {
 #[derive(Debug, Default)]
 pub(super) struct Nesting {
     open: Vec<Frame>,
-    /// Constructs that the last command has ended, from the inside: an `else` may continue one.
+    /// Constructs that the last command has ended, from the inside. An `else` may continue one of them.
     ended: Vec<Keyword>,
-    /// The keyword whose parentheses are read, and how many of them are open.
+    /// The keyword whose parentheses are being read, and the number of open ones.
     head: Option<(Keyword, usize)>,
-    /// The next `while` ends a `do`.
+    /// True if the next `while` ends a `do`.
     do_ends: bool,
-    /// Words of a command have been read on this line.
+    /// True if words of a command have been read on this line.
     words: bool,
 }
 
 impl Nesting {
-    /// Levels of a line that begins with this token.
+    /// Returns the indentation level of a line that begins with this token.
     pub fn begin_line(&mut self, first: Option<TokenKind>) -> usize {
         if first == Some(TokenKind::Keyword(Keyword::Else)) {
             self.reopen();
@@ -46,7 +46,7 @@ impl Nesting {
         levels.saturating_sub(before)
     }
 
-    /// Advances past a token that is no comment.
+    /// Processes a token that is not a comment.
     pub fn pass(&mut self, kind: TokenKind) {
         match kind {
             TokenKind::Keyword(keyword) => {
@@ -75,7 +75,7 @@ impl Nesting {
         }
     }
 
-    /// Ends the command that the words of a line are.
+    /// Ends the command that consists of the words of a line.
     pub fn end_line(&mut self) {
         if std::mem::take(&mut self.words) {
             self.end_command();
@@ -118,7 +118,7 @@ impl Nesting {
         }
     }
 
-    /// A command has ended, and with it those that it is the only command of.
+    /// Ends a command, and the constructs of which it is the only command.
     fn end_command(&mut self) {
         self.ended.clear();
         if let Some(Frame::Single(keyword)) = self.open.last().copied() {
@@ -127,7 +127,7 @@ impl Nesting {
         }
     }
 
-    /// The commands of a keyword have ended.
+    /// Ends the commands of a keyword.
     fn end(&mut self, mut keyword: Keyword) {
         self.ended.clear();
         loop {
@@ -144,7 +144,7 @@ impl Nesting {
         }
     }
 
-    /// Reopens the constructs outside the `if` that an `else` belongs to.
+    /// Reopens the constructs around the `if` to which an `else` belongs.
     fn reopen(&mut self) {
         if let Some(at) = self.ended.iter().position(|keyword| *keyword == Keyword::If) {
             let outer: Vec<_> = self.ended.drain(..).skip(at + 1).collect();

@@ -1,4 +1,4 @@
-//! Branches and loops, flattened: each part is a block that defines where the program continues (manual 4-2).
+//! Branches and loops, flattened: each part is a block that names the block after it (manual 4-2).
 
 use tandem_model::Span;
 
@@ -9,36 +9,36 @@ use crate::diagnostics;
 use crate::program_code::{CaseLabel, ExpressionId, Keyword, ProgramCode, Statement};
 use crate::tree::{Block, Content};
 
-/// Branches and loops that are open where the parser reads.
+/// Branches and loops that are open at the cursor of the parser.
 #[derive(Debug, Default)]
 pub(super) struct Nesting {
-    /// How deep commands are nested in commands.
+    /// Depth of commands nested in commands.
     pub(super) depth: usize,
-    /// How many braces are open.
+    /// Number of open braces.
     pub(super) braces: usize,
-    /// The structures that `break` leaves.
+    /// Number of open structures that `break` leaves.
     leavable: usize,
-    /// Program codes of `break` whose target is not known yet.
+    /// Program codes of `break` with a target that is not yet known.
     breaks: Vec<usize>,
     switches: Vec<OpenSwitch>,
-    /// Braces of statements of another language, which have been reported.
+    /// Braces of statements of another language, which were already reported.
     pub(super) foreign: Foreign,
 }
 
-/// Where the commands of statements of another language are.
+/// State of the braces of statements of another language.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Foreign {
-    /// There are none.
+    /// No such statement has been read.
     #[default]
     None,
-    /// Their brace is to come.
+    /// Such a statement has been read; its brace follows.
     Begun,
     /// This number of braces is open.
     Open(u32),
 }
 
 impl Foreign {
-    /// Passes a brace that belongs to one.
+    /// Returns true for a brace that belongs to such a statement, and counts it.
     pub(super) fn passes(&mut self, byte: u8) -> bool {
         let (passes, then) = match (*self, byte) {
             (Foreign::Begun, b'{') => (true, Foreign::Open(1)),
@@ -70,7 +70,7 @@ impl Parser<'_> {
             self.report(
                 &diagnostics::ASSIGNMENT_PLACE,
                 keyword_span,
-                format!("`{}` stands in a block of words", keyword.text()),
+                format!("`{}` is in a block of words", keyword.text()),
                 "Write the program code on a line of its own.",
             );
             self.end_words(line);
@@ -98,7 +98,7 @@ impl Parser<'_> {
         self.report(
             &diagnostics::KEYWORD_PLACE,
             span,
-            format!("`{}` stands alone", keyword.text()),
+            format!("`{}` belongs to no other program code", keyword.text()),
             "Write it inside the if, switch, while or do that it belongs to.",
         );
         self.push_failed(start);
@@ -215,14 +215,14 @@ impl Parser<'_> {
             self.report_from(
                 start,
                 &diagnostics::CASE_LABEL,
-                "the label is not written as one",
+                "the label is malformed",
                 "Write case, a whole number and a colon, or default and a colon.",
             );
         }
         self.push_failed(start);
     }
 
-    /// Reports labels that are repeated in cases ascending by label and place.
+    /// Reports repeated labels; the cases must be sorted by label and position.
     fn repeated_labels(&mut self, cases: &[CaseLabel]) {
         for pair in cases.windows(2).filter(|pair| pair[0].label == pair[1].label) {
             let Some(block) = self.tree.blocks.get_mut(pair[1].block as usize) else {
@@ -238,12 +238,12 @@ impl Parser<'_> {
         self.report(
             &diagnostics::CASE_LABEL,
             span,
-            "the label stands twice in the switch",
+            "the label appears twice in the switch",
             "Keep one of them.",
         );
     }
 
-    /// A whole number with an optional sign.
+    /// Reads a whole number with an optional sign; `None` if the number is missing or too large.
     fn case_label(&mut self) -> Option<i64> {
         self.blanks();
         let negative = self.cursor.take(b'-');
@@ -256,20 +256,20 @@ impl Parser<'_> {
         Some(if negative { -label } else { label })
     }
 
-    /// Enters a structure that `break` leaves; returns how many breaks were open before it.
+    /// Enters a structure that `break` leaves; returns the number of breaks that were open before it.
     fn enter(&mut self) -> usize {
         self.nesting.leavable += 1;
         self.nesting.breaks.len()
     }
 
-    /// Ends a structure that `break` leaves: the breaks since then jump here.
+    /// Ends a structure that `break` leaves: the breaks within it jump to the next block.
     fn leave(&mut self, breaks: usize) {
         self.nesting.leavable -= 1;
         let breaks = self.nesting.breaks.split_off(breaks);
         self.jump(breaks, self.here());
     }
 
-    /// The index of the next block.
+    /// Returns the index of the next block.
     fn here(&self) -> u32 {
         index(self.tree.blocks.len())
     }
@@ -283,15 +283,15 @@ impl Parser<'_> {
         }
     }
 
-    /// Notes that a line of the intermediate code begins here (D03).
+    /// Notes that a line of the intermediate code begins at the cursor (D03).
     fn begin_line(&mut self) {
         self.flags = 0;
         self.line_start = self.cursor.at();
         self.text_bytes_before = self.cursor.text_bytes();
     }
 
-    /// Reads a value or condition in parentheses and adds the program code that depends on it. When it is wrong, passes
-    /// it and adds a block with an error.
+    /// Reads a value or condition in parentheses and adds the program code that depends on it. If the value
+    /// or condition is wrong, skips it and adds a block with an error.
     fn with_value(&mut self, start: usize, kind: Kind, statement: Statement) -> Option<usize> {
         let at = self.cursor;
         let value = self.in_parentheses(kind, 0);
@@ -302,7 +302,8 @@ impl Parser<'_> {
         value.map(|value| self.push_program_code(start, statement, Some(value)))
     }
 
-    /// Skips from a place to the closing parenthesis of its line, if there is one, otherwise the text read there.
+    /// Skips from a position to the closing parenthesis of its line, otherwise only the text that was read
+    /// there.
     fn pass_parentheses(&mut self, from: Cursor<'_>) {
         if self.cursor.peek().is_none() {
             return;
@@ -325,7 +326,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Skips a keyword that comes next, across blank lines; returns its first byte.
+    /// Skips a keyword that comes next, also after blank lines; returns its first byte.
     fn take_keyword(&mut self, expected: Keyword) -> Option<usize> {
         let mut ahead = self.cursor;
         ahead.blank_lines(self.grammar).ok()?;
@@ -374,7 +375,7 @@ impl Parser<'_> {
             self.report_from(
                 at,
                 &diagnostics::NESTING_TOO_DEEP,
-                format!("branches and repetitions nest deeper than {NESTING_MAX}"),
+                format!("branches and repetitions are nested deeper than {NESTING_MAX}"),
                 "Move commands to a subprogram.",
             );
             self.tree.complete = false;
@@ -386,7 +387,7 @@ impl Parser<'_> {
         true
     }
 
-    /// Reads commands in braces; the cursor is at the opening one.
+    /// Reads commands in braces; the cursor is at the opening brace.
     fn braces(&mut self) {
         if !self.deeper() {
             return;
@@ -408,7 +409,7 @@ impl Parser<'_> {
                             &diagnostics::BRACE_UNMATCHED,
                             Span::new(index(start), index(start + 1)),
                             "`{` is not closed",
-                            "Write `}` where it ends.",
+                            "Write `}` after the last command.",
                         );
                         self.push_failed(start);
                     }
@@ -430,7 +431,7 @@ impl Parser<'_> {
         start
     }
 
-    /// Adds a program code that ends here, as a block; returns its index among the program codes.
+    /// Adds a program code that ends at the cursor, as a block; returns its index among the program codes.
     pub(super) fn push_program_code(
         &mut self,
         start: usize,

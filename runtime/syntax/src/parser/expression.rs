@@ -18,14 +18,14 @@ pub(super) enum Kind {
 type Node = (ExpressionId, Kind);
 
 impl Parser<'_> {
-    /// Reads the expression of a number, nested so deep; `None` when an error has been reported.
+    /// Reads an arithmetic expression at this nesting depth. Returns `None` if an error was reported.
     pub(super) fn expression(&mut self, depth: usize) -> Option<ExpressionId> {
         let start = self.cursor.at();
         let node = self.operations(depth, 1)?;
         self.of_kind(Kind::Number, start, node)
     }
 
-    /// Reads a number or a condition in parentheses; `None` when an error has been reported.
+    /// Reads a number or a condition in parentheses. Returns `None` if an error was reported.
     pub(super) fn in_parentheses(&mut self, kind: Kind, depth: usize) -> Option<ExpressionId> {
         self.blanks();
         let start = self.cursor.at();
@@ -37,18 +37,18 @@ impl Parser<'_> {
         self.of_kind(kind, start, node)
     }
 
-    /// The node of an expression that must be of this kind.
+    /// Returns the node of an expression if it has this kind; reports an error otherwise.
     fn of_kind(&mut self, kind: Kind, start: usize, (id, found): Node) -> Option<ExpressionId> {
         if found == kind || found == Kind::Either {
             return Some(id);
         }
         let (message, help) = match found {
             Kind::Condition => (
-                "a condition stands where a number is needed",
+                "a number is needed here, not a condition",
                 "Use if to set a variable.",
             ),
             _ => (
-                "a number stands where a condition is needed",
+                "a condition is needed here, not a number",
                 "Compare it, for example != 0.",
             ),
         };
@@ -56,7 +56,7 @@ impl Parser<'_> {
         None
     }
 
-    /// Operands joined by operators of a priority or above, from the left.
+    /// Reads operands that are joined, from the left, by operators of this priority or a higher one.
     fn operations(&mut self, depth: usize, priority: u8) -> Option<Node> {
         if priority > Operator::PRIORITY_MAX {
             return self.unary(depth);
@@ -74,7 +74,7 @@ impl Parser<'_> {
                 self.report_from(
                     at,
                     &diagnostics::CONDITION_KIND,
-                    "a comparison does not chain",
+                    "comparisons cannot be chained",
                     "Join two comparisons with &&.",
                 );
                 return None;
@@ -98,7 +98,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Passes an operator of a priority if it is here.
+    /// Reads an operator of this priority if it is at the cursor.
     fn operator(&mut self, priority: u8) -> Option<Operator> {
         let mut operators = Operator::ALL.iter().copied();
         let found = operators
@@ -117,7 +117,7 @@ impl Parser<'_> {
             self.report_from(
                 start,
                 &diagnostics::NESTING_TOO_DEEP,
-                format!("the expression nests deeper than {NESTING_MAX}"),
+                format!("the expression is nested deeper than {NESTING_MAX}"),
                 "Assign parts of it to variables first.",
             );
             return None;
@@ -140,7 +140,7 @@ impl Parser<'_> {
                 if matches!(self.cursor.peek(), Some(b'0'..=b'9' | b'.')) {
                     self.number(start)
                 } else {
-                    self.malformed(start, "a sign + stands before something that is no number")
+                    self.malformed(start, "the sign + is allowed only before a number")
                 }
             }
             Some(b'0'..=b'9' | b'.') => self.number(start),
@@ -178,12 +178,12 @@ impl Parser<'_> {
                 None
             }
             Err(NumberError::Missing | NumberError::Malformed) => {
-                self.malformed(start, "a decimal point stands without a digit")
+                self.malformed(start, "a decimal point has no digit")
             }
         }
     }
 
-    /// A variable or a function call.
+    /// Reads a variable or a function call.
     fn operand(&mut self, start: usize, depth: usize) -> Option<Node> {
         if let Some(name) = self.variable() {
             let span = self.cursor.span_from(start);

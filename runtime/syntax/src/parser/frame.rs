@@ -5,7 +5,7 @@ use crate::diagnostics;
 use crate::grammar::ProgramForm;
 
 impl Parser<'_> {
-    /// Passes the mark before the first block.
+    /// Reads the mark before the first block.
     pub(super) fn head(&mut self, form: ProgramForm) {
         self.blank_lines();
         if form.mark.is_some() && self.cursor.peek() == form.mark {
@@ -14,13 +14,13 @@ impl Parser<'_> {
         }
     }
 
-    /// Passes a mark, which is alone on its line.
+    /// Reads a mark, which is alone on its line.
     pub(super) fn mark(&mut self) {
         self.cursor.advance(1);
         self.nothing_else("the mark of the data");
     }
 
-    /// True where a line begins with the letter of the program number.
+    /// Returns true if the line begins with the letter of the program number.
     pub(super) fn is_program_number(&self) -> bool {
         let letter = self.cursor.peek().map(|byte| byte.to_ascii_uppercase());
         letter.is_some() && letter == self.grammar.program_form.number_letter
@@ -37,7 +37,7 @@ impl Parser<'_> {
         let malformed = number.is_none() || self.cursor.peek() == Some(b'.');
         if malformed || self.tree.number.is_some() {
             let message = if malformed {
-                "this is no program number"
+                "this is not a program number"
             } else {
                 "this is the second program number"
             };
@@ -57,7 +57,7 @@ impl Parser<'_> {
         }
     }
 
-    /// True if only comments follow on the line; otherwise reports an error.
+    /// Returns true if only comments follow on the line; otherwise reports an error.
     fn nothing_else(&mut self, what: &str) -> bool {
         self.blanks();
         if matches!(self.cursor.peek(), None | Some(b'\n')) {

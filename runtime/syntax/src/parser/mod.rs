@@ -1,7 +1,7 @@
 //! From text to the program tree.
 //!
-//! A line is either a block of words or program codes. After an error the parser continues with the next word, the end
-//! of the line, or the matching brace, whichever reports one error for one cause.
+//! A line is either a block of words or program codes. After an error, the parser continues with the next
+//! word, the end of the line, or the matching brace, so that one cause gives one error.
 
 mod control;
 mod expression;
@@ -21,13 +21,14 @@ use crate::encoding::{WIDE, is_wide};
 use crate::grammar::{Grammar, shared_variable};
 use crate::tree::{Block, Content, NcProgram};
 
-/// Findings of one program. Parsing ends there, so that a text of errors only stays small in time and memory.
+/// Maximum number of findings of one program, at which parsing ends. Reason: the time and memory for a text
+/// that consists of errors must stay small.
 pub const DIAGNOSTICS_MAX: usize = 1000;
 
-/// Depth of parentheses and signs in an expression, and of branches and repetitions; a deeper one is an error.
+/// Maximum nesting depth of parentheses and signs in an expression, and of branches and repetitions.
 pub const NESTING_MAX: usize = 64;
 
-/// Parses a text. It always gives a program, and all findings in the order of the text.
+/// Parses a text. Always returns a program, and all findings in the order of the text.
 ///
 /// A text of more than [`PROGRAM_BYTES_MAX`] bytes, or in another encoding than UTF-8, is not read: the program is empty, with
 /// one error.
@@ -70,12 +71,12 @@ struct Parser<'a> {
     grammar: &'a Grammar,
     tree: NcProgram,
     nesting: Nesting,
-    /// The line of the last thing read that is no comment.
+    /// Line of the last text read that is not a comment.
     code_line: u32,
     diagnostics: Vec<Diagnostic>,
-    // the line that is read
+    // the line that is being read
     kind: LineKind,
-    /// Only one command belongs to the branch or repetition before it.
+    /// True if only one command belongs to the branch or repetition before the line.
     single: bool,
     flags: u32,
     /// Position after the block skips of the line.
@@ -108,7 +109,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Reads nothing, for one reason.
+    /// Reports one error for the whole text, which is not read.
     fn refuse(&mut self, entry: &'static DiagnosticEntry, message: &str, help: &str) {
         self.tree.complete = false;
         // whether it has its marks is not known
@@ -116,13 +117,13 @@ impl<'a> Parser<'a> {
         self.report(entry, Span::default(), message, help);
     }
 
-    /// Makes room for the blocks and words that the text seems to have, so that the arrays need not grow and move: a
-    /// letter before a value begins a word, a line is a block.
+    /// Reserves memory for an estimated number of blocks and words, so that the arrays need not grow and
+    /// move. In the estimate, a letter before a value begins a word, and a line is a block.
     fn reserve(&mut self, source: &str) {
         let bytes = source.as_bytes();
         let next = bytes.get(1..).unwrap_or_default();
         let (mut lines, mut words) = (1, 0);
-        // counts in bytes of up to 255, so that the processor handles many bytes at once
+        // counters of one byte, up to 255, so that the processor handles many bytes at once
         for (bytes, next) in bytes.chunks(255).zip(next.chunks(255)) {
             let in_chunk = |count: u8, begins: bool| count + u8::from(begins);
             lines += usize::from(next.iter().map(|byte| *byte == b'\n').fold(0, in_chunk));
@@ -155,7 +156,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Notes an error, which marks the line.
+    /// Reports an error, and marks the line as faulty.
     fn report(
         &mut self,
         entry: &'static DiagnosticEntry,
@@ -178,7 +179,7 @@ impl<'a> Parser<'a> {
         self.report(entry, self.cursor.span_from(start), message, help);
     }
 
-    /// Notes a finding.
+    /// Adds a finding.
     fn note(
         &mut self,
         entry: &'static DiagnosticEntry,
@@ -194,7 +195,7 @@ impl<'a> Parser<'a> {
         if self.diagnostics.len() == DIAGNOSTICS_MAX {
             self.diagnostics.push(diagnostics::TOO_MANY.at(
                 span,
-                format!("more than {DIAGNOSTICS_MAX} errors; the rest of the program has not been read"),
+                format!("more than {DIAGNOSTICS_MAX} errors; the rest of the program was not read"),
                 "Correct the errors above, then check again.",
             ));
             self.tree.complete = false;
@@ -220,7 +221,7 @@ impl<'a> Parser<'a> {
         let is_closed = self.tree.source[start..self.cursor.at()].ends_with(close);
         let (message, help) = if is_closed {
             (
-                format!("the first {close} ends the comment, and its text goes on"),
+                format!("the first {close} ends the comment, but more text follows"),
                 format!("Write no {open} and {close} inside a comment."),
             )
         } else {
@@ -234,7 +235,7 @@ impl<'a> Parser<'a> {
         self.report(&diagnostics::COMMENT_NOT_CLOSED, span, message, help);
     }
 
-    /// Reads one line, whose first token is here; with `single` at most one command of it.
+    /// Reads one line from its first token; with `single` at most one command of it.
     fn line(&mut self, single: bool) {
         self.single = single;
         self.kind = LineKind::Open;
@@ -271,11 +272,7 @@ impl<'a> Parser<'a> {
         let count = self.tree.words.len() - self.first_word;
         let failed = self.flags & Block::HAS_ERRORS != 0;
         if self.flags != 0 && !failed && self.kind == LineKind::Open {
-            self.skip_unused(
-                self.line_start,
-                self.skips_end,
-                "nothing stands behind the block skip",
-            );
+            self.skip_unused(self.line_start, self.skips_end, "no word follows the block skip");
         }
         if count > 0 || (failed && self.kind != LineKind::ProgramCodes) {
             self.tree.blocks.push(Block {
@@ -290,12 +287,12 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Bytes of the line up to here without comments.
+    /// Returns the number of bytes of the line up to the cursor, without comments.
     fn line_bytes(&self) -> usize {
         self.cursor.text_bytes() - self.text_bytes_before
     }
 
-    /// Reports a line that has become too long, and ends it (D03).
+    /// Returns true for a line that has become too long, after reporting and ending it (D03).
     #[inline]
     fn too_long(&mut self, start: usize) -> bool {
         let too_long = self.line_bytes() > BLOCK_BYTES_MAX;
@@ -322,7 +319,7 @@ impl<'a> Parser<'a> {
             let start = self.cursor.at();
             if let Some(number) = self.skip_number() {
                 if self.flags & (1 << (number - 1)) != 0 {
-                    self.skip_unused(start, self.cursor.at(), "the block skip number stands twice");
+                    self.skip_unused(start, self.cursor.at(), "the block skip number appears twice");
                 }
                 self.flags |= 1 << (number - 1);
                 self.skips_end = self.cursor.at();
@@ -332,7 +329,7 @@ impl<'a> Parser<'a> {
                     ..=1 => "Write / without a number.".to_owned(),
                     max => format!("Write / or /1 to /{max}."),
                 };
-                let message = format!("`{text}` is no block skip number");
+                let message = format!("`{text}` is not a block skip number");
                 self.report_from(start, &diagnostics::SKIP_NUMBER, message, help);
             }
             self.blanks();
@@ -345,11 +342,11 @@ impl<'a> Parser<'a> {
             &diagnostics::SKIP_UNUSED,
             span,
             message,
-            "Remove it, or write the words that it skips behind it.",
+            "Remove it, or write words after it.",
         );
     }
 
-    /// Passes `/` and the digits that follow it at once.
+    /// Skips `/` and the digits directly after it. Returns their number if it is in range.
     fn skip_number(&mut self) -> Option<u8> {
         self.cursor.advance(1);
         let digits = self.cursor.digits();
@@ -369,9 +366,9 @@ impl<'a> Parser<'a> {
         self.report_from(
             start,
             &diagnostics::SKIP_PLACE,
-            format!("`{text}` does not stand at the beginning of the line"),
+            format!("`{text}` is not at the beginning of the line"),
             if self.grammar.program_codes {
-                "Write the block skip before the block number and all words; divide with a variable on a line of its own."
+                "Write the block skip before the block number and all words. For a division, assign to a variable on a line of its own."
             } else {
                 "Write the block skip before the block number and all words."
             },
@@ -396,7 +393,7 @@ impl<'a> Parser<'a> {
         );
     }
 
-    /// `( )` is a comment in other dialects.
+    /// Reports `( )`, which is a comment in other dialects.
     fn foreign_comment(&mut self) {
         let start = self.cursor.at();
         while let Some(byte) = self.cursor.peek() {
@@ -412,7 +409,7 @@ impl<'a> Parser<'a> {
         );
     }
 
-    /// How comments are written.
+    /// Returns a help text on how to write comments.
     fn comment_help(&self) -> String {
         let (open, close) = self.grammar.block_comment.unwrap_or_default();
         let block = format!("{open} {close}");
@@ -421,7 +418,7 @@ impl<'a> Parser<'a> {
         format!("Write comments as {forms}.")
     }
 
-    /// Reports characters that begin nothing, with all that hangs on them, as one error.
+    /// Reports characters that begin no element, with the characters joined to them, as one error.
     fn unexpected_characters(&mut self) {
         let start = self.cursor.at();
         let first = self.cursor.pass_character().unwrap_or_default();
@@ -472,7 +469,7 @@ impl<'a> Parser<'a> {
                 ',' => "The decimal sign is a point.",
                 '=' => "Only variables L, Q and P can be assigned to.",
                 _ if first.is_ascii() => "Remove it, or make it a comment.",
-                _ => "Characters that are not ASCII stand in comments only.",
+                _ => "Characters that are not ASCII are allowed only in comments.",
             };
             help.to_owned()
         })
@@ -493,7 +490,8 @@ impl<'a> Parser<'a> {
     }
 }
 
-/// Indices and places fit in 32 bits: the source is at most 64 MiB, and each entry takes a byte of it or more.
+/// Converts an index or a position to 32 bits, which is enough: the source is at most 64 MiB, and each entry
+/// takes a byte of it or more.
 #[expect(clippy::cast_possible_truncation, reason = "bounded by PROGRAM_BYTES_MAX")]
 fn index(value: usize) -> u32 {
     value as u32

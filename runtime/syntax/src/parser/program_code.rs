@@ -18,7 +18,7 @@ impl Parser<'_> {
             self.report_from(
                 start,
                 &diagnostics::ASSIGNMENT_PLACE,
-                "an assignment stands in a block of words",
+                "an assignment is in a block of words",
                 "Write the assignment on a line of its own, before the block.",
             );
             self.skip_line();
@@ -60,7 +60,7 @@ impl Parser<'_> {
             self.report(
                 &diagnostics::SKIP_BEFORE_PROGRAM_CODE,
                 Span::new(index(self.line_start), index(start)),
-                "block skip cannot stand before a program code",
+                "block skip is not allowed before a program code",
                 "Remove it, or skip the blocks that use the value.",
             );
         }

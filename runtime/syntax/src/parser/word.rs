@@ -1,4 +1,4 @@
-//! Words: an address with a number or an indirection. Names, with which everything else begins.
+//! Words (an address with a number or an indirection), and names, with which every other element begins.
 
 use tandem_model::Span;
 
@@ -42,13 +42,13 @@ impl Parser<'_> {
         self.single && self.kind == LineKind::ProgramCodes
     }
 
-    /// The address that letters spell, if the grammar has it.
+    /// Returns the address with these letters, if the grammar has it.
     fn address_of(&self, letters: &str) -> Option<Address> {
         let address = Address::find(letters);
         address.filter(|address| self.grammar.addresses.contains(*address))
     }
 
-    /// Letters that spell no address: a forgotten value (`XY10`), or a word that does not exist.
+    /// Reports letters that are no address: a forgotten value (`XY10`), or a word that does not exist.
     fn no_address(&mut self, start: usize, letters: &str) {
         let first = letters.get(..1).unwrap_or_default();
         let rest = letters.get(1..).unwrap_or_default();
@@ -102,7 +102,7 @@ impl Parser<'_> {
         self.report_from(
             start,
             &diagnostics::WORD_UNKNOWN,
-            format!("`{name}` is no word of this dialect"),
+            format!("`{name}` is not a word of this dialect"),
             help,
         );
         if name.len() > 1 && !zero_meant && !self.grammar.program_codes {
@@ -110,7 +110,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Passes the value of a word that has been reported already.
+    /// Skips the value of a word that was already reported.
     fn pass_value(&mut self) {
         while let Some(b'0'..=b'9' | b'.' | b'-' | b'+') = self.cursor.peek() {
             self.cursor.advance(1);
@@ -120,7 +120,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Passes `[` and all up to `]` or the end of the line.
+    /// Skips from `[` to `]` or to the end of the line.
     fn pass_bracket(&mut self) {
         while let Some(byte) = self.cursor.peek() {
             if byte == b'\n' || self.cursor.pass_character() == Some(']') {
@@ -202,7 +202,7 @@ impl Parser<'_> {
         );
     }
 
-    /// A statement of another language, `for (..)`: all of it is one fault, its braces too.
+    /// Reports a statement of another language, `for (..)`, as one error, including its braces.
     fn foreign_statement(&mut self, start: usize, name: &str) {
         let mut open = 0_u32;
         while let Some(byte) = self.cursor.peek() {
@@ -222,12 +222,12 @@ impl Parser<'_> {
         self.report_from(
             start,
             &diagnostics::WORD_UNKNOWN,
-            format!("`{name}` is no program code of this dialect"),
-            "Write it with if, switch, while or do; a counter is set before the while, and counts at the end of its commands.",
+            format!("`{name}` is not a program code of this dialect"),
+            "Write it with if, switch, while or do. Set a counter before the while, and change it at the end of its commands.",
         );
     }
 
-    /// Passes the exponent of a number, which the language does not have.
+    /// Skips the exponent of a number, which the language does not have.
     #[inline]
     pub(super) fn pass_exponent(&mut self) -> bool {
         matches!(self.cursor.peek(), Some(b'e' | b'E')) && self.pass_its_digits()
@@ -247,7 +247,7 @@ impl Parser<'_> {
         is_one
     }
 
-    /// True when `=` follows a variable.
+    /// Returns true if `=` follows a variable.
     fn is_assignment(&self) -> bool {
         let mut ahead = self.cursor;
         self.grammar.program_codes && ahead.blanks(self.grammar).is_ok() && ahead.peek() == Some(b'=')
@@ -326,7 +326,7 @@ impl Parser<'_> {
         exists
     }
 
-    /// A variable that exists, with its index.
+    /// Returns the variable with its index if it exists; reports an error otherwise.
     pub(super) fn existing_variable(&mut self, name: (VariableKind, u64), span: Span) -> Option<Variable> {
         let index = u16::try_from(name.1).ok();
         self.variable_exists(name, span)
@@ -359,14 +359,14 @@ impl Parser<'_> {
         });
     }
 
-    /// True for a block number at its place. Also reports one with more digits than the dialect allows.
+    /// Returns true for a block number at the right position, after checking its number of digits.
     #[inline(never)]
     fn judge_block_number(&mut self, start: usize) -> bool {
         if self.tree.words.len() > self.first_word {
             self.report_from(
                 start,
                 &diagnostics::BLOCK_NUMBER_PLACE,
-                "the block number does not stand before the other words",
+                "the block number is not before the other words",
                 "Write N at the beginning of the block, once.",
             );
             return false;
@@ -392,7 +392,7 @@ impl Parser<'_> {
         self.report_from(
             start,
             &diagnostics::ASSIGNMENT_PLACE,
-            "a word stands beside a program code",
+            "a word is on the line of a program code",
             "Write words and program codes on lines of their own.",
         );
         self.skip_line();
@@ -400,7 +400,7 @@ impl Parser<'_> {
     }
 }
 
-/// True for what may follow a command of a branch or repetition on its line.
+/// Returns true for a keyword that may follow a command of a branch or repetition on the same line.
 fn ends_command(keyword: Keyword) -> bool {
     matches!(
         keyword,

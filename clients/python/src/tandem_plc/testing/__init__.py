@@ -74,7 +74,7 @@ class Run:
 
     @property
     def completed(self) -> bool:
-        """True when the program has come to its end."""
+        """True if the program has reached its end."""
         return self.execution == "PROGRAM_COMPLETED"
 
     def events(self, *events: str) -> list[dict[str, Any]]:
@@ -91,20 +91,20 @@ def find_tandem() -> str:
     named = os.environ.get("TANDEM_BIN")
     found = named if named and os.access(named, os.X_OK) else None if named else shutil.which("tandem")
     if found is None:
-        where = f"TANDEM_BIN names {named}, which is no program" if named else "`tandem` is not in PATH"
+        where = f"TANDEM_BIN names {named}, which is not a program" if named else "`tandem` is not in PATH"
         raise FileNotFoundError(f"{where}; install it, or set TANDEM_BIN to the built command")
     return os.path.abspath(found)
 
 
 class Machine:
-    """A machine that runs. Its calls wait, so that a test is a plain function."""
+    """A running machine. Its methods block, so that a test is a plain function."""
 
     def __init__(self, config: str = DEFAULT_CONFIG) -> None:
-        """Start ``tandem serve`` with a configuration, to which free ports are added where it names none.
+        """Start ``tandem serve`` with a configuration, to which free ports are added if it names no ports.
 
         Raises:
-            FileNotFoundError: there is no command ``tandem``.
-            RuntimeError: it does not start; the text has its output.
+            FileNotFoundError: the command ``tandem`` does not exist.
+            RuntimeError: the command does not start; the text contains its output.
         """
         self._folder = Path(tempfile.mkdtemp(prefix="tandem-"))
         self._config = self._folder / "tandem.toml"
@@ -124,7 +124,7 @@ class Machine:
     # --- life
 
     def start(self) -> None:
-        """Start the process (again, after :meth:`kill`; on other ports where they are free ones)."""
+        """Start the process (again, after :meth:`kill`; free ports may differ then)."""
         with (self._folder / "log").open("w") as log:
             process = subprocess.Popen(
                 [find_tandem(), "serve", "--config", str(self._config)],
@@ -185,10 +185,10 @@ class Machine:
 
     @contextlib.contextmanager
     def serve(self, program: SequenceProgram) -> Iterator[Serving]:
-        """Serve a program in a thread within the block, which begins when the machine knows its handlers.
+        """Serve a program in a thread within the block, which begins when the machine has accepted its handlers.
 
         Raises:
-            Exception: what ended the program before the block did.
+            Exception: the error that ended the program before the end of the block.
         """
         ready: list[Serving] = []
         failed: list[BaseException] = []
@@ -230,7 +230,7 @@ class Machine:
         """Store NC text, load it, start it, and wait until it has ended.
 
         Raises:
-            Refused: it has errors, or a handler refuses its parameters; the text has the line.
+            Refused: the text has errors, or a handler refuses its parameters; the error contains the line.
             TimeoutError: it has not ended within the time limit; the text has the reason of the wait.
         """
         self.load(text, cs=cs)
@@ -240,7 +240,7 @@ class Machine:
         """Store NC text, and load it.
 
         Raises:
-            Refused: it has errors, or a handler refuses its parameters; the text has the line.
+            Refused: the text has errors, or a handler refuses its parameters; the error contains the line.
         """
         self.rest("PUT", f"/programs/{_PROGRAM + cs}", text)
         self.rest("POST", f"/cs/{cs}/load?wait=1", {"program": _PROGRAM + cs})
@@ -249,7 +249,7 @@ class Machine:
         """Start the loaded program, and return while it runs.
 
         Raises:
-            Refused: it may not start now.
+            Refused: the program may not start now.
         """
         before = max((line["n"] for line in self.journal()), default=0)
         reply = self.rest("POST", f"/cs/{cs}/start?wait=1")
@@ -266,10 +266,10 @@ class Machine:
     def wait_for(
         self, fits: Callable[[dict[str, Any]], bool], *, cs: int = 1, timeout_s: float = 20.0
     ) -> dict[str, Any]:
-        """Wait for a state that fits, and give it.
+        """Wait for a state for which ``fits`` is true, and return it.
 
         Raises:
-            TimeoutError: none arrived within the time limit; the text has the last one.
+            TimeoutError: no such state arrived within the time limit; the text contains the last state.
         """
         end = time.monotonic() + timeout_s
         while True:
@@ -281,11 +281,11 @@ class Machine:
             time.sleep(_POLL_S)
 
     def answer(self, choice: str, *, cs: int = 1, timeout_s: float = 20.0) -> str:
-        """Wait for a question, answer it, and give its text.
+        """Wait for a question, answer it, and return its text.
 
         Raises:
-            TimeoutError: nothing was asked in time.
-            Refused: it is none of the choices.
+            TimeoutError: no question was asked within the time limit.
+            Refused: the answer is not among the choices.
         """
         state = self.wait_for(
             lambda state: bool((state["waiting_on"] or {}).get("question")), cs=cs, timeout_s=timeout_s
@@ -297,15 +297,15 @@ class Machine:
         return str(question["text"])
 
     def journal(self) -> list[dict[str, Any]]:
-        """Give the machine's journal, up to its last 1000 lines."""
+        """Return the machine's journal, up to its last 1000 lines."""
         lines: list[dict[str, Any]] = self.rest("GET", "/journal?count=1000")["lines"]
         return lines
 
     def rest(self, method: str, path: str, body: Any = None) -> Any:
-        """Send a request below ``/api/v1``: a text as it is, anything else as JSON; gives the JSON of the answer.
+        """Send a request below ``/api/v1``: a text unchanged, anything else as JSON; returns the JSON of the answer.
 
         Raises:
-            Refused: the machine refuses it.
+            Refused: the machine refuses the request.
         """
         data, kind = None, "application/json"
         if isinstance(body, str):

@@ -11,7 +11,7 @@ const BEFORE_MOTION: [u32; 6] = [3, 4, 6, 7, 8, 13];
 /// M29: the spindle turns in step with Z in a tapping cycle.
 const RIGID_TAPPING: u32 = 29;
 
-/// G91.1: I, J and K count from the start of an arc, as they do here.
+/// G91.1: I, J and K are distances from the start of an arc, as in nj.
 const CENTRES_ARE_DISTANCES: f64 = 91.1;
 
 /// G51.1 mirrors, and G50.1 ends it.
@@ -26,7 +26,7 @@ const SKIPPABLE: [u32; 7] = [0, 1, 2, 3, 4, 90, 91];
 /// S below it is the number of a speed in dialect dgshape.
 const SPEED_MIN: f64 = 100.0;
 
-/// The block skips of a block, as nj writes them.
+/// Returns the block skips of a block, as nj writes them.
 fn skips(numbers: u32) -> String {
     let all = (1..=u32::BITS).filter(|number| numbers >> (number - 1) & 1 == 1);
     let all: Vec<String> = all
@@ -48,7 +48,10 @@ impl State {
         let mut words = Words::of(program.words(block));
         let skip = skips(block.skip_numbers());
         let changes = || {
-            Err("a block that may be skipped changes what is in force: write it without the codes".to_owned())
+            Err(
+                "a block with block skip changes modal codes. Write them in a block that is not skipped"
+                    .to_owned(),
+            )
         };
         let holds = |word: &&Word| {
             word.address != Address::G || word.whole().is_some_and(|code| SKIPPABLE.contains(&code))
@@ -83,7 +86,7 @@ impl State {
         Ok(lines.into_iter().enumerate().map(begin).collect())
     }
 
-    /// Why a word cannot be written in nj.
+    /// Returns the reason why a word cannot be written in nj.
     fn no_equal(word: &Word) -> String {
         let value = word.number().unwrap_or_default();
         let name = match word.address {
@@ -91,8 +94,8 @@ impl State {
             address => address.text().to_owned(),
         };
         let help = Grammar::nj().foreign(&name, &value.to_string());
-        let help = help.unwrap_or_else(|| "Write by hand what it does.".to_owned());
-        format!("{}{value} has no equal here. {help}", word.address.text())
+        let help = help.unwrap_or_else(|| "Write its effect by hand.".to_owned());
+        format!("{}{value} has no equivalent in nj. {help}", word.address.text())
     }
 
     fn lines(&mut self, words: &mut Words<'_>) -> Result<Vec<String>, String> {
@@ -134,7 +137,7 @@ impl State {
             self.lose_modal_state();
         }
         if let Some(number) = codes.ends_tapping {
-            // nj stops it there
+            // nj stops the spindle at this position
             before.insert(0, format!("M{number:02}"));
         }
         // modal words come first: before the motion, and S before the M code that turns the spindle
@@ -175,7 +178,7 @@ impl State {
                 }
                 28 => codes.action = Action::Reference("G28"),
                 41 | 42 if self.options.compensation_start == CompensationStart::B => {
-                    return Err("the configuration starts cutter compensation by type B, and nj by type A. Write the ways into and out of it.".to_owned());
+                    return Err("the configuration selects type B for the start of cutter compensation, and nj uses type A. Write the lead-in and the lead-out by hand.".to_owned());
                 }
                 41 | 42 => {
                     self.own_tool(words.take(Address::D), "D")?;
@@ -214,7 +217,7 @@ impl State {
         Ok(codes)
     }
 
-    /// A G code that dialect dgshape does not have, or has for something else.
+    /// Converts a G code that dialect dgshape does not have, or has with another meaning.
     fn fanuc_code(
         &mut self,
         word: &Word,
@@ -245,24 +248,24 @@ impl State {
         Ok(())
     }
 
-    /// The offset of a number is that of the tool of this number: nj takes that of the tool in the spindle.
+    /// Checks that the number of an offset is that of the tool in the spindle, whose offset nj uses.
     fn own_tool(&self, offset: Option<&Word>, letter: &str) -> Result<(), String> {
         let number = offset
             .and_then(Word::whole)
-            .ok_or_else(|| format!("it has no {letter}"))?;
+            .ok_or_else(|| format!("the block has no {letter}"))?;
         if Some(number) == self.tool {
             return Ok(());
         }
         let tool = self
             .tool
-            .map_or_else(|| "no tool is known".to_owned(), |tool| format!("it is T{tool}"));
+            .map_or_else(|| "unknown".to_owned(), |tool| format!("T{tool}"));
         Err(format!(
-            "{letter}{number} is not the offset of the tool in the spindle ({tool}). Write its M06 before it, or give the \
-             tool these measures."
+            "{letter}{number} is not the offset of the tool in the spindle ({tool}). Write an M06 with its \
+             tool before it, or give the tool in the spindle this offset."
         ))
     }
 
-    /// Takes M codes and T: those before the motion, and those after it.
+    /// Converts M codes and T, separated by their time: before or after the motion.
     fn m_codes(
         &mut self,
         words: &mut Words<'_>,
@@ -270,14 +273,14 @@ impl State {
         behind: &mut Vec<String>,
     ) -> Result<(), String> {
         if let Some(tool) = words.take(Address::T) {
-            let tool = tool.whole().ok_or("T is no whole number")?;
+            let tool = tool.whole().ok_or("T is not a whole number")?;
             self.next_tool = Some(tool);
             let changes = |word: &&Word| word.address == Address::M && word.whole() == Some(6);
             if !words.all.iter().flatten().any(changes) {
                 if self.from == Source::Dgshape {
-                    return Err("T alone changes no tool. Write M06 VA_ at the change.".to_owned());
+                    return Err("T without M06 changes no tool. Write M06 VA_ at the change.".to_owned());
                 }
-                // the magazine turns meanwhile, and nothing moves
+                // only the magazine turns
                 self.note = Some(format!("T{tool} is called"));
             }
         }
@@ -290,18 +293,19 @@ impl State {
                     format!("M06 VA{tool}")
                 }
                 RIGID_TAPPING if self.from == Source::Fanuc => {
-                    // here the spindle always turns in step with the thread
+                    // in nj, the spindle always turns in step with the thread
                     self.is_rigid = true;
                     continue;
                 }
                 98 if self.from == Source::Fanuc => {
                     if self.cycle.is_some() {
-                        return Err("the positions of the subprogram are holes of the cycle in force. Write G80 before it, and the cycle in the subprogram.".to_owned());
+                        return Err("the positions in the subprogram are holes of the cycle in force. Write G80 before the call, and the cycle in the subprogram.".to_owned());
                     }
                     let called = words.take(Address::P).and_then(Word::whole);
                     let program = called.map(|called| called % CALLS_FROM);
                     let program = program.filter(|number| (1000..=9999).contains(number));
-                    let program = program.ok_or("the number of a subprogram is 1000 to 9999. Rename it.")?;
+                    let program = program
+                        .ok_or("the number of a subprogram must be 1000 to 9999. Rename the subprogram.")?;
                     let times = called.map(|called| called / CALLS_FROM);
                     let times = times.filter(|times| *times > 0);
                     let times = times.or_else(|| words.take(Address::L).and_then(Word::whole));
@@ -327,12 +331,12 @@ impl State {
         let seconds = match (words.take(Address::X), words.take(Address::P)) {
             (Some(seconds), None) => self.seconds(seconds)?,
             (None, Some(dwell)) => self.dwell_of_p(dwell)?,
-            _ => return Err("it has no time".to_owned()),
+            _ => return Err("the dwell has no time".to_owned()),
         };
         Ok(format!("G04 X{}", shown(seconds)))
     }
 
-    /// G43 and G49: without axis words they move Z by the change of the offset.
+    /// Converts G43 and G49, which without axis words move Z by the change of the offset.
     fn length(&mut self, words: &mut Words<'_>, on: bool) -> Result<Vec<String>, String> {
         let code = if on { "G43" } else { "G49" };
         if on {
@@ -369,7 +373,7 @@ impl State {
         }
         if words.has(&[Address::A]) && self.motion != "G00" {
             return Err(
-                "the feedrate of A is that of the surface there. Write the motion with the F that it needs."
+                "F of a motion of A is the speed of its surface in the source. Write the motion with F for nj."
                     .to_owned(),
             );
         }
@@ -386,7 +390,7 @@ impl State {
             }
         }
         if codes.stops_exactly {
-            // after the positions it stops at their end
+            // after the positions, G09 stops at their end
             parts.push("G09".to_owned());
         }
         Ok(vec![parts.join(" ")])
@@ -399,9 +403,9 @@ struct Codes {
     action: Action,
     names_motion: bool,
     begins_cycle: bool,
-    /// The motion ends with an exact stop.
+    /// True if the motion ends with an exact stop.
     stops_exactly: bool,
-    /// A tapping cycle ends; after it the spindle turns by this M code.
+    /// M code that makes the spindle turn again after a tapping cycle.
     ends_tapping: Option<u32>,
 }
 
@@ -415,7 +419,7 @@ enum Action {
     Reference(&'static str),
     /// Local coordinates: G52.
     Local,
-    /// Coordinates of where the tool is: G92.
+    /// Coordinates of the tool's position: G92.
     Shift,
     /// A move to a position of the machine: G53.
     Machine,

@@ -1,4 +1,4 @@
-//! Blocks that set coordinates, or move in those of the machine.
+//! Blocks that set coordinates, or move in machine coordinates.
 
 use tandem_syntax::{Address, Word};
 
@@ -7,15 +7,15 @@ use crate::codes::g50_g51_scaling::{SAME_FACTOR_MAX as SCALE_MAX, SAME_FACTOR_MI
 use super::state::{POSITIONS, Source, State, Words, shown};
 
 impl State {
-    /// A return to a reference point, of the axes that it names.
+    /// Converts a return of the named axes to a reference point.
     pub(super) fn reference(&mut self, words: &mut Words<'_>, code: &str) -> Result<String, String> {
         let named: Vec<Address> = POSITIONS.into_iter().filter(|axis| words.has(&[*axis])).collect();
         let remembers = self.from == Source::Dgshape;
         if remembers && self.returned.iter().any(|axis| !named.contains(axis)) {
-            return Err("axes that an earlier G28 has named return, too. Name them in this one.".to_owned());
+            return Err("axes that an earlier G28 has named return too. Name them in this G28.".to_owned());
         }
         if named.is_empty() {
-            return Err("it names no axis. Name those that return.".to_owned());
+            return Err("the block names no axis. Name the axes that return.".to_owned());
         }
         self.in_plain_shape(code)?;
         self.returned.clone_from(&named);
@@ -32,7 +32,7 @@ impl State {
         Ok(format!("{code} {point}{positions}"))
     }
 
-    /// Mirroring, scaling and rotation end with some codes of nj, and go on there.
+    /// Rejects a code within mirroring, scaling or rotation: in nj it ends them, in the source it does not.
     pub(super) fn in_plain_shape(&self, code: &str) -> Result<(), String> {
         self.within(code, self.mirror.iter().any(Option::is_some))
     }
@@ -45,11 +45,11 @@ impl State {
             (false, false, true) => ("G51.1", "G50.1"),
         };
         Err(format!(
-            "{code} stands within {begin}. Write {end} before it, and {begin} anew behind it."
+            "{code} is within {begin}. Write {end} before it, and {begin} again after it."
         ))
     }
 
-    /// G52, on top of what G92 has shifted.
+    /// Converts G52, whose values are added to the shift of G92.
     pub(super) fn local_coordinates(&mut self, words: &mut Words<'_>) -> Result<String, String> {
         self.in_plain_shape("G52")?;
         let mut parts = vec!["G52".to_owned()];
@@ -64,11 +64,11 @@ impl State {
         Ok(parts.join(" "))
     }
 
-    /// G92: the coordinates of where the tool is, as local coordinates.
+    /// Converts G92, the coordinates of the tool's position, to local coordinates.
     pub(super) fn shifted_coordinates(&mut self, words: &mut Words<'_>) -> Result<String, String> {
         self.in_plain_shape("G92")?;
         if self.from == Source::Fanuc && self.absolute != Some(true) {
-            return Err("G92 stands with G91. Write G90 before it.".to_owned());
+            return Err("G92 is in G91. Write G90 before it.".to_owned());
         }
         let mut parts = vec!["G52".to_owned()];
         for (axis, address) in POSITIONS.into_iter().enumerate() {
@@ -77,8 +77,9 @@ impl State {
             let wanted = self.value(word)?;
             let at = self.at[axis].ok_or_else(|| {
                 format!(
-                    "G92 counts from where the tool is, and its {letter} is not known here. Write G90 and a motion to \
-                     a position of {letter} before it, or G54 to G59 with this zero in the configuration."
+                    "G92 depends on the position of the tool, and its {letter} is unknown at this block. \
+                     Write G90 and a motion to a position of {letter} before it, or G54 to G59 with this \
+                     zero in the configuration."
                 )
             })?;
             let unit = self.unit_of(axis);
@@ -88,12 +89,12 @@ impl State {
             parts.push(format!("{letter}{}", shown(all / unit)));
         }
         if parts.len() == 1 {
-            return Err("G92 names no axis. Name those that it gives coordinates.".to_owned());
+            return Err("G92 names no axis. Name the axes with their coordinates.".to_owned());
         }
         Ok(parts.join(" "))
     }
 
-    /// G53.
+    /// Converts G53.
     pub(super) fn machine_position(&mut self, words: &mut Words<'_>) -> Result<String, String> {
         let is_shifted = self.shift.iter().chain(&self.local).any(|way| way.abs() > 0.0);
         if is_shifted
@@ -101,7 +102,7 @@ impl State {
             || self.absolute != Some(true)
             || self.motion != "G00"
         {
-            let why = "G53 moves at rapid speed to absolute positions here, and ends G52, G51 and G68. Write G90, G00, and the codes that end these, with it.";
+            let why = "G53 moves at rapid speed to absolute positions in nj, and ends G52, G51 and G68. Write G90, G00 and the codes that end G52, G51 and G68 before it.";
             return Err(why.to_owned());
         }
         let positions = self.positions(words)?.join(" ");
@@ -109,7 +110,7 @@ impl State {
         Ok(format!("G53 {positions}").trim_end().to_owned())
     }
 
-    /// G51, with one factor for all axes or one for each: its centre is absolute in all languages.
+    /// Converts G51, with one factor for all axes or one for each. Its centre is absolute in all dialects.
     pub(super) fn scaling(&mut self, words: &mut Words<'_>) -> Result<String, String> {
         let mut parts = vec!["G51".to_owned()];
         for address in [Address::X, Address::Y, Address::Z] {
@@ -127,7 +128,7 @@ impl State {
                 Source::Dgshape => factor.clamp(SCALE_MIN, SCALE_MAX),
                 Source::Fanuc if word.is_whole() => {
                     return Err(format!(
-                        "{}{factor} counts in steps that a setting of the control says. Write the factor with a point.",
+                        "{}{factor} is in steps whose size is a setting of the control. Write the factor with a decimal point.",
                         address.text()
                     ));
                 }
@@ -140,12 +141,13 @@ impl State {
         Ok(parts.join(" "))
     }
 
-    /// G51.1 and G50.1: a G51.1 of nj mirrors its own axes alone, one of these controls those of earlier ones, too.
+    /// Converts G51.1 and G50.1. A G51.1 of nj mirrors only its own axes; on these controls, axes of earlier
+    /// G51.1 stay mirrored too.
     pub(super) fn mirroring(&mut self, words: &mut Words<'_>, on: bool) -> Result<String, String> {
         let code = if on { "G51.1" } else { "G50.1" };
         self.within(code, false)?;
         if self.absolute != Some(true) {
-            return Err(format!("{code} stands with G91. Write G90 before it."));
+            return Err(format!("{code} is in G91. Write G90 before it."));
         }
         let mut names_none = true;
         for (axis, address) in POSITIONS.into_iter().take(self.mirror.len()).enumerate() {
@@ -155,7 +157,7 @@ impl State {
             names_none = false;
         }
         if names_none && on {
-            return Err("G51.1 names no axis. Name those that it mirrors.".to_owned());
+            return Err("G51.1 names no axis. Name the axes to mirror.".to_owned());
         }
         if names_none {
             self.mirror = [None; 3];
@@ -174,7 +176,7 @@ impl State {
         })
     }
 
-    /// G68: its centre is absolute in both languages.
+    /// Converts G68, whose centre is absolute in both dialects.
     pub(super) fn rotation(&mut self, words: &mut Words<'_>) -> Result<String, String> {
         let mut parts = vec!["G68".to_owned()];
         for address in POSITIONS {
@@ -182,15 +184,13 @@ impl State {
             parts.push(format!("{}{}", address.text(), shown(self.value(word)?)));
         }
         if words.has(&[Address::I, Address::J, Address::K]) {
-            return Err(
-                "I, J and K turn about an axis of space. Write G68 X_ Y_ R_ in the plane.".to_owned(),
-            );
+            return Err("I, J and K select an axis in space. Write G68 X_ Y_ R_ in the plane.".to_owned());
         }
         let angle = words.take(Address::R).and_then(Word::number);
-        let angle = angle.ok_or("it has no R, the angle. Write it.")?;
+        let angle = angle.ok_or("the block has no angle R. Write R.")?;
         if self.is_rotated && self.absolute != Some(true) {
             let why =
-                "R may count from the angle in force under G91. Write G90 before it, and the whole angle.";
+                "in G91, R may be added to the angle in force. Write G90 before it, and the whole angle.";
             return Err(why.to_owned());
         }
         self.is_rotated = true;

@@ -4,20 +4,20 @@ use tandem_syntax::{Address, Word};
 
 use super::state::{Cycle, PLANE_XY, Source, State, Words, Z, shown};
 
-/// Holes of one block; more would be a program of their own.
+/// Maximum number of holes of one block that are written out.
 const REPETITIONS_MAX: u32 = 100;
 
-/// The boring cycle in which the spindle rests on the way up, on the controls that turn it.
+/// The boring cycle that stops the spindle on the way up, on controls whose cycles turn the spindle.
 const STOPS_SPINDLE: u32 = 86;
 
-/// Cuts of one hole.
+/// Maximum number of cuts of one hole.
 const CUTS_MAX: u32 = 1000;
 
 /// Z of a hole: positions, or distances from the initial level.
 struct Levels {
     r: f64,
     z: f64,
-    /// Where the hole ends.
+    /// Level at which the hole ends.
     end: f64,
 }
 
@@ -40,14 +40,14 @@ impl Way<'_> {
 }
 
 impl State {
-    /// The holes of a block.
+    /// Returns the motions for the holes of a block.
     pub fn holes(&mut self, words: &mut Words<'_>, begins: bool) -> Result<Vec<String>, String> {
         let Some(mut cycle) = self.cycle.clone() else {
             return Ok(Vec::new());
         };
         if Some(cycle.absolute) != self.absolute {
             return Err(
-                "G90 and G91 change within a fixed cycle. Write G80 before, and the cycle anew.".to_owned(),
+                "G90 or G91 changes within a fixed cycle. Write G80 before the change, and begin the cycle again after it.".to_owned(),
             );
         }
         let own = [
@@ -76,10 +76,10 @@ impl State {
             .filter(|count| *count <= REPETITIONS_MAX)
             .ok_or_else(|| format!("more than {REPETITIONS_MAX} repetitions. Write a loop with while."))?;
         if words.has(&[Address::A]) {
-            return Err("A does not move in a fixed cycle. Write it in a block before.".to_owned());
+            return Err("A does not move in a fixed cycle. Write A in a block before the cycle.".to_owned());
         }
         if repetitions == 0 {
-            // its levels stay, and nothing moves
+            // the levels stay, and nothing moves
             for address in [Address::X, Address::Y] {
                 words.take(address);
             }
@@ -103,19 +103,19 @@ impl State {
         Ok(lines)
     }
 
-    /// The axis of the drill depends on the control in G18 and G19, so it is never chosen here.
+    /// Rejects a cycle in G18 or G19, where the axis of the drill depends on the control.
     fn drills_along_z(&self) -> Result<(), String> {
         match self.plane {
             Some(PLANE_XY) => Ok(()),
             Some(plane) => Err(format!(
-                "a fixed cycle in G{plane} drills along Z or across the plane, as a parameter of the control says. Write G17 before \
-                 it, or the motions."
+                "in G{plane}, a parameter of the control decides whether a fixed cycle drills along Z or \
+                 perpendicular to the plane. Write G17 before it, or the motions."
             )),
-            None => Err("which plane is in force is not known here, so the axis of the drill is not. Write G17 before it.".to_owned()),
+            None => Err("the plane in force is unknown at this block, and so is the axis of the drill. Write G17 before it.".to_owned()),
         }
     }
 
-    /// Takes the dwell of a fixed cycle, seconds.
+    /// Returns the dwell of a fixed cycle, in seconds.
     fn cycle_dwell(&self, words: &mut Words<'_>) -> Result<Option<f64>, String> {
         words
             .take(Address::P)
@@ -123,7 +123,7 @@ impl State {
             .transpose()
     }
 
-    /// Returns how often a hole is made: K, or L on controls that use it.
+    /// Returns the number of repetitions of a hole: K, or L on controls that use it.
     fn repetitions(&self, words: &mut Words<'_>) -> Option<u32> {
         let k = words.take(Address::K);
         let l = || {
@@ -133,7 +133,7 @@ impl State {
         k.or_else(l).map_or(Some(1), Word::whole)
     }
 
-    /// Where the holes of a block are.
+    /// Returns the words for the positions of the holes of a block.
     fn place(&mut self, words: &mut Words<'_>, repetitions: u32) -> Result<String, String> {
         let place = self.positions(words)?.join(" ");
         if repetitions != 1 {
@@ -144,7 +144,7 @@ impl State {
         Ok(place)
     }
 
-    /// One hole, from where the tool is above it.
+    /// Writes one hole, from the position of the tool above it.
     fn hole(&mut self, cycle: &mut Cycle, lines: &mut Vec<String>) -> Result<(), String> {
         let levels = self.levels(cycle)?;
         let mut way = Way {
@@ -175,7 +175,7 @@ impl State {
             way.go("G00", levels.end);
         }
         if stops {
-            // M03 where the text does not show how it has turned
+            // M03 if the text does not show the direction of the spindle
             way.lines.push(format!("M{:02}", self.spindle.unwrap_or(3)));
         }
         let at = way.at;
@@ -184,7 +184,7 @@ impl State {
         Ok(())
     }
 
-    /// The hole has ended at this position of Z, or so far from the initial level.
+    /// Records the end of a hole: a position of Z, or a distance from the initial level.
     fn ends_at(&mut self, cycle: &Cycle, end: f64) {
         self.at[Z] = if cycle.absolute {
             Some(end)
@@ -195,27 +195,28 @@ impl State {
 
     /// Starts a cycle, or changes to another one that keeps its words.
     pub(super) fn begin_cycle(&mut self, code: u32) -> Result<(), String> {
-        let unknown =
-            "whether its words are positions or distances is not known here. Write G90 or G91 before it.";
+        let unknown = "it is unknown at this block whether its words are positions or distances. Write G90 or G91 before it.";
         let absolute = self.absolute.ok_or(unknown)?;
         let before = self.cycle.take();
         let cycle = Cycle::new(code, before.clone(), self.z(), absolute);
         let anew = before.filter(|before| before.taps() != cycle.taps());
         if anew.is_some_and(|before| before.initial.is_none() || before.initial != self.z()) {
-            let why = "the level where the first cycle began would not be that of this one. Write G80 and a motion to it before.";
+            let why = "the initial level of the cycle before differs from the present Z. Write G80 and a motion to the initial level before this cycle.";
             return Err(why.to_owned());
         }
         self.cycle = Some(cycle);
         Ok(())
     }
 
-    /// A block of a tapping cycle, which nj has, too.
+    /// Converts a block of a tapping cycle, which nj also has.
     fn threads(&mut self, words: &mut Words<'_>, mut cycle: Cycle) -> Result<Vec<String>, String> {
         if words.has(&[Address::Q]) {
-            return Err("Q cuts a thread in steps. Write G84 without it, once for each depth.".to_owned());
+            return Err(
+                "with Q, the thread is cut in steps. Write G84 without Q, once for each depth.".to_owned(),
+            );
         }
         if words.has(&[Address::A]) {
-            return Err("A does not move in a fixed cycle. Write it in a block before.".to_owned());
+            return Err("A does not move in a fixed cycle. Write A in a block before the cycle.".to_owned());
         }
         let mut take = |address| words.take(address).map(|word| self.value(word)).transpose();
         cycle.z = take(Address::Z)?.or(cycle.z);
@@ -227,7 +228,7 @@ impl State {
             .ok_or("a tapping cycle needs Z and R. Write both in its first block.")?;
         let repetitions = self
             .repetitions(words)
-            .ok_or("the number of repetitions is a whole one")?;
+            .ok_or("the number of repetitions must be a whole number")?;
         let mut place = self.place(words, repetitions)?;
         if !place.is_empty() {
             place.push(' ');
@@ -271,7 +272,7 @@ impl State {
     }
 
     fn to_initial(&self) -> Result<bool, String> {
-        let unknown = "whether it returns to the initial level is not known here. Write G98 or G99 in it.";
+        let unknown = "it is unknown at this block whether the cycle returns to the initial level. Write G98 or G99 in it.";
         self.to_initial.ok_or_else(|| unknown.to_owned())
     }
 
@@ -282,7 +283,7 @@ impl State {
             let end = if self.to_initial()? { 0.0 } else { r };
             return Ok(Levels { r, z: r + z, end });
         }
-        let unknown = "the level of Z where the cycle begins is not known. Write a motion to a position of Z before it.";
+        let unknown = "Z at the start of the cycle is unknown. Write a motion to a position of Z before it.";
         let r = cycle.r.or(cycle.initial).ok_or(unknown)?;
         let end = if self.to_initial()? {
             cycle.initial.ok_or(unknown)?

@@ -4,7 +4,8 @@ use tandem_syntax::{Address, Grammar, NcProgram, Token, TokenKind, tokens};
 
 use super::state::Source;
 
-/// The text with the comments in parentheses that begin with `;`; of one without words only the `;` goes.
+/// Returns the text with comments that begin with `;` written in parentheses. A `;` without words after it is
+/// removed.
 pub(super) fn comments_in_parentheses(source: &str) -> String {
     let mut read = String::with_capacity(source.len());
     for line in source.split_inclusive('\n') {
@@ -29,7 +30,7 @@ pub(super) fn comments_in_parentheses(source: &str) -> String {
     read
 }
 
-/// The first `;` that is in no parentheses.
+/// Returns the position of the first `;` outside parentheses.
 fn semicolon(line: &str) -> Option<usize> {
     let mut is_comment = false;
     line.bytes().position(|byte| {
@@ -42,8 +43,8 @@ fn semicolon(line: &str) -> Option<usize> {
     })
 }
 
-/// Where the line of the second program number begins, if that number is alone on its line: from there on the text is another
-/// program.
+/// Returns the position of the line of the second program number, if that number is alone on its line. A
+/// further program begins there.
 pub(super) fn second_program(text: &str, grammar: &'static Grammar, from: Source) -> Option<usize> {
     if from != Source::Fanuc {
         return None;
@@ -70,12 +71,12 @@ fn has(program: &NcProgram, is_meant: impl Fn(u32) -> bool) -> bool {
     words.any(|word| word.address == Address::M && word.whole().is_some_and(&is_meant))
 }
 
-/// True where it ends as a subprogram does, and never as a main program.
+/// Returns true if the program ends as a subprogram, and never as a main program.
 pub(super) fn is_subprogram(program: &NcProgram) -> bool {
     has(program, |m| m == RETURN) && !has(program, |m| MAIN_ENDS.contains(&m))
 }
 
-/// True where an M code says that the program ends; these controls end it with its text, too.
+/// Returns true if an M code ends the program; these controls also end it with its text.
 pub(super) fn has_end(program: &NcProgram) -> bool {
     has(program, |m| m == RETURN || MAIN_ENDS.contains(&m))
 }

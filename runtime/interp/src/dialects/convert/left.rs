@@ -2,21 +2,21 @@
 
 use tandem_syntax::{Address, Token, TokenKind};
 
-/// G codes that are modal and have the same meaning in nj.
+/// Returns true for G codes that are modal and have the same meaning in nj.
 fn stays(code: u32) -> bool {
     matches!(code, 0..=3 | 17..=21 | 54..=59 | 80 | 90 | 91 | 98 | 99)
 }
 
-/// G codes in whose blocks words mean something else: data, macros.
+/// G codes in whose blocks the words have another meaning: data, macros.
 const OTHER_WORDS: [u32; 4] = [10, 65, 66, 67];
 
 /// G codes in whose blocks F is not a distance per minute: inverse time, a revolution, the pitch of a thread.
 const OTHER_FEEDRATE: [u32; 5] = [4, 32, 33, 93, 95];
 
-/// G codes in whose blocks S is no speed of the spindle: its limit, the speed of the cut.
+/// G codes in whose blocks S is not the spindle speed, but its limit or the cutting speed.
 const OTHER_SPEED: [u32; 2] = [92, 96];
 
-/// The words of a line, each with its text.
+/// Returns the words of a line, each with its text.
 fn words<'a>(
     line: &'a [Token],
     of: impl Fn(&Token) -> &'a str + Copy,
@@ -30,7 +30,7 @@ fn words<'a>(
     })
 }
 
-/// The G codes of a line.
+/// Returns the G codes of a line.
 pub(super) fn codes<'a>(
     line: &'a [Token],
     of: impl Fn(&Token) -> &'a str + Copy,

@@ -11,8 +11,9 @@ use crate::numbers;
 pub enum Source {
     /// Dialect dgshape.
     Dgshape,
-    /// The milling programs that FANUC controls and those like them have in common: motions, offsets, drilling cycles, tool
-    /// changes, subprogram calls by a number of four digits. Numbers mean what they say, with a point or without.
+    /// The common subset of milling programs for FANUC and similar controls: motions, offsets, drilling
+    /// cycles, tool changes, subprogram calls by a number of four digits. Numbers have their written value,
+    /// with or without a point.
     Fanuc,
 }
 
@@ -26,30 +27,31 @@ pub(super) struct State {
     pub plane: Option<u32>,
     /// The code of the current motion; empty if a called program, or the caller of this one, has set it.
     pub motion: &'static str,
-    /// Positions are absolute; `None` where another program has set it.
+    /// True if positions are absolute; `None` if another program has set the mode.
     pub absolute: Option<bool>,
-    /// Fixed cycles return to the initial level; `None` where another program has set it.
+    /// True if fixed cycles return to the initial level; `None` if another program has set the mode.
     pub to_initial: Option<bool>,
     pub cycle: Option<Cycle>,
-    /// The positions of the axes as they are programmed, where they are known.
+    /// The programmed positions of the axes, if known.
     pub at: [Option<f64>; 4],
-    /// How far G92 has shifted the coordinates, mm or degrees.
+    /// Shift of the coordinates by G92, mm or degrees.
     pub shift: [f64; 4],
-    /// How far G52 has, on top of it.
+    /// Further shift by G52, mm or degrees.
     pub local: [f64; 4],
-    /// The coordinates are rotated, and scaled.
+    /// True if the coordinates are rotated.
     pub is_rotated: bool,
     pub is_scaled: bool,
-    /// Where X, Y and Z are mirrored about, mm.
+    /// Positions about which X, Y and Z are mirrored, mm.
     pub mirror: [Option<f64>; 3],
-    /// The M code that has made the spindle turn.
+    /// The M code that started the spindle.
     pub spindle: Option<u32>,
-    /// The spindle stops when tapping ends.
+    /// True if the spindle stops when tapping ends.
     pub is_rigid: bool,
-    /// The tool in the spindle, and one that was called before its change.
+    /// The tool in the spindle.
     pub tool: Option<u32>,
+    /// The tool of a T word that comes before its M06.
     pub next_tool: Option<u32>,
-    /// The tool whose length is active.
+    /// The tool with the length offset in force.
     pub offset: Option<u32>,
     /// Axes that an earlier reference point return has named.
     pub returned: Vec<Address>,
@@ -124,7 +126,7 @@ impl State {
         }
     }
 
-    /// Something has moved the tool or the coordinates that is not known.
+    /// Discards the position of the tool, because an unknown amount has moved the tool or the coordinates.
     pub fn lose_position(&mut self) {
         self.at = [None; 4];
     }
@@ -155,12 +157,12 @@ impl State {
         }
     }
 
-    /// Z as it is programmed, where it is known.
+    /// Returns the programmed Z, if known.
     pub fn z(&self) -> Option<f64> {
         self.at[Z]
     }
 
-    /// Millimetres or degrees of one unit of an axis word.
+    /// Returns the mm or degrees of one unit of an axis word.
     pub fn unit_of(&self, axis: usize) -> f64 {
         let is_inch = self.unit == Unit::Inch && POSITIONS[axis] != Address::A;
         if is_inch { INCH } else { 1.0 }
@@ -179,22 +181,22 @@ impl State {
         Ok(numbers::meant(value, spec, word, self.unit, &self.options))
     }
 
-    /// Returns the seconds that an X word of a dwell means.
+    /// Returns the seconds of an X word of a dwell.
     pub fn seconds(&self, word: &Word) -> Result<f64, String> {
         static TIME: WordSpec = WordSpec::new(Address::X, "a time", "s", 0.0, f64::MAX);
         let value = word.number().ok_or("it has a variable")?;
         Ok(numbers::meant(value, &TIME, word, self.unit, &self.options))
     }
 
-    /// The seconds of a P word of a dwell. P counts milliseconds; the controls of source `Fanuc` that take a P with a decimal point
-    /// read seconds.
+    /// Returns the seconds of a P word of a dwell. P is in milliseconds; controls of source `Fanuc` that
+    /// accept a P with a decimal point read it as seconds.
     pub fn dwell_of_p(&self, word: &Word) -> Result<f64, String> {
         let value = word.number().ok_or("it has a variable")?;
         let is_seconds = self.from == Source::Fanuc && !word.is_whole();
         Ok(if is_seconds { value } else { value / MS_PER_S })
     }
 
-    /// Returns a feedrate, not below the least one of the machine of the dialect, in the current unit.
+    /// Returns a feedrate in the current unit, at least the least feedrate of the dialect's machine.
     pub fn feedrate_within(&self, feedrate: f64) -> f64 {
         let unit = match self.unit {
             Unit::Millimetre => 1.0,
@@ -206,7 +208,7 @@ impl State {
         }
     }
 
-    /// Takes the axis words, and follows Z.
+    /// Converts the axis words, and updates the programmed positions.
     pub fn positions(&mut self, words: &mut Words<'_>) -> Result<Vec<String>, String> {
         let mut parts = Vec::new();
         for (axis, address) in POSITIONS.into_iter().enumerate() {
@@ -222,7 +224,7 @@ impl State {
         Ok(parts)
     }
 
-    /// Returns how far above the last depth a peck begins, in the current unit.
+    /// Returns the distance above the last depth at which a peck begins, in the current unit.
     pub fn clearance(&self) -> f64 {
         match self.unit {
             Unit::Millimetre => self.options.peck_clearance_mm,
@@ -235,11 +237,11 @@ impl State {
 #[derive(Debug, Clone)]
 pub(super) struct Cycle {
     pub code: u32,
-    /// Z where it began, where that is known.
+    /// Z at the start of the cycle, if known.
     pub initial: Option<f64>,
-    /// Its words are positions.
+    /// True if its words are positions.
     pub absolute: bool,
-    /// How far Z is from the initial level, with words that are distances.
+    /// Distance of Z from the initial level, if the words are distances.
     pub at: f64,
     pub z: Option<f64>,
     pub r: Option<f64>,
@@ -263,13 +265,13 @@ impl Cycle {
         before.map_or(begins, |before| Cycle { code, ..before })
     }
 
-    /// It cuts threads.
+    /// Returns true for a cycle that cuts threads.
     pub fn taps(&self) -> bool {
         matches!(self.code, 74 | 84)
     }
 }
 
-/// A value in at most seven decimals.
+/// Returns a value as text with at most seven decimals.
 pub(super) fn shown(value: f64) -> String {
     let text = format!("{value:.7}");
     let text = text.trim_end_matches('0').trim_end_matches('.');

@@ -68,7 +68,9 @@ fn a_fixed_cycle_outside_g17_is_reported() {
     assert_eq!(lines_left(&changes), [3]);
     let unknown = of_fanuc("G90 G98 G00 Z9\nG81 X1 Z-1 R1 F100\nG80\nM99\n");
     assert!(
-        unknown.left[0].reason.starts_with("which plane is in force"),
+        unknown.left[0]
+            .reason
+            .starts_with("the plane in force is unknown"),
         "{unknown:?}"
     );
 }

@@ -40,7 +40,8 @@ impl Chain {
         (0..self.shapes.len()).any(|i| self.is_arc(i))
     }
 
-    /// True where the plan bounds the jerk of a block: a line, or an arc whose radius does not change by more than half.
+    /// True if the plan bounds the jerk of a block: a line, or an arc whose radius does not change by more
+    /// than half.
     fn is_bounded(&self, i: usize) -> bool {
         match self.shapes[i] {
             Shape::Line => true,
@@ -55,8 +56,8 @@ impl Chain {
         matches!(self.shapes.get(i), Some(Shape::Arc { .. }))
     }
 
-    /// Plan times at which the phases of block i begin and end, from the begin of its profile: those of a ramp from rest,
-    /// the way between its ramps, and those of its stop ramp.
+    /// Plan times at which the phases of block i begin and end, from the start of its profile. The phases are those of
+    /// a ramp from rest, the distance between its ramps, and those of its stop ramp.
     fn phases(&self, i: usize) -> [f64; 8] {
         let [[a, b], [c, d]] = [self.formula.ramps[i], self.formula.ramps[i + 1]];
         let from_rest = if i == 0 { [0.0, b, a, a + b] } else { [0.0; 4] };

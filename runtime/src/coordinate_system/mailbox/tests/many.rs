@@ -75,7 +75,7 @@ fn is_task_woken(mailbox: &Mailbox) -> bool {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
-async fn of_many_askers_each_request_is_carried_out_once_and_those_of_one_in_their_order() {
+async fn concurrent_requests_are_executed_once_and_in_order_per_sender() {
     const ASKERS: usize = 8;
     const EACH: u64 = 500;
     let (mailbox, _servo) = mailbox(Journal::to_log());
@@ -164,7 +164,7 @@ fn who_works_on_anothers_request_leaves_its_own_to_the_task_and_wakes_it() {
 }
 
 #[test]
-fn what_is_asked_is_carried_out_also_when_the_asker_gives_up_once_it_waits_in_the_queue() {
+fn queued_request_is_executed_even_if_its_future_is_dropped() {
     let (mailbox, _servo) = mailbox(Journal::to_log());
     let mut said = results(&mailbox);
     let mut asked = Box::pin(mailbox.ask(numbered(1, 1), false));
@@ -177,7 +177,7 @@ fn what_is_asked_is_carried_out_also_when_the_asker_gives_up_once_it_waits_in_th
 }
 
 #[test]
-fn without_room_requests_wait_in_their_order_and_who_gives_up_then_has_not_asked() {
+fn requests_without_queue_room_wait_in_order_and_dropping_cancels_them() {
     let (mailbox, _servo) = mailbox(Journal::to_log());
     let mut said = results(&mailbox);
     let last = REQUESTS_MAX as u64;
@@ -203,7 +203,7 @@ fn without_room_requests_wait_in_their_order_and_who_gives_up_then_has_not_asked
 }
 
 #[test]
-fn a_deadline_that_a_request_brings_wakes_the_task_unless_it_wakes_sooner_anyhow() {
+fn request_deadline_wakes_the_task_unless_it_wakes_earlier_anyway() {
     let (mailbox, _servo) = mailbox(Journal::to_log());
     mailbox.work_as_task();
     let taken = mailbox.ask(lease("1"), false).now_or_never();
@@ -219,7 +219,7 @@ fn a_deadline_that_a_request_brings_wakes_the_task_unless_it_wakes_sooner_anyhow
 }
 
 #[test]
-fn who_asks_never_carries_out_a_command_not_even_one_that_waited_for_a_transition() {
+fn sender_never_executes_a_command_even_after_a_transition_wait() {
     let (mailbox, mut servo) = mailbox(Journal::to_log());
     let mut reset = Box::pin(mailbox.ask(command("reset", Command::Reset), false));
     let mut waits = Box::pin(mailbox.ask(mdi(), false));

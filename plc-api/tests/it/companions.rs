@@ -1,4 +1,4 @@
-//! What runs beside the handlers, and how a program ends.
+//! Levels and tasks that run together with the handlers, and the end of a program.
 
 use std::sync::{Arc, Mutex};
 
@@ -11,7 +11,7 @@ use tokio::sync::{oneshot, watch};
 
 use crate::{ms, serve};
 
-/// What happened, in order.
+/// Events in order.
 type Heard = Arc<Mutex<Vec<String>>>;
 
 fn note(heard: &Heard, what: impl Into<String>) {
@@ -43,7 +43,7 @@ async fn long(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
 }
 
 #[tokio::test]
-async fn an_alarm_of_a_level_is_raised_once_and_a_reset_lasts_only_without_the_level() {
+async fn level_alarm_is_raised_once_and_reset_holds_only_without_the_level() {
     let fake = FakePort::new([1, 2]);
     let mill = fake.plc().coordinate_system(1);
     let (air, is_low) = watch::channel(false);
@@ -58,7 +58,7 @@ async fn an_alarm_of_a_level_is_raised_once_and_a_reset_lasts_only_without_the_l
     assert_eq!(alarms(&fake).await, low(None), "the air is still low");
     air.send_replace(false);
     fake.settle().await;
-    assert_eq!(alarms(&fake).await, low(None), "it stays until a reset");
+    assert_eq!(alarms(&fake).await, low(None), "the alarm stays until a reset");
     mill.reset().await.unwrap();
     fake.advance(ms(5000)).await;
     assert_eq!(alarms(&fake).await, []);
@@ -83,7 +83,7 @@ async fn a_level_that_nobody_sends_any_more_is_an_alarm() {
     serve(&fake, program).await;
     drop(air);
     fake.settle().await;
-    let text = "low, or nobody watches it any more".to_owned();
+    let text = "low, or unknown (the program no longer reports it)".to_owned();
     assert_eq!(alarms(&fake).await, [(None, text)]);
 }
 
@@ -113,7 +113,7 @@ fn an_alarm_of_a_level_is_a_users_with_a_text() {
     }
 }
 
-/// A program with a task that notes its beginnings and that it was dropped.
+/// A program with a task that records each start and the drop of the task.
 fn with_task(heard: &Heard) -> SequenceProgram {
     struct Dropped(Heard);
     impl Drop for Dropped {
@@ -244,7 +244,7 @@ fn programs_that_contradict_each_other_are_not_merged() {
     let states = both(program().state(1_u8), program().state(2_u8)).to_string();
     assert_eq!(states, "merge() got a second state of type u8");
     let names = both(program().handler_id("a"), program().handler_id("b")).to_string();
-    assert_eq!(names, "merge() got programs of two names, \"a\" and \"b\"");
+    assert_eq!(names, "merge() got two program names, \"a\" and \"b\"");
     let mistakes = both(program(), program().on(30, ok)).to_string();
     assert!(mistakes.starts_with("M30:"), "{mistakes}");
 }
@@ -284,7 +284,7 @@ async fn work_has_a_time_limit_on_the_machines_clock() {
     fake.advance(ms(1000)).await;
     let (done, late, now_s) = task.await.unwrap();
     assert_eq!(done, Ok(()));
-    assert_eq!(late, "it was not done within 200ms");
+    assert_eq!(late, "the work was not finished within 200ms");
     assert!((now_s - 0.3).abs() < 1e-9, "{now_s}");
 }
 
@@ -331,7 +331,7 @@ async fn a_program_that_stops_ends_what_is_open_and_takes_nothing_new() {
 }
 
 #[tokio::test]
-async fn what_the_machine_had_claimed_for_a_program_before_it_heard_of_the_stop_is_still_done() {
+async fn output_claimed_before_the_program_sees_the_stop_is_still_executed() {
     let fake = FakePort::new([1]);
     let plc = fake.plc();
     let (stop, stopped) = oneshot::channel::<()>();
@@ -355,7 +355,7 @@ async fn a_program_that_stops_with_nothing_open_ends_at_once() {
     assert_eq!(ended, Ok(()));
 }
 
-/// M10 notes two clean-ups, the second of which takes a second, and works for 10 s.
+/// M10 registers two clean-ups, of which the second takes one second, and works for 10 s.
 fn with_clean_up(heard: &Heard) -> SequenceProgram {
     let heard = Arc::clone(heard);
     SequenceProgram::new().on(10, move |output: AuxOutput, plc: Plc| {
@@ -398,7 +398,7 @@ async fn what_a_cancelled_handler_wants_done_is_not_done_when_it_returns() {
 }
 
 #[tokio::test]
-async fn a_clean_up_that_takes_too_long_or_panics_is_cut_short_and_the_next_is_done() {
+async fn clean_up_that_times_out_or_panics_is_cut_short_and_the_next_runs() {
     let fake = FakePort::new([1]);
     let heard = Heard::default();
     let noted = Arc::clone(&heard);

@@ -1,45 +1,13 @@
 //! The machinery decides by what codes mean, not by their names: these are written in `codes` and `dialects` alone.
 
-use super::{CRATES, files, read, without_unit_tests};
+use tandem_tidy::product::{literals, without_tests};
+use tandem_tidy::{CRATES, files, read};
 
 /// Folders in which codes are named.
 const NAMED: [&str; 2] = ["/codes/", "/dialects/"];
 
 /// Programs and handlers of simulated worlds, which are tests.
 const WORLDS: &str = "runtime/src/world/";
-
-/// The string literals of a source, each with its line from 1.
-fn literals(source: &str) -> Vec<(usize, String)> {
-    let mut found = Vec::new();
-    let mut rest = source.chars();
-    let mut line = 1;
-    while let Some(letter) = rest.next() {
-        let next = rest.as_str();
-        match letter {
-            '\n' => line += 1,
-            '/' if next.starts_with('/') => {
-                rest = next[next.find('\n').unwrap_or(next.len())..].chars();
-            }
-            // a character, not a lifetime
-            '\'' if next.starts_with('\\') => rest = next[2..].chars(),
-            '\'' if next.chars().nth(1) == Some('\'') => {
-                rest.nth(1);
-            }
-            '"' => {
-                let (begins, mut text) = (line, String::new());
-                while let Some(letter) = rest.next().filter(|letter| *letter != '"') {
-                    text.push(letter);
-                    let escaped = if letter == '\\' { rest.next() } else { None };
-                    text.extend(escaped);
-                    line += usize::from(letter == '\n' || escaped == Some('\n'));
-                }
-                found.push((begins, text));
-            }
-            _ => {}
-        }
-    }
-    found
-}
 
 /// True for a text that begins with a G or M code: `G01`, `G54 to G59`. `M1a` is a rule of motion.
 fn begins_with_a_code(literal: &str) -> bool {
@@ -67,13 +35,13 @@ fn no_machinery_names_a_code() {
             continue;
         }
         let text = read(&path);
-        let code = without_unit_tests(&text);
+        let code = without_tests(&path, &text);
         let lines = code.lines().enumerate();
         let mut named: Vec<_> = lines
             .filter(|(_, line)| !line.trim_start().starts_with("//") && names_a_file(line))
             .map(|(number, line)| (number + 1, line.trim().to_owned()))
             .collect();
-        let literals = literals(code).into_iter();
+        let literals = literals(&path, &code).into_iter();
         named.extend(literals.filter(|(_, literal)| begins_with_a_code(literal)));
         found.extend(
             named
@@ -87,7 +55,8 @@ fn no_machinery_names_a_code() {
 #[test]
 fn names_of_codes_are_found() {
     let named = |source: &str| {
-        let literals = literals(source).into_iter();
+        let source = format!("fn planted() {{ {source}\n}}");
+        let literals = literals("planted.rs".as_ref(), &source).into_iter();
         literals
             .filter(|(_, literal)| begins_with_a_code(literal))
             .map(|(line, _)| line)

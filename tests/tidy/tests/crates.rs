@@ -2,7 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use super::read;
+use tandem_tidy::product::without_tests;
+use tandem_tidy::{files, read};
 
 /// Stages: plain data in and out.
 const STAGES: [&str; 5] = ["syntax", "interp", "path", "motion", "servo"];
@@ -65,10 +66,10 @@ fn stages_and_model_know_no_executor_no_socket_and_no_clock() {
         for outside in ["tokio", "axum", "rumqttc", "mqtt5", "tracing", "humantime"] {
             assert!(!found.contains(outside), "{stage} imports {outside}");
         }
-        for path in super::files(&[".rs"]) {
+        for path in files(&[".rs"]) {
             if path.starts_with(format!("runtime/{stage}/src")) {
                 let text = read(&path);
-                let text = super::without_unit_tests(&text);
+                let text = without_tests(&path, &text);
                 for outside in [
                     "std::time::",
                     "std::fs",
@@ -84,7 +85,7 @@ fn stages_and_model_know_no_executor_no_socket_and_no_clock() {
 }
 
 #[test]
-fn the_gateway_imports_plc_api_and_mtconnect_which_imports_that_alone_and_plc_api_none_of_ours() {
+fn gateway_imports_plc_api_and_mtconnect_only_plc_api_no_own_crate() {
     let ours = |folder: &str| {
         let mut found = dependencies(folder);
         found.retain(|name| name.starts_with("tandem") || name == "plc-api");

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use super::read;
+use tandem_tidy::product::without_tests;
+use tandem_tidy::{files, read};
 
 /// The names in backticks of a cell.
 fn names(cell: &str) -> impl Iterator<Item = &str> {
@@ -27,7 +28,7 @@ fn defines(source: &str, name: &str) -> bool {
 }
 
 #[test]
-fn every_function_and_limit_of_the_architecture_page_is_in_the_file_beside_it() {
+fn each_name_on_the_architecture_page_is_defined_in_its_file() {
     let mut seen = 0;
     let mut missing = Vec::new();
     for row in rows(&read("runtime/ARCHITECTURE.md".as_ref())) {
@@ -59,7 +60,7 @@ fn every_function_and_limit_of_the_architecture_page_is_in_the_file_beside_it() 
 }
 
 /// Places where a task or thread begins without a call of the supervisor next to it, and why.
-const SUPERVISED_ELSEWHERE: [(&str, &str); 10] = [
+const SUPERVISED_ELSEWHERE: [(&str, &str); 11] = [
     ("runtime/gateway/src/broker.rs", "`accepting` is essential"),
     (
         "runtime/gateway/src/mqtt/inside.rs",
@@ -72,6 +73,10 @@ const SUPERVISED_ELSEWHERE: [(&str, &str); 10] = [
     (
         "runtime/gateway/src/mqtt/wire.rs",
         "the link sees the end of its poller",
+    ),
+    (
+        "runtime/src/clock.rs",
+        "`within_real` ends its wait when the thread ends",
     ),
     (
         "runtime/src/coordinator.rs",
@@ -110,7 +115,7 @@ const NOT_SERVING: [&str; 4] = [
 #[test]
 fn every_task_and_thread_of_the_runtime_has_a_supervisor() {
     let (mut seen, mut missing) = (0, Vec::new());
-    for path in super::files(&[".rs"]) {
+    for path in files(&[".rs"]) {
         let is_serving = ["runtime/src", "runtime/gateway/src"]
             .iter()
             .any(|folder| path.starts_with(folder))
@@ -122,7 +127,7 @@ fn every_task_and_thread_of_the_runtime_has_a_supervisor() {
             continue;
         }
         let text = read(&path);
-        let text = super::without_unit_tests(&text);
+        let text = without_tests(&path, &text);
         let lines: Vec<&str> = text.lines().collect();
         for (at, line) in lines.iter().enumerate() {
             if !(line.contains("spawn(") || line.contains("thread::Builder")) || line.contains("fn ") {
@@ -139,39 +144,5 @@ fn every_task_and_thread_of_the_runtime_has_a_supervisor() {
         }
     }
     assert!(seen > 10, "only {seen} places found");
-    assert!(missing.is_empty(), "{missing:#?}");
-}
-
-/// Calls whose first argument is the name of a task or thread.
-const NAMING: [&str; 5] = [
-    ".contained(",
-    ".restarted(",
-    ".essential(",
-    ".catch_panic(",
-    "Thread::start(",
-];
-
-#[test]
-fn every_named_task_and_thread_has_an_injected_fault() {
-    let known: Vec<&str> = crate::faults::names().collect();
-    let (mut seen, mut missing) = (0, Vec::new());
-    for path in super::files(&[".rs"]) {
-        if !path.starts_with("runtime") {
-            continue;
-        }
-        let text = read(&path);
-        let text = super::without_unit_tests(&text);
-        for (at, naming) in NAMING.iter().flat_map(|naming| text.match_indices(naming)) {
-            let Some(name) = text[at + naming.len()..].trim_start().strip_prefix('"') else {
-                continue;
-            };
-            let name = name.split('"').next().unwrap_or_default();
-            seen += 1;
-            if !known.contains(&name) {
-                missing.push(format!("{}: {name}", path.display()));
-            }
-        }
-    }
-    assert!(seen > 20, "only {seen} names found");
     assert!(missing.is_empty(), "{missing:#?}");
 }

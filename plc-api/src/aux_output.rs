@@ -14,12 +14,12 @@ use tokio::sync::{Mutex, MutexGuard, watch};
 
 use crate::claim::OutputId;
 use crate::error::Result;
-use crate::extract::States;
 use crate::identity::Identity;
 use crate::lock::lock;
 use crate::plc::Plc;
 use crate::port::BoxFuture;
 use crate::presence::Presence;
+use crate::states::States;
 use crate::text::panic_text;
 use crate::types::CoordinateSystemNumber;
 use crate::types::output::{
@@ -33,12 +33,12 @@ tokio::task_local! {
     static AT_WORK: AuxOutput;
 }
 
-/// An auxiliary function output, that is an M code with its parameters, which a handler works on. Clones are handles to
-/// the same output.
+/// An auxiliary function output: an M code with its parameters, on which a handler works. Clones are handles
+/// to the same output.
 #[derive(Debug, Clone)]
 pub struct AuxOutput {
     inner: Arc<Inner>,
-    /// Of the program, or of the part that it was made of.
+    /// States of the program, or of the nested part that serves the output.
     states: States,
 }
 
@@ -48,7 +48,7 @@ struct Inner {
     by: Identity,
     id: OutputId,
     notice: OutputNotice,
-    /// What had been noted when it was taken up.
+    /// Checkpoint at the time of the claim.
     checkpoint: Option<Value>,
     verify: bool,
     cancellation: Cancellation,
@@ -56,11 +56,11 @@ struct Inner {
     is_answering: AtomicBool,
     /// An output asks one question at a time; others wait for this lock.
     question: Mutex<()>,
-    /// What is done when it is cancelled, last first.
+    /// Clean-ups for a cancellation; they run in reverse order.
     clean_ups: std::sync::Mutex<CleanUps>,
 }
 
-/// What is done when an output is cancelled, each within its time.
+/// Clean-ups for a cancellation, each with its time limit.
 #[derive(Default)]
 struct CleanUps(Vec<(Duration, BoxFuture<'static, ()>)>);
 
@@ -71,7 +71,7 @@ impl std::fmt::Debug for CleanUps {
 }
 
 impl AuxOutput {
-    pub(super) fn new(
+    pub(crate) fn new(
         (presence, states): (&Presence, &States),
         id: OutputId,
         pending: &PendingOutput,
@@ -95,29 +95,29 @@ impl AuxOutput {
         (Self { inner, states }, Cancel(cancel))
     }
 
-    /// The same output for the handler of a part with states of its own.
-    pub(super) fn with_states(self, states: States) -> Self {
+    /// Returns the same output with other states, for the handler of a nested part with its own states.
+    pub(crate) fn with_states(self, states: States) -> Self {
         Self { states, ..self }
     }
 
-    /// The output of the handler that calls this from its own task.
+    /// Returns the output of the calling handler, if the call comes from the task of the handler.
     pub(crate) fn at_work() -> Option<Self> {
         AT_WORK.try_with(Clone::clone).ok()
     }
 
-    pub(super) fn at_work_on<T>(&self, work: impl Future<Output = T>) -> impl Future<Output = T> {
+    pub(crate) fn at_work_on<T>(&self, work: impl Future<Output = T>) -> impl Future<Output = T> {
         AT_WORK.scope(self.clone(), work)
     }
 
-    pub(super) fn is_answering(&self) -> bool {
+    pub(crate) fn is_answering(&self) -> bool {
         self.inner.is_answering.load(Ordering::Relaxed)
     }
 
-    pub(super) fn set_answering(&self) {
+    pub(crate) fn set_answering(&self) {
         self.inner.is_answering.store(true, Ordering::Relaxed);
     }
 
-    /// Waits until this output has no other question.
+    /// Waits until no other question of this output is pending.
     pub(crate) async fn turn_to_ask(&self) -> MutexGuard<'_, ()> {
         self.inner.question.lock().await
     }
@@ -138,8 +138,9 @@ impl AuxOutput {
         &self.inner.plc
     }
 
-    /// Identifies this output permanently, across all starts of the runtime: note under it what must be done once, such as a part
-    /// that is counted, and look there before it is done again. A redelivered output has the same name.
+    /// Returns the permanent identifier of this output, unique across all starts of the runtime. If work must
+    /// be done only once, such as counting a part, record the work under this identifier, and check the
+    /// record before the work is repeated. A redelivered output has the same identifier.
     ///
     /// ```
     /// use std::collections::BTreeSet;
@@ -147,12 +148,12 @@ impl AuxOutput {
     ///
     /// use plc_api::{Alarm, AuxOutput, SequenceProgram};
     ///
-    /// // in a machine a table of a database, whose key is the name
+    /// // on a real machine, use a table of a database with the identifier as its key
     /// type Parts = Arc<Mutex<BTreeSet<String>>>;
     ///
     /// async fn count(output: AuxOutput, parts: Parts) -> Result<(), Alarm> {
     ///     let mut parts = parts.lock().map_err(|_| Alarm::user(1, "the counter is broken"))?;
-    ///     // counts once, however often it is delivered
+    ///     // a redelivered output is counted only once
     ///     parts.insert(output.id().to_owned());
     ///     Ok(())
     /// }
@@ -165,49 +166,51 @@ impl AuxOutput {
         &self.inner.notice.id
     }
 
-    /// M number, 0 to 191.
+    /// Returns the M number, 0 to 191.
     pub fn m(&self) -> u16 {
         self.inner.notice.m
     }
 
-    /// Sequence number: identifies this output within boot and coordinate system, as [`AuxOutput::id`] does permanently.
+    /// Returns the sequence number: it identifies this output within one boot and coordinate system.
+    /// [`AuxOutput::id`] is the permanent identifier.
     pub fn seq(&self) -> u64 {
         self.inner.id.seq
     }
 
-    /// VA to VH.
+    /// Returns the parameters VA to VH.
     pub fn params(&self) -> &Params {
         &self.inner.notice.params
     }
 
-    /// Coordinate system that put it out.
+    /// Returns the coordinate system that issued this output.
     pub fn coordinate_system(&self) -> CoordinateSystemNumber {
         self.inner.id.cs
     }
 
-    /// Number of its program.
+    /// Returns the number of the NC program that issued this output.
     pub fn program(&self) -> u16 {
         self.inner.notice.program
     }
 
-    /// Line of the source file, from 1.
+    /// Returns the line of this output in the source file of the NC program, from 1.
     pub fn line(&self) -> u32 {
         self.inner.notice.line
     }
 
-    /// The program run that put it out; never the same again, over all starts of the runtime.
+    /// Returns the identifier of the program run that issued this output; unique across all starts of the
+    /// runtime.
     pub fn run_id(&self) -> &str {
         &self.inner.notice.run_id
     }
 
-    /// True if the work may have been started before, and `verify` was chosen: check the machine first. False on the
-    /// first delivery, and if `redo` was chosen.
+    /// Returns true if an earlier handler may have started the work, and the redelivery is `verify`: check
+    /// the machine first. Returns false on the first delivery, and if the redelivery is `redo`.
     pub fn redelivered(&self) -> bool {
         self.inner.verify
     }
 
-    /// Reports progress, which panels show while the program waits. `text` has at most 200 characters, `percent` is 0
-    /// to 100 or `None`. No effect if the output is no longer this handler's.
+    /// Reports progress, which panels show while the program waits. `text` has at most 200 characters,
+    /// `percent` is 0 to 100 or `None`. No effect if this handler no longer owns the output.
     ///
     /// # Errors
     /// The machine cannot be reached.
@@ -224,11 +227,13 @@ impl AuxOutput {
         self.inner.plc.request(request).await.map(|_| ())
     }
 
-    /// Stores how far the work has come, replacing the previous checkpoint: any value of at most 4096 bytes as JSON. When this handler is
-    /// lost and another one takes over the output, it receives the checkpoint ([`AuxOutput::last_checkpoint`]), so that five minutes of
-    /// washing can continue at minute four. The machine keeps it as long as the output is open. No effect if the output is no longer
-    /// this handler's. Whether the work may be taken over at all is decided by
-    /// [`SequenceProgram::redelivery`](super::SequenceProgram::redelivery).
+    /// Stores a checkpoint, which replaces the previous one: any value of at most 4096 bytes as JSON that
+    /// records how far the work has progressed. If this handler is lost and another handler claims the
+    /// output, that handler receives the checkpoint ([`AuxOutput::last_checkpoint`]). Five minutes of washing
+    /// can then continue at minute four. The machine keeps the checkpoint as long as the output is open. No
+    /// effect if this handler no longer owns the output.
+    /// [`SequenceProgram::redelivery`](crate::SequenceProgram::redelivery) decides whether another handler
+    /// may continue the work.
     ///
     /// ```
     /// # use std::time::Duration;
@@ -247,7 +252,7 @@ impl AuxOutput {
     /// ```
     ///
     /// # Errors
-    /// It is too long, or cannot be written as JSON; the machine cannot be reached.
+    /// Fails if the value is too long or cannot be written as JSON, or the machine cannot be reached.
     pub async fn checkpoint(&self, value: &impl Serialize) -> Result<()> {
         let checkpoint = serde_json::to_value(value).map_err(|error| {
             let text = format!("a checkpoint cannot be written as JSON: {error}");
@@ -265,26 +270,29 @@ impl AuxOutput {
         self.inner.plc.request(request).await.map(|_| ())
     }
 
-    /// The last [`AuxOutput::checkpoint`] of the handler that worked on this output before; `None` if there is none.
+    /// Returns the last [`AuxOutput::checkpoint`] of the handler that worked on this output before, or `None`
+    /// if no checkpoint was stored.
     ///
     /// # Errors
-    /// It has another form, as another version of the handler stored it.
+    /// Fails if the checkpoint is not a `T`, for example because another version of the handler stored it.
     pub fn last_checkpoint<T: DeserializeOwned>(&self) -> Result<Option<T>> {
         let Some(noted) = &self.inner.checkpoint else {
             return Ok(None);
         };
         T::deserialize(noted).map(Some).map_err(|error| {
-            let text = format!("the checkpoint of M{} is not of this form: {error}", self.m());
+            let text = format!("the checkpoint of M{} has another form: {error}", self.m());
             Refusal::new(RefusalCode::Invalid, text).into()
         })
     }
 
-    /// Registers a clean-up for the case that this output is cancelled and its handler dropped, such as moving an arm back; it does not
-    /// run when the handler returns. It may take this long on the machine's clock, and is dropped then, with an error in the log.
-    /// Several clean-ups run in reverse order. The machine does not wait for them: use an interlock or a start lock for what must not
-    /// begin meanwhile.
+    /// Registers a clean-up, such as moving an arm back. It runs if this output is cancelled and its handler
+    /// dropped; it does not run if the handler returns. If the clean-up takes longer than `limit` on the
+    /// machine's clock, it is dropped, with an error in the log. Several clean-ups run in reverse order. The
+    /// machine does not wait for clean-ups: set an interlock or a start lock if no motion or program may
+    /// start meanwhile.
     ///
-    /// It does not run when the whole program is dropped or its process ends: hardware must be safe without it.
+    /// A clean-up does not run if the whole sequence program is dropped or its process ends: the hardware
+    /// must be safe without the clean-up.
     ///
     /// ```
     /// # use std::sync::{Arc, atomic::{AtomicBool, Ordering}};
@@ -295,7 +303,7 @@ impl AuxOutput {
     /// async fn load(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     ///     let arm = plc.clone();
     ///     output.on_cancel(Duration::from_secs(10), async move {
-    ///         arm.sleep(Duration::from_millis(500)).await; // until the axes stand
+    ///         arm.sleep(Duration::from_millis(500)).await; // until the axes are at rest
     ///         retract().await;
     ///     });
     ///     // ... move the arm ...
@@ -317,14 +325,15 @@ impl AuxOutput {
         lock(&self.inner.clean_ups).0.push((limit, Box::pin(clean_up)));
     }
 
-    /// The handler has ended. A clean-up may hold the output, which holds the clean-up.
-    pub(super) fn forget_clean_ups(&self) {
+    /// Drops all clean-ups after the end of the handler: a clean-up may hold the output, which holds the
+    /// clean-up.
+    pub(crate) fn forget_clean_ups(&self) {
         let forgotten = std::mem::take(&mut *lock(&self.inner.clean_ups));
         drop(forgotten);
     }
 
-    /// Does what is to be done after a cancel.
-    pub(super) async fn clean_up(&self) {
+    /// Runs the clean-ups after a cancellation.
+    pub(crate) async fn clean_up(&self) {
         loop {
             let last = lock(&self.inner.clean_ups).0.pop();
             let Some((limit, work)) = last else { return };
@@ -341,14 +350,14 @@ impl AuxOutput {
         }
     }
 
-    /// Tells whether, when and why this output is cancelled, for destructors and for work in other tasks. The handler's
-    /// own future is dropped then.
+    /// Returns a watch on the cancellation of this output, for destructors and for work in other tasks. At a
+    /// cancellation the future of the handler is dropped.
     pub fn cancellation(&self) -> Cancellation {
         self.inner.cancellation.clone()
     }
 }
 
-/// Tells whether an output has been cancelled. Clones watch the same output.
+/// A watch on the cancellation of an output. Clones watch the same output.
 #[derive(Debug, Clone)]
 pub struct Cancellation {
     state: watch::Receiver<CancelState>,
@@ -361,12 +370,13 @@ struct CancelState {
 }
 
 impl Cancellation {
-    /// True once the output is cancelled.
+    /// Returns true once the output is cancelled.
     pub fn is_cancelled(&self) -> bool {
         self.state.borrow().cancelled
     }
 
-    /// Why it was cancelled; `None` if it is not, or if the reason was lost with a connection.
+    /// Returns the reason of the cancellation; `None` if the output is not cancelled, or the reason was lost
+    /// with a connection.
     pub fn reason(&self) -> Option<CancelReason> {
         self.state.borrow().reason
     }
@@ -377,7 +387,8 @@ impl Cancellation {
         let _closed = state.wait_for(|state| state.cancelled).await.is_err();
     }
 
-    /// Waits until the output is cancelled; forever if it ends in another way.
+    /// Waits until the output is cancelled, and returns the reason as [`reason`](Self::reason) does. If the
+    /// output ends in another way, this future never completes.
     pub async fn cancelled(&self) -> Option<CancelReason> {
         let mut state = self.state.clone();
         if let Ok(state) = state.wait_for(|state| state.cancelled).await {
@@ -387,10 +398,10 @@ impl Cancellation {
     }
 }
 
-pub(super) struct Cancel(watch::Sender<CancelState>);
+pub(crate) struct Cancel(watch::Sender<CancelState>);
 
 impl Cancel {
-    pub(super) fn cancel(&self, reason: Option<CancelReason>) {
+    pub(crate) fn cancel(&self, reason: Option<CancelReason>) {
         let cancelled = true;
         self.0.send_replace(CancelState { cancelled, reason });
     }

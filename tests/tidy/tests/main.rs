@@ -1,0 +1,10 @@
+//! Rules of the source that no compiler checks. `cargo test -p tandem-tidy` needs no other crate of the project.
+
+mod architecture;
+mod circles;
+mod codes;
+mod crates;
+mod language;
+mod product;
+mod sizes;
+mod texts;
