@@ -21,7 +21,7 @@ use crate::persistence::journal_folder::{JOURNAL_FOLDER, newest};
 use crate::persistence::journal_reader::damage;
 use crate::persistence::positions::POSITION;
 use crate::persistence::{
-    Condition, Generation, Image, Judged, PAGE_VARIABLES, STORE_FILE, Store, judge, restore,
+    Condition, Generation, Image, InspectedStore, PAGE_VARIABLES, STORE_FILE, Store, inspect_store, restore,
 };
 use crate::program_store::folder::{Found, Opening, ProgramFolder, look};
 use crate::program_store::places::{PLACES_FILE, PlacesRead};
@@ -34,7 +34,7 @@ use crate::tables::{LOST_VALUE, Tables};
 pub struct DataFolder {
     path: PathBuf,
     machine: Machine,
-    judged: Judged,
+    inspected: InspectedStore,
     inspection: Inspection,
     _lock: Option<Lock>,
 }
@@ -74,14 +74,14 @@ impl DataFolder {
         std::fs::metadata(&path).map_err(named)?;
         let lock = Lock::take(&path).map_err(named)?;
         let inspection = Inspection::new(&path, &machine.name);
-        let mut judged = inspection.judged.clone();
-        if judged.is_all_lost || inspection.holds_back(StoredDataPart::Store) {
-            judged.lose(everything(&machine));
+        let mut inspected = inspection.inspected.clone();
+        if inspected.is_all_lost || inspection.holds_back(StoredDataPart::Store) {
+            inspected.lose(everything(&machine));
         }
         Ok(Self {
             path,
             machine,
-            judged,
+            inspected,
             inspection,
             _lock: lock,
         })
@@ -115,7 +115,7 @@ impl DataFolder {
         let _lock = Lock::take(path)?;
         let folder = Self {
             inspection: Inspection::new(path, &machine.name),
-            judged: judge(path),
+            inspected: inspect_store(path),
             path: path.clone(),
             machine: machine.clone(),
             _lock: None,
@@ -128,7 +128,7 @@ impl DataFolder {
     pub fn verify(&self) -> Findings {
         let mut findings = Findings::default();
         let store = self.path.join(STORE_FILE);
-        match &self.judged.condition {
+        match &self.inspected.condition {
             Condition::Damaged(how) => findings.damaged.push(format!("{}: {how}", store.display())),
             Condition::WithoutSums => {
                 let text = format!(
@@ -139,7 +139,7 @@ impl DataFolder {
             }
             Condition::New | Condition::Whole => {}
         }
-        if let Some(fault) = &self.judged.sums_fault {
+        if let Some(fault) = &self.inspected.sums_fault {
             findings.damaged.push(format!(
                 "the checksum file of {}: {fault}; the values are kept, but not verified",
                 store.display()
@@ -161,7 +161,7 @@ impl DataFolder {
         if let Some(fault) = places.fault.or(folders) {
             findings.damaged.push(format!("programs/{PLACES_FILE}: {fault}"));
         }
-        let lost = lost_in(&self.judged.image);
+        let lost = lost_in(&self.inspected.image);
         findings
             .damaged
             .extend(lost.into_values().map(|what| format!("{what}: lost")));
@@ -195,7 +195,7 @@ impl DataFolder {
         for (number, found) in looked.programs {
             let signature = looked.signatures.get(&number);
             if let Found::Stored(bytes) | Found::FromOutside(bytes, ..) = &found
-                && let Some(state) = self.machine.signers.judge(bytes, signature)
+                && let Some(state) = self.machine.signers.verify_signature(bytes, signature)
                 && let Some(why) = signature_fault(state)
             {
                 findings
@@ -221,13 +221,13 @@ impl DataFolder {
 
     /// Returns the stored values as a document.
     pub fn export(&self) -> String {
-        Generation::text(&self.judged.image)
+        Generation::text(&self.inspected.image)
     }
 
     /// Returns every lost value with its replacement in the last good generation, and the time of that generation.
     pub fn offers(&self) -> (Option<String>, Vec<Offer>) {
         let generation = Generation::read(&self.path).ok();
-        let lost = lost_in(&self.judged.image).into_iter();
+        let lost = lost_in(&self.inspected.image).into_iter();
         let offers = lost.map(|(name, what)| Offer {
             what,
             older: generation
@@ -245,8 +245,8 @@ impl DataFolder {
     pub fn repair(&mut self) -> io::Result<Vec<String>> {
         let generation = Generation::read(&self.path)?;
         let mut change = Image::default();
-        for name in lost_in(&self.judged.image).into_keys() {
-            if let Some(page) = self.judged.image.page(&name) {
+        for name in lost_in(&self.inspected.image).into_keys() {
+            if let Some(page) = self.inspected.image.page(&name) {
                 let Some(older) = generation.image.page(&name) else {
                     continue;
                 };
@@ -262,7 +262,7 @@ impl DataFolder {
             }
         }
         self.write(change)?;
-        Ok(lost_in(&self.judged.image).into_values().collect())
+        Ok(lost_in(&self.inspected.image).into_values().collect())
     }
 
     /// Imports the values of a document; all others stay. Returns the number of values.
@@ -286,7 +286,7 @@ impl DataFolder {
         for (key, mut page) in pages {
             // values that were lost at the export stay unchanged
             let now = self
-                .judged
+                .inspected
                 .image
                 .pages
                 .get(&key)
@@ -321,12 +321,12 @@ impl DataFolder {
 
     fn write(&mut self, change: Image) -> io::Result<()> {
         self.ask();
-        let (mut store, _) = Store::open(&self.path, &self.judged, &self.inspection.generations)?;
+        let (mut store, _) = Store::open(&self.path, &self.inspected, &self.inspection.generations)?;
         store.commit(&change)?;
-        self.judged.image.take_over(change);
+        self.inspected.image.take_over(change);
         drop(store);
         // as a start would find it
-        self.judged = judge(&self.path);
+        self.inspected = inspect_store(&self.path);
         Ok(())
     }
 

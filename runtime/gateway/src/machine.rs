@@ -1,6 +1,6 @@
 //! The machine as the servers see it: every server may read it, but it executes only authorized requests.
 //!
-//! A row of the wire parses a request once. [`Machine::judge`] decides on the parsed value whether its user may make
+//! A row of the wire parses a request once. [`Machine::authorize_request`] decides on the parsed value whether its user may make
 //! it, and [`Machine::carry_out`] executes that same value. There is no other path to the port: code that passes an
 //! unauthorized request does not compile.
 
@@ -80,7 +80,7 @@ impl Machine {
     ///
     /// # Errors
     /// `forbidden`.
-    pub(crate) async fn judge(
+    pub(crate) async fn authorize_request(
         &self,
         Caller { user, from, over }: Caller<'_>,
         parsed: ParsedRequest,

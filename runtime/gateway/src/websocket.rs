@@ -288,7 +288,7 @@ impl Client {
             from: self.from,
             over: ServerTransport::WebSocket,
         };
-        let answered = match machine.judge(caller, parsed).await {
+        let answered = match machine.authorize_request(caller, parsed).await {
             Ok(authorized) => machine.carry_out(authorized).await.map(drop),
             Err(refusal) => Err(refusal),
         };

@@ -108,7 +108,7 @@ impl CoordinateSystem {
             Command::JogEnd { .. } => Ok(Prepared::default()),
             _ => (self.remember_jog(&command))
                 .and_then(|()| self.commands.judge_order(verb, command.order))
-                .and_then(|()| self.judge(verb, &command.meta))
+                .and_then(|()| self.check_preconditions(verb, &command.meta))
                 .and_then(|()| self.prepare_command(&command.command, &command.meta)),
         };
         let Prepared {
@@ -174,7 +174,7 @@ impl CoordinateSystem {
         });
     }
 
-    pub(super) fn judge(&self, verb: Verb, meta: &CommandMeta) -> Result<(), Refusal> {
+    pub(super) fn check_preconditions(&self, verb: Verb, meta: &CommandMeta) -> Result<(), Refusal> {
         let failed = |text: String| Err(Refusal::new(RefusalCode::PreconditionFailed, text));
         self.context.shared.check_not_after(meta.not_after.as_ref())?;
         if let Some(expect) = &meta.expect {
@@ -193,7 +193,7 @@ impl CoordinateSystem {
                 ));
             }
         }
-        self.judge_lease(verb, meta)?;
+        self.authorize_by_lease(verb, meta)?;
         if verb == Verb::Reset {
             self.judge_servo()?;
         }
@@ -234,7 +234,7 @@ impl CoordinateSystem {
         let mut allowed = situation.allowed();
         allowed.retain(|verb| {
             self.judge_locks(*verb)
-                .and_then(|()| self.judge_lease(*verb, meta))
+                .and_then(|()| self.authorize_by_lease(*verb, meta))
                 .is_ok()
                 && (*verb != Verb::BackTrace || self.judge_back_trace(!self.state.retraces()).is_ok())
         });

@@ -115,7 +115,7 @@ impl CoordinateSystem {
     /// Refuses a refresh under another lease, or one that is too old.
     fn judge_refresh(&self, meta: &CommandMeta) -> Result<(), Refusal> {
         self.context.shared.check_not_after(meta.not_after.as_ref())?;
-        self.judge_lease(Verb::Jog, meta)
+        self.authorize_by_lease(Verb::Jog, meta)
     }
 
     /// Returns true if the command refreshes the active jog, or ends an inactive one: it has no other effect.

@@ -65,7 +65,7 @@ impl ControlLease {
             let text = format!("ttl_ms {ttl_ms}: write {LEASE_TTL_MIN_MS} to {LEASE_TTL_MAX_MS}");
             return Err(Refusal::new(RefusalCode::Invalid, text));
         }
-        self.judge(take.fence, "taking it")?;
+        self.authorize_fence(take.fence, "taking it")?;
         let fence = take.fence.unwrap_or(self.last_fence + 1);
         self.last_fence = self.last_fence.max(fence);
         let ttl = std::time::Duration::from_millis(ttl_ms);
@@ -82,7 +82,7 @@ impl ControlLease {
     }
 
     fn release(&mut self, fence: u64) -> Result<(), Refusal> {
-        self.judge(Some(fence), "the release")?;
+        self.authorize_fence(Some(fence), "the release")?;
         self.held = None;
         Ok(())
     }
@@ -94,7 +94,7 @@ impl ControlLease {
     }
 
     /// Refuses requests that do not come from the holder, and requests under a lease that has ended.
-    fn judge(&self, fence: Option<u64>, what: &str) -> Result<(), Refusal> {
+    fn authorize_fence(&self, fence: Option<u64>, what: &str) -> Result<(), Refusal> {
         let cs = self.cs;
         let holder = self.held().map_or_else(
             || "no client holds it now".to_owned(),
@@ -145,11 +145,11 @@ pub(super) fn needs_lease(verb: Verb) -> bool {
 
 impl CoordinateSystem {
     /// Refuses commands that start motion while another client holds the lease.
-    pub(super) fn judge_lease(&self, verb: Verb, meta: &CommandMeta) -> Result<(), Refusal> {
+    pub(super) fn authorize_by_lease(&self, verb: Verb, meta: &CommandMeta) -> Result<(), Refusal> {
         if !needs_lease(verb) {
             return Ok(());
         }
-        self.lease.judge(meta.fence, &wire_name(&verb))
+        self.lease.authorize_fence(meta.fence, &wire_name(&verb))
     }
 
     pub(super) fn ask_lease(
@@ -243,8 +243,8 @@ mod tests {
     #[test]
     fn nobody_needs_a_lease_that_nobody_holds() {
         let lease = ControlLease::new(1, at(0.0));
-        assert_eq!(lease.judge(None, "start"), Ok(()));
-        let refusal = lease.judge(Some(7), "start").unwrap_err();
+        assert_eq!(lease.authorize_fence(None, "start"), Ok(()));
+        let refusal = lease.authorize_fence(Some(7), "start").unwrap_err();
         assert_eq!(refusal.code, RefusalCode::LeaseLost);
     }
 
@@ -279,7 +279,7 @@ mod tests {
         let new = now.take(at(6.0), &take(None, None), "b").unwrap();
         assert!(new.fence > old.fence);
         assert_eq!(
-            now.judge(Some(old.fence), "start").unwrap_err().code,
+            now.authorize_fence(Some(old.fence), "start").unwrap_err().code,
             RefusalCode::LeaseLost
         );
     }

@@ -130,7 +130,7 @@ impl CoordinateSystem {
         }
         self.publish_changes();
         let prepared = are_same
-            .and_then(|()| self.judge(Verb::Start, &meta))
+            .and_then(|()| self.check_preconditions(Verb::Start, &meta))
             .and_then(|()| self.prepare_start(run_id, &meta, None));
         match prepared {
             Ok(prepared) => {

@@ -108,7 +108,7 @@ impl CoordinateSystem {
             self.judge_start_lock(Verb::Start),
             start_lock,
         );
-        let leased = self.judge_lease(Verb::Start, &CommandMeta::default());
+        let leased = self.authorize_by_lease(Verb::Start, &CommandMeta::default());
         let holder = self.lease.held().map(|lease| lease.holder.clone());
         refusing(StartObstacleKind::Lease, leased, holder.unwrap_or_default());
         if let Some(main) = self.main_program() {

@@ -65,7 +65,7 @@ impl CoordinateSystem {
 
     /// Returns true for a command that is refused whatever handlers answer: it is refused at once.
     fn is_refused(&self, command: &Deferred, main: u16) -> bool {
-        let judged = self.judge(command.command.verb(), &command.meta);
+        let judged = self.check_preconditions(command.command.verb(), &command.meta);
         let main = judged.and_then(|()| self.context.stored(main));
         main.and_then(|main| self.context.check_called(&main)).is_err()
     }

@@ -23,8 +23,8 @@ use crate::persistence::journal_file::JournalThread;
 use crate::persistence::journal_folder::{JOURNAL_FOLDER, Newest, newest};
 use crate::persistence::positions::{KeptPositions, POSITION, rest_positions};
 use crate::persistence::{
-    Condition, Image, Judged, LastRuns, Restored, STARTED_FILE, STORE_FILE, Source, StateWriterThread, Store,
-    forget_outputs, page_name, pages, replay_last_runs, restore, restore_outputs,
+    Condition, Image, InspectedStore, LastRuns, Restored, STARTED_FILE, STORE_FILE, Source,
+    StateWriterThread, Store, forget_outputs, page_name, pages, replay_last_runs, restore, restore_outputs,
 };
 use crate::program_store::signing::read_signature_beside;
 use crate::program_store::{
@@ -70,8 +70,8 @@ impl Data {
         let locked = make_folder(folder).and_then(|()| Lock::take(folder));
         let lock = locked.map_err(|error| refused(folder, error))?;
         let mut inspection = Inspection::new(folder, &machine.name);
-        if inspection.judged.is_all_lost || inspection.holds_back(StoredDataPart::Store) {
-            inspection.judged.lose(everything(machine));
+        if inspection.inspected.is_all_lost || inspection.holds_back(StoredDataPart::Store) {
+            inspection.inspected.lose(everything(machine));
         }
         let health = Arc::new(Health::default());
         let journal = folder.join(JOURNAL_FOLDER);
@@ -82,8 +82,8 @@ impl Data {
             programs: inspection.holds_back(StoredDataPart::Programs),
             folders: inspection.holds_back(StoredDataPart::Folders),
         };
-        let judged = inspection.judged;
-        let (store, aside) = match Store::open(folder, &judged, &held.generations) {
+        let inspected = inspection.inspected;
+        let (store, aside) = match Store::open(folder, &inspected, &held.generations) {
             Ok((store, aside)) => (Some(store), aside),
             Err(error) if error.kind() == io::ErrorKind::ResourceBusy => return Err(refused(folder, error)),
             refused => {
@@ -91,11 +91,11 @@ impl Data {
                 (None, None)
             }
         };
-        let mut notes = notes(folder, &judged, aside.as_deref());
+        let mut notes = notes(folder, &inspected, aside.as_deref());
         if inspection.lacks_folders {
             notes.push("programs/folders.json: the file is missing; programs are in no folder".to_owned());
         }
-        let image = judged.image;
+        let image = inspected.image;
         let generations = Arc::clone(&held.generations);
         let (journal, newest) = JournalThread::start(&journal, boot_id, generations, Arc::clone(&health))
             .map_err(StartError::Thread)?;
@@ -221,15 +221,15 @@ pub(crate) fn everything(machine: &Machine) -> Vec<String> {
 }
 
 /// Returns the notes for the operator about an incomplete store.
-fn notes(folder: &Path, judged: &Judged, aside: Option<&Path>) -> Vec<String> {
+fn notes(folder: &Path, inspected: &InspectedStore, aside: Option<&Path>) -> Vec<String> {
     let path = folder.join(STORE_FILE);
     let mut notes = Vec::new();
-    match &judged.condition {
+    match &inspected.condition {
         Condition::Damaged(how) => {
             let aside = aside.map_or(String::new(), |aside| {
                 format!("; the damaged store is kept as {}", aside.display())
             });
-            let lost = match judged.lost.len() {
+            let lost = match inspected.lost.len() {
                 0 => "nothing is lost".to_owned(),
                 lost => format!("{lost} values are lost, which alarm 406 lists"),
             };
@@ -241,7 +241,7 @@ fn notes(folder: &Path, judged: &Judged, aside: Option<&Path>) -> Vec<String> {
         )),
         Condition::New | Condition::Whole => {}
     }
-    if let Some(fault) = &judged.sums_fault {
+    if let Some(fault) = &inspected.sums_fault {
         notes.push(format!(
             "the checksum file of {}: {fault}; the values are kept, but not verified",
             path.display()

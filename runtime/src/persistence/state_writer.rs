@@ -20,7 +20,7 @@ use tokio::sync::oneshot::{self, error::RecvError};
 
 use super::generation::Generation;
 use super::image::{Image, KeptRun, LastRuns, PRODUCTION_KEY, Page, RUN_LINES_KEY, pages, run_key};
-use super::judge::{STORE_FILE, judge};
+use super::inspected_store::{STORE_FILE, inspect_store};
 use super::positions::{position_key, positions};
 use super::store::Store;
 use crate::clock::Clock;
@@ -396,8 +396,8 @@ impl Work {
     fn commit(&mut self, change: &Image) -> io::Result<()> {
         let Some(mut store) = self.store.take() else {
             // Damage in the meantime is detected here.
-            let judged = judge(&self.folder);
-            let (mut store, _) = Store::open(&self.folder, &judged, &self.source.generations)?;
+            let inspected = inspect_store(&self.folder);
+            let (mut store, _) = Store::open(&self.folder, &inspected, &self.source.generations)?;
             let mut all = self.kept.clone();
             all.take_over(change.clone());
             store.commit(&all)?;

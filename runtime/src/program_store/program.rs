@@ -116,7 +116,10 @@ impl StoredProgram {
         rules: TextRules,
         signers: &Signers,
     ) -> Self {
-        let (sum, state) = (sum_of(&bytes), signers.judge(&bytes, signature.as_ref()));
+        let (sum, state) = (
+            sum_of(&bytes),
+            signers.verify_signature(&bytes, signature.as_ref()),
+        );
         let mut program = Self::new(number, &text_of(bytes), rules);
         program.check.hash.clone_from(&sum);
         program.check.signature = state;
@@ -129,7 +132,7 @@ impl StoredProgram {
 
     /// Sets the signature of its text.
     pub(crate) fn signed(mut self, signature: Option<Signature>, signers: &Signers) -> Self {
-        self.check.signature = signers.judge(self.text().as_bytes(), signature.as_ref());
+        self.check.signature = signers.verify_signature(self.text().as_bytes(), signature.as_ref());
         self.signature = signature;
         self
     }

@@ -49,7 +49,11 @@ impl Signers {
     }
 
     /// Checks the signature of these bytes; returns `None` if signatures are not checked.
-    pub(crate) fn judge(&self, bytes: &[u8], signature: Option<&Signature>) -> Option<SignatureState> {
+    pub(crate) fn verify_signature(
+        &self,
+        bytes: &[u8],
+        signature: Option<&Signature>,
+    ) -> Option<SignatureState> {
         if self.is_none() {
             return None;
         }
@@ -142,22 +146,25 @@ mod tests {
         for key in [STANDARD.encode(key), STANDARD.encode(&der), "key.pem".to_owned()] {
             let signers = Signers::read(&[key], folder.path()).unwrap();
             assert_eq!(
-                signers.judge(b"M30\n", Some(&signature)),
+                signers.verify_signature(b"M30\n", Some(&signature)),
                 Some(SignatureState::Valid)
             );
             assert_eq!(
-                signers.judge(b"M31\n", Some(&signature)),
+                signers.verify_signature(b"M31\n", Some(&signature)),
                 Some(SignatureState::Wrong)
             );
-            assert_eq!(signers.judge(b"M30\n", None), Some(SignatureState::Missing));
+            assert_eq!(
+                signers.verify_signature(b"M30\n", None),
+                Some(SignatureState::Missing)
+            );
         }
         let other = STANDARD.encode([1; 32]);
         let signers = Signers::read(&[other], folder.path()).unwrap();
         assert_eq!(
-            signers.judge(b"M30\n", Some(&signature)),
+            signers.verify_signature(b"M30\n", Some(&signature)),
             Some(SignatureState::Wrong)
         );
-        assert_eq!(Signers::default().judge(b"M30\n", None), None);
+        assert_eq!(Signers::default().verify_signature(b"M30\n", None), None);
         for bytes in [signature.to_vec(), STANDARD.encode(signature).into_bytes()] {
             std::fs::write(folder.path().join("7.nc.sig"), bytes).unwrap();
             let read = read_signature(&folder.path().join("7.nc.sig")).unwrap();

@@ -10,7 +10,9 @@ use plc_api::types::stored_data::{StoredDataFault, StoredDataFinding, StoredData
 use super::{HELD_FILE, OpenQuestion, QUESTION_FILE};
 use crate::disk::{Generations, PartGenerations, Seal, StoredPart, Sums, fs, write_whole_by};
 use crate::persistence::journal_folder::JOURNAL_FOLDER;
-use crate::persistence::{Condition, Generation, Image, Judged, STORE_FILE, anchor_seal, judge_known};
+use crate::persistence::{
+    Condition, Generation, Image, InspectedStore, STORE_FILE, anchor_seal, inspect_expected_store,
+};
 use crate::program_store::folder::sums as program_sums;
 use crate::program_store::places::{FolderByProgram, PLACES_FILE, PlacesRead};
 use crate::program_store::program_number;
@@ -18,7 +20,7 @@ use crate::program_store::program_number;
 /// Findings of a start in a data folder, before anything is changed.
 #[derive(Debug)]
 pub(crate) struct Inspection {
-    pub judged: Judged,
+    pub inspected: InspectedStore,
     pub generations: Arc<Generations>,
     pub findings: Vec<StoredDataFinding>,
     /// Values of the store that are held back.
@@ -79,8 +81,9 @@ impl Inspection {
     /// Inspects a data folder of the machine with this name, without changing anything.
     pub fn new(folder: &Path, machine: &str) -> Self {
         let others = Others::read(folder);
-        let mut judged = judge_known(folder, merge(others.seals()).contains_key(&StoredPart::Store));
-        let of_store = [judged.store_seal.clone(), judged.sums_seal.clone()];
+        let mut inspected =
+            inspect_expected_store(folder, merge(others.seals()).contains_key(&StoredPart::Store));
+        let of_store = [inspected.store_seal.clone(), inspected.sums_seal.clone()];
         let known = merge(others.seals().chain(of_store.iter().flatten()));
         let look = Look {
             machine,
@@ -88,7 +91,7 @@ impl Inspection {
             folder,
         };
         let mut findings = Vec::new();
-        findings.extend(look.at_store(&judged));
+        findings.extend(look.at_store(&inspected));
         findings.extend(look.at_programs(&others));
         findings.extend(look.at_folders(&others.places));
         findings.extend(look.at(StoredPart::Journal, others.anchor.as_ref()));
@@ -97,8 +100,8 @@ impl Inspection {
             .iter()
             .find(|finding| finding.part == StoredDataPart::Store)
         {
-            held = Some(judged.image.clone());
-            judged.hold_back(finding.text.clone());
+            held = Some(inspected.image.clone());
+            inspected.hold_back(finding.text.clone());
         }
         let holds_folders = findings
             .iter()
@@ -111,7 +114,7 @@ impl Inspection {
         let own = others.seals().chain(of_store.iter().flatten());
         own.for_each(|seal| generations.learn_own(seal));
         Self {
-            judged,
+            inspected,
             generations: Arc::new(generations),
             held,
             held_folders: if holds_folders {
@@ -187,14 +190,14 @@ struct Look<'a> {
 }
 
 impl Look<'_> {
-    fn at_store(&self, judged: &Judged) -> Option<StoredDataFinding> {
-        let is_believed = match judged.condition {
+    fn at_store(&self, inspected: &InspectedStore) -> Option<StoredDataFinding> {
+        let is_believed = match inspected.condition {
             Condition::New => false,
             Condition::Whole | Condition::WithoutSums => true,
-            Condition::Damaged(_) => judged.image.names().len() > judged.lost.len(),
+            Condition::Damaged(_) => inspected.image.names().len() > inspected.lost.len(),
         };
         is_believed
-            .then(|| self.at(StoredPart::Store, judged.seal()))
+            .then(|| self.at(StoredPart::Store, inspected.seal()))
             .flatten()
     }
 

@@ -40,7 +40,7 @@ const STOP_MAX: Duration = Duration::from_millis(250);
 /// slot waits until the time of an attacker's head is over, after 10 s; the delay of a busy computer is far below.
 const STOP_AMONG_OTHERS_MAX: Duration = Duration::from_secs(8);
 
-/// Environment variable with the role of a process: `attack SOURCE HTTP MQTT AGAIN_MS` or `judge COUNT TOKEN
+/// Environment variable with the role of a process: `attack SOURCE HTTP MQTT AGAIN_MS` or `measure COUNT TOKEN
 /// HTTP MQTT`.
 const PART: &str = "TANDEM_REACH_PART";
 
@@ -151,9 +151,9 @@ async fn stop_over_http(to: SocketAddr, token: &str) -> Duration {
 /// Returns the time until a stop over MQTT is accepted.
 async fn stop_over_mqtt(to: SocketAddr, token: &str, number: usize) -> Duration {
     let begun = Instant::now();
-    let id = format!("judge-{number}");
+    let id = format!("measure-{number}");
     let mut options = MqttOptions::new(&id, to.ip().to_string(), to.port());
-    options.set_credentials("judge", token);
+    options.set_credentials("measure", token);
     let (client, mut events) = AsyncClient::new(options, 8);
     let root = "tandem/v1/test-1";
     let asked = client
@@ -180,7 +180,7 @@ fn spread(mut times: Vec<Duration>) -> [Duration; 3] {
 }
 
 /// Measures this number of stops over HTTP and over MQTT.
-async fn judge(count: usize, token: &str, http: SocketAddr, mqtt: SocketAddr) -> [[Duration; 3]; 2] {
+async fn measure(count: usize, token: &str, http: SocketAddr, mqtt: SocketAddr) -> [[Duration; 3]; 2] {
     let mut times = [Vec::new(), Vec::new()];
     for number in 0..count {
         times[0].push(stop_over_http(http, token).await);
@@ -199,9 +199,9 @@ async fn the_part_that_the_environment_names() {
             let (http, mqtt) = (http.parse().unwrap(), mqtt.parse().unwrap());
             attack(source.parse().unwrap(), http, mqtt, again_ms.parse().unwrap()).await;
         }
-        ["judge", count, token, http, mqtt] => {
+        ["measure", count, token, http, mqtt] => {
             let (http, mqtt) = (http.parse().unwrap(), mqtt.parse().unwrap());
-            let found = judge(count.parse().unwrap(), token, http, mqtt).await;
+            let found = measure(count.parse().unwrap(), token, http, mqtt).await;
             println!(
                 "found {}",
                 json!(found.map(|times| times.map(|time| time.as_secs_f64())))
@@ -216,7 +216,7 @@ fn machine() -> (Machine, String) {
     let ports = FREE_PORTS.replace("127.0.0.1", "0.0.0.0");
     let machine = Machine::new(&ports.replace("[http]\n", "[http]\ntoken_file = \"tokens.toml\"\n"));
     let made = Command::new(tandem())
-        .args(["token", "judge", "--role", "operate", "--file", "tokens.toml"])
+        .args(["token", "measure", "--role", "operate", "--file", "tokens.toml"])
         .current_dir(machine.folder())
         .output()
         .expect("tandem starts");
@@ -254,7 +254,7 @@ async fn a_stop_with_a_token_gets_through_whatever_hosts_without_one_do() {
         })
         .collect();
     tokio::time::sleep(Duration::from_secs(1)).await;
-    let found = tokio::time::timeout(Duration::from_mins(1), judge(20, &token, http, mqtt)).await;
+    let found = tokio::time::timeout(Duration::from_mins(1), measure(20, &token, http, mqtt)).await;
     println!("20 stops each over HTTP and MQTT, median, 99 percent, largest: {found:?}");
     let found = found.expect("each is accepted");
     for [_, _, largest] in found {
@@ -346,11 +346,11 @@ fn separate_networks_accept_each_of_1000_stops_within_250_ms() {
         .map(|host| play(host, &format!("attack 10.99.0.{host} {http} {mqtt} {AGAIN_MS}")))
         .collect();
     std::thread::sleep(Duration::from_secs(2));
-    let mut judge = play(HOSTS + 1, &format!("judge 1000 {token} {http} {mqtt}"));
-    let code = judge.exit_code_within(Duration::from_mins(10));
-    assert_eq!(code, Some(0), "{}", judge.output);
+    let mut measure = play(HOSTS + 1, &format!("measure 1000 {token} {http} {mqtt}"));
+    let code = measure.exit_code_within(Duration::from_mins(10));
+    assert_eq!(code, Some(0), "{}", measure.output);
     drop(attackers);
-    let found = judge
+    let found = measure
         .output
         .lines()
         .find_map(|line| Some(line.split_once("found ")?.1));

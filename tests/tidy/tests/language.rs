@@ -15,33 +15,25 @@ const NOT_READ: [(&str, &str); 6] = [
     ("docs/src/reference/third-party.md", "texts of licences"),
 ];
 
-/// Uses of a listed phrase that are plain English in their place: file, words in the line, reason.
-const EXCEPTIONS: [(&str, &str, &str); 7] = [
-    (
-        "CONTRIBUTING.md",
-        "Avoid *who*",
-        "names the words that are avoided",
-    ),
-    ("CONTRIBUTING.md", "| ", "table of the words that are avoided"),
-    (
-        "runtime/ARCHITECTURE.md",
-        "judge",
-        "name of a function or of its file",
-    ),
-    ("runtime/gateway/src/machine.rs", "judge", "name of a function"),
-    ("runtime/src/persistence/mod.rs", "judge", "name of a module"),
-    (
-        "runtime/src/persistence/store.rs",
-        "judged",
-        "name of a parameter",
-    ),
-    ("tests/it/serve/reach.rs", "judge", "name of a role of the test"),
+/// Lines that name listed phrases because they say what to write instead: file, words in the line.
+const EXCEPTIONS: [(&str, &str); 11] = [
+    ("CONTRIBUTING.md", "Avoid *who*, *nobody*"),
+    ("CONTRIBUTING.md", "| tell, say, put out (a message); hear |"),
+    ("CONTRIBUTING.md", "| turn away, judge |"),
+    ("CONTRIBUTING.md", "inspect (damage) | judge |"),
+    ("CONTRIBUTING.md", "| carry out, put out |"),
+    ("CONTRIBUTING.md", "| take up |"),
+    ("CONTRIBUTING.md", "| counts no more; days for which it counts |"),
+    ("CONTRIBUTING.md", "| nobody knows; old; open |"),
+    ("CONTRIBUTING.md", "| give way |"),
+    ("CONTRIBUTING.md", "| behind (time), beside |"),
+    ("CONTRIBUTING.md", "| anew, go on |"),
 ];
 
 fn is_exception(path: &Path, line: &str) -> bool {
     EXCEPTIONS
         .iter()
-        .any(|(file, words, _)| path.ends_with(file) && line.contains(words))
+        .any(|(file, words)| path.ends_with(file) && line.contains(words))
 }
 
 #[test]
@@ -67,8 +59,8 @@ fn no_text_has_a_phrase_of_the_list() {
 
 #[test]
 fn each_exception_is_in_its_file() {
-    for (file, words, reason) in EXCEPTIONS {
-        assert!(read(file.as_ref()).contains(words), "{file}: {words} ({reason})");
+    for (file, words) in EXCEPTIONS {
+        assert!(read(file.as_ref()).contains(words), "{file}: {words}");
     }
 }
 

@@ -6,5 +6,6 @@ mod codes;
 mod crates;
 mod language;
 mod product;
+mod quick;
 mod sizes;
 mod texts;

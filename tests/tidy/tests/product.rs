@@ -74,9 +74,8 @@ fn is_declared_for_tests(path: &Path) -> bool {
             return false;
         };
         let name = name.to_string_lossy();
-        let declarations = [";", " {"].map(|end| {
-            ["", "pub ", "pub(crate) "].map(|scope| format!("#[cfg(test)]\n{scope}mod {name}{end}"))
-        });
+        let declarations =
+            ["", "pub ", "pub(crate) "].map(|scope| format!("#[cfg(test)]\n{scope}mod {name};"));
         let parents = [
             folder.with_extension("rs"),
             folder.join("mod.rs"),
@@ -84,10 +83,7 @@ fn is_declared_for_tests(path: &Path) -> bool {
         ];
         parents.iter().any(|parent| {
             let text = std::fs::read_to_string(tandem_tidy::root().join(parent)).unwrap_or_default();
-            declarations
-                .as_flattened()
-                .iter()
-                .any(|declaration| text.contains(declaration))
+            declarations.iter().any(|declaration| text.contains(declaration))
         })
     })
 }

@@ -34,7 +34,7 @@ use tokio_util::sync::WaitForCancellationFutureOwned;
 use tokio_util::task::TaskTracker;
 use tracing::warn;
 
-use super::guard::{Answer, Guard, Judged, clearing};
+use super::guard::{Answer, Guard, PublishDecision, clearing};
 use super::line::Line;
 use super::socket::SocketBytes;
 use crate::access::{Ended, Shown};
@@ -363,15 +363,15 @@ impl BrokerEventHandler for Door {
             if let Some((lane, request)) = self.guard.urgent(&event) {
                 return self.take_urgent(event, lane, request).await;
             }
-            match self.guard.judge(&event).await {
-                Judged::Deliver { clear } => {
+            match self.guard.decide_delivery(&event).await {
+                PublishDecision::Deliver { clear } => {
                     if let Some(topic) = clear {
                         self.router.route_message(&clearing(&topic), None).await;
                     }
                     self.deliver(event).await
                 }
-                Judged::Handled => PublishAction::Handled,
-                Judged::NotKept => self.refuse(&event),
+                PublishDecision::Handled => PublishAction::Handled,
+                PublishDecision::NotKept => self.refuse(&event),
             }
         })
     }

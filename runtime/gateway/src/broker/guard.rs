@@ -81,7 +81,7 @@ pub(super) fn clearing(topic: &str) -> PublishPacket {
 }
 
 /// Decision on a message.
-pub(super) enum Judged {
+pub(super) enum PublishDecision {
     /// It is delivered, after this retained topic is cleared for it.
     Deliver { clear: Option<String> },
     /// It is not delivered, because the guard has handled it.
@@ -349,25 +349,25 @@ fn may_be_urgent(path: &str) -> bool {
 pub(super) type Answer<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 
 impl Guard {
-    pub(super) async fn judge(&self, event: &ClientPublishEvent) -> Judged {
+    pub(super) async fn decide_delivery(&self, event: &ClientPublishEvent) -> PublishDecision {
         let wait = self.rates.of(&self.account(event)).owe();
         if !wait.is_zero() {
             tokio::time::sleep(wait).await;
         }
         if self.keeps_back(event) {
-            return Judged::Handled;
+            return PublishDecision::Handled;
         }
         if !event.retain {
-            return Judged::Deliver { clear: None };
+            return PublishDecision::Deliver { clear: None };
         }
         match self
             .retained
             .put(self.kind(&event.topic), &event.topic, event.payload.len())
         {
-            Ok(clear) => Judged::Deliver { clear },
+            Ok(clear) => PublishDecision::Deliver { clear },
             Err(text) => {
                 self.tell_not_kept(&event.topic, &event.client_id, &text);
-                Judged::NotKept
+                PublishDecision::NotKept
             }
         }
     }

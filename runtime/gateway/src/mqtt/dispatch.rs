@@ -387,7 +387,7 @@ pub(super) async fn authorize(
                 from,
                 over: ServerTransport::Mqtt,
             };
-            machine.judge(caller, parsed).await
+            machine.authorize_request(caller, parsed).await
         }
         Publisher::Unknown { name, .. } => Machine::judge_last_will(&name, parsed),
     }

@@ -89,7 +89,7 @@ pub(super) async fn serve(
         from: head.extensions.get::<Peer>().map(|peer| peer.address),
         over: ServerTransport::Rest,
     };
-    let authorized = (shared.machine.judge(caller, parsed).await).map_err(Problem::from)?;
+    let authorized = (shared.machine.authorize_request(caller, parsed).await).map_err(Problem::from)?;
     let form = (row.answer)(authorized.request());
     let urgent = UrgentKind::of_request(authorized.request());
     let reply = match (authorized.request(), urgent) {

@@ -1,11 +1,11 @@
 //! Tests of the servers with a port that records its requests and returns the answers of a test.
 
 mod access;
+mod authorization;
 mod data;
 mod deaf;
 mod ended;
 mod gateway;
-mod judge;
 mod mqtt;
 mod mqtt_backlog;
 mod mqtt_refusals;

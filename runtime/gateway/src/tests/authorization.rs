@@ -355,7 +355,7 @@ fn is_judged_and_carried_out_as_one_value(parsed: ParsedRequest) -> Result<(), T
         from: None,
         over: ServerTransport::Mqtt,
     };
-    let judged = runtime.block_on(machine.judge(caller, parsed));
+    let judged = runtime.block_on(machine.authorize_request(caller, parsed));
     let (name, force) = named(&request);
     let is_own = name.as_deref() == Some("handler") && !force;
     prop_assert_eq!(judged.is_ok(), is_own, "{:?}", request);

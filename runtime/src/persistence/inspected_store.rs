@@ -46,7 +46,7 @@ pub(crate) enum Condition {
 
 /// The result of examining a data folder.
 #[derive(Debug, Clone)]
-pub(crate) struct Judged {
+pub(crate) struct InspectedStore {
     pub condition: Condition,
     /// Trusted values; a lost value is marked as lost.
     pub image: Image,
@@ -65,12 +65,12 @@ pub(crate) struct Judged {
 }
 
 /// Inspects the store of a folder.
-pub(crate) fn judge(folder: &Path) -> Judged {
-    judge_known(folder, false)
+pub(crate) fn inspect_store(folder: &Path) -> InspectedStore {
+    inspect_expected_store(folder, false)
 }
 
 /// Inspects the store of a folder. `is_known`: other files show that a store of this folder exists.
-pub(crate) fn judge_known(folder: &Path, is_known: bool) -> Judged {
+pub(crate) fn inspect_expected_store(folder: &Path, is_known: bool) -> InspectedStore {
     let bytes = read_regular(&folder.join(STORE_FILE), STORE_BYTES_MAX);
     let content = (bytes.as_ref().ok())
         .filter(|bytes| !bytes.is_empty())
@@ -87,34 +87,34 @@ pub(crate) fn judge_known(folder: &Path, is_known: bool) -> Judged {
             .map(|generation| generation.image.names())
             .unwrap_or_default()
     };
-    let mut judged = match (bytes, content) {
+    let mut inspected = match (bytes, content) {
         (Err(error), _) if error.kind() == io::ErrorKind::NotFound => {
             of_nothing("the store is missing", &sums, was_started)
         }
         (Err(error), _) => damaged(&error.to_string(), &[], &sums),
         (Ok(_), None) => of_nothing("the store is empty", &sums, was_started),
         (Ok(bytes), Some(Err(how))) => damaged(&how, &bytes, &sums),
-        (Ok(bytes), Some(Ok(content))) => Judged {
+        (Ok(bytes), Some(Ok(content))) => InspectedStore {
             store_seal: content.seal.clone(),
             ..of_content(content, &bytes, &sums, was_started)
         },
     };
-    if matches!(judged.condition, Condition::Damaged(_)) && (!sums.is_there || sums.is_damaged) {
-        judged.lose(named());
+    if matches!(inspected.condition, Condition::Damaged(_)) && (!sums.is_there || sums.is_damaged) {
+        inspected.lose(named());
     }
-    if judged.condition == Condition::Whole {
+    if inspected.condition == Condition::Whole {
         // a kill between writing the store and its checksums leaves one change without checksums
-        let is_older = judged.last > sums.last + 1;
-        judged.sums_fault = sums
+        let is_older = inspected.last > sums.last + 1;
+        inspected.sums_fault = sums
             .fault()
             .or_else(|| is_older.then(|| "the file is older than the store".to_owned()));
     }
-    judged.last = judged.last.max(sums.last);
-    judged.sums_seal = sums.seal.filter(|_| !sums.is_damaged);
-    judged
+    inspected.last = inspected.last.max(sums.last);
+    inspected.sums_seal = sums.seal.filter(|_| !sums.is_damaged);
+    inspected
 }
 
-impl Judged {
+impl InspectedStore {
     /// Returns the generation of the newest change in the store.
     pub fn generation(&self) -> u64 {
         self.store_seal.as_ref().map_or(0, |seal| seal.generation)
@@ -159,8 +159,8 @@ impl Judged {
     }
 }
 
-fn believed(condition: Condition, image: Image, last: u64) -> Judged {
-    Judged {
+fn believed(condition: Condition, image: Image, last: u64) -> InspectedStore {
+    InspectedStore {
         condition,
         image,
         lost: BTreeSet::new(),
@@ -172,7 +172,7 @@ fn believed(condition: Condition, image: Image, last: u64) -> Judged {
     }
 }
 
-fn of_nothing(how: &str, sums: &Sums, was_started: bool) -> Judged {
+fn of_nothing(how: &str, sums: &Sums, was_started: bool) -> InspectedStore {
     if sums.is_there || sums.is_damaged || was_started {
         return damaged(how, &[], sums);
     }
@@ -192,7 +192,7 @@ fn of_same_machine(sums: Sums, of_store: Option<&Seal>) -> Sums {
     }
 }
 
-fn of_content(content: Content, bytes: &[u8], sums: &Sums, was_started: bool) -> Judged {
+fn of_content(content: Content, bytes: &[u8], sums: &Sums, was_started: bool) -> InspectedStore {
     let is_missing = |name: &&String| !content.image.has(name);
     if content.is_without_sums && !sums.is_there {
         return believed(Condition::WithoutSums, content.image, 0);
@@ -219,7 +219,7 @@ fn of_content(content: Content, bytes: &[u8], sums: &Sums, was_started: bool) ->
 }
 
 /// Returns the trusted rest of a damaged store.
-fn damaged(how: &str, bytes: &[u8], sums: &Sums) -> Judged {
+fn damaged(how: &str, bytes: &[u8], sums: &Sums) -> InspectedStore {
     let mut found: BTreeMap<&str, Vec<&[u8]>> = BTreeMap::new();
     for (name, payload) in record::scan(bytes) {
         found.entry(name).or_default().push(payload);
@@ -235,8 +235,8 @@ fn damaged(how: &str, bytes: &[u8], sums: &Sums) -> Judged {
         .copied()
         .chain(sums.by_name.keys().map(String::as_str))
         .collect();
-    let mut judged = believed(Condition::Damaged(how.to_owned()), Image::default(), last);
-    judged.is_all_lost = names.is_empty();
+    let mut inspected = believed(Condition::Damaged(how.to_owned()), Image::default(), last);
+    inspected.is_all_lost = names.is_empty();
     for name in names {
         let noted = sums.by_name.get(name);
         if sums.is_there && !sums.is_damaged && noted.is_none() {
@@ -250,12 +250,12 @@ fn damaged(how: &str, bytes: &[u8], sums: &Sums) -> Judged {
                 .copied()
                 .find(|payload| record::sum_of_record(name, payload) == sum)
         });
-        if !vouched.is_some_and(|payload| judged.image.take_record(name, payload)) {
-            judged.image.lose(name);
-            judged.lost.insert(name.to_owned());
+        if !vouched.is_some_and(|payload| inspected.image.take_record(name, payload)) {
+            inspected.image.lose(name);
+            inspected.lost.insert(name.to_owned());
         }
     }
-    judged
+    inspected
 }
 
 /// Content of the database.
