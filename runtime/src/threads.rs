@@ -6,7 +6,14 @@ use std::time::Duration;
 
 use plc_api::supervisor::{Consequence, Restarts, Supervisor};
 
-/// Lets every other thread run before the calling one.
+/// Priority of threads whose work only a person or a client waits for, on the scale 0 to 99 of
+/// `thread_priority`; on Linux this is a niceness of 10. If ordinary threads occupy all processors, such a thread
+/// gets about a tenth of the share of an ordinary one. With the lowest priority, this share would be one
+/// seventieth, and no plan would be ready within minutes.
+#[cfg(unix)]
+const LOW_PRIORITY: u8 = 22;
+
+/// Gives the calling thread a low priority, so that ordinary threads run before it.
 pub(crate) fn lower_priority() {
     #[cfg(unix)]
     {
@@ -15,9 +22,12 @@ pub(crate) fn lower_priority() {
             NormalThreadSchedulePolicy, ThreadSchedulePolicy, set_thread_priority_and_policy,
             thread_native_id,
         };
+        let Ok(priority) = LOW_PRIORITY.try_into().map(ThreadPriority::Crossplatform) else {
+            return;
+        };
         let policy = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
         // without this priority the thread is an ordinary one
-        let _ = set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Min, policy);
+        let _ = set_thread_priority_and_policy(thread_native_id(), priority, policy);
     }
 }
 

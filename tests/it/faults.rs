@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use plc_api::Plc;
 use plc_api::supervisor::{Consequence, Supervisor};
-use plc_api::types::request::typed::WriteProgram;
+use plc_api::types::planned::PathQuery;
+use plc_api::types::request::typed::{PlannedPath, WriteProgram};
 use plc_api::types::state::{Execution, Reason};
 use serde_json::json;
 use tandem_gateway::{Gateway, GatewaySettings, MqttSettings, MtconnectSettings};
@@ -299,6 +300,27 @@ async fn a_contained_or_restarted_fault_stops_no_motion() {
     for cs in [1, 2] {
         machine.plc.coordinate_system(cs).stop().await.unwrap();
     }
+    machine.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_fault_during_planning_begins_the_plan_again() {
+    let machine = Faulty::start().await;
+    let port = machine.plc.port();
+    let endless = "while (1 == 1) {\nG90 G01 X100 F600\nX0\n}\nM30\n";
+    port.ask(WriteProgram(2, endless.to_owned())).await.unwrap();
+    machine.plc.coordinate_system(1).load(2).await.unwrap();
+    let tag = async || {
+        port.ask(PlannedPath(2, PathQuery::default()))
+            .await
+            .ok()
+            .map(|path| path.tag)
+    };
+    let planned = until("the beginning of the plan", &tag).await;
+    assert_eq!(machine.fault("preview", Nothing).await, Restarted);
+    // the plan in which the fault occurred may be the one that is returned first
+    let first = until("the new plan", async || tag().await.filter(|tag| *tag != planned)).await;
+    until("its growth", async || tag().await.filter(|tag| *tag != first)).await;
     machine.stop().await;
 }
 

@@ -215,7 +215,7 @@ const CHECKS_MAX: usize = 1;
 
 static CHECKS: Semaphore = Semaphore::const_new(CHECKS_MAX);
 
-/// Does long work for which only its client waits, on a thread of the lowest priority.
+/// Does long work for which only its client waits, on a thread of low priority.
 ///
 /// # Errors
 /// Returns an error if the operating system provides no thread, or if the work has panicked.

@@ -525,13 +525,14 @@ impl Inner {
         };
         let Some(conditions) = conditions else { return };
         let plan = Arc::new(Plan::new(conditions));
-        let slots = |change: &dyn Fn(&mut Slots)| change(self.slots.lock().entry(cs).or_default());
-        slots(&|slots| slots.begin(which, &plan));
-        let began = Instant::now();
-        let is_wanted = || !self.is_closing() && self.is_wanted(cs, which, number, &plan);
+        let in_progress = PlanInProgress::begin(self, cs, which, &plan);
+        let is_wanted = || {
+            self.shared.supervisor.fault_point(THREAD);
+            !self.is_closing() && self.is_wanted(cs, which, number, &plan)
+        };
         let on_change = || self.changes.send_modify(|count| *count += 1);
         planning::plan(&self.shared, &plan, &is_wanted, &on_change);
-        slots(&|slots| slots.end(which, &plan, began.elapsed()));
+        drop(in_progress);
         if which == PlanUse::Loaded {
             self.predict(cs, Some(&plan));
         }
@@ -574,6 +575,37 @@ impl Inner {
             PlanUse::Loaded => loaded == Some(number),
             PlanUse::Asked => loaded != Some(number) && !self.slots.lock().values().any(waits),
         }
+    }
+}
+
+/// A plan that is being made. When the value is dropped, also after a panic, planning has ended and an
+/// incomplete plan is discarded, so that the program is planned again.
+struct PlanInProgress<'a> {
+    inner: &'a Inner,
+    cs: CoordinateSystemNumber,
+    which: PlanUse,
+    plan: &'a Arc<Plan>,
+    began: Instant,
+}
+
+impl<'a> PlanInProgress<'a> {
+    fn begin(inner: &'a Inner, cs: CoordinateSystemNumber, which: PlanUse, plan: &'a Arc<Plan>) -> Self {
+        inner.slots.lock().entry(cs).or_default().begin(which, plan);
+        Self {
+            inner,
+            cs,
+            which,
+            plan,
+            began: Instant::now(),
+        }
+    }
+}
+
+impl Drop for PlanInProgress<'_> {
+    fn drop(&mut self) {
+        let mut all = self.inner.slots.lock();
+        let slots = all.entry(self.cs).or_default();
+        slots.end(self.which, self.plan, self.began.elapsed());
     }
 }
 
