@@ -2,12 +2,16 @@
 
 use std::time::Duration;
 
+use plc_api::types::refusal::RefusalCode;
+use plc_api::types::state::Execution;
+use plc_api::{Error, Plc};
 use serde_json::{Value, json};
 
 use super::{broker_at, machine};
 use crate::support::broker::Mosquitto;
 use crate::support::mqtt::Bus;
 use crate::support::served::Served;
+use crate::support::wait::{until, within};
 use crate::support::wire::Wire;
 
 fn start(command_id: &str, heartbeat: &Value, within_ms: u64) -> Value {
@@ -58,4 +62,45 @@ async fn a_start_that_a_broker_delivers_late_is_rejected_as_expired() {
         .await;
     let is_accepted = |reply: &Value| reply["command_id"] == "in-time" && reply["status"] == "accepted";
     bus.history.find("reply/panel", is_accepted).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_request_of_for_person_that_arrives_late_is_rejected_as_expired() {
+    let broker = Mosquitto::start();
+    let served = Served::start(&machine(&broker_at(&broker.address())));
+    served
+        .post("/cs/1/load?wait=1", &json!({"program": 50}))
+        .await
+        .expect(200);
+    let to_broker = Wire::to(&broker.address()).await;
+    let to_server = Wire::to(&served.http).await;
+    let over_mqtt = format!("mqtt://{}/test-1", to_broker.address());
+    let over_rest = format!("http://{}", to_server.address());
+    for (wire, url) in [(&to_broker, over_mqtt), (&to_server, over_rest)] {
+        let plc = within("a connection", Plc::connect(&url)).await.unwrap();
+        let pressed = until("a heartbeat", async || plc.for_person().await.ok()).await;
+        let pressed = pressed.coordinate_system(1);
+        wire.cut();
+        let late = tokio::spawn(async move { pressed.start().await });
+        tokio::time::sleep(Duration::from_millis(1500)).await;
+        wire.mend();
+        let late = within("the answer", late).await.unwrap();
+        assert!(
+            matches!(&late, Err(Error::Refused(refusal)) if refusal.code == RefusalCode::Expired),
+            "{url}: {late:?}"
+        );
+        assert_eq!(served.state(1).await["execution"], "READY", "{url}");
+
+        until("an accepted start", async || {
+            let pressed = plc.for_person().await.ok()?;
+            pressed.coordinate_system(1).start().await.ok()
+        })
+        .await;
+        let system = plc.coordinate_system(1);
+        system.stop().await.unwrap();
+        within("the stop", system.wait_until(Execution::Stopped))
+            .await
+            .unwrap();
+        system.reset().await.unwrap();
+    }
 }

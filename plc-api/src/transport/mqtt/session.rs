@@ -32,9 +32,10 @@ const KEEP_ALIVE: Duration = Duration::from_secs(5);
 const WATCH: Duration = Duration::from_millis(100);
 
 /// Topics of a machine below its root, other than `reply`.
-const FILTERS: [&str; 20] = [
+const FILTERS: [&str; 22] = [
     "presence",
     "birth",
+    "heartbeat",
     "alarm/event",
     "alarm/active",
     "handler/+/presence",
@@ -42,6 +43,7 @@ const FILTERS: [&str; 20] = [
     "io/+/+",
     "variables",
     "tools",
+    "stored_data",
     "cs/+/+",
     "cs/+/m_code/pending",
     "cs/+/m_code/+/output",
@@ -304,6 +306,7 @@ fn on_publish(shared: &Shared, publish: &Publish) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::types::io::IoPoint;
     use crate::types::topic::{CsTopic, Topic};
 
     fn fits(filter: &str, path: &str) -> bool {
@@ -316,9 +319,22 @@ mod tests {
     }
 
     #[test]
-    fn every_state_of_a_coordinate_system_is_subscribed() {
-        for (topic, _) in CsTopic::STATES {
-            let path = Topic::cs(1, topic).path();
+    fn every_state_is_subscribed() {
+        let of_the_machine = [
+            Topic::Presence,
+            Topic::Birth,
+            Topic::Heartbeat,
+            Topic::AlarmActive,
+            Topic::HandlerPresence("clamp".to_owned()),
+            Topic::Io(IoPoint::input("door")),
+            Topic::Variables,
+            Topic::Tools,
+            Topic::StoredData,
+        ];
+        let states = CsTopic::STATES.map(|(topic, _)| Topic::cs(1, topic));
+        for topic in states.into_iter().chain(of_the_machine) {
+            assert!(topic.is_state());
+            let path = topic.path();
             assert!(FILTERS.iter().any(|filter| fits(filter, &path)), "{path}");
         }
     }
