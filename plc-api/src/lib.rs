@@ -192,7 +192,7 @@
 //!
 //! # Testing
 //! [`fake::FakePort`] is a scripted machine: the test issues outputs and advances the time, as in the example
-//! of [`SequenceProgram`]. `tandem_runtime::test`, a dev-dependency, is a whole runtime that runs NC programs
+//! of [`SequenceProgram`]. `tandem_runtime::test` (dev-dependency, feature `testing`) is a whole runtime that runs NC programs
 //! with motion in simulated time.
 //!
 //! # Layers

@@ -33,6 +33,7 @@ pub mod simulation;
 pub mod stops;
 mod stored_data;
 mod tables;
+#[cfg(feature = "testing")]
 pub mod test;
 mod threads;
 pub mod trial;

@@ -3,6 +3,7 @@
 //! All tasks run on one thread, so a run repeats byte for byte. Most events of a cycle concern one coordinate system
 //! only, such as the start of the next block: that coordinate system handles them here, and no task is woken.
 
+#[cfg(feature = "testing")]
 mod tokio_clock;
 
 use std::future::Future;
@@ -17,6 +18,7 @@ use crate::clock::Clock;
 use crate::coordinate_system::Mailbox;
 use crate::servo_thread::{cycle_after, pass};
 use crate::shared::Shared;
+#[cfg(feature = "testing")]
 use tokio_clock::TokioClock;
 
 pub use crate::planned::{OnPlan, Planned};
@@ -289,6 +291,7 @@ pub fn run<T>(main: impl Future<Output = T>) -> std::io::Result<T> {
 }
 
 /// Origin of the code that runs in a simulation.
+#[cfg(feature = "testing")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Code {
     /// Only the runtime's code, which sleeps on the clock of the machine.
@@ -303,6 +306,7 @@ pub(crate) enum Code {
 ///
 /// # Errors
 /// Fails as [`run`].
+#[cfg(feature = "testing")]
 pub(crate) fn run_in<T>(
     slot: Slot,
     code: Code,

@@ -1,4 +1,4 @@
-//! A whole runtime in simulated time inside a unit test of a machine builder.
+//! A whole runtime in simulated time inside a unit test of a machine builder: feature `testing`.
 //!
 //! A [`Bench`] runs an NC program against a sequence program on a machine with simulated motors, as fast as the
 //! computer can. The resulting [`Run`] contains the outputs with their times and order, the end of the run, and the

@@ -139,9 +139,9 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     let dependency = |folder: &str| match &checkout {
         Some(checkout) => {
             let path = checkout.join(folder).display().to_string();
-            format!("{{ path = {} }}", toml::Value::String(path))
+            format!("path = {}", toml::Value::String(path))
         }
-        None => format!("\"{}\"", env!("CARGO_PKG_VERSION")),
+        None => format!("version = \"{}\"", env!("CARGO_PKG_VERSION")),
     };
     for (place, text) in FILES {
         let text = text

@@ -1,9 +1,10 @@
 //! The layout: which crates there are, and what each may import.
 
 use std::collections::BTreeSet;
+use std::process::Command;
 
 use tandem_tidy::product::without_tests;
-use tandem_tidy::{files, read};
+use tandem_tidy::{files, read, root};
 
 /// Stages: plain data in and out.
 const STAGES: [&str; 5] = ["syntax", "interp", "path", "motion", "servo"];
@@ -130,4 +131,20 @@ fn plc_api_without_its_features_is_tokio_serde_and_little_more() {
 fn the_manifests_are_read() {
     assert!(dependencies("runtime/interp").contains("tandem-syntax"));
     assert!(dependencies("plc-api").contains("serde"));
+}
+
+#[test]
+fn the_command_has_no_test_feature_of_a_dependency() {
+    let mut cargo = Command::new(env!("CARGO"));
+    cargo.args(["tree", "--offline", "--locked", "-p", "tandem-runtime"]);
+    cargo.args(["--edges", "features,no-dev", "--prefix", "none"]);
+    let tree = cargo.current_dir(root()).output().expect("cargo");
+    let text = String::from_utf8_lossy(&tree.stdout);
+    assert!(tree.status.success(), "{}", String::from_utf8_lossy(&tree.stderr));
+    assert!(text.contains("tokio feature \"rt\""), "no features in:\n{text}");
+    let found: Vec<&str> = text
+        .lines()
+        .filter(|line| line.contains("feature \"test"))
+        .collect();
+    assert!(found.is_empty(), "{found:#?}");
 }
