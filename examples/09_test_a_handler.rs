@@ -9,7 +9,7 @@
 use std::time::Duration;
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::Closed;
+use plc_api::handshake::OutputOutcome;
 use plc_api::types::state::Reason;
 use plc_api::{Alarm, Params, Redelivery, SequenceProgram};
 use tandem_runtime::test::{Bench, TestError};
@@ -39,7 +39,7 @@ async fn a_force_that_the_clamp_has_not_is_an_alarm() {
     );
     fake.settle().await;
     let alarm = Alarm::user(2, "a clamping force of 21 kN is not in 0 to 20");
-    assert_eq!(fake.closed(1, seq), Some(Closed::Failed { alarm }));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Failed { alarm }));
 }
 
 #[cfg_attr(test, test)]

@@ -10,7 +10,7 @@ use crate::handlers::AuxOutput;
 use crate::hub::Filter;
 use crate::names::unique_name;
 use crate::plc::Plc;
-use crate::presence::shown;
+use crate::presence::open_outputs;
 use crate::types::BootId;
 use crate::types::message::Message;
 use crate::types::output::{HandshakeStatus, PendingOutput};
@@ -164,7 +164,7 @@ impl PendingQuestion<'_> {
     /// Returns the output in a `pending` message; `None` if the output is no longer open, or another handler
     /// owns it.
     fn shown_in<'m>(&self, message: &'m Message) -> Option<&'m PendingOutput> {
-        let mut outputs = shown(message).iter();
+        let mut outputs = open_outputs(message).iter();
         let open = outputs.find(|output| output.output.seq == self.output.seq());
         let is_ours = |output: &&PendingOutput| {
             let owner = output.handler_id.as_deref();
@@ -219,7 +219,7 @@ impl CoordinateSystem {
         let topic = Topic::cs(self.number(), CsTopic::Pending);
         let mut pending = self.plc().port().subscribe(Filter::Topics(vec![topic]));
         while let Some(message) = pending.next().await {
-            let asked = open_questions(&message.boot_id, shown(&message));
+            let asked = open_questions(&message.boot_id, open_outputs(&message));
             if let Some(first) = asked.into_iter().next() {
                 return Ok(first);
             }

@@ -18,7 +18,7 @@ use crate::identity::Identity;
 use crate::lock::lock;
 use crate::plc::Plc;
 use crate::port::BoxFuture;
-use crate::presence::Presence;
+use crate::presence::HandlerSession;
 use crate::states::States;
 use crate::text::panic_text;
 use crate::types::CoordinateSystemNumber;
@@ -72,7 +72,7 @@ impl std::fmt::Debug for CleanUps {
 
 impl AuxOutput {
     pub(crate) fn new(
-        (presence, states): (&Presence, &States),
+        (presence, states): (&HandlerSession, &States),
         id: OutputId,
         pending: &PendingOutput,
         verify: bool,

@@ -7,7 +7,7 @@ use crate::coordinate_system::CoordinateSystem;
 use crate::error::{Error, Result};
 use crate::hub::{Filter, Subscription};
 use crate::plc::Plc;
-use crate::types::data::{Number, PublishedVariables, ToolData, VARIABLES_AT_ONCE_MAX, VariableKind};
+use crate::types::data::{JsonNumber, PublishedVariables, ToolData, VARIABLES_AT_ONCE_MAX, VariableKind};
 use crate::types::message::Payload;
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::topic::{CsTopic, Topic};
@@ -93,14 +93,14 @@ impl Variables {
         let topic = self.topic();
         let said = self.plc().port().read(&topic).await;
         if let Some(Payload::Variables(published)) = said.as_deref().map(|message| &message.payload) {
-            self.judge(published, from, count)?;
+            self.check_published(published, from, count)?;
         }
         let read = move |payload: &Payload| match payload {
             Payload::Variables(published) => published.values(from, count),
             _ => None,
         };
         let is_same: fn(&Vec<f64>, &Vec<f64>) -> bool = |one, other| {
-            let numbers = |values: &[f64]| values.iter().copied().map(Number).collect::<Vec<_>>();
+            let numbers = |values: &[f64]| values.iter().copied().map(JsonNumber).collect::<Vec<_>>();
             numbers(one) == numbers(other)
         };
         Ok(Changes::new(self.plc(), topic, read, is_same))
@@ -121,7 +121,7 @@ impl Variables {
         Err(Error::Closed)
     }
 
-    fn judge(&self, published: &PublishedVariables, from: u32, count: u32) -> Result<()> {
+    fn check_published(&self, published: &PublishedVariables, from: u32, count: u32) -> Result<()> {
         if count as usize <= VARIABLES_AT_ONCE_MAX && published.values(from, count).is_some() {
             return Ok(());
         }

@@ -24,7 +24,11 @@ pub(crate) struct OutputId {
 
 impl OutputId {
     /// Returns the identifier of an output in a `pending` message of a coordinate system.
-    pub(crate) fn of(message: &Message, cs: CoordinateSystemNumber, output: &PendingOutput) -> Self {
+    pub(crate) fn from_pending(
+        message: &Message,
+        cs: CoordinateSystemNumber,
+        output: &PendingOutput,
+    ) -> Self {
         Self {
             boot_id: message.boot_id.clone(),
             cs,
@@ -82,7 +86,7 @@ pub(crate) fn accepted(m: u16, seq: u64, answer: Option<HandshakeResult>) -> Res
 
 /// Outcome of one attempt at a claim or reset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Asked {
+pub(crate) enum HandshakeAttempt {
     Answered(HandshakeStatus),
     /// The machine refuses the claim or reset for good.
     Refused,
@@ -91,17 +95,20 @@ pub(crate) enum Asked {
 }
 
 /// Sends a claim or reset once, and waits for its answer.
-pub(crate) async fn ask_once(plc: &Plc, request: impl TypedRequest<Answer = HandshakeResult>) -> Asked {
+pub(crate) async fn ask_once(
+    plc: &Plc,
+    request: impl TypedRequest<Answer = HandshakeResult>,
+) -> HandshakeAttempt {
     match plc.port().ask(request).await {
-        Ok(HandshakeResult { status, .. }) => Asked::Answered(status),
+        Ok(HandshakeResult { status, .. }) => HandshakeAttempt::Answered(status),
         Err(refusal) if refusal.code.may_pass() => {
             tracing::warn!(%refusal, "claim or reset not answered yet");
             plc.sleep(RETRY).await;
-            Asked::NotYet
+            HandshakeAttempt::NotYet
         }
         Err(refusal) => {
             tracing::warn!(%refusal, "claim or reset refused");
-            Asked::Refused
+            HandshakeAttempt::Refused
         }
     }
 }
@@ -113,16 +120,16 @@ pub(crate) async fn until_answered(
 ) -> Option<HandshakeStatus> {
     loop {
         match ask_once(plc, request.clone()).await {
-            Asked::Answered(status) => return Some(status),
-            Asked::Refused => return None,
-            Asked::NotYet => {}
+            HandshakeAttempt::Answered(status) => return Some(status),
+            HandshakeAttempt::Refused => return None,
+            HandshakeAttempt::NotYet => {}
         }
     }
 }
 
 /// Returns whether the handler that starts on an output must check the machine first. Returns `None` if an
 /// operator must decide before a handler starts. At the claim the machine makes the same decision.
-pub(crate) fn taken_up(output: &PendingOutput, on_redelivery: Option<Redelivery>) -> Option<bool> {
+pub(crate) fn decide_start(output: &PendingOutput, on_redelivery: Option<Redelivery>) -> Option<bool> {
     let how = match (output.lost, output.how) {
         (false, _) => return Some(false),
         (true, Some(how)) => how,

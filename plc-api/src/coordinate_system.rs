@@ -17,8 +17,8 @@ use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::typed;
 use crate::types::request::{Input, OverrideChange, SpindleCommand};
 use crate::types::state::{
-    Captured, Execution, Lock, LockSet, Modal, OptionalSkip, Overrides, Position, ProgramPlace, Spindle,
-    SpindleDirection, State, Tool,
+    CapturedPositions, Execution, Lock, LockSet, Modal, OptionalSkip, Overrides, Position, ProgramLocation,
+    Spindle, SpindleDirection, State, Tool,
 };
 use crate::types::topic::{CsTopic, Topic};
 
@@ -57,14 +57,14 @@ readings! {
     /// Returns the state word, the reason, and the output for which the program waits.
     state: State as State -> State;
     /// Returns the running program, the call stack and the line.
-    program: Program as Program -> ProgramPlace;
+    program: Program as Program -> ProgramLocation;
     /// Returns the positions of the last servo cycle, over MQTT at most 0.1 s old; mm or degrees, feedrate
     /// mm/min.
     position: Position as Position -> Position;
     /// Returns the modal G codes by group, F in mm/min, S in r/min, ta, td and ts in ms.
     modal: Modal as Modal -> Modal;
     /// Returns the positions that the last G31 latched.
-    captured: Captured as Captured -> Captured;
+    captured: Captured as Captured -> CapturedPositions;
     /// Returns the commanded and the actual spindle speed, r/min.
     spindle: Spindle as Spindle -> Spindle;
     /// Returns the tool in the spindle.

@@ -65,7 +65,7 @@ impl Situation {
     ///
     /// # Errors
     /// Fails with `not_allowed`, with the state and the commands that are allowed in this state.
-    pub fn judge(self, verb: Verb) -> Result<(), Refusal> {
+    pub fn check_allowed(self, verb: Verb) -> Result<(), Refusal> {
         if self.allows(verb) {
             return Ok(());
         }
@@ -176,7 +176,7 @@ mod tests {
             program_loaded: true,
             alarm_active: false,
         };
-        let refusal = situation.judge(Verb::Start).unwrap_err();
+        let refusal = situation.check_allowed(Verb::Start).unwrap_err();
         assert_eq!(refusal.state, Some(Execution::Active));
         assert!(
             refusal.text.contains("start is not allowed in ACTIVE"),

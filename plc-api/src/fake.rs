@@ -47,7 +47,7 @@ use tokio::sync::oneshot;
 
 use crate::alarm::Alarm;
 use crate::handler_registry::HandlerRegistry;
-use crate::handshake::{Closed, Effect, Ledger, Now, OutputSpec};
+use crate::handshake::{Effect, Ledger, Now, OutputOutcome, OutputSpec};
 use crate::hub::{Filter, Hub, Subscription};
 use crate::io_points::IoPoints;
 use crate::lock::lock;
@@ -80,12 +80,12 @@ const SETTLE_TURNS: usize = 128;
 /// A scripted machine. Clones are handles to the same machine.
 #[derive(Debug, Clone)]
 pub struct FakePort {
-    inner: Arc<Mutex<Inner>>,
+    inner: Arc<Mutex<FakeMachine>>,
     hub: Hub,
 }
 
 #[derive(Debug, Default)]
-struct Inner {
+struct FakeMachine {
     boot: u32,
     now_s: f64,
     systems: BTreeMap<CoordinateSystemNumber, System>,
@@ -105,10 +105,10 @@ impl FakePort {
     /// Creates a machine with these coordinate systems, which is online.
     pub fn new(coordinate_systems: impl IntoIterator<Item = CoordinateSystemNumber>) -> Self {
         let systems = coordinate_systems.into_iter().map(|cs| (cs, System::new(1, cs)));
-        let inner = Inner {
+        let inner = FakeMachine {
             boot: 1,
             systems: systems.collect(),
-            ..Inner::default()
+            ..FakeMachine::default()
         };
         let fake = Self {
             inner: Arc::new(Mutex::new(inner)),
@@ -129,7 +129,7 @@ impl FakePort {
     /// # Panics
     /// Panics if the coordinate system does not exist, or 64 of its outputs are open: mistakes of the test.
     pub fn put_out(&self, cs: CoordinateSystemNumber, m: u16, params: Params) -> u64 {
-        self.put_out_within(cs, m, params, None)
+        self.issue_output_within(cs, m, params, None)
     }
 
     /// Issues an output with a time limit, and returns its `seq`.
@@ -137,7 +137,7 @@ impl FakePort {
     /// # Panics
     /// Panics as [`FakePort::put_out`].
     #[expect(clippy::expect_used, reason = "mistakes of the test, documented")]
-    pub fn put_out_within(
+    pub fn issue_output_within(
         &self,
         cs: CoordinateSystemNumber,
         m: u16,
@@ -146,7 +146,7 @@ impl FakePort {
     ) -> u64 {
         let mut inner = lock(&self.inner);
         let system = inner.systems.get_mut(&cs).expect("no such coordinate system");
-        system.begin();
+        system.start_run();
         let is_held = system.is_paused();
         let spec = OutputSpec {
             run_id: system.run_id(),
@@ -170,16 +170,16 @@ impl FakePort {
 
     /// Ends the program (M30): the state word is `PROGRAM_COMPLETED` as soon as no output is open and the
     /// program is not held.
-    pub fn put_end(&self, cs: CoordinateSystemNumber) {
+    pub fn end_program(&self, cs: CoordinateSystemNumber) {
         let mut inner = lock(&self.inner);
         if let Some(system) = inner.systems.get_mut(&cs) {
-            system.put_end();
+            system.end_program();
         }
         self.publish_system(&mut inner, cs);
     }
 
     /// Returns how an output ended, or `None` while the output is open.
-    pub fn closed(&self, cs: CoordinateSystemNumber, seq: u64) -> Option<Closed> {
+    pub fn closed(&self, cs: CoordinateSystemNumber, seq: u64) -> Option<OutputOutcome> {
         lock(&self.inner).systems.get(&cs)?.closed.get(&seq).cloned()
     }
 
@@ -253,31 +253,31 @@ impl FakePort {
 
     /// Breaks the connection of a handler: its claims are released at once, because this machine has no grace
     /// time.
-    pub fn lose_handler(&self, handler_id: &str) {
+    pub fn disconnect_handler(&self, handler_id: &str) {
         let until_s = self.now_s();
-        self.part_from_handler(handler_id, Departure::Unannounced { until_s });
+        self.mark_handler_offline(handler_id, Departure::Unannounced { until_s });
     }
 
     /// Handles the departure of a handler.
-    fn part_from_handler(&self, handler_id: &str, departure: Departure) {
+    fn mark_handler_offline(&self, handler_id: &str, departure: Departure) {
         self.use_all_ledgers(|_, ledger, now| ledger.handler_lost(now, handler_id, None));
         let mut inner = lock(&self.inner);
         let now_s = inner.now_s;
         for cs in inner.numbers() {
             if let Some(system) = inner.systems.get_mut(&cs) {
-                system.leave(handler_id, departure, now_s);
+                system.mark_handler_offline(handler_id, departure, now_s);
             }
             self.publish_system(&mut inner, cs);
         }
-        self.leave_io(&mut inner, handler_id, departure);
+        self.mark_io_owner_offline(&mut inner, handler_id, departure);
     }
 
     /// Handles the arrival of a handler.
-    fn welcome_handler(&self, handler_id: &str) {
+    fn mark_handler_online(&self, handler_id: &str) {
         let mut inner = lock(&self.inner);
-        inner.io.come(handler_id);
+        inner.io.mark_handler_online(handler_id);
         for system in inner.systems.values_mut() {
-            system.come(handler_id);
+            system.mark_handler_online(handler_id);
         }
     }
 
@@ -368,10 +368,10 @@ impl FakePort {
     /// assert_eq!(mill.state().await?.execution, Execution::FeedHold);
     /// # Ok(()) }
     /// ```
-    pub fn say(&self, cs: CoordinateSystemNumber, topic: CsTopic, payload: Payload) {
+    pub fn publish_message(&self, cs: CoordinateSystemNumber, topic: CsTopic, payload: Payload) {
         let mut inner = lock(&self.inner);
         if let (Payload::State(state), Some(system)) = (&payload, inner.systems.get_mut(&cs)) {
-            system.take_over(state);
+            system.adopt_state(state);
         }
         self.publish(&mut inner, Topic::cs(cs, topic), payload);
     }
@@ -435,7 +435,7 @@ impl FakePort {
     /// Uses a ledger and applies its effects.
     fn use_ledger<T>(
         &self,
-        inner: &mut Inner,
+        inner: &mut FakeMachine,
         cs: CoordinateSystemNumber,
         use_it: impl FnOnce(&mut Ledger, Now) -> T,
     ) -> Option<T> {
@@ -446,9 +446,9 @@ impl FakePort {
         let mut failed = None;
         for effect in effects {
             if let Effect::Closed { m, how, .. } = &effect {
-                failed = failed.or_else(|| alarms::of(*m, how));
+                failed = failed.or_else(|| alarms::alarm_for_outcome(*m, how));
             }
-            self.carry_out(inner, cs, effect);
+            self.apply_effect(inner, cs, effect);
         }
         if let Some(alarm) = failed {
             self.raise_alarm(inner, Some(cs), alarm);
@@ -458,14 +458,14 @@ impl FakePort {
     }
 
     /// Cancels open outputs, and ends the run if the reason ends a run.
-    fn end_run(&self, inner: &mut Inner, cs: CoordinateSystemNumber, reason: CancelReason) {
+    fn end_run(&self, inner: &mut FakeMachine, cs: CoordinateSystemNumber, reason: CancelReason) {
         if let (Some(word), Some(system)) = (system::word_of(reason), inner.systems.get_mut(&cs)) {
-            system.end(word);
+            system.end_run(word);
         }
         let _none = self.use_ledger(inner, cs, |ledger, now| ledger.cancel_all(now, reason));
     }
 
-    fn carry_out(&self, inner: &mut Inner, cs: CoordinateSystemNumber, effect: Effect) {
+    fn apply_effect(&self, inner: &mut FakeMachine, cs: CoordinateSystemNumber, effect: Effect) {
         let Some(system) = inner.systems.get_mut(&cs) else {
             return;
         };
@@ -483,7 +483,7 @@ impl FakePort {
     }
 }
 
-impl Inner {
+impl FakeMachine {
     fn numbers(&self) -> Vec<CoordinateSystemNumber> {
         self.systems.keys().copied().collect()
     }

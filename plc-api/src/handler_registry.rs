@@ -10,7 +10,7 @@
 use std::collections::BTreeMap;
 use std::time::SystemTime;
 
-use crate::handshake::{taken_text, unnamed_text};
+use crate::handshake::{handler_in_use_text, unnamed_text};
 use crate::types::CoordinateSystemNumber;
 use crate::types::alarm_text::AlarmText;
 use crate::types::handler::{Departure, is_own_instance};
@@ -31,7 +31,7 @@ const HANDLED_CODES_MAX: usize = 8 * 192;
 
 /// An instance that was replaced by another.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Displaced {
+pub struct DisplacedInstance {
     /// Presence of this instance.
     pub presence: HandlerPresence,
     /// Text of the notification to this instance.
@@ -43,11 +43,11 @@ pub struct Displaced {
 
 /// Effect of a presence message.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Registered {
+pub enum PresenceEffect {
     /// The handler is online.
     Online {
         /// The instance that this one replaced.
-        took_over: Option<Box<Displaced>>,
+        took_over: Option<Box<DisplacedInstance>>,
         /// An offline handler that was removed to make room for this one.
         forgotten: Option<String>,
         /// True if the same instance was offline before. The machine then requests another announcement of
@@ -65,14 +65,14 @@ pub enum Registered {
 /// Registry of handlers by their ids.
 #[derive(Debug, Default)]
 pub struct HandlerRegistry {
-    handlers: BTreeMap<String, Entry>,
+    handlers: BTreeMap<String, RegisteredHandler>,
     /// Time within which a handler that left without an announcement may return, s.
     grace_s: f64,
 }
 
 /// A handler that is or was online.
 #[derive(Debug)]
-struct Entry {
+struct RegisteredHandler {
     presence: HandlerPresence,
     /// Time at which the handler came online.
     since: SystemTime,
@@ -121,7 +121,7 @@ impl HandlerRegistry {
         presence: &HandlerPresence,
         now: SystemTime,
         now_s: f64,
-    ) -> Result<Registered, Refusal> {
+    ) -> Result<PresenceEffect, Refusal> {
         self.set_over(Reach::Subscribed, id, presence, (now, now_s))
     }
 
@@ -138,7 +138,7 @@ impl HandlerRegistry {
         id: &str,
         presence: &HandlerPresence,
         (now, now_s): (SystemTime, f64),
-    ) -> Result<Registered, Refusal> {
+    ) -> Result<PresenceEffect, Refusal> {
         check_client_id("handler_id", id)?;
         presence.check()?;
         if presence.handles.len().max(presence.m_codes.len()) > HANDLED_CODES_MAX {
@@ -160,13 +160,13 @@ impl HandlerRegistry {
             Some(there) if there.presence == kept && kept.expires_ms.is_some() => {
                 there.asked_s = None;
                 there.reach = reach;
-                return Ok(Registered::Refreshed);
+                return Ok(PresenceEffect::Refreshed);
             }
             Some(there) if there.presence.instance == presence.instance => since = there.since,
-            Some(_) if !presence.online => return Ok(Registered::Nothing),
+            Some(_) if !presence.online => return Ok(PresenceEffect::Nothing),
             Some(there) => {
-                took_over = Some(Box::new(Displaced {
-                    text: there.place_for(id, presence, now_s)?,
+                took_over = Some(Box::new(DisplacedInstance {
+                    text: there.admit_replacement(id, presence, now_s)?,
                     departure: if presence.take_over {
                         Departure::TakenOver
                     } else {
@@ -179,7 +179,7 @@ impl HandlerRegistry {
         }
         let forgotten = self.make_room(id)?;
         let departure = absence.as_ref().map(|absence| absence.departure);
-        let entry = Entry {
+        let entry = RegisteredHandler {
             presence: kept,
             since,
             asked_s: None,
@@ -188,8 +188,8 @@ impl HandlerRegistry {
         };
         self.handlers.insert(id.to_owned(), entry);
         Ok(match departure {
-            Some(departure) => Registered::Offline(departure),
-            None => Registered::Online {
+            Some(departure) => PresenceEffect::Offline(departure),
+            None => PresenceEffect::Online {
                 took_over,
                 forgotten,
                 has_returned,
@@ -256,7 +256,7 @@ impl HandlerRegistry {
     /// # Errors
     /// `unavailable` if the handler is offline; `not_allowed` if another instance of the handler is online,
     /// or the write does not name an instance although the presence does.
-    pub fn judge_writer(&self, id: &str, instance: Option<&String>) -> Result<(), Refusal> {
+    pub fn check_writer(&self, id: &str, instance: Option<&String>) -> Result<(), Refusal> {
         let Some(entry) = self.handlers.get(id).filter(|entry| entry.presence.online) else {
             let text = format!("handler {id} is not online: announce its presence before it writes");
             return Err(Refusal::new(RefusalCode::Unavailable, text));
@@ -267,7 +267,7 @@ impl HandlerRegistry {
                 Err(Refusal::new(RefusalCode::NotAllowed, unnamed_text(id)))
             }
             Some(named) if online != Some(named) => {
-                let text = taken_text(id, online, Some(named), &entry.since);
+                let text = handler_in_use_text(id, online, Some(named), &entry.since);
                 Err(Refusal::new(RefusalCode::NotAllowed, text))
             }
             _ => Ok(()),
@@ -315,9 +315,14 @@ impl HandlerRegistry {
     }
 }
 
-impl Entry {
+impl RegisteredHandler {
     /// Replaces an instance by another; returns the text of its notification.
-    fn place_for(&mut self, id: &str, other: &HandlerPresence, now_s: f64) -> Result<String, Refusal> {
+    fn admit_replacement(
+        &mut self,
+        id: &str,
+        other: &HandlerPresence,
+        now_s: f64,
+    ) -> Result<String, Refusal> {
         let there = self.presence.instance.as_deref();
         let by = other.instance.as_deref().unwrap_or("that names none");
         if other.take_over {
@@ -333,7 +338,7 @@ impl Entry {
                 "instance {by} has replaced this program as handler_id {id}, because this program did not confirm its presence within {CONFIRM_MAX_S} s"
             ));
         }
-        let text = taken_text(id, there, other.instance.as_ref(), &self.since);
+        let text = handler_in_use_text(id, there, other.instance.as_ref(), &self.since);
         Err(Refusal::new(RefusalCode::HandlerTaken, text))
     }
 }

@@ -39,8 +39,8 @@ use crate::types::alarm_text::AlarmText;
 use crate::types::machine::{Served, ServedMCode};
 use crate::types::output::{Params, Redelivery};
 
-use followed::Followed;
-use run::How;
+use followed::FollowedLevel;
+use run::LifecycleOptions;
 use table::{Check, Table};
 
 /// Scope of handlers for every coordinate system.
@@ -86,7 +86,7 @@ type Companion = Arc<dyn Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync
 pub struct SequenceProgram<Scope = Everywhere> {
     table: Table,
     companions: Vec<Companion>,
-    how: How,
+    how: LifecycleOptions,
     handler_id: Option<String>,
     // coordinate system for which the next handlers are added; `None` means all coordinate systems
     cs: Option<CoordinateSystemNumber>,
@@ -209,13 +209,13 @@ impl<Scope> SequenceProgram<Scope> {
     pub fn state<T: Clone + Send + Sync + 'static>(mut self, state: T) -> Self {
         if !self.table.states.add(state) {
             let name = std::any::type_name::<T>();
-            self.mistake(format!("state() got two states of type {name}"));
+            self.add_mistake(format!("state() got two states of type {name}"));
         }
         self
     }
 
     /// Adds a task that runs together with the handlers. If the task ends, the handlers end.
-    pub(crate) fn beside(
+    pub(crate) fn add_companion(
         mut self,
         companion: impl Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync + 'static,
     ) -> Self {
@@ -224,11 +224,11 @@ impl<Scope> SequenceProgram<Scope> {
     }
 
     /// Records a mistake for which [`SequenceProgram::run`] will refuse the program.
-    pub(crate) fn mistake(&mut self, mistake: String) {
+    pub(crate) fn add_mistake(&mut self, mistake: String) {
         self.table.mistakes.push(mistake);
     }
 
-    fn within<Other>(self, cs: Option<CoordinateSystemNumber>) -> SequenceProgram<Other> {
+    fn into_scope<Other>(self, cs: Option<CoordinateSystemNumber>) -> SequenceProgram<Other> {
         SequenceProgram {
             table: self.table,
             companions: self.companions,
@@ -246,7 +246,7 @@ impl SequenceProgram {
         Self {
             table: Table::default(),
             companions: Vec::new(),
-            how: How::new(),
+            how: LifecycleOptions::new(),
             handler_id: None,
             cs: None,
             scope: PhantomData,
@@ -261,7 +261,7 @@ impl SequenceProgram {
         number: CoordinateSystemNumber,
         build: impl FnOnce(InCoordinateSystem) -> InCoordinateSystem,
     ) -> Self {
-        build(self.within(Some(number))).within(None)
+        build(self.into_scope(Some(number))).into_scope(None)
     }
 
     /// Holds a coordinate system while a level is true, by a source of its interlock: motion is held on its
@@ -320,14 +320,14 @@ impl SequenceProgram {
         level: watch::Receiver<bool>,
         text: String,
     ) -> Self {
-        let followed = Followed {
+        let followed = FollowedLevel {
             cs,
             kind,
             source,
             level,
             text,
         };
-        self.beside(move |plc| Box::pin(followed.clone().run(plc)))
+        self.add_companion(move |plc| Box::pin(followed.clone().run(plc)))
     }
 
     /// Sets the treatment of an output whose handler is lost before the reset: its process ended, or its

@@ -20,8 +20,8 @@ mod result;
 pub mod rules;
 
 pub use closed::CLOSED_REMEMBERED;
-pub use effect::{Closed, Effect, Full, Now, OpenOutput, OutputSpec};
-pub(crate) use identity::{strictest, taken_text, unnamed_text};
+pub use effect::{Effect, Full, Now, OpenOutput, OutputOutcome, OutputSpec};
+pub(crate) use identity::{handler_in_use_text, strictest, unnamed_text};
 pub use reports::PROGRESS_TEXT_MAX;
 
 use crate::alarm::Alarm;
@@ -34,7 +34,7 @@ use crate::types::request::{OutputRequest, Refusal};
 use crate::types::{BootId, CoordinateSystemNumber};
 
 use closed::{ClosedOutputs, Fate};
-use identity::{Denied, LiveHandlers};
+use identity::{Denial, LiveHandlers};
 use result::{check_code, fault_alarm, result_of, status_of};
 
 /// The outputs of one coordinate system.
@@ -115,7 +115,7 @@ impl Ledger {
     /// Changes QUEUED to OUTPUT, or to CLAIMED if one exclusive handler serves it (H20): publishes it, and
     /// starts its time limit. Has no effect in any other state.
     pub fn put_out(&mut self, now: Now, seq: u64) {
-        let Some(place) = self.place(seq) else { return };
+        let Some(place) = self.index_of(seq) else { return };
         let output = &mut self.open[place];
         if output.state != OutputState::Queued {
             return;
@@ -138,7 +138,7 @@ impl Ledger {
     ///
     /// # Errors
     /// Fails if the code of a fault, or the text or choices of a question, are out of range.
-    pub fn carry_out(
+    pub fn execute_request(
         &mut self,
         now: Now,
         m: Option<u16>,
@@ -160,7 +160,7 @@ impl Ledger {
                 )
             }
             OutputRequest::Checkpoint(report) => {
-                let changed = self.note_checkpoint(m, report)?;
+                let changed = self.store_checkpoint(m, report)?;
                 (
                     OutputAct::Checkpoint,
                     &*report.handler_id,
@@ -181,7 +181,7 @@ impl Ledger {
         };
         let result = result_of(of, (request.seq(), handler_id, instance), &changed);
         if changed.is_err() {
-            self.tell(m, &result);
+            self.publish_result(m, &result);
         }
         Ok(result)
     }
@@ -192,15 +192,15 @@ impl Ledger {
     /// of the output, the answer is `unknown` (H3).
     pub fn claim(&mut self, now: Now, m: Option<u16>, claim: &Claim) -> HandshakeResult {
         let who = (claim.seq, &*claim.handler_id, &claim.instance);
-        let taken = self.take(now, m, claim);
+        let taken = self.try_claim(now, m, claim);
         let how = taken.as_ref().ok().copied().flatten();
         let mut result = result_of(OutputAct::Claim, who, &taken.map(|_| ()));
         result.how = how;
-        self.tell(m, &result);
+        self.publish_result(m, &result);
         result
     }
 
-    fn take(&mut self, now: Now, m: Option<u16>, claim: &Claim) -> Result<Option<Redelivery>, Denied> {
+    fn try_claim(&mut self, now: Now, m: Option<u16>, claim: &Claim) -> Result<Option<Redelivery>, Denial> {
         let place = self.find(&claim.boot_id, claim.seq, m)?;
         if !is_client_id(&claim.handler_id) {
             return Err((HandshakeStatus::NotOwner, None));
@@ -215,7 +215,7 @@ impl Ledger {
         }
         let how = self
             .handlers
-            .take_up(output, &claim.handler_id, instance.as_ref())?;
+            .check_claim(output, &claim.handler_id, instance.as_ref())?;
         output.state = OutputState::Claimed;
         output.handler_id = Some(claim.handler_id.clone());
         output.instance = instance;
@@ -231,18 +231,18 @@ impl Ledger {
     /// Executes the reset of a handler or an operator (H5, H6).
     pub fn reset(&mut self, _now: Now, m: Option<u16>, reset: &Reset) -> HandshakeResult {
         let who = (reset.seq, &*reset.handler_id, &reset.instance);
-        let (place, foreign) = match self.judge_reset(m, reset) {
+        let (place, foreign) = match self.check_reset(m, reset) {
             Ok(judged) => judged,
             Err(denied) => {
                 let result = result_of(OutputAct::Reset, who, &Err(denied));
-                self.tell(m, &result);
+                self.publish_result(m, &result);
                 return result;
             }
         };
         let output_m = self.open[place].notice.m;
         let how = match reset.result {
-            ResetResult::Ok => Closed::Reset,
-            ResetResult::Fault => Closed::Failed {
+            ResetResult::Ok => OutputOutcome::Reset,
+            ResetResult::Fault => OutputOutcome::Failed {
                 alarm: fault_alarm(output_m, reset),
             },
         };
@@ -250,12 +250,12 @@ impl Ledger {
         self.close(place, how, cancel);
         // the answer follows `pending` without the output, and the end of the output
         let result = result_of(OutputAct::Reset, who, &Ok(()));
-        self.tell(m.or(Some(output_m)), &result);
+        self.publish_result(m.or(Some(output_m)), &result);
         result
     }
 
     /// Returns the index of the output that a reset ends, and whether another handler owns it.
-    fn judge_reset(&self, m: Option<u16>, reset: &Reset) -> Result<(usize, bool), Denied> {
+    fn check_reset(&self, m: Option<u16>, reset: &Reset) -> Result<(usize, bool), Denial> {
         let place = self.find(&reset.boot_id, reset.seq, m)?;
         let (force, output) = (reset.force == Some(true), &self.open[place]);
         if !is_client_id(&reset.handler_id) {
@@ -266,7 +266,9 @@ impl Ledger {
             .speaker(&reset.handler_id, reset.instance.as_ref())
             .and_then(|instance| match output.handler_id {
                 Some(_) => output.check_owner(&reset.handler_id, reset.instance.as_ref()),
-                None => self.handlers.end(output, &reset.handler_id, instance.as_ref()),
+                None => self
+                    .handlers
+                    .check_unclaimed_reset(output, &reset.handler_id, instance.as_ref()),
             });
         match judged {
             Ok(()) => Ok((place, false)),
@@ -281,7 +283,7 @@ impl Ledger {
         status_of(&self.decide(m, redeliver))
     }
 
-    fn decide(&mut self, m: Option<u16>, redeliver: &Redeliver) -> Result<(), Denied> {
+    fn decide(&mut self, m: Option<u16>, redeliver: &Redeliver) -> Result<(), Denial> {
         let how = Some(redeliver.how).filter(|how| *how != Redelivery::Ask);
         self.change(&redeliver.boot_id, redeliver.seq, m, |output| {
             if output.state == OutputState::Claimed {
@@ -300,12 +302,12 @@ impl Ledger {
     /// claim (H12).
     pub fn handler_online(&mut self, now: Now, handler_id: &str, presence: &HandlerPresence) {
         let cs = self.cs;
-        self.handlers.come(cs, handler_id, presence, now.time);
+        self.handlers.insert_handler(cs, handler_id, presence, now.time);
         self.publish_again(|handlers, output| {
             let m = output.notice.m;
             presence.handles.contains(&HandledCode { cs, m })
                 && handlers
-                    .take_up(output, handler_id, presence.instance.as_ref())
+                    .check_claim(output, handler_id, presence.instance.as_ref())
                     .is_ok()
         });
     }
@@ -328,7 +330,7 @@ impl Ledger {
             output.notice.redelivered = true;
             any = true;
         }
-        self.handlers.go(handler_id, instance);
+        self.handlers.remove_handler(handler_id, instance);
         if any {
             self.pending_changed();
         }
@@ -338,16 +340,16 @@ impl Ledger {
     /// M number and they are not withheld. They are `redelivered`, with `attempt` one higher.
     pub fn republish(&mut self, _now: Now, handles: impl Fn(u16) -> bool) {
         self.publish_again(|handlers, output| {
-            handles(output.notice.m) && handlers.take_up(output, "", None).is_ok()
+            handles(output.notice.m) && handlers.check_claim(output, "", None).is_ok()
         });
     }
 
     /// Ends an output as failed, such as an output without a handler. If the output has an owner, the owner
     /// is notified.
     pub fn fail(&mut self, _now: Now, seq: u64, alarm: Alarm) {
-        if let Some(place) = self.place(seq) {
-            let cancel = self.made(place).then_some(CancelReason::Alarm);
-            self.close(place, Closed::Failed { alarm }, cancel);
+        if let Some(place) = self.index_of(seq) {
+            let cancel = self.is_issued(place).then_some(CancelReason::Alarm);
+            self.close(place, OutputOutcome::Failed { alarm }, cancel);
         }
     }
 
@@ -364,7 +366,7 @@ impl Ledger {
         }
         self.pending_changed();
         for output in open {
-            self.end(output, Closed::Cancelled(reason));
+            self.record_outcome(output, OutputOutcome::Cancelled(reason));
         }
     }
 
@@ -376,7 +378,7 @@ impl Ledger {
                 .is_some_and(|deadline_s| deadline_s <= now.monotonic_s)
         };
         while let Some(place) = self.open.iter().position(late) {
-            self.close(place, Closed::TimedOut, Some(CancelReason::Timeout));
+            self.close(place, OutputOutcome::TimedOut, Some(CancelReason::Timeout));
         }
     }
 
@@ -397,7 +399,7 @@ impl Ledger {
 
     /// Returns an open output.
     pub fn get(&self, seq: u64) -> Option<&OpenOutput> {
-        self.place(seq).map(|place| &self.open[place])
+        self.index_of(seq).map(|place| &self.open[place])
     }
 
     /// All open outputs, ascending by `seq`.
@@ -428,26 +430,26 @@ impl Ledger {
 }
 
 impl Ledger {
-    fn place(&self, seq: u64) -> Option<usize> {
+    fn index_of(&self, seq: u64) -> Option<usize> {
         self.open
             .binary_search_by_key(&seq, |output| output.notice.seq)
             .ok()
     }
 
     /// Returns true if the output has been published to handlers.
-    fn made(&self, place: usize) -> bool {
+    fn is_issued(&self, place: usize) -> bool {
         self.open[place].state != OutputState::Queued
     }
 
     /// Returns the index of an open output, or the reason why no open output matches.
-    fn find(&self, boot_id: &BootId, seq: u64, m: Option<u16>) -> Result<usize, Denied> {
+    fn find(&self, boot_id: &BootId, seq: u64, m: Option<u16>) -> Result<usize, Denial> {
         if *boot_id != self.boot_id {
             return Err((HandshakeStatus::Stale, None));
         }
         if seq == 0 || seq >= self.next_seq {
             return Err((HandshakeStatus::Unknown, None));
         }
-        let Some(place) = self.place(seq) else {
+        let Some(place) = self.index_of(seq) else {
             return Err((self.closed.answer(seq, m), None));
         };
         let output = &self.open[place];
@@ -463,8 +465,8 @@ impl Ledger {
         boot_id: &BootId,
         seq: u64,
         m: Option<u16>,
-        change: impl FnOnce(&mut OpenOutput) -> Result<bool, Denied>,
-    ) -> Result<(), Denied> {
+        change: impl FnOnce(&mut OpenOutput) -> Result<bool, Denial>,
+    ) -> Result<(), Denial> {
         let place = self.find(boot_id, seq, m)?;
         if change(&mut self.open[place])? {
             self.pending_changed();
@@ -487,14 +489,14 @@ impl Ledger {
         }
     }
 
-    fn close(&mut self, place: usize, how: Closed, cancel: Option<CancelReason>) {
+    fn close(&mut self, place: usize, how: OutputOutcome, cancel: Option<CancelReason>) {
         let (seq, m, state) = self.open[place].in_short();
         self.open.drain(place..=place);
         if let Some(reason) = cancel {
             self.cancel((seq, m), reason);
         }
         self.pending_changed();
-        self.end((seq, m, state), how);
+        self.record_outcome((seq, m, state), how);
     }
 
     fn cancel(&mut self, (seq, m): (u64, u16), reason: CancelReason) {
@@ -502,10 +504,10 @@ impl Ledger {
         self.effects.push(Effect::Cancel { m, cancel });
     }
 
-    fn end(&mut self, (seq, m, state): (u64, u16, OutputState), how: Closed) {
+    fn record_outcome(&mut self, (seq, m, state): (u64, u16, OutputState), how: OutputOutcome) {
         let fate = match (&how, state) {
             (_, OutputState::Queued) => Fate::NeverMade,
-            (Closed::Reset, _) => Fate::Reset,
+            (OutputOutcome::Reset, _) => Fate::Reset,
             _ => Fate::Ended,
         };
         self.closed.remember(seq, m, fate);
@@ -513,7 +515,7 @@ impl Ledger {
     }
 
     /// Publishes a result under the M number of the request, otherwise under that of the output.
-    fn tell(&mut self, m: Option<u16>, result: &HandshakeResult) {
+    fn publish_result(&mut self, m: Option<u16>, result: &HandshakeResult) {
         let open = || self.get(result.seq).map(|output| output.notice.m);
         let known = || open().or_else(|| self.closed.m(result.seq));
         if let Some(m) = m.or_else(known) {

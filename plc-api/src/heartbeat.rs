@@ -121,7 +121,7 @@ impl Heartbeat {
     ///
     /// # Errors
     /// Fails if the machine cannot be reached; it will then hold the runs.
-    pub async fn end(self) -> Result<()> {
+    pub async fn release(self) -> Result<()> {
         self.beats.abort();
         let (id, cs) = (self.id.clone(), self.cs);
         let gone = typed::Heartbeat(id, ClientHeartbeat { ttl_ms: 0, cs });

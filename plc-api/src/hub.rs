@@ -75,12 +75,12 @@ struct HubInner {
 #[derive(Debug)]
 struct Subscriber {
     filter: Filter,
-    waiting: Mutex<Waiting>,
+    waiting: Mutex<SubscriberQueue>,
     notify: Notify,
 }
 
 #[derive(Debug, Default)]
-struct Waiting {
+struct SubscriberQueue {
     queue: Queue<Arc<Message>>,
     closed: bool,
 }
@@ -147,7 +147,7 @@ impl Hub {
     /// Creates a subscription, which starts with the current values.
     pub fn subscribe(&self, filter: Filter) -> Subscription {
         let mut inner = lock(&self.inner);
-        let mut waiting = Waiting::default();
+        let mut waiting = SubscriberQueue::default();
         for state in inner.states.values() {
             if filter.matches(&state.topic) {
                 waiting.queue.put(Arc::clone(state));

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::hub::{Filter, Subscription};
-use crate::io_points::{judge_declared, judge_owner};
+use crate::io_points::{check_io_declared, check_io_owner};
 use crate::plc::Plc;
 use crate::types::io::{IoForce, IoPoint, IoState, IoValue, refused};
 use crate::types::message::Payload;
@@ -94,7 +94,7 @@ impl Io {
         if let Some(Payload::Io(state)) = said.as_deref().map(|message| &message.payload) {
             return Ok(state.clone());
         }
-        self.judge(None).await?;
+        self.check_declared(None).await?;
         let why = "the machine has not published its state yet";
         Err(refused(RefusalCode::NotFound, &self.point, why).into())
     }
@@ -115,7 +115,7 @@ impl Io {
     /// Fails if the configuration does not declare the input or output, or the machine has ended the
     /// connection.
     pub async fn wait_until(&self, is_it: impl Fn(IoValue) -> bool) -> Result<IoValue> {
-        self.judge(None).await?;
+        self.check_declared(None).await?;
         let mut changes = self.changes();
         while let Some(value) = changes.next().await {
             if is_it(value) {
@@ -136,7 +136,7 @@ impl Io {
     /// machine cannot be reached.
     pub async fn set(&self, value: impl Into<IoValue>) -> Result<()> {
         let value = value.into();
-        self.judge(Some(value)).await?;
+        self.check_declared(Some(value)).await?;
         // a program that the machine has not accepted yet waits until the machine accepts it
         let levels = self.plc.levels();
         let owner = levels.owner();
@@ -144,17 +144,17 @@ impl Io {
             && self.plc.is_online().await
             && let Ok(state) = self.state().await
         {
-            judge_owner(&self.point, &state, owner.as_ref().map(|by| &*by.handler_id))?;
+            check_io_owner(&self.point, &state, owner.as_ref().map(|by| &*by.handler_id))?;
         }
         self.plc.set_io(self.point.clone(), value).await
     }
 
     /// Validates a write against `birth` before it is sent, because a broker returns no answer to a refused
     /// write.
-    async fn judge(&self, value: Option<IoValue>) -> Result<()> {
+    async fn check_declared(&self, value: Option<IoValue>) -> Result<()> {
         let birth = self.plc.port().read(&Topic::Birth).await;
         match birth.as_deref().map(|message| &message.payload) {
-            Some(Payload::Birth(birth)) => Ok(judge_declared(&birth.io, &self.point, value)?),
+            Some(Payload::Birth(birth)) => Ok(check_io_declared(&birth.io, &self.point, value)?),
             _ => Ok(()),
         }
     }
@@ -167,7 +167,7 @@ impl Io {
     /// Fails if the configuration does not declare the input or output, the value is of the wrong kind or out
     /// of range, or the user has no right to force values.
     pub async fn force(&self, value: impl Into<IoValue>) -> Result<()> {
-        self.put_in_place(Some(value.into())).await
+        self.send_force(Some(value.into())).await
     }
 
     /// Ends the forcing: the value that the owner has written applies again. No effect if no value is forced.
@@ -176,11 +176,11 @@ impl Io {
     /// Fails if the configuration does not declare the input or output, or the user has no right to force
     /// values.
     pub async fn release(&self) -> Result<()> {
-        self.put_in_place(None).await
+        self.send_force(None).await
     }
 
-    async fn put_in_place(&self, value: Option<IoValue>) -> Result<()> {
-        self.judge(value).await?;
+    async fn send_force(&self, value: Option<IoValue>) -> Result<()> {
+        self.check_declared(value).await?;
         let by = Some(self.plc.name().to_owned());
         let force = IoForce { value, by };
         self.plc.request(ForceIo(self.point.clone(), force)).await

@@ -94,7 +94,7 @@ impl IoPoints {
             let judged = judge_writer(id, set.instance.as_ref());
             judged.map_err(|refusal| refused(refusal.code, point, refusal.text))?;
         }
-        judge_owner(point, state, set.handler_id.as_deref())
+        check_io_owner(point, state, set.handler_id.as_deref())
     }
 
     /// Writes a value. `judge_writer` validates the instance that writes for a handler. The second value is
@@ -139,7 +139,7 @@ impl IoPoints {
     }
 
     /// Handles the departure of a handler. Returns the points that changed.
-    pub fn leave(&mut self, handler_id: &str, departure: Departure) -> Vec<LostPoint> {
+    pub fn mark_handler_offline(&mut self, handler_id: &str, departure: Departure) -> Vec<LostPoint> {
         let Some(until_s) = departure.until_s() else {
             return Vec::new();
         };
@@ -147,13 +147,13 @@ impl IoPoints {
             self.absent.insert(handler_id.to_owned(), until_s);
         }
         match departure {
-            Departure::Unannounced { .. } => self.lose(handler_id, |point| point.side == IoSide::In),
+            Departure::Unannounced { .. } => self.apply_on_loss(handler_id, |point| point.side == IoSide::In),
             Departure::Announced { .. } | Departure::TakenOver => Vec::new(),
         }
     }
 
     /// Handles the return of a handler: its points no longer wait for it.
-    pub fn come(&mut self, handler_id: &str) {
+    pub fn mark_handler_online(&mut self, handler_id: &str) {
         self.absent.remove(handler_id);
     }
 
@@ -162,7 +162,9 @@ impl IoPoints {
     pub fn expire(&mut self, now_s: f64, is_there: impl Fn(&str) -> bool) -> Vec<LostPoint> {
         let due = self.absent.extract_if(.., |_, until_s| *until_s <= now_s);
         let due: Vec<_> = due.map(|(id, _)| id).filter(|id| !is_there(id)).collect();
-        due.iter().flat_map(|id| self.lose(id, |_| true)).collect()
+        due.iter()
+            .flat_map(|id| self.apply_on_loss(id, |_| true))
+            .collect()
     }
 
     /// Returns the end of the next waiting time of a handler that left, seconds since the start.
@@ -177,7 +179,7 @@ impl IoPoints {
         all.filter(move |(_, _, state)| !state.lost && state.owner.as_deref() == Some(handler_id))
     }
 
-    fn lose(&mut self, handler_id: &str, which: impl Fn(&IoPoint) -> bool) -> Vec<LostPoint> {
+    fn apply_on_loss(&mut self, handler_id: &str, which: impl Fn(&IoPoint) -> bool) -> Vec<LostPoint> {
         let own = self.owned(handler_id).filter(|(point, ..)| which(point));
         let lost = own.map(|(point, declaration, state)| {
             state.lost = true;
@@ -209,7 +211,11 @@ impl IoPoints {
 ///
 /// # Errors
 /// Returns `not_allowed` if another handler owns the point.
-pub(crate) fn judge_owner(point: &IoPoint, state: &IoState, handler_id: Option<&str>) -> Result<(), Refusal> {
+pub(crate) fn check_io_owner(
+    point: &IoPoint,
+    state: &IoState,
+    handler_id: Option<&str>,
+) -> Result<(), Refusal> {
     let Some(owner) = state.owner.as_deref().filter(|owner| handler_id != Some(owner)) else {
         return Ok(());
     };
@@ -227,7 +233,7 @@ pub(crate) fn judge_owner(point: &IoPoint, state: &IoState, handler_id: Option<&
 /// # Errors
 /// `not_found` if the configuration does not declare the input or output; `invalid` if it cannot have the
 /// value.
-pub(crate) fn judge_declared(
+pub(crate) fn check_io_declared(
     io: &IoDeclarations,
     point: &IoPoint,
     value: Option<IoValue>,
@@ -347,7 +353,7 @@ mod tests {
             (open.kept(IoStart::LAST), (true, true, true)),
         ] {
             let mut points = closed(declaration);
-            assert_eq!(points.leave("cell", LOST), []);
+            assert_eq!(points.mark_handler_offline("cell", LOST), []);
             assert_eq!(points.next_deadline_s(), Some(12.0));
             assert_eq!(points.expire(11.9, |_| false), []);
             assert_eq!(of_clamp(&points), (true, true, false));
@@ -364,8 +370,8 @@ mod tests {
     fn an_output_passes_to_the_instance_that_is_back_in_time() {
         for departure in [LOST, Departure::Announced { until_s: 60.0 }, Departure::TakenOver] {
             let mut points = closed(IoDeclaration::new(false));
-            assert_eq!(points.leave("cell", departure), []);
-            points.come("cell");
+            assert_eq!(points.mark_handler_offline("cell", departure), []);
+            points.mark_handler_online("cell");
             assert_eq!(points.expire(f64::MAX, |_| false), []);
             assert_eq!(of_clamp(&points), (true, true, false));
             points.write(&clamp(), by("cell", false), there).unwrap();
@@ -376,10 +382,10 @@ mod tests {
     #[test]
     fn an_announced_end_keeps_an_output_until_its_time() {
         let mut points = closed(IoDeclaration::new(false));
-        points.leave("cell", Departure::Announced { until_s: 60.0 });
+        points.mark_handler_offline("cell", Departure::Announced { until_s: 60.0 });
         assert_eq!(points.expire(59.9, |_| false), []);
         assert_eq!(points.expire(60.0, |_| true), [], "the handler is online");
-        points.leave("cell", Departure::Announced { until_s: 60.0 });
+        points.mark_handler_offline("cell", Departure::Announced { until_s: 60.0 });
         assert_eq!(points.expire(60.0, |_| false).len(), 1);
         assert_eq!(of_clamp(&points), (false, false, true));
     }
@@ -442,11 +448,15 @@ mod tests {
     fn without_its_owner_it_has_its_safe_value_until_a_handler_writes_it() {
         let mut points = points();
         points.write(&door(), by("gateway", true), there).unwrap();
-        assert_eq!(points.leave("cell", LOST), []);
-        let lost = points.leave("gateway", LOST);
+        assert_eq!(points.mark_handler_offline("cell", LOST), []);
+        let lost = points.mark_handler_offline("gateway", LOST);
         assert_eq!(lost.len(), 1);
         assert_eq!(value(&points), (false.into(), Some("gateway".into()), true));
-        assert_eq!(points.leave("gateway", LOST), [], "the loss is reported once");
+        assert_eq!(
+            points.mark_handler_offline("gateway", LOST),
+            [],
+            "the loss is reported once"
+        );
         let refusal = points.write(&door(), anyone(true), nobody).unwrap_err();
         assert!(refusal.text.contains("waits for handler gateway"), "{refusal}");
         points.write(&door(), by("other", true), there).unwrap();
@@ -483,7 +493,7 @@ mod tests {
         let (state, _) = points.write(&door(), by("gateway", true), there).unwrap();
         assert_eq!((state.value, state.written), (false.into(), true.into()));
         points.force(&door(), force(Some(true))).unwrap();
-        points.leave("gateway", LOST);
+        points.mark_handler_offline("gateway", LOST);
         assert_eq!(value(&points).0, true, "a force ends by an operator alone");
         let state = points.force(&door(), force(None)).unwrap();
         assert_eq!((state.value, state.forced.clone()), (false.into(), None));

@@ -45,7 +45,7 @@ impl CoordinateSystem {
     /// # Errors
     /// Fails with `busy` while another client holds the lease, or if `ttl` is out of range.
     pub async fn take_lease(&self, ttl: Duration) -> Result<Lease> {
-        self.take(None, ttl).await
+        self.request_lease(None, ttl).await
     }
 
     /// Takes the control lease as [`take_lease`](Self::take_lease) does, in the name `holder` of 1 to 64
@@ -54,10 +54,10 @@ impl CoordinateSystem {
     /// # Errors
     /// Fails as [`CoordinateSystem::take_lease`], and if the name is too long.
     pub async fn take_lease_as(&self, holder: impl Into<String>, ttl: Duration) -> Result<Lease> {
-        self.take(Some(holder.into()), ttl).await
+        self.request_lease(Some(holder.into()), ttl).await
     }
 
-    async fn take(&self, holder: Option<String>, ttl: Duration) -> Result<Lease> {
+    async fn request_lease(&self, holder: Option<String>, ttl: Duration) -> Result<Lease> {
         let take = LeaseTake {
             holder: holder.or_else(|| self.plc().user().map(str::to_owned)),
             ttl_ms: Some(u64::try_from(ttl.as_millis()).unwrap_or(u64::MAX)),

@@ -37,24 +37,24 @@ type Asking<'a> = (&'a dyn Port, &'a str);
 
 /// The target of a level: one source of an input of a coordinate system, or an input or output of the plant.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Place {
+pub(crate) enum LevelTarget {
     Lock(CoordinateSystemNumber, LockKind, String),
     Io(IoPoint),
 }
 
 /// The value of a level.
 #[derive(Debug, Clone)]
-enum Level {
+enum LevelValue {
     Lock(LockSet),
     Io(IoValue),
 }
 
 /// Returns the request that sets a level in the name of this handler.
-fn request(place: &Place, level: Level, owner: Option<&Identity>) -> Option<Request> {
+fn request(place: &LevelTarget, level: LevelValue, owner: Option<&Identity>) -> Option<Request> {
     let handler_id = owner.map(Identity::id);
     let instance = owner.map(Identity::instance);
     match (place, level) {
-        (Place::Lock(cs, kind, _), Level::Lock(set)) => {
+        (LevelTarget::Lock(cs, kind, _), LevelValue::Lock(set)) => {
             let set = LockSet {
                 handler_id,
                 instance,
@@ -62,7 +62,7 @@ fn request(place: &Place, level: Level, owner: Option<&Identity>) -> Option<Requ
             };
             Some(Request::Input(*cs, kind.input(set)))
         }
-        (Place::Io(point), Level::Io(value)) => {
+        (LevelTarget::Io(point), LevelValue::Io(value)) => {
             let set = IoSet {
                 value,
                 handler_id,
@@ -76,7 +76,7 @@ fn request(place: &Place, level: Level, owner: Option<&Identity>) -> Option<Requ
 
 /// The handler of a program that serves the machine.
 #[derive(Debug, Clone)]
-struct Owner {
+struct LevelOwner {
     by: Identity,
     /// The boot of the machine that has accepted the handler.
     known_in: Option<BootId>,
@@ -85,10 +85,10 @@ struct Owner {
 /// Levels that a program has set.
 #[derive(Debug, Default)]
 pub(crate) struct Levels {
-    set: Mutex<BTreeMap<Place, Level>>,
+    set: Mutex<BTreeMap<LevelTarget, LevelValue>>,
     /// Number of guards that hold each source.
-    held: Mutex<BTreeMap<Place, usize>>,
-    owner: watch::Sender<Option<Owner>>,
+    held: Mutex<BTreeMap<LevelTarget, usize>>,
+    owner: watch::Sender<Option<LevelOwner>>,
     /// Serializes the writes, so that each write sends the current value.
     turn: tokio::sync::Mutex<()>,
 }
@@ -100,20 +100,20 @@ impl Levels {
     }
 
     /// Sets the owner of the levels that are set from now on: a handler that starts to serve the machine.
-    pub(crate) fn begin(&self, by: &Identity) {
-        self.owner.send_replace(Some(Owner {
+    pub(crate) fn set_owner(&self, by: &Identity) {
+        self.owner.send_replace(Some(LevelOwner {
             by: by.clone(),
             known_in: None,
         }));
     }
 
     /// Removes the owner when it has ended.
-    pub(crate) fn end(&self) {
+    pub(crate) fn clear_owner(&self) {
         self.owner.send_replace(None);
     }
 
     /// Waits until this boot of the machine has accepted the program that serves it.
-    pub(crate) async fn announced(&self, boot: &BootId) {
+    pub(crate) async fn wait_until_announced(&self, boot: &BootId) {
         let mut owner = self.owner.subscribe();
         let known = owner.wait_for(|owner| {
             owner
@@ -147,12 +147,12 @@ impl Levels {
     }
 
     /// Adds a guard of a source.
-    pub(crate) fn begin_hold(&self, place: Place) {
+    pub(crate) fn begin_hold(&self, place: LevelTarget) {
         *lock(&self.held).entry(place).or_default() += 1;
     }
 
     /// Removes a guard; returns true for the last one of its source.
-    pub(crate) fn end_hold(&self, place: &Place) -> bool {
+    pub(crate) fn end_hold(&self, place: &LevelTarget) -> bool {
         let mut held = lock(&self.held);
         let left = held.get(place).map_or(0, |count| count - 1);
         if left == 0 {
@@ -175,8 +175,8 @@ impl Levels {
         kind: LockKind,
         set: LockSet,
     ) -> Result<()> {
-        let place = Place::Lock(cs, kind, set.source().to_owned());
-        self.set_level(asking, place, Level::Lock(set)).await
+        let place = LevelTarget::Lock(cs, kind, set.source().to_owned());
+        self.set_level(asking, place, LevelValue::Lock(set)).await
     }
 
     /// Writes an input or output of the plant.
@@ -184,10 +184,11 @@ impl Levels {
     /// # Errors
     /// Fails like [`set`](Self::set).
     pub(crate) async fn set_io(&self, asking: Asking<'_>, point: IoPoint, value: IoValue) -> Result<()> {
-        self.set_level(asking, Place::Io(point), Level::Io(value)).await
+        self.set_level(asking, LevelTarget::Io(point), LevelValue::Io(value))
+            .await
     }
 
-    async fn set_level(&self, asking: Asking<'_>, place: Place, level: Level) -> Result<()> {
+    async fn set_level(&self, asking: Asking<'_>, place: LevelTarget, level: LevelValue) -> Result<()> {
         lock(&self.set).insert(place.clone(), level);
         let written = self.write(asking, &place).await;
         if written.is_err() {
@@ -196,7 +197,7 @@ impl Levels {
         written
     }
 
-    async fn write(&self, (port, name): Asking<'_>, place: &Place) -> Result<()> {
+    async fn write(&self, (port, name): Asking<'_>, place: &LevelTarget) -> Result<()> {
         loop {
             let mut owner = self.owner.subscribe();
             // never closed, because `self` owns the sender

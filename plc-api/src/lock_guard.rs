@@ -2,7 +2,7 @@
 
 use crate::coordinate_system::CoordinateSystem;
 use crate::error::Result;
-use crate::levels::{LockKind, Place};
+use crate::levels::{LevelTarget, LockKind};
 use crate::types::lock::LockSet;
 
 /// A guard that keeps a source of an interlock or start lock on until the guard is released or dropped, for
@@ -69,7 +69,7 @@ impl CoordinateSystem {
             source: source.to_owned(),
             is_released: false,
         };
-        self.plc().levels().begin_hold(guard.place());
+        self.plc().levels().begin_hold(guard.level_target());
         let set = LockSet::new(true, text).of_source(source);
         self.plc().set_lock(self.number(), kind, set).await?;
         Ok(guard)
@@ -77,8 +77,8 @@ impl CoordinateSystem {
 }
 
 impl LockGuard {
-    fn place(&self) -> Place {
-        Place::Lock(self.coordinate_system.number(), self.kind, self.source.clone())
+    fn level_target(&self) -> LevelTarget {
+        LevelTarget::Lock(self.coordinate_system.number(), self.kind, self.source.clone())
     }
 
     /// Releases the guard, and waits until the machine has cleared the source, if no other guard holds it.
@@ -88,7 +88,7 @@ impl LockGuard {
     pub async fn release(mut self) -> Result<()> {
         self.is_released = true;
         let plc = self.coordinate_system.plc().clone();
-        if !plc.levels().end_hold(&self.place()) {
+        if !plc.levels().end_hold(&self.level_target()) {
             return Ok(());
         }
         let off = LockSet::new(false, "").of_source(&self.source);
@@ -100,7 +100,7 @@ impl LockGuard {
 impl Drop for LockGuard {
     fn drop(&mut self) {
         let plc = self.coordinate_system.plc();
-        if self.is_released || !plc.levels().end_hold(&self.place()) {
+        if self.is_released || !plc.levels().end_hold(&self.level_target()) {
             return;
         }
         let (plc, cs, kind) = (plc.clone(), self.coordinate_system.number(), self.kind);

@@ -105,9 +105,9 @@ impl LockInput {
             judged
                 .map_err(|refusal| Refusal::new(refusal.code, format!("{}: {}", self.name, refusal.text)))?;
         }
-        let place = self.place_of(&set);
+        let place = self.index_of(&set);
         if place.is_none() && set.handler_id.is_none() && !set.value {
-            return self.judge_clear(set.source());
+            return self.check_clear(set.source());
         }
         let new = LockSource {
             source: set.source().to_owned(),
@@ -125,16 +125,16 @@ impl LockInput {
     }
 
     /// Handles the departure of a handler. Returns true if a source has changed.
-    pub fn leave(&mut self, handler_id: &str, departure: Departure) -> bool {
+    pub fn mark_handler_offline(&mut self, handler_id: &str, departure: Departure) -> bool {
         if let Some(until_s) = departure.until_s().filter(|_| self.owns(handler_id)) {
             self.absent.insert(handler_id.to_owned(), until_s);
         }
         let is_sudden = matches!(departure, Departure::Unannounced { .. });
-        is_sudden && self.lose(handler_id, |on_loss| on_loss == OnLoss::On)
+        is_sudden && self.apply_on_loss(handler_id, |on_loss| on_loss == OnLoss::On)
     }
 
     /// Handles the return of a handler: its sources no longer wait for it.
-    pub fn come(&mut self, handler_id: &str) {
+    pub fn mark_handler_online(&mut self, handler_id: &str) {
         self.absent.remove(handler_id);
     }
 
@@ -143,7 +143,8 @@ impl LockInput {
     pub fn expire(&mut self, now_s: f64, is_there: impl Fn(&str) -> bool) -> bool {
         let due = self.absent.extract_if(.., |_, until_s| *until_s <= now_s);
         let due: Vec<_> = due.map(|(id, _)| id).filter(|id| !is_there(id)).collect();
-        due.iter().fold(false, |any, id| self.lose(id, |_| true) | any)
+        due.iter()
+            .fold(false, |any, id| self.apply_on_loss(id, |_| true) | any)
     }
 
     /// Returns the end of the next waiting time of a handler that left, seconds since the start.
@@ -158,7 +159,7 @@ impl LockInput {
 
     /// Marks the sources of a handler as lost if `which` is true for their `on_loss`, and sets them to this
     /// `on_loss`. Returns true if a source was marked.
-    fn lose(&mut self, handler_id: &str, which: impl Fn(OnLoss) -> bool) -> bool {
+    fn apply_on_loss(&mut self, handler_id: &str, which: impl Fn(OnLoss) -> bool) -> bool {
         let Self { sources, rules, .. } = self;
         let mut any = false;
         let of_handler =
@@ -186,7 +187,7 @@ impl LockInput {
 
     /// Returns the index of the entry that a message replaces: the entry of the sender, otherwise an entry
     /// that waits for an owner or has no owner.
-    fn place_of(&self, set: &LockSet) -> Option<usize> {
+    fn index_of(&self, set: &LockSet) -> Option<usize> {
         let of_source = |source: &LockSource| source.source == set.source();
         let is_own =
             |source: &LockSource| of_source(source) && !source.lost && source.handler_id == set.handler_id;
@@ -198,7 +199,7 @@ impl LockInput {
     }
 
     /// Rejects a client without presence that clears the source of a handler.
-    fn judge_clear(&self, name: &str) -> Result<(), Refusal> {
+    fn check_clear(&self, name: &str) -> Result<(), Refusal> {
         let mut on = self
             .sources
             .iter()
@@ -309,7 +310,8 @@ mod tests {
 
     /// Reports the loss of a handler, and ends its grace time.
     fn lose(lock: &mut LockInput, handler_id: &str) -> bool {
-        lock.leave(handler_id, Departure::Unannounced { until_s: 0.0 }) | lock.expire(0.0, |_| false)
+        lock.mark_handler_offline(handler_id, Departure::Unannounced { until_s: 0.0 })
+            | lock.expire(0.0, |_| false)
     }
 
     /// Creates a source of handler `a` for each `on_loss`: on if the loss of the handler clears the source,
@@ -334,7 +336,7 @@ mod tests {
     #[test]
     fn an_unannounced_loss_sets_on_sources_at_once_and_others_after_the_grace() {
         let mut lock = of_each_on_loss();
-        assert!(lock.leave("a", Departure::Unannounced { until_s: 12.0 }));
+        assert!(lock.mark_handler_offline("a", Departure::Unannounced { until_s: 12.0 }));
         let at_once = [(true, false), (true, true), (false, false)];
         assert_eq!(shown(&lock), at_once);
         assert_eq!(lock.next_deadline_s(), Some(12.0));
@@ -347,25 +349,25 @@ mod tests {
     #[test]
     fn a_handler_that_is_back_within_the_grace_keeps_its_sources() {
         let mut lock = of_each_on_loss();
-        lock.leave("a", Departure::Unannounced { until_s: 12.0 });
-        lock.come("a");
+        lock.mark_handler_offline("a", Departure::Unannounced { until_s: 12.0 });
+        lock.mark_handler_online("a");
         assert!(!lock.expire(20.0, |_| false));
         lock.set(by("a", "door", false), there).unwrap();
         assert_eq!(shown(&lock), AS_SET);
-        lock.leave("a", Departure::Unannounced { until_s: 32.0 });
+        lock.mark_handler_offline("a", Departure::Unannounced { until_s: 32.0 });
         assert!(!lock.expire(32.0, |_| true), "the handler is online");
     }
 
     #[test]
     fn announced_departure_keeps_sources_until_its_time_takeover_for_good() {
         let mut lock = of_each_on_loss();
-        assert!(!lock.leave("a", Departure::Announced { until_s: 60.0 }));
+        assert!(!lock.mark_handler_offline("a", Departure::Announced { until_s: 60.0 }));
         assert!(!lock.expire(59.9, |_| false));
         assert_eq!(shown(&lock), AS_SET);
         assert!(lock.expire(60.0, |_| false));
         assert_eq!(shown(&lock), [(false, true), (true, true), (false, true)]);
         let mut lock = of_each_on_loss();
-        assert!(!lock.leave("a", Departure::TakenOver));
+        assert!(!lock.mark_handler_offline("a", Departure::TakenOver));
         assert!(!lock.expire(f64::MAX, |_| false));
         assert_eq!(shown(&lock), AS_SET);
     }

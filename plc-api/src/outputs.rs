@@ -10,17 +10,17 @@ use std::sync::Arc;
 
 use futures_util::FutureExt;
 
-use crate::claim::{OutputId, taken_up};
+use crate::claim::{OutputId, decide_start};
 use crate::error::{Error, Result};
 use crate::hub::{Filter, Subscription};
 use crate::m_codes::{M_CODE_MAX, MCodes};
 use crate::names::mistake_in_id;
 use crate::plc::Plc;
-use crate::presence::{Announced, OpenOutputs, Presence};
+use crate::presence::{HandlerDeclaration, HandlerSession, OpenOutputs};
 use crate::types::message::Message;
 use crate::types::output::{OutputState, PendingOutput, Redelivery};
 
-use owner::Owner;
+use owner::OutputsOwner;
 
 /// The raw queue: unclaimed outputs of all coordinate systems. Outputs of one coordinate system are returned
 /// in their order.
@@ -54,7 +54,7 @@ pub struct Outputs {
     codes: Option<BTreeSet<u16>>,
     on_redelivery: Option<Redelivery>,
     takes_over: bool,
-    owner: Option<Arc<Owner>>,
+    owner: Option<Arc<OutputsOwner>>,
     subscription: Subscription,
     open: OpenOutputs,
     // last attempt that the queue has returned
@@ -130,7 +130,7 @@ impl Outputs {
     /// another sequence program.
     pub async fn next(&mut self) -> Result<RawOutput> {
         let owner = self.owner()?;
-        owner.known().await?;
+        owner.wait_until_known().await?;
         loop {
             // an output that was cancelled meanwhile is not returned
             while let Some(message) = self.subscription.next().now_or_never() {
@@ -141,12 +141,12 @@ impl Outputs {
             }
             tokio::select! {
                 message = self.subscription.next() => self.on_message(&message.ok_or(Error::Closed)?),
-                error = owner.refused() => return Err(error),
+                error = owner.wait_until_refused() => return Err(error),
             }
         }
     }
 
-    fn owner(&mut self) -> Result<Arc<Owner>> {
+    fn owner(&mut self) -> Result<Arc<OutputsOwner>> {
         if let Some(owner) = &self.owner {
             return Ok(Arc::clone(owner));
         }
@@ -156,15 +156,15 @@ impl Outputs {
             return Err(Error::SequenceProgram(mistake));
         }
         let codes = self.codes.iter().flatten().map(|&m| (None, m)).collect();
-        let said = Announced {
+        let said = HandlerDeclaration {
             codes,
             validates: false,
             takes_over: self.takes_over,
             redelivery: self.on_redelivery,
-            ..Announced::default()
+            ..HandlerDeclaration::default()
         };
-        let presence = Presence::new(&self.plc, id.into(), said);
-        let owner = Arc::new(Owner::start(presence));
+        let presence = HandlerSession::new(&self.plc, id.into(), said);
+        let owner = Arc::new(OutputsOwner::start(presence));
         Ok(Arc::clone(self.owner.insert(owner)))
     }
 
@@ -175,13 +175,13 @@ impl Outputs {
         }
     }
 
-    fn take_next(&mut self, owner: &Arc<Owner>) -> Option<RawOutput> {
+    fn take_next(&mut self, owner: &Arc<OutputsOwner>) -> Option<RawOutput> {
         let Self { open, given, .. } = &*self;
         let is_new = |id: &OutputId, output: &PendingOutput| {
             given.get(id) != Some(&output.output.attempt) && !owner.holds(id)
         };
         let (id, output, verify) = open.outputs().find_map(|(id, output)| {
-            let verify = self.gives(output).filter(|_| is_new(&id, output))?;
+            let verify = self.decide_offer(output).filter(|_| is_new(&id, output))?;
             Some((id, output.output.clone(), verify))
         })?;
         self.given.insert(id.clone(), output.attempt);
@@ -190,12 +190,12 @@ impl Outputs {
 
     /// Returns `None` if the queue must not return an output, otherwise whether the machine must be checked
     /// first.
-    fn gives(&self, output: &PendingOutput) -> Option<bool> {
+    fn decide_offer(&self, output: &PendingOutput) -> Option<bool> {
         let m = output.output.m;
         let is_ours = self.codes.as_ref().is_none_or(|codes| codes.contains(&m));
         if output.state != OutputState::Output || !is_ours {
             return None;
         }
-        taken_up(output, self.on_redelivery)
+        decide_start(output, self.on_redelivery)
     }
 }

@@ -13,7 +13,7 @@ use std::time::Duration;
 use futures_util::StreamExt;
 use futures_util::stream::FuturesUnordered;
 
-use crate::claim::{Asked, OutputId, RETRY, ask_once};
+use crate::claim::{HandshakeAttempt, OutputId, RETRY, ask_once};
 use crate::error::{Error, Result};
 use crate::hub::{Filter, Subscription};
 use crate::identity::Identity;
@@ -42,7 +42,7 @@ pub(crate) type ServedCode = (Option<CoordinateSystemNumber>, u16);
 
 /// Contents of the announcement of a handler.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Announced {
+pub(crate) struct HandlerDeclaration {
     pub(crate) codes: BTreeSet<ServedCode>,
     /// Declarations of the M codes.
     pub(crate) m_codes: Vec<MCodeDeclaration>,
@@ -59,7 +59,7 @@ pub(crate) struct Announced {
 
 /// A guard that notifies the machine on drop that the handler is offline.
 #[derive(Debug)]
-pub(crate) struct Offline {
+pub(crate) struct OfflineGuard {
     pub(crate) plc: Plc,
     pub(crate) by: Identity,
     is_sent: bool,
@@ -67,15 +67,15 @@ pub(crate) struct Offline {
 
 const NOT_SENT: &str = "the machine was not notified that the handlers are offline";
 
-impl Offline {
+impl OfflineGuard {
     /// Notifies the machine now that the handler is offline, and waits for the answer, because the process
     /// may end next. If `returns_within` is zero, the handler does not return.
-    pub(crate) async fn tell(mut self, returns_within: Duration) {
+    pub(crate) async fn report_offline(mut self, returns_within: Duration) {
         self.is_sent = true;
-        self.plc.levels().end();
+        self.plc.levels().clear_owner();
         let ms = u64::try_from(returns_within.as_millis()).unwrap_or(u64::MAX);
         let ms = ms.min(*RETURNS_WITHIN_MS.end());
-        let request = self.gone(RETURNS_WITHIN_MS.contains(&ms).then_some(ms));
+        let request = self.offline_request(RETURNS_WITHIN_MS.contains(&ms).then_some(ms));
         tokio::select! {
             answer = self.plc.port().request(request) => if let Err(refusal) = answer {
                 tracing::warn!(%refusal, "{NOT_SENT}");
@@ -84,20 +84,21 @@ impl Offline {
         }
     }
 
-    fn gone(&self, returns_within_ms: Option<u64>) -> Request {
+    fn offline_request(&self, returns_within_ms: Option<u64>) -> Request {
         let gone = HandlerPresence {
             returns_within_ms,
-            ..HandlerPresence::gone(Some(self.by.instance()))
+            ..HandlerPresence::offline(Some(self.by.instance()))
         };
         Request::Handler(self.by.id(), gone)
     }
 }
 
-impl Drop for Offline {
+impl Drop for OfflineGuard {
     fn drop(&mut self) {
         if !self.is_sent {
-            self.plc.levels().end();
-            self.plc.send_without_waiting(self.gone(None), NOT_SENT);
+            self.plc.levels().clear_owner();
+            self.plc
+                .send_without_waiting(self.offline_request(None), NOT_SENT);
         }
     }
 }
@@ -143,19 +144,19 @@ impl OpenOutputs {
 
     pub(crate) fn outputs(&self) -> impl Iterator<Item = (OutputId, &PendingOutput)> {
         self.all().flat_map(|(cs, message)| {
-            let outputs = shown(message).iter();
-            outputs.map(move |output| (OutputId::of(message, cs, output), output))
+            let outputs = open_outputs(message).iter();
+            outputs.map(move |output| (OutputId::from_pending(message, cs, output), output))
         })
     }
 
     /// Returns the `pending` message of one coordinate system of the online boot.
-    pub(crate) fn of(&self, cs: CoordinateSystemNumber) -> Option<&Arc<Message>> {
+    pub(crate) fn pending_message(&self, cs: CoordinateSystemNumber) -> Option<&Arc<Message>> {
         self.all().find(|(of, _)| *of == cs).map(|(_, message)| message)
     }
 }
 
 /// Returns the open outputs in a `pending` message.
-pub(crate) fn shown(message: &Message) -> &[PendingOutput] {
+pub(crate) fn open_outputs(message: &Message) -> &[PendingOutput] {
     match &message.payload {
         Payload::Pending(pending) => &pending.outputs,
         _ => &[],
@@ -182,11 +183,11 @@ enum Announcement {
 }
 
 /// A handler that announces itself.
-pub(crate) struct Presence {
+pub(crate) struct HandlerSession {
     pub(crate) plc: Plc,
     pub(crate) by: Identity,
     pub(crate) open: OpenOutputs,
-    said: Announced,
+    said: HandlerDeclaration,
     messages: Subscription,
     systems: Vec<CoordinateSystemNumber>,
     announced: Announcement,
@@ -194,11 +195,11 @@ pub(crate) struct Presence {
     requests: FuturesUnordered<BoxFuture<'static, std::result::Result<Option<Event>, Refusal>>>,
 }
 
-impl Presence {
+impl HandlerSession {
     /// Creates a new instance of a handler.
-    pub(crate) fn new(plc: &Plc, handler_id: Arc<str>, said: Announced) -> Self {
+    pub(crate) fn new(plc: &Plc, handler_id: Arc<str>, said: HandlerDeclaration) -> Self {
         let by = Identity::new(handler_id);
-        plc.levels().begin(&by);
+        plc.levels().set_owner(&by);
         Self {
             plc: plc.clone(),
             by,
@@ -213,8 +214,8 @@ impl Presence {
     }
 
     /// Returns a guard that takes the handler offline.
-    pub(crate) fn offline_on_drop(&self) -> Offline {
-        Offline {
+    pub(crate) fn offline_on_drop(&self) -> OfflineGuard {
+        OfflineGuard {
             plc: self.plc.clone(),
             by: self.by.clone(),
             is_sent: false,
@@ -426,9 +427,9 @@ impl Registration {
         claim: typed::Claim,
     ) -> std::result::Result<Option<HandshakeStatus>, Refusal> {
         match ask_once(&self.plc, claim.clone()).await {
-            Asked::Answered(status) => Ok(Some(status)),
-            Asked::Refused => Ok(None),
-            Asked::NotYet => self.claim_lost(claim).await,
+            HandshakeAttempt::Answered(status) => Ok(Some(status)),
+            HandshakeAttempt::Refused => Ok(None),
+            HandshakeAttempt::NotYet => self.claim_lost(claim).await,
         }
     }
 
@@ -444,9 +445,9 @@ impl Registration {
         loop {
             send_presence(&self.plc, &self.by.handler_id, self.presence.clone()).await?;
             match ask_once(&self.plc, claim.clone()).await {
-                Asked::Answered(status) => return Ok(Some(status)),
-                Asked::Refused => return Ok(None),
-                Asked::NotYet => {}
+                HandshakeAttempt::Answered(status) => return Ok(Some(status)),
+                HandshakeAttempt::Refused => return Ok(None),
+                HandshakeAttempt::NotYet => {}
             }
         }
     }

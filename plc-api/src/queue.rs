@@ -15,12 +15,12 @@ use crate::types::topic::Topic;
 pub const EVENTS_MAX: usize = 4096;
 
 /// An entry of a [`Queue`].
-pub trait Entry {
+pub trait QueueEntry {
     /// Returns the topic of the entry. An entry without a topic is an event.
     fn topic(&self) -> Option<&Topic>;
 }
 
-impl Entry for Arc<Message> {
+impl QueueEntry for Arc<Message> {
     fn topic(&self) -> Option<&Topic> {
         Some(&self.topic)
     }
@@ -51,13 +51,13 @@ impl<T> Default for Queue<T> {
     }
 }
 
-impl<T: Entry> Queue<T> {
+impl<T: QueueEntry> Queue<T> {
     /// Appends an entry. A value of a state instead replaces its unread value, unless an event that explains
     /// the state follows that value. Beyond [`EVENTS_MAX`] the oldest event is dropped. Returns false if an
     /// entry was replaced. The unread value is found without a search through the entries.
     pub fn put(&mut self, entry: T) -> bool {
         if let Some(state) = state_of(&entry) {
-            if let Some(place) = self.place_of(state) {
+            if let Some(place) = self.index_of(state) {
                 self.entries[place] = entry;
                 return false;
             }
@@ -113,7 +113,7 @@ impl<T: Entry> Queue<T> {
     }
 
     /// Returns the index of the unread value of this state after the last event that explains the state.
-    fn place_of(&self, state: &Topic) -> Option<usize> {
+    fn index_of(&self, state: &Topic) -> Option<usize> {
         let number = self.replaceable.get(state)?;
         usize::try_from(number - self.first).ok()
     }
@@ -151,11 +151,11 @@ impl<T: Entry> Queue<T> {
     }
 }
 
-fn state_of(entry: &impl Entry) -> Option<&Topic> {
+fn state_of(entry: &impl QueueEntry) -> Option<&Topic> {
     entry.topic().filter(|topic| topic.is_state())
 }
 
-fn explained_by(entry: &impl Entry) -> Option<Topic> {
+fn explained_by(entry: &impl QueueEntry) -> Option<Topic> {
     entry.topic().and_then(Topic::explains)
 }
 
@@ -166,27 +166,27 @@ mod tests {
 
     /// A value of a topic.
     #[derive(Debug, PartialEq)]
-    struct Said(Topic, u32);
+    struct TopicValue(Topic, u32);
 
-    impl Entry for Said {
+    impl QueueEntry for TopicValue {
         fn topic(&self) -> Option<&Topic> {
             Some(&self.0)
         }
     }
 
-    fn pending(value: u32) -> Said {
-        Said(Topic::cs(1, CsTopic::Pending), value)
+    fn pending(value: u32) -> TopicValue {
+        TopicValue(Topic::cs(1, CsTopic::Pending), value)
     }
 
-    fn cancel(value: u32) -> Said {
-        Said(Topic::cs(1, CsTopic::Cancel(5)), value)
+    fn cancel(value: u32) -> TopicValue {
+        TopicValue(Topic::cs(1, CsTopic::Cancel(5)), value)
     }
 
-    fn output(value: u32) -> Said {
-        Said(Topic::cs(1, CsTopic::Output(5)), value)
+    fn output(value: u32) -> TopicValue {
+        TopicValue(Topic::cs(1, CsTopic::Output(5)), value)
     }
 
-    fn read(said: impl IntoIterator<Item = Said>) -> (Vec<Said>, u64) {
+    fn read(said: impl IntoIterator<Item = TopicValue>) -> (Vec<TopicValue>, u64) {
         let mut queue = Queue::default();
         for entry in said {
             queue.put(entry);
@@ -225,10 +225,10 @@ mod tests {
 
     /// Reference model of the rules, which searches the waiting entries one by one.
     #[derive(Default)]
-    struct Waiting(Vec<Said>);
+    struct ModelQueue(Vec<TopicValue>);
 
-    impl Waiting {
-        fn put(&mut self, said: Said) {
+    impl ModelQueue {
+        fn put(&mut self, said: TopicValue) {
             let newest_first = self.0.iter_mut().rev();
             let place = newest_first
                 .take_while(|other| explained_by(*other).as_ref() != Some(&said.0))
@@ -237,20 +237,20 @@ mod tests {
                 Some(place) => *place = said,
                 None => self.0.push(said),
             }
-            let is_event = |said: &Said| !said.0.is_state();
+            let is_event = |said: &TopicValue| !said.0.is_state();
             if self.0.iter().filter(|said| is_event(said)).count() <= EVENTS_MAX {
                 return;
             }
             let oldest = self.0.iter().position(is_event).unwrap();
             let state = explained_by(&self.0.remove(oldest));
-            let is_value = |said: &Said| Some(&said.0) == state.as_ref();
+            let is_value = |said: &TopicValue| Some(&said.0) == state.as_ref();
             let before = self.0[..oldest].iter().position(is_value);
             if let Some(before) = before.filter(|_| self.0[oldest..].iter().any(is_value)) {
                 self.0.remove(before);
             }
         }
 
-        fn take(&mut self) -> Option<Said> {
+        fn pop_front(&mut self) -> Option<TopicValue> {
             (!self.0.is_empty()).then(|| self.0.remove(0))
         }
     }
@@ -258,7 +258,7 @@ mod tests {
     #[test]
     fn a_queue_that_runs_full_and_empty_again_keeps_the_rules() {
         for seed in 0..2_u64 {
-            let (mut queue, mut waiting) = (Queue::default(), Waiting::default());
+            let (mut queue, mut waiting) = (Queue::default(), ModelQueue::default());
             let mut random = seed;
             let mut next = || {
                 random = random
@@ -267,7 +267,7 @@ mod tests {
                 random >> 33
             };
             for n in 0..2 * u32::try_from(EVENTS_MAX).unwrap() {
-                let switch = |value| Said(Topic::cs(1, CsTopic::DryRun), value);
+                let switch = |value| TopicValue(Topic::cs(1, CsTopic::DryRun), value);
                 let said = || match n % 13 {
                     0 | 6 => pending(n),
                     1 => switch(n),
@@ -279,12 +279,12 @@ mod tests {
                 // the queue fills, and is read in bursts
                 if next() % 600 == 0 {
                     for _ in 0..next() % 300 {
-                        assert_eq!(queue.take(), waiting.take(), "seed {seed}, {n}");
+                        assert_eq!(queue.take(), waiting.pop_front(), "seed {seed}, {n}");
                     }
                 }
             }
             assert!(queue.lost() > 0, "seed {seed} never runs full");
-            while let Some(said) = waiting.take() {
+            while let Some(said) = waiting.pop_front() {
                 assert_eq!(queue.take(), Some(said), "seed {seed}");
             }
             assert_eq!((queue.take(), queue.events), (None, 0), "seed {seed}");

@@ -155,14 +155,14 @@ impl<Scope> SequenceProgram<Scope> {
             self.serve(&codes, move |output: AuxOutput| of_scan.clone().on(output));
         }
         if period < SCAN_PERIOD_MIN {
-            self.mistake(format!("the period of a scan is at least {SCAN_PERIOD_MIN:?}"));
+            self.add_mistake(format!("the period of a scan is at least {SCAN_PERIOD_MIN:?}"));
         }
         let scan = Scan {
             flags,
             period,
             program: Arc::new(Mutex::new(program)),
         };
-        self.beside(move |plc| Box::pin(scan.clone().run(plc)))
+        self.add_companion(move |plc| Box::pin(scan.clone().run(plc)))
     }
 }
 
@@ -196,7 +196,7 @@ impl Scan {
             let counts = (scans, overruns, watch.times);
             let mut image = camera.image(&self.flags, counts, refusals).await;
             guarded(|| lock(&self.program).scan(&mut image))?;
-            writer.carry_out(&plc, &self.flags, image).await;
+            writer.execute_writes(&plc, &self.flags, image).await;
             scans += 1;
             let end_s = plc.now_s();
             if let Some(report) = watch.ended(end_s - begin_s, end_s) {

@@ -100,9 +100,9 @@ type Listener = Box<dyn Fn(&FaultReport) + Send + Sync>;
 
 /// A supervisor of tasks and threads. Clones are handles to the same supervisor.
 #[derive(Clone)]
-pub struct Supervisor(Arc<Inner>);
+pub struct Supervisor(Arc<SupervisorState>);
 
-struct Inner {
+struct SupervisorState {
     faults: Mutex<BTreeMap<String, TaskFault>>,
     listener: OnceLock<Listener>,
     /// Reason why the process must end.
@@ -119,7 +119,7 @@ impl std::fmt::Debug for Supervisor {
 
 impl Default for Supervisor {
     fn default() -> Self {
-        Self(Arc::new(Inner {
+        Self(Arc::new(SupervisorState {
             faults: Mutex::default(),
             listener: OnceLock::new(),
             exit: watch::Sender::new(None),

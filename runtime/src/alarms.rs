@@ -25,7 +25,7 @@ pub(crate) struct Alarms {
 
 /// Result of raising an alarm.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Raised {
+pub(crate) enum RaiseOutcome {
     /// The alarm is new.
     New(AlarmRecord),
     /// The same alarm is active already.
@@ -35,9 +35,9 @@ pub(crate) enum Raised {
 impl Alarms {
     /// Raises an alarm or a warning, unless the same one is active. With `is_active` it is active until it is cleared;
     /// otherwise it appears only in the history.
-    pub fn raise(&mut self, record: AlarmRecord, is_active: bool, at: Timestamp) -> Raised {
-        if let Some(same) = self.active.iter().find(|active| says_the_same(active, &record)) {
-            return Raised::Active(same.clone());
+    pub fn raise(&mut self, record: AlarmRecord, is_active: bool, at: Timestamp) -> RaiseOutcome {
+        if let Some(same) = self.active.iter().find(|active| is_same_alarm(active, &record)) {
+            return RaiseOutcome::Active(same.clone());
         }
         self.last_id += 1;
         let entry = ALARMS.iter().find(|entry| entry.number == record.number);
@@ -55,11 +55,16 @@ impl Alarms {
         if is_active && (of_same.count() < ALARMS_ACTIVE_MAX || is_until_restart(&record)) {
             self.active.push(record.clone());
         }
-        Raised::New(record)
+        RaiseOutcome::New(record)
     }
 
     /// Keeps a warning of the whole machine active as long as there is a text. Returns the records that have changed.
-    pub fn stand(&mut self, entry: &AlarmEntry, text: Option<&str>, at: &Timestamp) -> Vec<AlarmRecord> {
+    pub fn update_standing_warning(
+        &mut self,
+        entry: &AlarmEntry,
+        text: Option<&str>,
+        at: &Timestamp,
+    ) -> Vec<AlarmRecord> {
         let text = text.map(|text| format!("{}: {text}", entry.title));
         let standing = self.conditions.get(&entry.number).copied();
         let place = self.active.iter().position(|alarm| Some(alarm.id) == standing);
@@ -81,7 +86,7 @@ impl Alarms {
                 text,
                 ..AlarmRecord::default()
             };
-            if let Raised::New(record) = self.raise(record, true, at.clone()) {
+            if let RaiseOutcome::New(record) = self.raise(record, true, at.clone()) {
                 self.conditions.insert(entry.number, record.id);
                 if self.active.last().is_none_or(|last| last.id != record.id) {
                     // the limit for other alarms does not apply to it
@@ -156,7 +161,7 @@ fn is_until_restart(record: &AlarmRecord) -> bool {
     entries.any(|entry| entry.number == record.number && entry.after == After::Restart)
 }
 
-fn says_the_same(a: &AlarmRecord, b: &AlarmRecord) -> bool {
+fn is_same_alarm(a: &AlarmRecord, b: &AlarmRecord) -> bool {
     (a.severity, a.number, &a.text) == (b.severity, b.number, &b.text)
         && (a.cs, a.program, a.line, a.column) == (b.cs, b.program, b.line, b.column)
 }
@@ -181,8 +186,8 @@ mod tests {
 
     fn raise(alarms: &mut Alarms, record: AlarmRecord, is_active: bool) -> AlarmRecord {
         match alarms.raise(record, is_active, at(1)) {
-            Raised::New(record) => record,
-            Raised::Active(record) => panic!("{record:?} is active"),
+            RaiseOutcome::New(record) => record,
+            RaiseOutcome::Active(record) => panic!("{record:?} is active"),
         }
     }
 
@@ -192,7 +197,7 @@ mod tests {
         let first = raise(&mut alarms, alarm(Some(1), "air"), true);
         assert_eq!(
             alarms.raise(alarm(Some(1), "air"), true, at(2)),
-            Raised::Active(first.clone())
+            RaiseOutcome::Active(first.clone())
         );
         assert_eq!(raise(&mut alarms, alarm(Some(2), "air"), true).id, 2);
         assert_eq!(raise(&mut alarms, alarm(Some(1), "oil"), true).id, 3);
@@ -260,23 +265,32 @@ mod tests {
         for n in 0..=ALARMS_ACTIVE_MAX {
             raise(&mut alarms, alarm(None, &n.to_string()), true);
         }
-        assert_eq!(alarms.stand(entry, Some("full"), &at(1)).len(), 1);
-        assert_eq!(alarms.stand(entry, Some("full"), &at(2)), []);
+        assert_eq!(
+            alarms.update_standing_warning(entry, Some("full"), &at(1)).len(),
+            1
+        );
+        assert_eq!(alarms.update_standing_warning(entry, Some("full"), &at(2)), []);
         alarms.clear(1, &at(3));
         assert_eq!(
             texts(&alarms),
             ["Variables, tools and offsets cannot be stored: full"]
         );
-        let changed = alarms.stand(entry, Some("gone"), &at(4));
+        let changed = alarms.update_standing_warning(entry, Some("gone"), &at(4));
         assert_eq!(changed.len(), 2);
         assert_eq!((changed[0].cleared_at.clone(), alarms.count(1)), (Some(at(4)), 0));
         assert_eq!(
             texts(&alarms),
             ["Variables, tools and offsets cannot be stored: gone"]
         );
-        assert_eq!(alarms.stand(entry, None, &at(5))[0].cleared_at, Some(at(5)));
         assert_eq!(
-            (texts(&alarms), alarms.stand(entry, None, &at(6))),
+            alarms.update_standing_warning(entry, None, &at(5))[0].cleared_at,
+            Some(at(5))
+        );
+        assert_eq!(
+            (
+                texts(&alarms),
+                alarms.update_standing_warning(entry, None, &at(6))
+            ),
             (Vec::new(), Vec::new())
         );
     }

@@ -7,7 +7,7 @@ pub use crate::journal::LineFilter;
 pub use crate::persistence::chain::Hash;
 use crate::persistence::journal_folder::JOURNAL_FOLDER;
 pub use crate::persistence::journal_query::{LeftOut, search};
-pub use crate::persistence::journal_verify::{Break, Verified, verify};
+pub use crate::persistence::journal_verify::{Break, ChainVerification, verify};
 
 /// Returns the folder of the journal in a data folder. A folder that contains no journal folder is treated as
 /// the journal's folder itself.

@@ -16,10 +16,10 @@ const SIMULATION_EPOCH_S: u64 = 946_684_800;
 
 /// Time since the runtime's start. Cloning gives another handle to the same clock.
 #[derive(Debug, Clone)]
-pub struct Clock(Kind);
+pub struct Clock(ClockKind);
 
 #[derive(Debug, Clone)]
-enum Kind {
+enum ClockKind {
     Real {
         start: Instant,
         wall: SystemTime,
@@ -113,7 +113,7 @@ pub(crate) fn time_of_day() -> SystemTime {
 impl Clock {
     /// Creates a clock of real time that starts now.
     pub fn real() -> Self {
-        Self(Kind::Real {
+        Self(ClockKind::Real {
             start: Instant::now(),
             wall: SystemTime::now(),
         })
@@ -122,7 +122,7 @@ impl Clock {
     /// Creates the clock of a paused executor that starts now, at this time of day.
     #[cfg(test)]
     pub fn paused(wall: SystemTime) -> Self {
-        Self(Kind::Paused(Arc::new(PausedTime {
+        Self(ClockKind::Paused(Arc::new(PausedTime {
             start: tokio::time::Instant::now(),
             wall,
             last: Mutex::default(),
@@ -131,7 +131,7 @@ impl Clock {
 
     /// Creates a clock of simulated time that starts at 0.
     pub fn simulated() -> Self {
-        Self(Kind::Simulated(Arc::new(SimulatedTime {
+        Self(ClockKind::Simulated(Arc::new(SimulatedTime {
             started: Instant::now(),
             now_ns: AtomicU64::new(0),
             next_due_ns: AtomicU64::new(NEVER_NS),
@@ -141,7 +141,7 @@ impl Clock {
 
     /// Returns true for simulated time.
     pub fn is_simulated(&self) -> bool {
-        !matches!(self.0, Kind::Real { .. })
+        !matches!(self.0, ClockKind::Real { .. })
     }
 
     /// Returns the seconds since the start.
@@ -161,10 +161,10 @@ impl Clock {
             time: wall + since_start,
         };
         match &self.0 {
-            Kind::Real { start, wall } => real(start.elapsed(), *wall),
+            ClockKind::Real { start, wall } => real(start.elapsed(), *wall),
             #[cfg(test)]
-            Kind::Paused(time) => real(time.elapsed(), time.wall),
-            Kind::Simulated(time) => {
+            ClockKind::Paused(time) => real(time.elapsed(), time.wall),
+            ClockKind::Simulated(time) => {
                 let now_ns = time.now_ns();
                 let epoch = SystemTime::UNIX_EPOCH + Duration::from_secs(SIMULATION_EPOCH_S);
                 Now {
@@ -178,20 +178,20 @@ impl Clock {
     /// Returns the real time since the start, even in simulated time: it never stands still and never jumps.
     pub fn real_time(&self) -> Duration {
         match &self.0 {
-            Kind::Real { start, .. } => start.elapsed(),
+            ClockKind::Real { start, .. } => start.elapsed(),
             #[cfg(test)]
-            Kind::Paused(time) => time.elapsed(),
-            Kind::Simulated(time) => time.started.elapsed(),
+            ClockKind::Paused(time) => time.elapsed(),
+            ClockKind::Simulated(time) => time.started.elapsed(),
         }
     }
 
     /// Sleeps for this duration of the clock.
     pub async fn sleep(&self, duration: Duration) {
         match &self.0 {
-            Kind::Real { .. } => tokio::time::sleep(duration).await,
+            ClockKind::Real { .. } => tokio::time::sleep(duration).await,
             #[cfg(test)]
-            Kind::Paused(_) => tokio::time::sleep(duration).await,
-            Kind::Simulated(time) => {
+            ClockKind::Paused(_) => tokio::time::sleep(duration).await,
+            ClockKind::Simulated(time) => {
                 let duration_ns = u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
                 let deadline_ns = time.now_ns().saturating_add(duration_ns).min(NEVER_NS - 1);
                 Sleep {
@@ -207,7 +207,7 @@ impl Clock {
     /// Waits for the result at most this long, in real time even if time is simulated, because the result may never
     /// arrive. Returns `None` if it does not arrive within the limit.
     pub async fn within_real<T>(&self, limit: Duration, work: impl Future<Output = T>) -> Option<T> {
-        if !matches!(self.0, Kind::Simulated(_)) {
+        if !matches!(self.0, ClockKind::Simulated(_)) {
             return tokio::time::timeout(limit, work).await.ok();
         }
         // the executor of a simulation has no clock of its own
@@ -234,14 +234,14 @@ impl Clock {
 
     /// Simulated time only: sets the time.
     pub(crate) fn set_ns(&self, now_ns: u64) {
-        if let Kind::Simulated(time) = &self.0 {
+        if let ClockKind::Simulated(time) = &self.0 {
             time.now_ns.store(now_ns, Ordering::SeqCst);
         }
     }
 
     /// Simulated time only: wakes every sleeper that is due. Returns true if there was one.
     pub(crate) fn wake_due(&self) -> bool {
-        let Kind::Simulated(time) = &self.0 else {
+        let ClockKind::Simulated(time) = &self.0 else {
             return false;
         };
         let now_ns = time.now_ns();
@@ -257,7 +257,7 @@ impl Clock {
 
     /// Simulated time only: returns the due time of the next sleeper, ns.
     pub(crate) fn next_due_ns(&self) -> Option<u64> {
-        let Kind::Simulated(time) = &self.0 else {
+        let ClockKind::Simulated(time) = &self.0 else {
             return None;
         };
         Some(time.next_due_ns()).filter(|at_ns| *at_ns != NEVER_NS)

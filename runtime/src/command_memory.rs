@@ -43,7 +43,7 @@ pub(crate) struct CommandMemory {
 /// Commands of one user.
 #[derive(Debug, Default)]
 struct UserMemory {
-    known: BTreeMap<String, Known>,
+    known: BTreeMap<String, RememberedCommand>,
     lanes: BTreeMap<CommandKind, Lane>,
 }
 
@@ -55,9 +55,9 @@ struct Lane {
 }
 
 #[derive(Debug)]
-struct Known {
+struct RememberedCommand {
     at: SystemTime,
-    asked: Asked,
+    asked: CommandContent,
     bytes: usize,
     /// `None` until the command is answered.
     reply: Option<CommandReply>,
@@ -76,7 +76,7 @@ enum CommandKind {
 
 /// Content of a command, which distinguishes a repeated command from another one with the same id.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Asked {
+pub(crate) struct CommandContent {
     /// Text for the user.
     words: String,
     content: u64,
@@ -85,7 +85,7 @@ pub(crate) struct Asked {
     urgent_of: Option<String>,
 }
 
-impl Asked {
+impl CommandContent {
     /// Creates the content of a request that moves nothing.
     pub fn new(words: String, content: &impl Debug) -> Self {
         let mut hasher = DefaultHasher::new();
@@ -129,7 +129,7 @@ impl Asked {
     reason = "the value lives only while one command is looked up"
 )]
 #[derive(Debug, PartialEq)]
-pub(crate) enum Recalled {
+pub(crate) enum CommandLookup {
     /// The command is unknown.
     New,
     /// The command is repeated; its reply, if there is one already.
@@ -154,37 +154,39 @@ pub(crate) fn memory_is_full() -> Refusal {
 
 impl CommandMemory {
     /// Looks a command up.
-    pub fn look_up(&mut self, key: &MemoryKey, asked: &Asked, now: SystemTime) -> Recalled {
+    pub fn look_up(&mut self, key: &MemoryKey, asked: &CommandContent, now: SystemTime) -> CommandLookup {
         self.forget_expired(now);
         match self.known(key) {
-            Some(known) if known.asked == *asked => Recalled::Again(known.reply.clone()),
-            Some(known) if asked.urgent_of.is_none() => Recalled::OtherCommand(known.asked.words.clone()),
-            _ => Recalled::New,
+            Some(known) if known.asked == *asked => CommandLookup::Again(known.reply.clone()),
+            Some(known) if asked.urgent_of.is_none() => {
+                CommandLookup::OtherCommand(known.asked.words.clone())
+            }
+            _ => CommandLookup::New,
         }
     }
 
     /// Looks a command up, and remembers it if it is new.
-    pub fn recall(&mut self, key: &MemoryKey, asked: Asked, now: SystemTime) -> Recalled {
+    pub fn recall(&mut self, key: &MemoryKey, asked: CommandContent, now: SystemTime) -> CommandLookup {
         match self.look_up(key, &asked, now) {
-            Recalled::New => self.remember(key, asked, now),
+            CommandLookup::New => self.remember(key, asked, now),
             known => known,
         }
     }
 
-    fn known(&self, key: &MemoryKey) -> Option<&Known> {
+    fn known(&self, key: &MemoryKey) -> Option<&RememberedCommand> {
         self.users.get(&key.user)?.known.get(&key.command)
     }
 
-    fn remember(&mut self, key: &MemoryKey, asked: Asked, now: SystemTime) -> Recalled {
+    fn remember(&mut self, key: &MemoryKey, asked: CommandContent, now: SystemTime) -> CommandLookup {
         let kind = asked.kind;
         self.replace(key);
         while !self.has_room(&key.user, kind) {
             if kind == CommandKind::Motion {
-                return Recalled::Full;
+                return CommandLookup::Full;
             }
             if !self.forget_oldest(&key.user, kind) {
                 // other users have filled the memory: the command is executed, and not remembered
-                return Recalled::New;
+                return CommandLookup::New;
             }
         }
         let memory = self.users.entry(key.user.clone()).or_default();
@@ -192,14 +194,14 @@ impl CommandMemory {
         lane.order.push_back(key.command.clone());
         lane.bytes += ENTRY_BYTES_MAX;
         self.bytes += ENTRY_BYTES_MAX;
-        let known = Known {
+        let known = RememberedCommand {
             at: now,
             asked,
             bytes: ENTRY_BYTES_MAX,
             reply: None,
         };
         memory.known.insert(key.command.clone(), known);
-        Recalled::New
+        CommandLookup::New
     }
 
     /// Removes the hold, stop or abort whose key a new one has taken.
@@ -275,7 +277,7 @@ impl CommandMemory {
 
     fn forget_expired(&mut self, now: SystemTime) {
         // if the clock is set back, no entry expires
-        let is_fresh = |known: &Known| {
+        let is_fresh = |known: &RememberedCommand| {
             now.duration_since(known.at)
                 .is_ok_and(|age| age <= COMMAND_MEMORY)
                 || now < known.at
@@ -309,7 +311,7 @@ impl UserMemory {
 }
 
 /// Returns the size of a command with its last reply, in bytes.
-fn bytes_of(key: &str, asked: &Asked, reply: &CommandReply) -> usize {
+fn bytes_of(key: &str, asked: &CommandContent, reply: &CommandReply) -> usize {
     let texts = [
         Some(&reply.command_id),
         Some(&reply.code),
@@ -320,7 +322,7 @@ fn bytes_of(key: &str, asked: &Asked, reply: &CommandReply) -> usize {
         Some(&asked.words),
     ];
     let texts: usize = texts.into_iter().flatten().map(String::len).sum();
-    ENTRY_BYTES + size_of::<Known>() + 2 * key.len() + texts
+    ENTRY_BYTES + size_of::<RememberedCommand>() + 2 * key.len() + texts
 }
 
 #[cfg(test)]
@@ -331,13 +333,13 @@ mod tests {
         SystemTime::UNIX_EPOCH + Duration::from_secs(s)
     }
 
-    fn ask(memory: &mut CommandMemory, user: &str, id: &str, command: &Command, at_s: u64) -> Recalled {
-        let asked = Asked::command(1, command, "hmi");
+    fn ask(memory: &mut CommandMemory, user: &str, id: &str, command: &Command, at_s: u64) -> CommandLookup {
+        let asked = CommandContent::command(1, command, "hmi");
         let key = asked.key(user, id);
         memory.recall(&key, asked, at(at_s))
     }
 
-    fn start(memory: &mut CommandMemory, user: &str, id: &str, at_s: u64) -> Recalled {
+    fn start(memory: &mut CommandMemory, user: &str, id: &str, at_s: u64) -> CommandLookup {
         ask(memory, user, id, &Command::Start, at_s)
     }
 
@@ -360,10 +362,10 @@ mod tests {
     fn fill(memory: &mut CommandMemory, user: &str, command: &Command, most: usize) -> usize {
         for n in 0..most {
             let id = format!("fill-{n}");
-            if ask(memory, user, &id, command, 0) == Recalled::Full {
+            if ask(memory, user, &id, command, 0) == CommandLookup::Full {
                 return n;
             }
-            let key = Asked::command(1, command, "hmi").key(user, &id);
+            let key = CommandContent::command(1, command, "hmi").key(user, &id);
             memory.on_reply(&key, &done(&id, ""), at(0));
         }
         most
@@ -372,21 +374,21 @@ mod tests {
     #[test]
     fn a_command_is_known_for_ten_minutes_and_not_longer() {
         let mut memory = CommandMemory::default();
-        assert_eq!(start(&mut memory, "u", "a", 0), Recalled::New);
-        assert_eq!(start(&mut memory, "u", "a", 600), Recalled::Again(None));
-        assert_eq!(start(&mut memory, "u", "a", 601), Recalled::New);
+        assert_eq!(start(&mut memory, "u", "a", 0), CommandLookup::New);
+        assert_eq!(start(&mut memory, "u", "a", 600), CommandLookup::Again(None));
+        assert_eq!(start(&mut memory, "u", "a", 601), CommandLookup::New);
     }
 
     #[test]
     fn motion_that_does_not_fit_is_rejected_and_nothing_is_forgotten_early() {
         let mut memory = CommandMemory::default();
-        assert_eq!(start(&mut memory, "u", "first", 0), Recalled::New);
+        assert_eq!(start(&mut memory, "u", "first", 0), CommandLookup::New);
         let filled = fill(&mut memory, "u", &Command::Start, 100_000);
         assert!((5_000..100_000).contains(&filled), "{filled}");
-        assert_eq!(start(&mut memory, "u", "first", 600), Recalled::Again(None));
-        assert_eq!(start(&mut memory, "u", "new", 600), Recalled::Full);
+        assert_eq!(start(&mut memory, "u", "first", 600), CommandLookup::Again(None));
+        assert_eq!(start(&mut memory, "u", "new", 600), CommandLookup::Full);
         assert!(memory.bytes <= USER_BYTES_MAX, "{}", memory.bytes);
-        assert_eq!(start(&mut memory, "u", "new", 601), Recalled::New);
+        assert_eq!(start(&mut memory, "u", "new", 601), CommandLookup::New);
     }
 
     #[test]
@@ -396,7 +398,7 @@ mod tests {
         for command in [Command::AlarmAcknowledge { id: 1 }, Command::Stop] {
             assert_eq!(fill(&mut memory, "u", &command, 24_000), 24_000, "{command:?}");
         }
-        assert_eq!(start(&mut memory, "u", "first", 0), Recalled::Again(None));
+        assert_eq!(start(&mut memory, "u", "first", 0), CommandLookup::Again(None));
         assert!(memory.bytes <= 3 * USER_BYTES_MAX, "{}", memory.bytes);
     }
 
@@ -405,12 +407,12 @@ mod tests {
         let mut memory = CommandMemory::default();
         start(&mut memory, "anna", "1", 0);
         fill(&mut memory, "bert", &Command::Start, 100_000);
-        assert_eq!(start(&mut memory, "bert", "new", 0), Recalled::Full);
-        assert_eq!(start(&mut memory, "anna", "1", 0), Recalled::Again(None));
-        assert_eq!(start(&mut memory, "anna", "2", 0), Recalled::New);
+        assert_eq!(start(&mut memory, "bert", "new", 0), CommandLookup::Full);
+        assert_eq!(start(&mut memory, "anna", "1", 0), CommandLookup::Again(None));
+        assert_eq!(start(&mut memory, "anna", "2", 0), CommandLookup::New);
         assert_eq!(
             start(&mut memory, "bert", "1", 0),
-            Recalled::Full,
+            CommandLookup::Full,
             "an id of another user"
         );
     }
@@ -422,9 +424,12 @@ mod tests {
             fill(&mut memory, &user.to_string(), &Command::Start, 100_000);
         }
         assert!(memory.bytes <= MEMORY_BYTES_MAX, "{}", memory.bytes);
-        assert_eq!(start(&mut memory, "late", "1", 0), Recalled::Full);
-        assert_eq!(ask(&mut memory, "late", "2", &Command::Stop, 0), Recalled::New);
-        assert_eq!(start(&mut memory, "late", "1", 601), Recalled::New);
+        assert_eq!(start(&mut memory, "late", "1", 0), CommandLookup::Full);
+        assert_eq!(
+            ask(&mut memory, "late", "2", &Command::Stop, 0),
+            CommandLookup::New
+        );
+        assert_eq!(start(&mut memory, "late", "1", 601), CommandLookup::New);
         assert!(memory.bytes <= ENTRY_BYTES_MAX, "all others have expired");
     }
 
@@ -438,7 +443,7 @@ mod tests {
             run_id: Some("r".repeat(64)),
             ..done(&id, &"\u{e4}".repeat(10_000))
         };
-        let asked = Asked::command(1, &Command::Start, "hmi");
+        let asked = CommandContent::command(1, &Command::Start, "hmi");
         let key = asked.key("u", &id);
         assert!(
             bytes_of(
@@ -460,7 +465,7 @@ mod tests {
     #[test]
     fn a_reply_to_a_command_that_nobody_sent_is_not_kept() {
         let mut memory = CommandMemory::default();
-        let key = Asked::command(1, &Command::Start, "hmi").key("u", "a");
+        let key = CommandContent::command(1, &Command::Start, "hmi").key("u", "a");
         memory.on_reply(&key, &done("a", ""), at(0));
         assert_eq!(memory.reply(&key), None);
         start(&mut memory, "u", "a", 0);
@@ -473,16 +478,16 @@ mod tests {
     fn a_stop_keeps_the_start_of_the_same_id_in_memory() {
         let mut memory = CommandMemory::default();
         start(&mut memory, "u", "1", 0);
-        assert_eq!(ask(&mut memory, "u", "1", &Command::Hold, 0), Recalled::New);
-        assert_eq!(ask(&mut memory, "u", "1", &Command::Stop, 0), Recalled::New);
+        assert_eq!(ask(&mut memory, "u", "1", &Command::Hold, 0), CommandLookup::New);
+        assert_eq!(ask(&mut memory, "u", "1", &Command::Stop, 0), CommandLookup::New);
         assert_eq!(
             ask(&mut memory, "u", "1", &Command::Stop, 0),
-            Recalled::Again(None)
+            CommandLookup::Again(None)
         );
-        assert_eq!(start(&mut memory, "u", "1", 0), Recalled::Again(None));
+        assert_eq!(start(&mut memory, "u", "1", 0), CommandLookup::Again(None));
         assert_eq!(
             ask(&mut memory, "u", "1", &Command::Reset, 0),
-            Recalled::OtherCommand("start of coordinate system 1".into())
+            CommandLookup::OtherCommand("start of coordinate system 1".into())
         );
     }
 }

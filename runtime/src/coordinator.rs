@@ -12,7 +12,7 @@ use plc_api::server::ServedPort;
 use plc_api::types::handler::REFRESHES;
 use plc_api::types::machine::{ActiveAlarms, AlarmRecord, AlarmSeverity, Presence};
 use plc_api::types::message::Payload;
-use plc_api::types::planned::PlannedPlace;
+use plc_api::types::planned::PlannedLocation;
 use plc_api::types::run::{Run, TimeLeft};
 use plc_api::types::state::{Execution, Reason};
 use plc_api::types::topic::{CsTopic, Topic};
@@ -30,13 +30,13 @@ use crate::coordinate_system::{CoordinateSystem, Mailbox};
 use crate::disk::Health;
 use crate::journal::{Event, Journal};
 use crate::persistence::positions::KeptPositions;
-use crate::persistence::{LastRuns, Restored, cut_short, cut_short_between_parts};
+use crate::persistence::{LastRuns, RestoredState, cut_short, cut_short_between_parts};
 use crate::port::{AccessLines, RuntimePort};
 use crate::preview::Previews;
 use crate::program_store::{HeldBack, PROGRAMS_BYTES_MAX, ProgramStore, Signers};
 use crate::runs::KeptRuns;
-use crate::servo_thread::{ServoStatistics, ServoThread, Told};
-use crate::shared::Shared;
+use crate::servo_thread::{RelayCallbacks, ServoStatistics, ServoThread};
+use crate::shared::SharedState;
 use crate::simulation::{self, Simulation, SimulationOptions};
 use crate::tables::Tables;
 pub(crate) use opening::everything;
@@ -116,7 +116,7 @@ impl Runtime {
         let machine = config.resolve()?;
         let boot_id = new_boot_id();
         let (opening, of_journal) = (machine.clone(), boot_id.clone());
-        let open = move || Opened::open(&opening, of_journal, hardware);
+        let open = move || OpenedResources::open(&opening, of_journal, hardware);
         let opened = tokio::task::spawn_blocking(open)
             .await
             .map_err(|error| StartError::Store(error.to_string()))??;
@@ -125,7 +125,7 @@ impl Runtime {
         let (period, missed_max) = (shared.machine.servo_period(), shared.machine.missed_cycles_max());
         let statistics = Arc::clone(&shared.servo);
         let of_failure = Arc::clone(&shared);
-        let told = Told {
+        let told = RelayCallbacks {
             wake: move || {
                 shared.supervisor.fault_point("servo-relay");
                 shared.wake_all();
@@ -144,8 +144,8 @@ impl Runtime {
         machine: Machine,
         boot_id: BootId,
         clock: Clock,
-    ) -> Result<(Runtime, Servo, Arc<Shared>), StartError> {
-        let opened = Opened::open(&machine, boot_id.clone(), Hardware::simulated_factory())?;
+    ) -> Result<(Runtime, Servo, Arc<SharedState>), StartError> {
+        let opened = OpenedResources::open(&machine, boot_id.clone(), Hardware::simulated_factory())?;
         let (runtime, servo) = opened.put_together(machine, boot_id, clock)?;
         let shared = Arc::clone(&runtime.port.shared);
         Ok((runtime, servo, shared))
@@ -178,10 +178,10 @@ impl Runtime {
         let clock = Clock::simulated();
         let boot_id = BootId("simulation".into());
         let tables = Tables::new(&machine);
-        let mut shared = Shared::new(machine, boot_id, clock.clone(), store, journal, tables);
+        let mut shared = SharedState::new(machine, boot_id, clock.clone(), store, journal, tables);
         shared.on_plan = options.on_plan.take();
         let shared = Arc::new(shared);
-        let parts = Parts::new(&shared, first_state, &Restored::default(), hardware);
+        let parts = RuntimeParts::new(&shared, first_state, &RestoredState::default(), hardware);
         let mailboxes = parts.mailboxes.clone();
         let simulation = Simulation::new(parts.servo, clock, mailboxes, &shared, options);
         let simulation = Arc::new(simulation);
@@ -213,7 +213,7 @@ impl Runtime {
 
     /// Returns the state shared by its parts.
     #[cfg(test)]
-    pub(crate) fn shared(&self) -> &Arc<crate::shared::Shared> {
+    pub(crate) fn shared(&self) -> &Arc<crate::shared::SharedState> {
         &self.port.shared
     }
 
@@ -281,14 +281,14 @@ impl Runtime {
 }
 
 /// Resources opened by a start.
-struct Opened {
+struct OpenedResources {
     data: Option<Data>,
     programs: Programs,
     health: Arc<Health>,
     hardware: Hardware,
 }
 
-impl Opened {
+impl OpenedResources {
     /// Opens the data folder, the programs and the hardware. It blocks on the disk.
     fn open(machine: &Machine, boot_id: BootId, hardware: HardwareFactory) -> Result<Self, StartError> {
         let data = Data::open(machine, boot_id)?;
@@ -322,16 +322,16 @@ impl Opened {
                 Journal::to_disk(data.journal.writer()),
                 data.restore(&tables, &machine.io),
             ),
-            None => (Journal::to_log(), Restored::default()),
+            None => (Journal::to_log(), RestoredState::default()),
         };
         let newest = restored.last_runs.values().map(|kept| kept.line).max();
-        journal.go_on_after(newest.unwrap_or(0));
+        journal.continue_numbers_after(newest.unwrap_or(0));
         let Programs {
             store,
             findings,
             first_state,
         } = self.programs;
-        let mut shared = Shared::new(machine, boot_id, clock, store, journal, tables);
+        let mut shared = SharedState::new(machine, boot_id, clock, store, journal, tables);
         shared.supervisor = self.health.supervisor.clone();
         shared.health = self.health;
         shared.restore_outputs(std::mem::take(&mut restored.outputs));
@@ -342,7 +342,7 @@ impl Opened {
         let lines = data.as_ref().map(|data| data.newest.lines.as_slice());
         let ended_runs = restore_runs(&shared, kept_runs, &restored.last_runs, lines.unwrap_or_default());
         let shared = Arc::new(shared);
-        let mut parts = Parts::new(&shared, first_state, &restored, self.hardware);
+        let mut parts = RuntimeParts::new(&shared, first_state, &restored, self.hardware);
         findings.report(&shared);
         let last_runs = restored.last_runs;
         let positions = data.as_ref().map(Data::positions).unwrap_or_default();
@@ -357,7 +357,7 @@ impl Opened {
         let mut previews = Previews::on_demand(&shared, views);
         if !shared.clock.is_simulated() {
             previews.start_thread();
-            parts.tasks.spawn(previews.tell_time_left());
+            parts.tasks.spawn(previews.run_time_left_publisher());
         }
         let runtime = Runtime {
             port: Arc::new(RuntimePort {
@@ -379,15 +379,15 @@ impl Opened {
 }
 
 /// Parts common to real and simulated time.
-struct Parts {
+struct RuntimeParts {
     mailboxes: Vec<Arc<Mailbox>>,
     tasks: JoinSet<()>,
     servo: Servo,
 }
 
-impl Parts {
+impl RuntimeParts {
     /// Starts the tasks that publish at an interval.
-    fn start_publishers(&mut self, shared: &Arc<Shared>) {
+    fn start_publishers(&mut self, shared: &Arc<SharedState>) {
         let supervisor = &shared.supervisor;
         let (of_positions, mailboxes) = (Arc::clone(shared), self.mailboxes.clone());
         let positions = move || publish_positions(Arc::clone(&of_positions), mailboxes.clone());
@@ -402,9 +402,9 @@ impl Parts {
     }
 
     fn new(
-        shared: &Arc<Shared>,
+        shared: &Arc<SharedState>,
         first_state: (Execution, Option<Reason>),
-        restored: &Restored,
+        restored: &RestoredState,
         hardware: Hardware,
     ) -> Self {
         let (mut tasks, mut mailboxes) = (JoinSet::new(), Vec::new());
@@ -455,7 +455,7 @@ impl Parts {
     }
 }
 
-fn presence(shared: &Shared, online: bool) -> Presence {
+fn presence(shared: &SharedState, online: bool) -> Presence {
     Presence {
         online,
         started_at: shared.timestamp(),
@@ -466,7 +466,7 @@ fn presence(shared: &Shared, online: bool) -> Presence {
     }
 }
 
-async fn publish_positions(shared: Arc<Shared>, mailboxes: Vec<Arc<Mailbox>>) {
+async fn publish_positions(shared: Arc<SharedState>, mailboxes: Vec<Arc<Mailbox>>) {
     let mut interval = tokio::time::interval(PUBLISH_INTERVAL);
     interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     let mut odd = false;
@@ -495,18 +495,18 @@ async fn publish_positions(shared: Arc<Shared>, mailboxes: Vec<Arc<Mailbox>>) {
 }
 
 /// Publishes the presence of the runtime repeatedly, before it expires.
-async fn publish_presence(shared: Arc<Shared>) {
+async fn publish_presence(shared: Arc<SharedState>) {
     let every = Duration::from_millis(shared.machine.presence_expires_ms) / REFRESHES;
     loop {
         tokio::select! {
             () = shared.closing.cancelled() => return,
-            () = tokio::time::sleep(every) => shared.say_again(&Topic::Presence),
+            () = tokio::time::sleep(every) => shared.republish_state(&Topic::Presence),
         }
     }
 }
 
 /// Starts the journal of this start, and warns the operator of runs that the end of an earlier start cut short.
-fn report_last_runs(shared: &Shared, last_runs: &LastRuns, ended: &[Run]) {
+fn report_last_runs(shared: &SharedState, last_runs: &LastRuns, ended: &[Run]) {
     for system in &shared.machine.coordinate_systems {
         let cs = system.settings.number;
         let boot = Event::Boot {
@@ -526,19 +526,19 @@ fn report_last_runs(shared: &Shared, last_runs: &LastRuns, ended: &[Run]) {
 
 /// Continues runs and counters where the store and the journal have ended. Returns the runs that were ended by the end
 /// of the runtime.
-fn restore_runs(shared: &Shared, kept: KeptRuns, last_runs: &LastRuns, lines: &[Value]) -> Vec<Run> {
+fn restore_runs(shared: &SharedState, kept: KeptRuns, last_runs: &LastRuns, lines: &[Value]) -> Vec<Run> {
     let place_of = |run: &Run| {
         let last = &last_runs.get(&run.cs)?.run;
         let line = Some(last.line).filter(|line| *line > 0 && last.run_id == run.id)?;
         let program = last.running?;
-        Some(PlannedPlace { program, line })
+        Some(PlannedLocation { program, line })
     };
     let now = shared.clock.wall();
     shared.runs.lock().restore(kept, lines, place_of, now)
 }
 
 /// Warns the operator of motors outside soft limits that have changed.
-fn report_positions(shared: &Shared, kept: &KeptPositions) {
+fn report_positions(shared: &SharedState, kept: &KeptPositions) {
     for system in &shared.machine.coordinate_systems {
         for text in kept.outside(&system.settings) {
             shared.raise_standing(AlarmRecord {

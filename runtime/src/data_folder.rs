@@ -23,8 +23,8 @@ use crate::persistence::positions::POSITION;
 use crate::persistence::{
     Condition, Generation, Image, InspectedStore, PAGE_VARIABLES, STORE_FILE, Store, inspect_store, restore,
 };
-use crate::program_store::folder::{Found, Opening, ProgramFolder, look};
-use crate::program_store::places::{PLACES_FILE, PlacesRead};
+use crate::program_store::folder::{Opening, ProgramFileState, ProgramFolder, scan_folder};
+use crate::program_store::places::{FolderAssignmentsRead, PLACES_FILE};
 use crate::stored_data::OpenQuestion;
 use crate::stored_data::inspection::Inspection;
 use crate::tables::{LOST_VALUE, Tables};
@@ -41,7 +41,7 @@ pub struct DataFolder {
 
 /// Findings in a data folder.
 #[derive(Debug, Default)]
-pub struct Findings {
+pub struct DataFolderFindings {
     /// Damage, each with its location.
     pub damaged: Vec<String>,
     /// Notes that do not describe damage.
@@ -72,7 +72,7 @@ impl DataFolder {
         let path = machine.data_dir.clone().ok_or_else(missing)?;
         let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
         std::fs::metadata(&path).map_err(named)?;
-        let lock = Lock::take(&path).map_err(named)?;
+        let lock = Lock::acquire(&path).map_err(named)?;
         let inspection = Inspection::new(&path, &machine.name);
         let mut inspected = inspection.inspected.clone();
         if inspected.is_all_lost || inspection.holds_back(StoredDataPart::Store) {
@@ -112,7 +112,7 @@ impl DataFolder {
         let Some(path) = machine.data_dir.as_ref().filter(|path| path.is_dir()) else {
             return Ok(false);
         };
-        let _lock = Lock::take(path)?;
+        let _lock = Lock::acquire(path)?;
         let folder = Self {
             inspection: Inspection::new(path, &machine.name),
             inspected: inspect_store(path),
@@ -125,8 +125,8 @@ impl DataFolder {
     }
 
     /// Verifies all stored data without changing anything.
-    pub fn verify(&self) -> Findings {
-        let mut findings = Findings::default();
+    pub fn verify(&self) -> DataFolderFindings {
+        let mut findings = DataFolderFindings::default();
         let store = self.path.join(STORE_FILE);
         match &self.inspected.condition {
             Condition::Damaged(how) => findings.damaged.push(format!("{}: {how}", store.display())),
@@ -153,7 +153,7 @@ impl DataFolder {
         if let Some(text) = OpenQuestion::read(&self.path).text() {
             findings.damaged.push(format!("a question is open: {text}"));
         }
-        let places = PlacesRead::read(&self.programs());
+        let places = FolderAssignmentsRead::read(&self.programs());
         let folders = self
             .inspection
             .lacks_folders
@@ -178,8 +178,8 @@ impl DataFolder {
         findings
     }
 
-    fn verify_programs(&self, findings: &mut Findings) {
-        let looked = match look(
+    fn verify_programs(&self, findings: &mut DataFolderFindings) {
+        let looked = match scan_folder(
             &self.programs(),
             self.machine.is_mixed(),
             self.machine.programs_bytes_max,
@@ -194,7 +194,7 @@ impl DataFolder {
         };
         for (number, found) in looked.programs {
             let signature = looked.signatures.get(&number);
-            if let Found::Stored(bytes) | Found::FromOutside(bytes, ..) = &found
+            if let ProgramFileState::Stored(bytes) | ProgramFileState::FromOutside(bytes, ..) = &found
                 && let Some(state) = self.machine.signers.verify_signature(bytes, signature)
                 && let Some(why) = signature_fault(state)
             {
@@ -203,9 +203,11 @@ impl DataFolder {
                     .push(format!("program {number}: {why}, so it is not loaded"));
             }
             match found {
-                Found::Stored(_) => {}
-                Found::FromOutside(_, how, _) => findings.notes.push(format!("program {number}: {how}")),
-                Found::Damaged(how) => findings.damaged.push(format!("program {number}: {how}")),
+                ProgramFileState::Stored(_) => {}
+                ProgramFileState::FromOutside(_, how, _) => {
+                    findings.notes.push(format!("program {number}: {how}"))
+                }
+                ProgramFileState::Damaged(how) => findings.damaged.push(format!("program {number}: {how}")),
             }
         }
         let gone = looked.gone.into_iter();

@@ -13,10 +13,10 @@ use tandem_model::alarm::{
     AlarmEntry, DATA_FOLDER_FAILED, PROGRAM_CHANGED, PROGRAM_DAMAGED, STORED_DATA_QUESTION, VALUES_LOST,
 };
 
-use crate::disk::Part;
+use crate::disk::DataFolderPart;
 use crate::disk::fs::{self, access, statvfs};
 use crate::journal::Event;
-use crate::shared::Shared;
+use crate::shared::SharedState;
 use crate::threads::{self, Thread};
 
 /// Time between two checks of the findings of other threads.
@@ -43,10 +43,10 @@ impl DataWatch {
     ///
     /// # Errors
     /// Returns an error if the operating system provides no thread.
-    pub fn start(folder: &Path, shared: Arc<Shared>) -> io::Result<Self> {
+    pub fn start(folder: &Path, shared: Arc<SharedState>) -> io::Result<Self> {
         let (stop, stopped) = channel();
         let supervisor = shared.supervisor.clone();
-        let watch = Watch {
+        let watch = DataWatchState {
             folder: folder.to_owned(),
             shared,
             stopped,
@@ -70,14 +70,14 @@ impl Drop for DataWatch {
 }
 
 /// State of the thread.
-struct Watch {
+struct DataWatchState {
     folder: PathBuf,
-    shared: Arc<Shared>,
+    shared: Arc<SharedState>,
     stopped: Receiver<()>,
     looks: u32,
 }
 
-impl threads::Work for Watch {
+impl threads::Work for DataWatchState {
     fn patience(&self) -> Duration {
         INTERVAL
     }
@@ -91,20 +91,20 @@ impl threads::Work for Watch {
             look_at_disk(&self.folder, shared);
         }
         self.looks = self.looks.wrapping_add(1);
-        for part in Part::ALL {
-            shared.stand(part.alarm(), shared.health.fault(part).as_deref());
+        for part in DataFolderPart::ALL {
+            shared.update_standing_warning(part.alarm(), shared.health.fault(part).as_deref());
         }
         true
     }
 }
 
-fn look_at_disk(folder: &Path, shared: &Shared) {
+fn look_at_disk(folder: &Path, shared: &SharedState) {
     let places: Vec<PathBuf> = vec![folder.to_owned(), folder.join("programs"), folder.join("journal")];
     let faults: Vec<String> = places.iter().filter_map(|place| fault(place)).collect();
-    shared.stand(&DATA_FOLDER_FAILED, list(&faults).as_deref());
-    if shared.health.fault(Part::Programs).is_some() {
+    shared.update_standing_warning(&DATA_FOLDER_FAILED, list(&faults).as_deref());
+    if shared.health.fault(DataFolderPart::Programs).is_some() {
         // Its health records whether it works again.
-        let _ = shared.note(Part::Programs, shared.store.probe());
+        let _ = shared.record_attempt(DataFolderPart::Programs, shared.store.probe());
     }
     match shared.store.look_again() {
         Ok(changed) => {
@@ -114,15 +114,15 @@ fn look_at_disk(folder: &Path, shared: &Shared) {
                 shared.wake_all();
             }
         }
-        gone => shared.health.note(Part::Programs, &gone),
+        gone => shared.health.record_attempt(DataFolderPart::Programs, &gone),
     }
     let damaged: Vec<String> = (shared.store.damaged().iter())
         .map(|(number, how)| format!("program {number} ({how})"))
         .collect();
-    shared.stand(&PROGRAM_DAMAGED, list(&damaged).as_deref());
-    shared.stand(&VALUES_LOST, list(&shared.tables.lost()).as_deref());
+    shared.update_standing_warning(&PROGRAM_DAMAGED, list(&damaged).as_deref());
+    shared.update_standing_warning(&VALUES_LOST, list(&shared.tables.lost()).as_deref());
     let question = shared.stored_data.lock().text();
-    shared.stand(&STORED_DATA_QUESTION, question.as_deref());
+    shared.update_standing_warning(&STORED_DATA_QUESTION, question.as_deref());
 }
 
 /// Describes the fault of a folder; `None` if there is none.
@@ -161,13 +161,13 @@ pub(crate) fn list(all: &[String]) -> Option<String> {
 }
 
 /// Reports a warning in the log, the events and the history.
-pub(crate) fn warn_once(shared: &Shared, entry: &AlarmEntry, text: &str) {
+pub(crate) fn warn_once(shared: &SharedState, entry: &AlarmEntry, text: &str) {
     tracing::warn!("{}: {text}", entry.title);
     shared.raise(warning(entry, text));
 }
 
 /// Reports a program that was changed outside, also in the journal, because it affects what the machine does.
-pub(crate) fn warn_changed(shared: &Shared, text: &str) {
+pub(crate) fn warn_changed(shared: &SharedState, text: &str) {
     warn_once(shared, &PROGRAM_CHANGED, text);
     for system in &shared.machine.coordinate_systems {
         let warning = Event::Warning {
@@ -180,7 +180,7 @@ pub(crate) fn warn_changed(shared: &Shared, text: &str) {
 }
 
 /// Reports a warning that also remains active until a reset.
-pub(crate) fn warn_standing(shared: &Shared, entry: &AlarmEntry, text: &str) {
+pub(crate) fn warn_standing(shared: &SharedState, entry: &AlarmEntry, text: &str) {
     tracing::warn!("{}: {text}", entry.title);
     shared.raise_standing(warning(entry, text));
 }

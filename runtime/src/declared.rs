@@ -15,14 +15,14 @@ const FOUND_MAX: usize = 1000;
 
 /// Declaration with a description of its origin.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Declared {
+pub struct SourcedDeclaration {
     /// The origin, such as `handler cell` or `[m_code.12]`.
     pub by: String,
     /// The declaration itself.
     pub declaration: MCodeDeclaration,
 }
 
-impl Declared {
+impl SourcedDeclaration {
     /// Creates a declaration of the configuration.
     pub fn in_config(declaration: MCodeDeclaration) -> Self {
         Self {
@@ -42,12 +42,16 @@ impl Declared {
 
 /// Returns the parameters in a program that M codes do not accept, each once, at their words; a missing one at its M
 /// code.
-pub fn wrong_params(program: &NcProgram, dialect: &Dialect, declared: &[Declared]) -> Vec<Diagnostic> {
+pub fn wrong_params(
+    program: &NcProgram,
+    dialect: &Dialect,
+    declared: &[SourcedDeclaration],
+) -> Vec<Diagnostic> {
     let mut found: Vec<Diagnostic> = Vec::new();
     if declared.is_empty() {
         return found;
     }
-    let mut by_m: BTreeMap<u16, Vec<&Declared>> = BTreeMap::new();
+    let mut by_m: BTreeMap<u16, Vec<&SourcedDeclaration>> = BTreeMap::new();
     for one in declared {
         by_m.entry(one.declaration.m).or_default().push(one);
     }
@@ -59,7 +63,7 @@ pub fn wrong_params(program: &NcProgram, dialect: &Dialect, declared: &[Declared
             None => GivenParam::Absent,
             Some(word) => word.number().map_or(GivenParam::Variable, GivenParam::Number),
         });
-        for Declared { by, declaration } in declared {
+        for SourcedDeclaration { by, declaration } in declared {
             for fault in declaration.faults(given) {
                 let word = output.params[fault.letter as usize].unwrap_or(output.word);
                 let is_known = |known: &Diagnostic| known.span == word.span() && known.message == fault.text;
@@ -80,7 +84,7 @@ pub fn wrong_params(program: &NcProgram, dialect: &Dialect, declared: &[Declared
 
 /// Returns alarm 11 if a declaration does not accept the parameters of an output, computed values included. An output
 /// without parameters needs no check here: its program was checked at the load.
-pub fn refused_output(output: &Output, declared: &[Declared]) -> Option<Alarm> {
+pub fn refused_output(output: &Output, declared: &[SourcedDeclaration]) -> Option<Alarm> {
     let given = output
         .params
         .map(|value| value.map_or(GivenParam::Absent, GivenParam::Number));
@@ -115,16 +119,16 @@ mod tests {
 
     use super::*;
 
-    fn declared(by: &str, json: &str) -> Declared {
-        Declared::by_handler(by, serde_json::from_str(json).unwrap())
+    fn declared(by: &str, json: &str) -> SourcedDeclaration {
+        SourcedDeclaration::by_handler(by, serde_json::from_str(json).unwrap())
     }
 
-    fn clamp(by: &str) -> Declared {
+    fn clamp(by: &str) -> SourcedDeclaration {
         let json = r#"{"m":12,"name":"clamp","params":{"A":{"name":"force","unit":"kN","min":1,"max":20}}}"#;
         declared(by, json)
     }
 
-    fn found(text: &str, declared: &[Declared]) -> Vec<((u32, u32), String)> {
+    fn found(text: &str, declared: &[SourcedDeclaration]) -> Vec<((u32, u32), String)> {
         let (program, parsed) = parse(text, Grammar::nj());
         assert_eq!(parsed, []);
         let lines = LineIndex::new(text);

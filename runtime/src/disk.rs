@@ -11,10 +11,10 @@ pub(crate) mod simulated;
 mod sums;
 
 pub(crate) use files::{
-    Identity, Lock, UNFINISHED, Unfinished, in_use, make_folder, make_folder_in, open_regular, read_regular,
-    sync_folder, tighten, write_whole, write_whole_by,
+    Identity, Lock, UNFINISHED, UnfinishedFile, in_use, make_folder, make_folder_in, open_regular,
+    read_regular, sync_folder, tighten, write_whole, write_whole_by,
 };
-pub(crate) use generations::{Generations, Kind, PartGenerations, Seal, StoredPart};
-pub(crate) use health::{Health, Part};
-pub(crate) use line::{Read, Unusable, number, read, read_sealed, seal, seal_in_place};
-pub(crate) use sums::{Sealer, SumChange, SumFile, SumOfParts, Sums, sum_of};
+pub(crate) use generations::{Generations, PartGenerations, Seal, SealedFileKind, StoredPart};
+pub(crate) use health::{DataFolderPart, Health};
+pub(crate) use line::{LineContent, Unusable, number, read, read_sealed, seal, seal_in_place};
+pub(crate) use sums::{ChecksumChange, ChecksumFile, ChecksumHasher, Checksums, Sealer, checksum_hex};

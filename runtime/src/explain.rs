@@ -6,7 +6,7 @@ mod language;
 use self::language::elsewhere;
 use plc_api::alarm::USER_ALARM_BASE;
 use plc_api::types::alarm_text::{AlarmText, AlarmWords};
-use plc_api::types::explained::Explained;
+use plc_api::types::explained::ExplainedWord;
 use plc_api::types::words::words;
 use tandem_interp::Dialect;
 use tandem_model::alarm::{ALARMS, After, AlarmEntry};
@@ -14,7 +14,7 @@ use tandem_structured_text::{FINDINGS, FindingEntry};
 use tandem_syntax::{DIAGNOSTICS, DiagnosticEntry};
 
 use crate::config::{Config, ConfigKey};
-use crate::declared::Declared;
+use crate::declared::SourcedDeclaration;
 
 /// Tables of rules: number and text.
 const RULES: [&[(&str, &str)]; 3] = [
@@ -77,19 +77,19 @@ fn pages(what: &str, dialect: &Dialect) -> Vec<String> {
 pub fn explain_here(
     what: &str,
     dialect: &Dialect,
-    declared: &[Declared],
+    declared: &[SourcedDeclaration],
     alarm_text: impl Fn(u16) -> Option<AlarmText>,
 ) -> Option<String> {
     let said = own_code(what).and_then(alarm_text);
     if let Some(said) = said {
         return Some(of_own_alarm(&said));
     }
-    let is_meant = |one: &&Declared| {
+    let is_meant = |one: &&SourcedDeclaration| {
         let name = one.declaration.name.as_deref();
         language::m_number(what) == Some(one.declaration.m)
             || name.is_some_and(|name| name.eq_ignore_ascii_case(what.trim()))
     };
-    let here: Vec<&Declared> = declared.iter().filter(is_meant).collect();
+    let here: Vec<&SourcedDeclaration> = declared.iter().filter(is_meant).collect();
     let Some(first) = here.first() else {
         return explain(what, dialect);
     };
@@ -99,8 +99,8 @@ pub fn explain_here(
 }
 
 /// Returns the page of an M code that a machine declares.
-fn of_declared(declared: &Declared) -> String {
-    let Declared { by, declaration } = declared;
+fn of_declared(declared: &SourcedDeclaration) -> String {
+    let SourcedDeclaration { by, declaration } = declared;
     let title = declaration.name.as_deref().unwrap_or("an M code of this machine");
     let params = match &declaration.params {
         None => "It takes every parameter.".to_owned(),
@@ -251,7 +251,7 @@ fn of_alarm(entry: &AlarmEntry) -> String {
     page(&format!("alarm {}", entry.number), entry.title, &parts)
 }
 
-fn of_word(word: &Explained) -> String {
+fn of_word(word: &ExplainedWord) -> String {
     let parts = [
         word.meaning.trim_start().to_owned(),
         format!("How to continue: {}", word.way_on),

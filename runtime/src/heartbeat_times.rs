@@ -21,7 +21,7 @@ pub(crate) struct HeartbeatTimes {
 
 impl HeartbeatTimes {
     /// Notes a heartbeat before it is sent. `now` is real time since the start.
-    pub fn note(&mut self, cycle: u64, now: Duration) {
+    pub fn record_heartbeat(&mut self, cycle: u64, now: Duration) {
         if self.newest.is_some_and(|newest| cycle <= newest) {
             return;
         }
@@ -87,7 +87,7 @@ mod tests {
     fn a_request_is_as_old_as_the_newest_heartbeat_at_or_before_its_cycle() {
         let mut times = HeartbeatTimes::default();
         for beat in 0..=10 {
-            times.note(beat * 100, ms(beat * 100));
+            times.record_heartbeat(beat * 100, ms(beat * 100));
         }
         for (cycle, now_ms, age_ms) in [
             (1000, 1000, Some(0)),
@@ -107,16 +107,16 @@ mod tests {
     #[test]
     fn a_cycle_that_stands_still_keeps_its_first_time() {
         let mut times = HeartbeatTimes::default();
-        times.note(5, ms(100));
-        times.note(5, ms(9000));
+        times.record_heartbeat(5, ms(100));
+        times.record_heartbeat(5, ms(9000));
         assert_eq!(times.age(5, ms(9000)), Some(ms(8900)));
     }
 
     #[test]
     fn a_heartbeat_older_than_times_are_kept_is_unknown() {
         let mut times = HeartbeatTimes::default();
-        times.note(1, ms(0));
-        times.note(2, KEPT + ms(1));
+        times.record_heartbeat(1, ms(0));
+        times.record_heartbeat(2, KEPT + ms(1));
         assert_eq!(times.age(1, KEPT + ms(1)), None);
     }
 
@@ -124,7 +124,7 @@ mod tests {
     fn a_clock_that_runs_a_thousand_times_as_fast_fills_no_more_memory() {
         let mut times = HeartbeatTimes::default();
         for beat in 0..1_000_000_u64 {
-            times.note(beat * 100, Duration::from_micros(beat * 100));
+            times.record_heartbeat(beat * 100, Duration::from_micros(beat * 100));
         }
         let most = usize::try_from(KEPT.as_millis() / SPACING.as_millis()).unwrap() + 1;
         assert!(times.times.len() <= most, "{}", times.times.len());
@@ -135,7 +135,7 @@ mod tests {
     #[test]
     fn a_request_is_expired_one_ms_after_its_limit() {
         let mut times = HeartbeatTimes::default();
-        times.note(7, ms(0));
+        times.record_heartbeat(7, ms(0));
         let not_after = NotAfter {
             boot_id: plc_api::types::BootId("b".into()),
             heartbeat: 7,

@@ -10,12 +10,12 @@ use plc_api::types::request::Refusal;
 use plc_api::types::topic::Topic;
 
 use crate::journal::Event;
-use crate::shared::Shared;
+use crate::shared::SharedState;
 
 /// Difference below which two times are equal, s. Reason: a sum of times is rounded.
 const ROUNDING_S: f64 = 1e-9;
 
-impl Shared {
+impl SharedState {
     /// Publishes all inputs and outputs at a start.
     pub fn publish_io(&self) {
         let io = self.io.lock();
@@ -38,7 +38,7 @@ impl Shared {
     /// Returns an error in the cases of [`IoPoints::write`](plc_api::io_points::IoPoints::write).
     pub fn check_io(&self, point: &IoPoint, set: &IoSet) -> Result<IoValue, Refusal> {
         let io = self.io.lock();
-        io.check(point, set, |id, instance| self.judge_writer(id, instance))?;
+        io.check(point, set, |id, instance| self.check_writer(id, instance))?;
         let written = io.states().find(|(known, _)| *known == point);
         Ok(written.map_or(set.value, |(_, state)| state.written))
     }
@@ -50,7 +50,7 @@ impl Shared {
     pub fn write_io(&self, point: &IoPoint, set: IoSet) -> Result<(), Refusal> {
         let (value, handler_id) = (set.value, set.handler_id.clone());
         let mut io = self.io.lock();
-        let (state, is_news) = io.write(point, set, |id, instance| self.judge_writer(id, instance))?;
+        let (state, is_news) = io.write(point, set, |id, instance| self.check_writer(id, instance))?;
         if is_news && point.side == IoSide::Out {
             let io = point.to_string();
             self.record(
@@ -83,14 +83,14 @@ impl Shared {
     /// Processes the departure of a handler.
     pub fn leave_io(&self, handler_id: &str, departure: Departure) {
         let mut io = self.io.lock();
-        let lost = io.leave(handler_id, departure);
+        let lost = io.mark_handler_offline(handler_id, departure);
         self.report_lost(lost);
         self.io_absences.notify_one();
     }
 
     /// Ends the wait for a handler that is online again.
-    pub fn welcome_io(&self, handler_id: &str) {
-        self.io.lock().come(handler_id);
+    pub fn end_io_absence(&self, handler_id: &str) {
+        self.io.lock().mark_handler_online(handler_id);
     }
 
     /// Waits for lost handlers, and expires the points of those that do not return.

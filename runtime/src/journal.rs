@@ -18,7 +18,7 @@ use plc_api::types::machine::AlarmRecord;
 use plc_api::types::output::OutputNotice;
 use plc_api::types::request::RefusalCode;
 use plc_api::types::run::RunEndedHow;
-use plc_api::types::state::{Captured, Execution, Reason};
+use plc_api::types::state::{CapturedPositions, Execution, Reason};
 use plc_api::types::stored_data::StoredDataDecision;
 use plc_api::types::{BootId, CoordinateSystemNumber};
 use serde::{Deserialize, Serialize};
@@ -28,7 +28,7 @@ pub use crate::order_key::OrderKey;
 use crate::program_store::Edit;
 
 pub use filter::LineFilter;
-pub(crate) use writer::{JournalWriter, Message, WriteAhead};
+pub(crate) use writer::{JournalMessage, JournalWriter, WriteAhead};
 
 /// Receives each line of the journal. Returns true if this has woken a task that must run before simulated time
 /// advances.
@@ -259,7 +259,7 @@ pub enum Event {
         on: bool,
     },
     /// A G31 block has captured positions.
-    Capture(Box<Captured>),
+    Capture(Box<CapturedPositions>),
     /// A warning, which stops nothing.
     Warning {
         /// Program number.
@@ -328,7 +328,7 @@ pub enum Event {
 
 impl Event {
     /// Returns true for an event that clients may receive before the journal has written its line.
-    fn is_heard_of(&self) -> bool {
+    fn may_be_published_early(&self) -> bool {
         matches!(self, Event::Start { .. } | Event::Output(_)) || self.is_counted()
     }
 
@@ -383,7 +383,7 @@ impl RaisedAlarm {
     }
 
     /// Returns number and text of the alarm for display.
-    pub(crate) fn said(&self) -> String {
+    pub(crate) fn display_text(&self) -> String {
         let (number, text) = match self {
             RaisedAlarm::OfThis(record) => (record.number, &record.text),
             RaisedAlarm::OfAll { number, text } => (*number, text),
@@ -483,7 +483,7 @@ impl Journal {
     }
 
     /// Continues the numbering after this number.
-    pub(crate) fn go_on_after(&self, number: u64) {
+    pub(crate) fn continue_numbers_after(&self, number: u64) {
         if let Some(disk) = &self.disk {
             disk.last.fetch_max(number, Ordering::AcqRel);
         }

@@ -43,7 +43,7 @@ mod world;
 pub use clock::Clock;
 pub use config::{
     Broker, Config, ConfigError, ConfigKey, ConfigWord, CoordinateSystem as ConfiguredSystem, ExternalBroker,
-    MCodeSettings, Machine, Stock, Unhandled,
+    MCodeSettings, Machine, Stock, UnhandledReaction,
 };
 pub use coordinator::{Runtime, StartError};
 /// Interface to hardware: traits for your own bus and spindle, and the factory that provides them to a runtime.
@@ -55,4 +55,4 @@ pub mod hardware {
     };
 }
 pub use sequence::demo::{demo_sequence_program, open_demo};
-pub use servo_thread::{JITTER_BUCKETS, Measured, ServoStatistics};
+pub use servo_thread::{DurationHistogram, JITTER_BUCKETS, ServoStatistics};

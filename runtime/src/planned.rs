@@ -9,7 +9,7 @@ use tandem_model::profile::Profile;
 
 /// Part of the plan of a coordinate system, in the order of execution.
 #[derive(Debug, Clone, Copy)]
-pub enum Planned<'a> {
+pub enum PlannedMotion<'a> {
     /// A piece of the toolpath; its profiles follow.
     Segment {
         /// Its number.
@@ -24,7 +24,7 @@ pub enum Planned<'a> {
     Profile(&'a Profile),
 }
 
-type Callback = dyn FnMut(CoordinateSystemNumber, Planned<'_>) + Send;
+type Callback = dyn FnMut(CoordinateSystemNumber, PlannedMotion<'_>) + Send;
 
 /// Callback that receives the plans of each coordinate system.
 #[derive(Clone)]
@@ -32,11 +32,11 @@ pub struct OnPlan(Arc<Mutex<Callback>>);
 
 impl OnPlan {
     /// Creates a callback from this function.
-    pub fn new(callback: impl FnMut(CoordinateSystemNumber, Planned<'_>) + Send + 'static) -> Self {
+    pub fn new(callback: impl FnMut(CoordinateSystemNumber, PlannedMotion<'_>) + Send + 'static) -> Self {
         Self(Arc::new(Mutex::new(callback)))
     }
 
-    pub(crate) fn call(&self, cs: CoordinateSystemNumber, planned: Planned<'_>) {
+    pub(crate) fn call(&self, cs: CoordinateSystemNumber, planned: PlannedMotion<'_>) {
         (self.0.lock())(cs, planned);
     }
 }

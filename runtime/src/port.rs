@@ -49,7 +49,7 @@ use crate::coordinate_system::Mailbox;
 use crate::explain::{explain_here, nearest, picture};
 use crate::persistence::{LastRuns, StateWriter};
 use crate::preview::Previews;
-use crate::shared::Shared;
+use crate::shared::SharedState;
 
 /// Maximum length of a warning raised by a server end, in characters.
 const WARNING_TEXT_MAX: usize = 500;
@@ -57,7 +57,7 @@ const WARNING_TEXT_MAX: usize = 500;
 /// The port of a running machine.
 #[derive(Debug)]
 pub(crate) struct RuntimePort {
-    pub shared: Arc<Shared>,
+    pub shared: Arc<SharedState>,
     pub mailboxes: Vec<Arc<Mailbox>>,
     /// Writes stored data; `None` in simulated time and without a data folder.
     pub writer: Option<StateWriter>,
@@ -92,7 +92,10 @@ impl RuntimePort {
             // The task ends next, whatever the answer.
             let clock = &self.shared.clock;
             let _ = clock
-                .within_real(Duration::from_secs(2), self.carry_out(stop, Sender::in_process()))
+                .within_real(
+                    Duration::from_secs(2),
+                    self.execute_request(stop, Sender::in_process()),
+                )
                 .await;
         }
     }
@@ -158,7 +161,7 @@ impl RuntimePort {
     /// Runs long work on programs outside of the tasks that must not block; simulated time has no disk and one thread.
     async fn on_disk<T: Send + 'static>(
         &self,
-        work: impl FnOnce(&Shared) -> io::Result<T> + Send + 'static,
+        work: impl FnOnce(&SharedState) -> io::Result<T> + Send + 'static,
     ) -> Result<T, Refusal> {
         let done = if self.shared.clock.is_simulated() {
             work(&self.shared)
@@ -251,7 +254,7 @@ impl RuntimePort {
     }
 
     /// Executes a request, unless it is older than its age limit when it would take effect.
-    fn carry_out(&self, request: Request, sender: Sender) -> BoxFuture<'_, Result<Answer, Refusal>> {
+    fn execute_request(&self, request: Request, sender: Sender) -> BoxFuture<'_, Result<Answer, Refusal>> {
         match request.into() {
             Destination::CoordinateSystem(cs, request) => self.pass_on(cs, request, sender),
             Destination::Program(request) => Box::pin(self.of_program(request)),
@@ -452,12 +455,12 @@ impl Port for RuntimePort {
 
     fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
         audit::record_edit(&self.shared, None, &request);
-        self.carry_out(request, Sender::in_process())
+        self.execute_request(request, Sender::in_process())
     }
 
     fn request_as<'a>(&'a self, client: &'a str, request: Request) -> BoxFuture<'a, Result<Answer, Refusal>> {
         audit::record_edit(&self.shared, Some(client), &request);
-        self.carry_out(request, Sender::in_process())
+        self.execute_request(request, Sender::in_process())
     }
 
     fn request_not_after<'a>(
@@ -475,7 +478,7 @@ impl Port for RuntimePort {
             not_after,
             ..Sender::in_process()
         };
-        self.carry_out(request, sender)
+        self.execute_request(request, sender)
     }
 
     fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {
@@ -492,7 +495,7 @@ impl ServedPort for RuntimePort {
         if let (Request::ForceIo(_, force), Some(user)) = (&mut request, &origin.user) {
             force.by = Some(user.clone());
         }
-        let sender = Sender::of(&origin);
+        let sender = Sender::from_origin(&origin);
         if origin.right.is_recorded() && !audit::is_own_level(&request) {
             audit::record(&self.shared, origin.clone(), &request);
         }
@@ -500,7 +503,7 @@ impl ServedPort for RuntimePort {
             Request::Handler(id, presence) if origin.over == ServerTransport::Rest => {
                 Box::pin(self.handler(Reach::Polling, id, presence))
             }
-            request => self.carry_out(request, sender),
+            request => self.execute_request(request, sender),
         }
     }
 
@@ -515,10 +518,11 @@ impl ServedPort for RuntimePort {
         match notice {
             ServerNotice::BusLink { connected, broker } => {
                 self.shared.bus_connected.store(connected, Ordering::Relaxed);
-                self.shared.tell_broker(broker);
+                self.shared.publish_broker(broker);
             }
             ServerNotice::NotKept(text) => {
-                self.shared.stand(&MESSAGES_NOT_KEPT, text.as_deref());
+                self.shared
+                    .update_standing_warning(&MESSAGES_NOT_KEPT, text.as_deref());
             }
             ServerNotice::Access(note) => {
                 self.access.record(&self.shared, note);

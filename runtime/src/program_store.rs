@@ -34,7 +34,7 @@ pub(crate) use file::check_readable;
 pub use file::{program_number, read_text, read_text_from};
 use folder::{Outside, ProgramFolder};
 pub(crate) use on_disk::{HeldBack, ProgramFindings};
-use places::Places;
+use places::FolderAssignments;
 pub(crate) use program::mentions_variables;
 pub use program::{CheckHere, StoredProgram, TextRules, header, locate};
 pub use signing::Signers;
@@ -68,7 +68,7 @@ pub struct ProgramStore {
     /// `None` if nothing is stored on disk, or if the folder could not be opened.
     folder: Mutex<Option<ProgramFolder>>,
     /// Folder in the program list for each program.
-    places: Mutex<Places>,
+    places: Mutex<FolderAssignments>,
     generations: Arc<Generations>,
     /// All programs of the folder are held back when it is opened.
     holds_back: AtomicBool,
@@ -78,7 +78,7 @@ pub struct ProgramStore {
 }
 
 /// Result of a request to change a program.
-pub(crate) type Changed<T> = io::Result<Result<T, Refusal>>;
+pub(crate) type ChangeResult<T> = io::Result<Result<T, Refusal>>;
 
 impl ProgramStore {
     /// Creates a store of programs that stores nothing on disk.
@@ -219,7 +219,7 @@ impl ProgramStore {
         &self,
         program: StoredProgram,
         condition: &ProgramCondition,
-    ) -> Changed<(ProgramCheck, Edit)> {
+    ) -> ChangeResult<(ProgramCheck, Edit)> {
         let number = program.number;
         let _one_at_a_time = self.writing.lock();
         let created = self.check_room(number, program.text().len())?;
@@ -230,7 +230,7 @@ impl ProgramStore {
         self.with_folder(|folder| {
             let outside = outside(folder.as_deref(), number)?;
             let old = self.hash_now(number, &outside);
-            if let Err(refusal) = condition.judge(number, old.as_deref()) {
+            if let Err(refusal) = condition.check_stored_hash(number, old.as_deref()) {
                 return Ok(Err(refusal));
             }
             let before = self
@@ -241,7 +241,7 @@ impl ProgramStore {
                 (None, true) => EditKind::Upload,
                 (None, false) => EditKind::Replace,
             };
-            let new = Some(program.sum().to_owned());
+            let new = Some(program.checksum().to_owned());
             let check = ProgramCheck {
                 created,
                 unchanged: before.is_some(),
@@ -271,7 +271,7 @@ impl ProgramStore {
             Outside::Written(sum) => Some(sum.clone()),
             Outside::Removed => None,
             Outside::Nothing if self.damaged.read().contains_key(&number) => Some(String::new()),
-            Outside::Nothing => self.get(number).map(|program| program.sum().to_owned()),
+            Outside::Nothing => self.get(number).map(|program| program.checksum().to_owned()),
         }
     }
 
@@ -336,7 +336,7 @@ impl ProgramStore {
     ///
     /// # Errors
     /// Returns an error if the disk operation fails.
-    pub(crate) fn remove(&self, number: u16, condition: &ProgramCondition) -> Changed<Option<Edit>> {
+    pub(crate) fn remove(&self, number: u16, condition: &ProgramCondition) -> ChangeResult<Option<Edit>> {
         let _one_at_a_time = self.writing.lock();
         let _writing = match self.run_programs.begin_writing(number) {
             Ok(writing) => writing,
@@ -345,7 +345,7 @@ impl ProgramStore {
         self.with_folder(|folder| {
             let outside = outside(folder.as_deref(), number)?;
             let old = self.hash_now(number, &outside);
-            if let Err(refusal) = condition.judge(number, old.as_deref()) {
+            if let Err(refusal) = condition.check_stored_hash(number, old.as_deref()) {
                 return Ok(Err(refusal));
             }
             if old.is_none() && self.get(number).is_none() {

@@ -6,9 +6,9 @@ use plc_api::types::data::{
 use plc_api::types::message::Payload;
 use plc_api::types::topic::{CsTopic, Topic};
 
-use crate::shared::Shared;
+use crate::shared::SharedState;
 
-impl Shared {
+impl SharedState {
     /// Publishes the variables named by the configuration, for each area in which one has changed.
     pub fn publish_variables(&self) {
         if !self.machine.published.is_empty() {
@@ -72,10 +72,10 @@ mod tests {
 
     use crate::test::Bench;
 
-    type Heard = Arc<Mutex<Vec<Vec<f64>>>>;
+    type ObservedValues = Arc<Mutex<Vec<Vec<f64>>>>;
 
     /// A program that notes what it reads of P200 and P201, and works for a second on M20.
-    fn follows(heard: &Heard) -> SequenceProgram {
+    fn follows(heard: &ObservedValues) -> SequenceProgram {
         let heard = Arc::clone(heard);
         let work = async |_output: AuxOutput, plc: Plc| -> Result<(), Alarm> {
             plc.sleep(Duration::from_secs(1)).await;
@@ -96,7 +96,7 @@ mod tests {
 
     #[test]
     fn change_by_program_or_handler_published_once_same_value_not_at_all() {
-        let heard = Heard::default();
+        let heard = ObservedValues::default();
         let bench = Bench::new().publish_variables(VariableArea::Global, 200, 2);
         let text = "P200=1\nP202=5\nM20\nP200=1\nG01 X10 F600\nM20\nP200=P201+1\nM30";
         bench
@@ -128,7 +128,7 @@ mod tests {
 
     #[test]
     fn subscription_to_undeclared_variables_fails_with_the_config_line() {
-        let heard = Heard::default();
+        let heard = ObservedValues::default();
         let failed = Bench::new().serve(follows(&heard)).run("M20\nM30").unwrap_err();
         let text = failed.to_string();
         assert!(

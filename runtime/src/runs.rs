@@ -6,7 +6,7 @@ use std::time::SystemTime;
 
 use plc_api::handshake::Now;
 use plc_api::types::output::Timing;
-use plc_api::types::planned::PlannedPlace;
+use plc_api::types::planned::PlannedLocation;
 use plc_api::types::run::{
     Production, RUNS_AT_ONCE_MAX, RUNS_KEPT, Run, RunAlarm, RunEnded, RunEndedHow, RunQuery, RunState,
     RunWait, Runs,
@@ -37,7 +37,7 @@ pub(crate) struct EndedRun {
 
 /// Stored active run, with the order that has started it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(crate) struct BegunRun {
+pub(crate) struct ActiveRunRecord {
     #[serde(flatten)]
     pub run: Run,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -51,7 +51,7 @@ pub(crate) struct BegunRun {
 pub(crate) struct KeptRuns {
     pub ended: Vec<EndedRun>,
     /// Runs that were active when the runtime ended.
-    pub open: Vec<BegunRun>,
+    pub open: Vec<ActiveRunRecord>,
     pub production: Vec<Production>,
     /// Number of the newest line of the journal that is included, by coordinate system.
     pub lines: LinesIncluded,
@@ -91,7 +91,7 @@ impl RunBook {
         &mut self,
         kept: KeptRuns,
         journal: &[Value],
-        place_of: impl Fn(&Run) -> Option<PlannedPlace>,
+        place_of: impl Fn(&Run) -> Option<PlannedLocation>,
         time: SystemTime,
     ) -> Vec<Run> {
         let mut ended = kept.ended;
@@ -138,7 +138,7 @@ impl RunBook {
             return;
         }
         if matches!(event, Event::Boot { .. }) {
-            self.end(cs, ended_now(RunEndedHow::Restarted, String::new(), None, time));
+            self.end_run(cs, ended_now(RunEndedHow::Restarted, String::new(), None, time));
         } else if Self::learns_from(&event) {
             let monotonic_s = unix_s(time);
             self.on(cs, &event, Now { monotonic_s, time });
@@ -174,7 +174,7 @@ impl RunBook {
     /// Processes an event. Returns true if the state must be published.
     pub fn on(&mut self, cs: CoordinateSystemNumber, event: &Event, now: Now) -> bool {
         if let Event::Start { program: 1.., .. } = event {
-            self.begin(cs, event, now);
+            self.begin_run(cs, event, now);
             return true;
         }
         let Some(open) = self.open.get_mut(&cs) else {
@@ -200,7 +200,7 @@ impl RunBook {
                 true
             }
             Event::PartsEnded { how, text } => {
-                self.end(cs, ended_now(*how, text.clone(), None, now.time));
+                self.end_run(cs, ended_now(*how, text.clone(), None, now.time));
                 true
             }
             Event::End(end) => {
@@ -211,7 +211,7 @@ impl RunBook {
         }
     }
 
-    fn begin(&mut self, cs: CoordinateSystemNumber, event: &Event, now: Now) {
+    fn begin_run(&mut self, cs: CoordinateSystemNumber, event: &Event, now: Now) {
         let Event::Start {
             program,
             run_id,
@@ -290,13 +290,16 @@ impl RunBook {
                     _ => RunEndedHow::Reset,
                 };
                 let place = program.zip(line);
-                (how, place.map(|(program, line)| PlannedPlace { program, line }))
+                (
+                    how,
+                    place.map(|(program, line)| PlannedLocation { program, line }),
+                )
             }
         };
-        self.end(cs, ended_now(how, String::new(), place, now.time));
+        self.end_run(cs, ended_now(how, String::new(), place, now.time));
     }
 
-    fn end(&mut self, cs: CoordinateSystemNumber, end: RunEnded) {
+    fn end_run(&mut self, cs: CoordinateSystemNumber, end: RunEnded) {
         if let Some(open) = self.open.remove(&cs) {
             self.close(open.run, open.order, end);
         }
@@ -371,8 +374,8 @@ impl RunBook {
     }
 
     /// Returns the active run of a coordinate system.
-    pub fn open(&self, cs: CoordinateSystemNumber) -> Option<BegunRun> {
-        self.open.get(&cs).map(|open| BegunRun {
+    pub fn open(&self, cs: CoordinateSystemNumber) -> Option<ActiveRunRecord> {
+        self.open.get(&cs).map(|open| ActiveRunRecord {
             run: open.run.clone(),
             order: open.order.clone(),
             part_began: open.part_began.clone(),
@@ -400,7 +403,7 @@ impl RunBook {
     }
 }
 
-fn ended_now(how: RunEndedHow, text: String, place: Option<PlannedPlace>, time: SystemTime) -> RunEnded {
+fn ended_now(how: RunEndedHow, text: String, place: Option<PlannedLocation>, time: SystemTime) -> RunEnded {
     RunEnded {
         at: Timestamp::from_system_time(time),
         how,
@@ -416,8 +419,8 @@ fn unix_s(time: SystemTime) -> f64 {
 
 impl OpenRun {
     /// Restores a run of an earlier start, with times of day as seconds.
-    fn restore(kept: BegunRun) -> Self {
-        let BegunRun {
+    fn restore(kept: ActiveRunRecord) -> Self {
+        let ActiveRunRecord {
             run,
             order,
             part_began,

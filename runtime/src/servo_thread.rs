@@ -17,7 +17,7 @@ use plc_api::server::{Durations, ServoTiming};
 use plc_api::supervisor::panic_text;
 use tandem_servo::{Cutoff, Servo};
 
-use stall_watch::{LOOK_EVERY, STALL_MAX, StallWatch, note_place};
+use stall_watch::{LOOK_EVERY, STALL_MAX, StallWatch, record_thread_folder};
 
 /// Maximum wait of a stop for the threads. Reason: a servo thread may be blocked in a call of the bus.
 const JOIN_MAX: Duration = Duration::from_secs(1);
@@ -44,9 +44,9 @@ pub struct ServoStatistics {
     /// Frames to the drives that were lost.
     pub lost_frames: AtomicU64,
     /// Lateness of the start of each cycle.
-    pub lateness: Measured,
+    pub lateness: DurationHistogram,
     /// Duration of each cycle.
-    pub computing: Measured,
+    pub computing: DurationHistogram,
     /// Cycles that have begun; more than `cycles` while one runs.
     pub begun: AtomicU64,
     /// Reason of the servo's failure. Nothing moves from then on.
@@ -55,7 +55,7 @@ pub struct ServoStatistics {
 
 /// Measured times.
 #[derive(Debug, Default)]
-pub struct Measured {
+pub struct DurationHistogram {
     /// The longest time so far, ns.
     pub max_ns: AtomicU64,
     /// Sum of all times, ns.
@@ -64,7 +64,7 @@ pub struct Measured {
     pub buckets: [AtomicU64; JITTER_BUCKETS],
 }
 
-impl Measured {
+impl DurationHistogram {
     fn count(&self, time: Duration) {
         let time_ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
         self.max_ns.fetch_max(time_ns, Ordering::Relaxed);
@@ -152,7 +152,7 @@ struct Begin {
 impl Timetable {
     /// Begins the cycle that is due. A small delay is made up for by the next cycle; after more than two periods the
     /// overdue cycles are left out, since setpoints must not come in a burst.
-    fn begin(&mut self, now: Instant) -> Begin {
+    fn begin_cycle(&mut self, now: Instant) -> Begin {
         let late = now.saturating_duration_since(self.next);
         let mut missed = 0;
         self.next += self.period;
@@ -206,7 +206,7 @@ pub(crate) fn pass(servo: &mut Servo, cycles: u64, statistics: &ServoStatistics)
 }
 
 /// Callbacks through which the relay thread reports events of the servo thread.
-pub(crate) struct Told<W, F> {
+pub(crate) struct RelayCallbacks<W, F> {
     /// A cycle has emitted an event.
     pub wake: W,
     /// The servo has failed, for this reason. Called once.
@@ -230,7 +230,7 @@ impl ServoThread {
         mut servo: Servo,
         period: Duration,
         missed_max: u64,
-        told: Told<W, F>,
+        told: RelayCallbacks<W, F>,
         statistics: Arc<ServoStatistics>,
     ) -> std::io::Result<Self>
     where
@@ -255,7 +255,7 @@ impl ServoThread {
         let servo_stop = Arc::clone(&stop);
         let cycles = std::thread::Builder::new().name("servo".into()).spawn(move || {
             ask_for_real_time();
-            note_place(&place);
+            record_thread_folder(&place);
             let mut timetable = Timetable {
                 period,
                 next: Instant::now() + period,
@@ -266,7 +266,7 @@ impl ServoThread {
                     std::thread::sleep(timetable.next - now);
                 }
                 let begun = Instant::now();
-                let begin = timetable.begin(begun);
+                let begin = timetable.begin_cycle(begun);
                 statistics.begun.fetch_add(1, Ordering::Relaxed);
                 let told = cycle_after(&mut servo, begin.missed, missed_max, &statistics);
                 let counts = servo.bus_counts();
@@ -293,7 +293,7 @@ struct Relay<W, F> {
     statistics: Arc<ServoStatistics>,
     watch: StallWatch,
     cutoff: Option<Cutoff>,
-    told: Told<W, F>,
+    told: RelayCallbacks<W, F>,
 }
 
 impl<W: Fn(), F: Fn(&str)> Relay<W, F> {

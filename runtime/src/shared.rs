@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use parking_lot::Mutex;
 use plc_api::alarm::USER_ALARM_BASE;
-use plc_api::handler_registry::{HandlerRegistry, Reach, Registered};
+use plc_api::handler_registry::{HandlerRegistry, PresenceEffect, Reach};
 use plc_api::handshake::Now;
 use plc_api::hub::Hub;
 use plc_api::io_points::IoPoints;
@@ -30,13 +30,13 @@ use tandem_model::flow::Output;
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
-use crate::alarms::{Alarms, Raised};
+use crate::alarms::{Alarms, RaiseOutcome};
 use crate::birth::birth;
 use crate::clock::Clock;
 use crate::command_memory::CommandMemory;
 use crate::config::Machine;
-use crate::declared::{Declared, refused_output};
-use crate::disk::{Health, Part};
+use crate::declared::{SourcedDeclaration, refused_output};
+use crate::disk::{DataFolderPart, Health};
 use crate::heartbeat_times::HeartbeatTimes;
 use crate::journal::{Event, Journal};
 use crate::planned::OnPlan;
@@ -48,7 +48,7 @@ use crate::tables::Tables;
 
 /// Shared state of a machine.
 #[derive(Debug)]
-pub(crate) struct Shared {
+pub(crate) struct SharedState {
     pub machine: Machine,
     pub boot_id: BootId,
     pub hub: Hub,
@@ -91,7 +91,7 @@ pub(crate) struct Shared {
     sent: AtomicU64,
 }
 
-impl Shared {
+impl SharedState {
     pub fn new(
         machine: Machine,
         boot_id: BootId,
@@ -191,7 +191,7 @@ impl Shared {
     }
 
     /// Publishes an unchanged state again with the current time.
-    pub fn say_again(&self, topic: &Topic) {
+    pub fn republish_state(&self, topic: &Topic) {
         if let Some(last) = self.hub.read(topic) {
             let (rev, payload) = (last.rev, last.payload.clone());
             self.send(self.message(topic.clone(), rev, payload));
@@ -199,7 +199,7 @@ impl Shared {
     }
 
     /// Publishes which external broker is connected.
-    pub fn tell_broker(&self, broker: Option<BrokerInUse>) {
+    pub fn publish_broker(&self, broker: Option<BrokerInUse>) {
         let last = self.hub.read(&Topic::Presence);
         let Some(Payload::Presence(presence)) = last.as_ref().map(|message| &message.payload) else {
             return;
@@ -213,7 +213,7 @@ impl Shared {
 
     /// Notes whether a part of the data folder was written; returns the result. An attempt that is impossible in itself
     /// gives no information about the disk.
-    pub fn note<T>(&self, part: Part, attempt: io::Result<T>) -> io::Result<T> {
+    pub fn record_attempt<T>(&self, part: DataFolderPart, attempt: io::Result<T>) -> io::Result<T> {
         let is_asked_too_much = |error: &io::Error| {
             matches!(
                 error.kind(),
@@ -221,9 +221,9 @@ impl Shared {
             )
         };
         if !attempt.as_ref().is_err_and(is_asked_too_much) {
-            self.health.note(part, &attempt);
+            self.health.record_attempt(part, &attempt);
             if let Err(error) = &attempt {
-                self.stand(part.alarm(), Some(&error.to_string()));
+                self.update_standing_warning(part.alarm(), Some(&error.to_string()));
             }
         }
         attempt
@@ -245,7 +245,7 @@ impl Shared {
             };
             self.record(0, event);
         }
-        self.stand(&STORED_DATA_QUESTION, open.text().as_deref());
+        self.update_standing_warning(&STORED_DATA_QUESTION, open.text().as_deref());
     }
 
     /// Writes a line of the journal.
@@ -285,9 +285,9 @@ impl Shared {
     }
 
     /// Keeps a warning of the whole machine active, even through resets, as long as there is a text.
-    pub fn stand(&self, entry: &AlarmEntry, text: Option<&str>) {
+    pub fn update_standing_warning(&self, entry: &AlarmEntry, text: Option<&str>) {
         let mut alarms = self.alarms.lock();
-        for record in alarms.stand(entry, text, &self.timestamp()) {
+        for record in alarms.update_standing_warning(entry, text, &self.timestamp()) {
             self.publish_alarms(&alarms, &record);
         }
     }
@@ -307,8 +307,8 @@ impl Shared {
         }
         let mut alarms = self.alarms.lock();
         match alarms.raise(record, is_active, self.timestamp()) {
-            Raised::Active(record) => record,
-            Raised::New(record) => {
+            RaiseOutcome::Active(record) => record,
+            RaiseOutcome::New(record) => {
                 self.publish_alarms(&alarms, &record);
                 record
             }
@@ -407,17 +407,17 @@ impl Shared {
         reach: Reach,
         id: &str,
         presence: &HandlerPresence,
-    ) -> Result<Registered, Refusal> {
+    ) -> Result<PresenceEffect, Refusal> {
         let now = (self.clock.wall(), self.clock.now_s());
         let changed = self.handlers.lock().set_over(reach, id, presence, now)?;
-        if let Registered::Online {
+        if let PresenceEffect::Online {
             forgotten: Some(gone),
             ..
         } = &changed
         {
             self.hub.forget(&Topic::HandlerPresence(gone.clone()));
         }
-        if !matches!(changed, Registered::Nothing | Registered::Refreshed) {
+        if !matches!(changed, PresenceEffect::Nothing | PresenceEffect::Refreshed) {
             let shown = HandlerPresence {
                 take_over: false,
                 ..presence.clone()
@@ -450,7 +450,7 @@ impl Shared {
     }
 
     /// Reports the result of its request to an instance of a handler.
-    pub fn tell_handler(&self, id: &str, result: HandlerResult) {
+    pub fn publish_handler_result(&self, id: &str, result: HandlerResult) {
         self.publish(
             Topic::HandlerResult(id.to_owned()),
             Payload::HandlerResult(result),
@@ -462,27 +462,29 @@ impl Shared {
     }
 
     /// Returns the declarations of M codes by the configuration and by online handlers.
-    pub fn declared(&self) -> Vec<Declared> {
+    pub fn declared(&self) -> Vec<SourcedDeclaration> {
         let of_config = self.machine.m_codes.values();
-        let of_config = of_config.filter_map(|settings| settings.declared.clone().map(Declared::in_config));
+        let of_config =
+            of_config.filter_map(|settings| settings.declared.clone().map(SourcedDeclaration::in_config));
         let handlers = self.handlers();
         let handlers = handlers.iter().filter(|(_, handler)| handler.online);
         let of_handlers = handlers.flat_map(|(id, handler)| {
             let said = handler.m_codes.iter().cloned();
-            said.map(|declaration| Declared::by_handler(id, declaration))
+            said.map(|declaration| SourcedDeclaration::by_handler(id, declaration))
         });
         of_config.chain(of_handlers).collect()
     }
 
     /// Returns the declarations of one M code by the configuration and by online handlers.
-    pub fn declared_of(&self, cs: CoordinateSystemNumber, m: u16) -> Vec<Declared> {
+    pub fn declared_of(&self, cs: CoordinateSystemNumber, m: u16) -> Vec<SourcedDeclaration> {
         let settings = self.machine.m_codes.get(&m);
         let of_config = settings.and_then(|settings| settings.declared.clone());
-        let mut declared: Vec<Declared> = of_config.map(Declared::in_config).into_iter().collect();
+        let mut declared: Vec<SourcedDeclaration> =
+            of_config.map(SourcedDeclaration::in_config).into_iter().collect();
         let handlers = self.handlers();
         for (id, handler) in handlers.iter().filter(|(_, handler)| handler.online) {
             let of_handler = handler.declaration(cs, m).cloned();
-            declared.extend(of_handler.map(|declaration| Declared::by_handler(id, declaration)));
+            declared.extend(of_handler.map(|declaration| SourcedDeclaration::by_handler(id, declaration)));
         }
         declared
     }
@@ -504,8 +506,8 @@ impl Shared {
     ///
     /// # Errors
     /// Returns an error in the cases of [`HandlerRegistry::judge_writer`].
-    pub fn judge_writer(&self, id: &str, instance: Option<&String>) -> Result<(), Refusal> {
-        self.handlers.lock().judge_writer(id, instance)
+    pub fn check_writer(&self, id: &str, instance: Option<&String>) -> Result<(), Refusal> {
+        self.handlers.lock().check_writer(id, instance)
     }
 
     /// Returns true if an online handler serves this M code.

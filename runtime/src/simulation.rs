@@ -17,11 +17,11 @@ use tokio::sync::Notify;
 use crate::clock::Clock;
 use crate::coordinate_system::Mailbox;
 use crate::servo_thread::{cycle_after, pass};
-use crate::shared::Shared;
+use crate::shared::SharedState;
 #[cfg(feature = "testing")]
 use tokio_clock::TokioClock;
 
-pub use crate::planned::{OnPlan, Planned};
+pub use crate::planned::{OnPlan, PlannedMotion};
 
 /// Real time without progress of simulated time after which the standstill is reported.
 const STANDSTILL_REPORT: Duration = Duration::from_secs(5);
@@ -36,7 +36,7 @@ pub type OnCycle = Box<dyn FnMut(&Servo) + Send>;
 pub struct Simulation {
     servo: Mutex<SimulatedServo>,
     clock: Clock,
-    shared: Arc<Shared>,
+    shared: Arc<SharedState>,
     mailboxes: Vec<Arc<Mailbox>>,
     stalled: Notify,
     period_ns: u64,
@@ -58,7 +58,7 @@ struct SimulatedServo {
 
 /// Next event in simulated time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Next {
+enum NextEvent {
     /// Tasks are ready to run.
     Tasks,
     /// This cycle; nothing happens before it.
@@ -78,7 +78,7 @@ impl Simulation {
         servo: Servo,
         clock: Clock,
         mailboxes: Vec<Arc<Mailbox>>,
-        shared: &Arc<Shared>,
+        shared: &Arc<SharedState>,
         options: SimulationOptions,
     ) -> Self {
         let machine = &shared.machine;
@@ -131,12 +131,12 @@ impl Simulation {
         let mut servo = self.servo.lock();
         loop {
             match self.next(&mut servo) {
-                Next::Tasks => return,
-                Next::Nothing => {
+                NextEvent::Tasks => return,
+                NextEvent::Nothing => {
                     self.stalled.notify_one();
                     return;
                 }
-                Next::Cycle(cycle) => {
+                NextEvent::Cycle(cycle) => {
                     if self.advance(&mut servo, cycle) {
                         return;
                     }
@@ -146,22 +146,22 @@ impl Simulation {
     }
 
     /// Returns the next event. Wakes the tasks that are due.
-    fn next(&self, servo: &mut SimulatedServo) -> Next {
+    fn next(&self, servo: &mut SimulatedServo) -> NextEvent {
         if self.clock.wake_due() {
             servo.turns = 0;
-            return Next::Tasks;
+            return NextEvent::Tasks;
         }
         let moving = servo.servo.channels().iter().any(|channel| !channel.is_idle());
         let now_ns = servo.cycles * self.period_ns;
         if (!moving && self.clock.next_due_ns().is_none()) || now_ns >= self.limit_ns {
-            return Next::Nothing;
+            return NextEvent::Nothing;
         }
         let before = if servo.missed == 0 {
             self.cycles_to_pass(servo, now_ns)
         } else {
             servo.missed
         };
-        Next::Cycle(servo.cycles + before + 1)
+        NextEvent::Cycle(servo.cycles + before + 1)
     }
 
     /// Counts cycles up to this one, at most up to the [next](Simulation::next) one. Returns true when tasks must run
@@ -261,14 +261,14 @@ impl Default for SimulationOptions {
 }
 
 /// Slot in which a runtime in simulated time places its simulation, so that the executor finds it.
-pub(crate) type Slot = Arc<OnceLock<Arc<Simulation>>>;
+pub(crate) type SimulationSlot = Arc<OnceLock<Arc<Simulation>>>;
 
 tokio::task_local! {
-    static SLOT: Slot;
+    static SLOT: SimulationSlot;
 }
 
 /// Returns the slot of the simulation in which this task runs.
-pub(crate) fn slot() -> Option<Slot> {
+pub(crate) fn slot() -> Option<SimulationSlot> {
     SLOT.try_with(Arc::clone).ok()
 }
 
@@ -277,7 +277,7 @@ pub(crate) fn slot() -> Option<Slot> {
 /// # Errors
 /// Returns an error if the operating system provides no event queue.
 pub fn run<T>(main: impl Future<Output = T>) -> std::io::Result<T> {
-    let slot = Slot::default();
+    let slot = SimulationSlot::default();
     let mut executor = executor(&slot);
     let report = report_standstill(Arc::clone(&slot));
     let watched = async {
@@ -308,7 +308,7 @@ pub(crate) enum Code {
 /// Fails as [`run`].
 #[cfg(feature = "testing")]
 pub(crate) fn run_in<T>(
-    slot: Slot,
+    slot: SimulationSlot,
     code: Code,
     on_thread: impl Fn() + Send + Sync + 'static,
     main: impl Future<Output = T>,
@@ -318,7 +318,7 @@ pub(crate) fn run_in<T>(
         on_thread();
         "other-thread".to_owned()
     };
-    let clock = TokioClock::of(&slot);
+    let clock = TokioClock::for_slot(&slot);
     let mut executor = match code {
         Code::Own => executor(&slot),
         Code::Foreign => clock.executor(),
@@ -330,7 +330,7 @@ pub(crate) fn run_in<T>(
 }
 
 /// Counts servo cycles when no task is ready to run.
-fn executor(slot: &Slot) -> tokio::runtime::Builder {
+fn executor(slot: &SimulationSlot) -> tokio::runtime::Builder {
     let stepper = Arc::clone(slot);
     let mut executor = tokio::runtime::Builder::new_current_thread();
     executor.on_thread_park(move || {
@@ -342,7 +342,7 @@ fn executor(slot: &Slot) -> tokio::runtime::Builder {
 }
 
 /// Reports that simulated time has stopped because every task waits for something else.
-async fn report_standstill(slot: Slot) -> std::convert::Infallible {
+async fn report_standstill(slot: SimulationSlot) -> std::convert::Infallible {
     let mut last = None;
     loop {
         tokio::time::sleep(STANDSTILL_REPORT).await;

@@ -15,7 +15,9 @@ use plc_api::types::stored_data::{StoredDataFault, StoredDataFinding, StoredData
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use crate::disk::{Generations, Kind, fs, read_regular, read_sealed, seal, sync_folder, write_whole};
+use crate::disk::{
+    Generations, SealedFileKind, fs, read_regular, read_sealed, seal, sync_folder, write_whole,
+};
 use crate::program_store::places::FolderByProgram;
 
 /// File with the question, while it is pending.
@@ -52,7 +54,7 @@ impl OpenQuestion {
             Ok(bytes) => {
                 let mut lines = bytes.split(|byte| *byte == b'\n');
                 let kept = lines.find_map(|line| {
-                    let (line, _) = read_sealed(Kind::Question, line).ok()?;
+                    let (line, _) = read_sealed(SealedFileKind::Question, line).ok()?;
                     KeptQuestion::deserialize(&line["kept"]).ok()
                 });
                 Some(kept.unwrap_or_else(|| damaged_question("it is damaged")))
@@ -98,7 +100,7 @@ impl OpenQuestion {
     /// Writes the file of the question.
     fn write(&self, generations: &Generations) -> io::Result<()> {
         let mut line = json!({"n": 1, "kept": self.kept});
-        generations.plain_seal(Kind::Question).put(&mut line);
+        generations.plain_seal(SealedFileKind::Question).put(&mut line);
         let line = seal(&line.to_string());
         write_whole(
             &self.folder.join(QUESTION_FILE),

@@ -60,7 +60,7 @@ pub(crate) fn keep(values: &mut KeptValues, key: String, value: &impl Serialize)
 
 /// A tool or an offset as stored.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Kept<T> {
+pub(crate) struct StoredSetting<T> {
     /// Configured value at the time of writing.
     pub configured: T,
     /// Value in effect.
@@ -324,7 +324,7 @@ impl Tables {
         let mut tables = self.write();
         let offsets = tables.work_offsets.entry(cs).or_default();
         for (name, letter, value) in values {
-            if let (Some(place), Some(axis)) = (place_of(name), axis_of(letter, axes)) {
+            if let (Some(place), Some(axis)) = (work_offset_index(name), axis_of(letter, axes)) {
                 offsets.0[place][axis] = value;
             }
         }
@@ -347,7 +347,7 @@ impl Tables {
                 kept.insert(tool_key(id), LOST_VALUE.to_vec());
                 continue;
             }
-            let tool = Kept {
+            let tool = StoredSetting {
                 configured: of(&self.configured),
                 now: of(values),
             };
@@ -362,7 +362,7 @@ impl Tables {
                         .map(|axis| (axis.letter().to_string(), value(axis)))
                         .collect()
                 };
-                let offset = Kept {
+                let offset = StoredSetting {
                     configured: of(&self.configured),
                     now: of(values),
                 };
@@ -464,7 +464,7 @@ impl Tables {
         let mut values = self.read().clone();
         let offsets = values.work_offsets.entry(cs).or_default();
         for (name, named) in &change.work_offsets {
-            let place = place_of(name).ok_or_else(|| {
+            let place = work_offset_index(name).ok_or_else(|| {
                 let [first, .., last] = WORK_OFFSETS;
                 invalid(format!(
                     "there is no work offset {name:.16}; write {first} to {last}"
@@ -528,7 +528,7 @@ fn lost_ranges(letter: &str, array: &VariableArray, of: &str) -> Vec<String> {
 }
 
 /// Returns the index of a work offset in a table.
-fn place_of(name: &str) -> Option<usize> {
+fn work_offset_index(name: &str) -> Option<usize> {
     WORK_OFFSETS.iter().position(|known| *known == name)
 }
 

@@ -118,7 +118,7 @@ use crate::program_store::program_number;
 use crate::simulation::SimulationOptions;
 
 pub use perform::Scene;
-pub use record::{Ended, OutputRecord, Run, StateChange, Stopped, SystemEnd};
+pub use record::{OutputEnd, OutputRecord, Run, StateChange, Stopped, SystemEnd};
 pub use trace::Sample;
 
 /// Program number of a text without a number.
@@ -175,7 +175,7 @@ impl std::fmt::Display for Cue {
     }
 }
 
-type Action = Box<dyn FnOnce(Scene) -> BoxFuture<'static, plc_api::Result<()>> + Send>;
+type ScriptAction = Box<dyn FnOnce(Scene) -> BoxFuture<'static, plc_api::Result<()>> + Send>;
 
 /// A machine, its sequence programs, and the events while it runs. See the [module](self).
 #[must_use = "nothing happens before `run`"]
@@ -184,8 +184,8 @@ pub struct Bench {
     programs: BTreeMap<u16, String>,
     beside: Vec<(CoordinateSystemNumber, u16)>,
     sequence_programs: Vec<SequenceProgram>,
-    plants: Vec<Action>,
-    script: Vec<(Cue, Action)>,
+    plants: Vec<ScriptAction>,
+    script: Vec<(Cue, ScriptAction)>,
     trace_every_s: Option<f64>,
     options: SimulationOptions,
     journal: Journal,

@@ -48,13 +48,13 @@ pub(crate) trait Work: Send + 'static {
 
 /// Runs the rounds of a thread. A panic in a round is reported, and the next round follows; after too many
 /// panics the runtime shuts down.
-pub(crate) struct Supervised {
+pub(crate) struct SupervisedRounds {
     name: &'static str,
     supervisor: Supervisor,
     restarts: Restarts,
 }
 
-impl Supervised {
+impl SupervisedRounds {
     fn new(name: &'static str, supervisor: &Supervisor) -> Self {
         Self {
             name,
@@ -79,7 +79,7 @@ impl Supervised {
 }
 
 #[cfg(not(test))]
-pub(crate) use real::Thread;
+pub(crate) use real::OsThread;
 #[cfg(test)]
 pub(crate) use simulated::{Rounds, Thread, simulate, stop_simulating};
 
@@ -87,17 +87,17 @@ pub(crate) use simulated::{Rounds, Thread, simulate, stop_simulating};
 mod real {
     use std::thread::{Builder, JoinHandle};
 
-    use super::{Supervised, Supervisor, Work, io};
+    use super::{SupervisedRounds, Supervisor, Work, io};
 
     /// A thread.
     #[derive(Debug)]
-    pub(crate) struct Thread(JoinHandle<()>);
+    pub(crate) struct OsThread(JoinHandle<()>);
 
-    impl Thread {
+    impl OsThread {
         /// # Errors
         /// Returns an error if the operating system provides no thread.
         pub fn start(name: &'static str, supervisor: &Supervisor, mut work: impl Work) -> io::Result<Self> {
-            let mut rounds = Supervised::new(name, supervisor);
+            let mut rounds = SupervisedRounds::new(name, supervisor);
             let rounds = move || while rounds.round(|| work.round(work.patience())) {};
             Builder::new().name(name.to_owned()).spawn(rounds).map(Self)
         }
@@ -118,7 +118,7 @@ mod simulated {
     use parking_lot::Mutex;
     use tokio::task::AbortHandle;
 
-    use super::{Duration, Supervised, Supervisor, Work, io, real};
+    use super::{Duration, SupervisedRounds, Supervisor, Work, io, real};
 
     /// All simulated threads of the process; each may have ended.
     type All = Vec<(AbortHandle, Arc<Mutex<dyn Work>>)>;
@@ -141,7 +141,7 @@ mod simulated {
 
     #[derive(Debug)]
     pub(crate) enum Thread {
-        Real(real::Thread),
+        Real(real::OsThread),
         Simulated(Rounds),
     }
 
@@ -158,11 +158,11 @@ mod simulated {
     impl Thread {
         pub fn start(name: &'static str, supervisor: &Supervisor, work: impl Work) -> io::Result<Self> {
             if !ALL.with_borrow(Option::is_some) {
-                return real::Thread::start(name, supervisor, work).map(Self::Real);
+                return real::OsThread::start(name, supervisor, work).map(Self::Real);
             }
             let work: Arc<Mutex<dyn Work>> = Arc::new(Mutex::new(work));
             let of_task = Arc::clone(&work);
-            let mut rounds = Supervised::new(name, supervisor);
+            let mut rounds = SupervisedRounds::new(name, supervisor);
             let task = tokio::spawn(async move {
                 loop {
                     let pause = of_task.lock().delay();

@@ -23,7 +23,7 @@ use tandem_model::{Alarm, Axis, Diagnostic, Origin};
 use tandem_syntax::diagnostics::{self, DiagnosticEntry};
 use tandem_syntax::{Address, NcProgram, Word};
 
-use self::run::{Assumed, FIRST, Run, SECOND};
+use self::run::{FIRST, SECOND, TrialAssumptions, TrialRun};
 use crate::config::{CoordinateSystem as ConfiguredSystem, Machine};
 
 /// Blocks that a trial executes in addition to four times those of the program.
@@ -70,7 +70,7 @@ pub struct Trial<'a> {
 
 /// Result of a trial.
 #[derive(Debug, Default, PartialEq)]
-pub struct Shown {
+pub struct TrialResult {
     /// The alarms that end the program; on a machine the first one ends it.
     pub stops: Vec<Stop>,
     /// Warnings of the run, each once; empty without a machine.
@@ -97,7 +97,7 @@ pub struct Stop {
     pub assumed: Option<String>,
 }
 
-impl Shown {
+impl TrialResult {
     /// Returns the findings, each with the number of its program.
     pub fn findings(self, of: &Trial<'_>) -> Vec<(u16, Diagnostic)> {
         let place = |origin: Origin, words: &str| {
@@ -132,9 +132,9 @@ impl Shown {
 
 impl Trial<'_> {
     /// Runs the program several times. All runs together execute at most four times its blocks plus two million.
-    pub fn run(&self) -> Shown {
+    pub fn run(&self) -> TrialResult {
         if self.machine.is_none() && self.all().all(|program| self.is_plain(program)) {
-            return Shown::default();
+            return TrialResult::default();
         }
         let settings = match self.machine {
             Some((_, system)) => Cow::Borrowed(&system.settings),
@@ -144,7 +144,7 @@ impl Trial<'_> {
             trial: self,
             settings: &settings,
             steps_left: 4 * self.program.blocks().len() as u64 + STEPS_MAX,
-            shown: Shown::default(),
+            shown: TrialResult::default(),
         };
         runs.all();
         let mut shown = runs.shown;
@@ -227,7 +227,7 @@ struct Runs<'a> {
     trial: &'a Trial<'a>,
     settings: &'a CoordinateSystemSettings,
     steps_left: u64,
-    shown: Shown,
+    shown: TrialResult,
 }
 
 impl Runs<'_> {
@@ -244,10 +244,10 @@ impl Runs<'_> {
         let has_skips = self.trial.has_skips();
         for outside in values {
             if first.reads {
-                self.suppose(Assumed { outside, ..FIRST });
+                self.suppose(TrialAssumptions { outside, ..FIRST });
             }
             if has_skips {
-                self.suppose(Assumed {
+                self.suppose(TrialAssumptions {
                     outside,
                     optional_skip: u32::MAX,
                     ..FIRST
@@ -271,7 +271,7 @@ impl Runs<'_> {
     }
 
     /// Adds the alarms that occur with certain values of P and Q, or with block skip inputs.
-    fn suppose(&mut self, assumed: Assumed) {
+    fn suppose(&mut self, assumed: TrialAssumptions) {
         let value = format!("P and Q that the program does not write are {}", assumed.outside);
         let text = match (assumed.optional_skip, is_lost(assumed.outside)) {
             (0, _) => value,
@@ -288,11 +288,11 @@ impl Runs<'_> {
         }
     }
 
-    fn once(&mut self, assumed: Assumed) -> Ended {
-        let mut run = Run::new(self.trial, self.settings, assumed, self.steps_left);
+    fn once(&mut self, assumed: TrialAssumptions) -> TrialRunResult {
+        let mut run = TrialRun::new(self.trial, self.settings, assumed, self.steps_left);
         let end = run.run_out(&mut self.shown.warnings);
         self.steps_left -= run.steps().min(self.steps_left);
-        let mut ended = Ended {
+        let mut ended = TrialRunResult {
             alarms: run.into_alarms(),
             reads: false,
         };
@@ -306,7 +306,7 @@ impl Runs<'_> {
 }
 
 /// Result of a run.
-struct Ended {
+struct TrialRunResult {
     /// The alarms in order.
     alarms: Vec<Alarm>,
     /// The run has read a variable that the program has not written.

@@ -23,7 +23,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-use history::{History, Mutation, Outcome};
+use history::{History, HistoryOutcome, Mutation};
 use truth::Rule;
 
 /// Name of the machine, and root of its topics.
@@ -34,11 +34,11 @@ const ROOT: &str = "tandem/v1/mill/";
 const SEEDS: std::ops::Range<u64> = 0..500;
 
 /// Plays the history of a seed.
-fn play(seed: u64, mutation: Option<Mutation>) -> Outcome {
+fn play(seed: u64, mutation: Option<Mutation>) -> HistoryOutcome {
     let played = catch_unwind(AssertUnwindSafe(|| History::new(seed, mutation).play()));
     crate::disk::simulated::memory::Mount::unmount();
     crate::threads::stop_simulating();
-    played.unwrap_or_else(|_| Outcome::panicked())
+    played.unwrap_or_else(|_| HistoryOutcome::panicked())
 }
 
 /// Returns the seeds of `TANDEM_SEEDS=A..B`, otherwise the default seeds.
@@ -70,7 +70,7 @@ fn seeds() {
                     done.fetch_add(1, Ordering::Relaxed);
                     for broken in &outcome.broken {
                         failed.fetch_add(1, Ordering::Relaxed);
-                        say(&format!(
+                        print_result(&format!(
                             "seed {seed}: {:?}: {}\nrepeat it: TANDEM_TRACE=1 TANDEM_SEEDS={seed}..{} cargo test -p \
                              tandem-runtime --lib world::seeds -- --nocapture",
                             broken.rule,
@@ -84,7 +84,7 @@ fn seeds() {
     });
     let (done, failed) = (done.into_inner(), failed.into_inner());
     let took_s = begun.elapsed().as_secs_f64();
-    say(&format!(
+    print_result(&format!(
         "{done} seeds of {seeds:?} in {took_s:.1} s, {:.1} a second: {failed} broken rules",
         done as f64 / took_s
     ));
@@ -92,7 +92,7 @@ fn seeds() {
 }
 
 #[expect(clippy::print_stderr, reason = "the purpose of this test is its output")]
-fn say(text: &str) {
+fn print_result(text: &str) {
     eprintln!("{text}");
 }
 

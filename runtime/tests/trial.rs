@@ -26,7 +26,7 @@ use tandem_model::variables::Variables;
 use tandem_model::{AXES_MAX, Alarm, MachinePosition};
 use tandem_path::PathStage;
 use tandem_runtime::test::Bench;
-use tandem_runtime::trial::{Shown, Trial};
+use tandem_runtime::trial::{Trial, TrialResult};
 use tandem_runtime::{Config, Machine};
 use tandem_syntax::NcProgram;
 
@@ -140,7 +140,7 @@ fn run(
 fn each_clean(
     wanted: u64,
     make: fn(u64) -> Made,
-    trial: impl Fn(&Made, &Arc<NcProgram>, &BTreeMap<u16, Arc<NcProgram>>) -> Option<Shown>,
+    trial: impl Fn(&Made, &Arc<NcProgram>, &BTreeMap<u16, Arc<NcProgram>>) -> Option<TrialResult>,
     look: impl Fn(&Made, &Arc<NcProgram>, &BTreeMap<u16, Arc<NcProgram>>),
 ) {
     let (mut clean, mut made, mut stopped) = (0, 0_u64, 0_u64);
@@ -168,9 +168,9 @@ fn tried(
     program: &Arc<NcProgram>,
     programs: &BTreeMap<u16, Arc<NcProgram>>,
     machine: Option<&Machine>,
-) -> Option<Shown> {
+) -> Option<TrialResult> {
     let system = machine.map(|machine| (machine, &machine.coordinate_systems[0]));
-    let of_machine = system.map(|(_, system)| CheckContext::of(&system.settings));
+    let of_machine = system.map(|(_, system)| CheckContext::from_settings(&system.settings));
     let context = CheckContext {
         calculates: true,
         ..of_machine.unwrap_or_default()

@@ -5,7 +5,7 @@ mod settings;
 
 use std::fs;
 
-use tandem_interp::dialects::convert::{Converted, Source, convert};
+use tandem_interp::dialects::convert::{ConvertedProgram, Source, convert};
 use tandem_interp::dialects::{dgshape, nj};
 use tandem_interp::{CheckContext, check_source};
 use tandem_model::settings::{Calculator, NcOptions};
@@ -89,7 +89,7 @@ fn blocks(random: &mut Random) -> String {
     }
 }
 
-fn moves_equally(text: &str, converted: &Converted) {
+fn moves_equally(text: &str, converted: &ConvertedProgram) {
     let of_dgshape = steps(text, dgshape(), &machine_settings(&MACHINE));
     let config = MACHINE.replace("dialect = \"dgshape\"\n", "");
     let of_nj = steps(&converted.text, nj(), &machine_settings(&config));

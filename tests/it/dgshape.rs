@@ -64,7 +64,7 @@ pub fn findings(blocks: &str) -> Vec<&'static str> {
 /// The codes of the findings in a text.
 pub fn findings_of(text: &str) -> Vec<&'static str> {
     let settings = settings("");
-    let (_, check) = check_source(text, dgshape(), &CheckContext::of(&settings));
+    let (_, check) = check_source(text, dgshape(), &CheckContext::from_settings(&settings));
     check.diagnostics.iter().map(|finding| finding.code).collect()
 }
 

@@ -47,7 +47,10 @@ fn write(input: &DeriveInput) -> Result<proc_macro2::TokenStream> {
         },
         _ => return Err(no_struct(name)),
     };
-    let params = fields.into_iter().map(Param::of).collect::<Result<Vec<_>>>()?;
+    let params = fields
+        .into_iter()
+        .map(Param::from_field)
+        .collect::<Result<Vec<_>>>()?;
     for (index, param) in params.iter().enumerate() {
         if params[..index].iter().any(|other| other.letter == param.letter) {
             let text = format!("V{} is declared twice", param.letter);
@@ -90,7 +93,7 @@ struct Param<'a> {
 }
 
 impl<'a> Param<'a> {
-    fn of(field: &'a Field) -> Result<Self> {
+    fn from_field(field: &'a Field) -> Result<Self> {
         let Some(ident) = &field.ident else {
             return Err(syn::Error::new_spanned(field, "the field has no name"));
         };
@@ -101,7 +104,7 @@ impl<'a> Param<'a> {
                 let text = "a field is one parameter: leave one of #[va] to #[vh]";
                 return Err(syn::Error::new_spanned(attribute, text));
             }
-            found = Some((letter, Form::of(attribute)?));
+            found = Some((letter, Form::from_attribute(attribute)?));
         }
         let Some((letter, form)) = found else {
             let text = format!("which parameter is {ident}? Write one of #[va] to #[vh] before it");
@@ -167,7 +170,7 @@ struct Form {
 }
 
 impl Form {
-    fn of(attribute: &Attribute) -> Result<Self> {
+    fn from_attribute(attribute: &Attribute) -> Result<Self> {
         let mut form = Self::default();
         if matches!(attribute.meta, syn::Meta::Path(_)) {
             return Ok(form);

@@ -6,7 +6,7 @@ use super::*;
 use crate::error::{Error, Result};
 use crate::fake::FakePort;
 use crate::handlers::SequenceProgram;
-use crate::handshake::Closed;
+use crate::handshake::OutputOutcome;
 use crate::m_codes::MCode;
 use crate::types::m_code::{MCodeDeclaration, ParamLetter};
 use crate::types::output::Params;
@@ -15,10 +15,10 @@ use crate::units::{Bar, KiloNewton, Whole};
 const CLAMP: MCode = MCode::new(12, "clamp");
 
 /// Arguments that handlers received.
-type Seen = Arc<Mutex<Vec<String>>>;
+type ReceivedArguments = Arc<Mutex<Vec<String>>>;
 
 #[derive(crate::Params)]
-struct Clamp {
+struct ClampParams {
     #[va(1.0..=20.0, "kN", name = "clamping force")]
     force: f64,
     #[vb(1..=2)]
@@ -26,8 +26,8 @@ struct Clamp {
 }
 
 async fn clamp(
-    Clamp { force, left_side }: Clamp,
-    State(seen): State<Seen>,
+    ClampParams { force, left_side }: ClampParams,
+    State(seen): State<ReceivedArguments>,
     output: AuxOutput,
 ) -> Result<(), Alarm> {
     let m = output.m();
@@ -51,8 +51,8 @@ async fn serve(fake: &FakePort, program: SequenceProgram) -> JoinHandle<Result<(
 }
 
 /// Returns how M12 with these parameters ends, and the arguments that its handler received.
-async fn end_of(params: Params) -> (Option<Closed>, Vec<String>) {
-    let (fake, seen) = (FakePort::new([1]), Seen::default());
+async fn end_of(params: Params) -> (Option<OutputOutcome>, Vec<String>) {
+    let (fake, seen) = (FakePort::new([1]), ReceivedArguments::default());
     let program = SequenceProgram::new().on(CLAMP, clamp).state(Arc::clone(&seen));
     let _task = serve(&fake, program).await;
     let seq = fake.put_out(1, 12, params);
@@ -64,10 +64,10 @@ async fn end_of(params: Params) -> (Option<Closed>, Vec<String>) {
 #[tokio::test]
 async fn a_handler_gets_its_parameters_its_state_and_the_output() {
     let (end, seen) = end_of(params(Some(5.5), Some(2.0))).await;
-    assert_eq!(end, Some(Closed::Reset));
+    assert_eq!(end, Some(OutputOutcome::Reset));
     assert_eq!(seen, ["M12 5.5 Some(2)"]);
     let (end, seen) = end_of(params(Some(20.0), None)).await;
-    assert_eq!(end, Some(Closed::Reset));
+    assert_eq!(end, Some(OutputOutcome::Reset));
     assert_eq!(seen, ["M12 20 None"]);
 }
 
@@ -98,7 +98,7 @@ async fn a_handler_is_not_begun_with_parameters_that_it_does_not_take() {
     for (params, text) in cases {
         let (end, seen) = end_of(params).await;
         let alarm = Alarm::user(Alarm::CODE_OF_PARAMS, text);
-        assert_eq!(end, Some(Closed::Failed { alarm }));
+        assert_eq!(end, Some(OutputOutcome::Failed { alarm }));
         assert_eq!(seen, <[String; 0]>::default());
     }
 }
@@ -169,14 +169,14 @@ async fn a_value_that_a_type_does_not_have_is_an_alarm() {
         fake.put_out(1, 12, params(Some(4.0), None)),
     );
     fake.settle().await;
-    assert_eq!(fake.closed(1, three), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, three), Some(OutputOutcome::Reset));
     let alarm = Alarm::user(Alarm::CODE_OF_PARAMS, "M12: VA is 4, which is not allowed");
-    assert_eq!(fake.closed(1, four), Some(Closed::Failed { alarm }));
+    assert_eq!(fake.closed(1, four), Some(OutputOutcome::Failed { alarm }));
 }
 
 #[test]
 fn missing_or_duplicate_state_and_duplicate_parameters_are_errors() {
-    async fn twice(Va(_force): Va<KiloNewton<20, 1>>, _clamp: Clamp) -> std::result::Result<(), Alarm> {
+    async fn twice(Va(_force): Va<KiloNewton<20, 1>>, _clamp: ClampParams) -> std::result::Result<(), Alarm> {
         Ok(())
     }
     let program = SequenceProgram::new()

@@ -1,8 +1,8 @@
 //! Alarms of the scripted machine.
 
-use super::{FakePort, Inner};
+use super::{FakeMachine, FakePort};
 use crate::alarm::Alarm;
-use crate::handshake::Closed;
+use crate::handshake::OutputOutcome;
 use crate::lock::lock;
 use crate::types::machine::{ActiveAlarms, AlarmRaise, AlarmRecord};
 use crate::types::message::Payload;
@@ -15,21 +15,26 @@ use crate::types::{CoordinateSystemNumber, Timestamp};
 const TIMED_OUT: u16 = 301;
 
 /// Returns the alarm for an output that failed or timed out.
-pub(super) fn of(m: u16, how: &Closed) -> Option<Alarm> {
+pub(super) fn alarm_for_outcome(m: u16, how: &OutputOutcome) -> Option<Alarm> {
     match how {
-        Closed::Failed { alarm } => Some(alarm.clone()),
-        Closed::TimedOut => Some(Alarm {
+        OutputOutcome::Failed { alarm } => Some(alarm.clone()),
+        OutputOutcome::TimedOut => Some(Alarm {
             number: TIMED_OUT,
             text: format!("M{m:02} was not reset within its time limit"),
         }),
-        Closed::Reset | Closed::Cancelled(_) => None,
+        OutputOutcome::Reset | OutputOutcome::Cancelled(_) => None,
     }
 }
 
 impl FakePort {
     /// Raises an alarm, which ends the run of its coordinate system; an alarm of the whole machine ends all
     /// runs.
-    pub(super) fn raise_alarm(&self, inner: &mut Inner, cs: Option<CoordinateSystemNumber>, alarm: Alarm) {
+    pub(super) fn raise_alarm(
+        &self,
+        inner: &mut FakeMachine,
+        cs: Option<CoordinateSystemNumber>,
+        alarm: Alarm,
+    ) {
         let record = AlarmRecord {
             id: inner.alarms.len() as u64 + 1,
             number: alarm.number,
@@ -62,7 +67,7 @@ impl FakePort {
         Ok(())
     }
 
-    pub(super) fn clear_alarms(&self, inner: &mut Inner, cs: CoordinateSystemNumber) {
+    pub(super) fn clear_alarms(&self, inner: &mut FakeMachine, cs: CoordinateSystemNumber) {
         let cleared_at = Timestamp::from_system_time(inner.now().time);
         let mut cleared = Vec::new();
         for alarm in &mut inner.alarms {
@@ -85,7 +90,7 @@ impl FakePort {
 
     /// # Errors
     /// Fails if no active alarm has this id.
-    pub(super) fn acknowledge(&self, inner: &mut Inner, id: u64, by: &str) -> Result<(), Refusal> {
+    pub(super) fn acknowledge(&self, inner: &mut FakeMachine, id: u64, by: &str) -> Result<(), Refusal> {
         let mut active = inner.alarms.iter_mut().filter(|alarm| alarm.cleared_at.is_none());
         let Some(alarm) = active.find(|alarm| alarm.id == id) else {
             let text = format!("there is no active alarm {id}");
@@ -96,7 +101,7 @@ impl FakePort {
         Ok(())
     }
 
-    pub(super) fn publish_alarms(&self, inner: &mut Inner) {
+    pub(super) fn publish_alarms(&self, inner: &mut FakeMachine) {
         let active = inner.alarms.iter().filter(|alarm| alarm.cleared_at.is_none());
         let alarms = active.cloned().collect();
         self.publish(

@@ -1,6 +1,6 @@
 //! Inputs and outputs of the plant of the scripted machine.
 
-use super::{FakePort, Inner};
+use super::{FakeMachine, FakePort};
 use crate::lock::lock;
 use crate::types::handler::Departure;
 use crate::types::io::{IoForce, IoPoint, IoSet, IoState};
@@ -11,8 +11,8 @@ use crate::types::topic::Topic;
 impl FakePort {
     pub(super) fn write_io(&self, point: IoPoint, set: IoSet) -> Result<Answer, Refusal> {
         let mut inner = lock(&self.inner);
-        let Inner { io, handlers, .. } = &mut *inner;
-        let (state, _) = io.write(&point, set, |id, instance| handlers.judge_writer(id, instance))?;
+        let FakeMachine { io, handlers, .. } = &mut *inner;
+        let (state, _) = io.write(&point, set, |id, instance| handlers.check_writer(id, instance))?;
         let state = state.clone();
         self.publish_io(&mut inner, point, state);
         Ok(Answer::Done)
@@ -26,21 +26,26 @@ impl FakePort {
     }
 
     /// Handles the departure of a handler.
-    pub(super) fn leave_io(&self, inner: &mut Inner, handler_id: &str, departure: Departure) {
-        for lost in inner.io.leave(handler_id, departure) {
+    pub(super) fn mark_io_owner_offline(
+        &self,
+        inner: &mut FakeMachine,
+        handler_id: &str,
+        departure: Departure,
+    ) {
+        for lost in inner.io.mark_handler_offline(handler_id, departure) {
             self.publish_io(inner, lost.point, lost.state);
         }
         self.expire_io(inner);
     }
 
     /// Ends the waiting time of handlers that left and did not return.
-    pub(super) fn expire_io(&self, inner: &mut Inner) {
+    pub(super) fn expire_io(&self, inner: &mut FakeMachine) {
         for lost in inner.io.expire(inner.now_s, |_| false) {
             self.publish_io(inner, lost.point, lost.state);
         }
     }
 
-    pub(super) fn publish_all_io(&self, inner: &mut Inner) {
+    pub(super) fn publish_all_io(&self, inner: &mut FakeMachine) {
         let all: Vec<_> = inner
             .io
             .states()
@@ -51,7 +56,7 @@ impl FakePort {
         }
     }
 
-    fn publish_io(&self, inner: &mut Inner, point: IoPoint, state: IoState) {
+    fn publish_io(&self, inner: &mut FakeMachine, point: IoPoint, state: IoState) {
         self.publish(inner, Topic::Io(point), Payload::Io(state));
     }
 }

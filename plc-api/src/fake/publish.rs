@@ -1,6 +1,6 @@
 //! Messages of the scripted machine.
 
-use super::{FakePort, Inner, boot_id};
+use super::{FakeMachine, FakePort, boot_id};
 use crate::handshake::Effect;
 use crate::types::machine::{Birth, CoordinateSystemInfo, Presence};
 use crate::types::message::{Message, Payload};
@@ -9,7 +9,7 @@ use crate::types::topic::{CsTopic, Topic};
 use crate::types::{CoordinateSystemNumber, Timestamp};
 
 impl FakePort {
-    pub(super) fn publish_birth(&self, inner: &mut Inner) {
+    pub(super) fn publish_birth(&self, inner: &mut FakeMachine) {
         let presence = Presence {
             online: true,
             started_at: Timestamp::from_system_time(inner.now().time),
@@ -34,7 +34,7 @@ impl FakePort {
         self.publish_all_io(inner);
         self.publish_data(inner);
         for cs in inner.numbers() {
-            self.carry_out(inner, cs, Effect::PendingChanged);
+            self.apply_effect(inner, cs, Effect::PendingChanged);
             self.publish(
                 inner,
                 Topic::cs(cs, CsTopic::Tool),
@@ -47,7 +47,7 @@ impl FakePort {
     }
 
     /// Publishes variables, tools and work offsets that have changed.
-    pub(super) fn publish_data(&self, inner: &mut Inner) {
+    pub(super) fn publish_data(&self, inner: &mut FakeMachine) {
         let systems = inner.numbers();
         for (topic, payload) in inner.data.messages(&systems) {
             self.publish_new(inner, topic, payload);
@@ -55,7 +55,7 @@ impl FakePort {
     }
 
     /// Publishes state and inputs that have changed.
-    pub(super) fn publish_system(&self, inner: &mut Inner, cs: CoordinateSystemNumber) {
+    pub(super) fn publish_system(&self, inner: &mut FakeMachine, cs: CoordinateSystemNumber) {
         let alarm_count = inner.alarm_count(cs);
         let Some(system) = inner.systems.get_mut(&cs) else {
             return;
@@ -66,14 +66,14 @@ impl FakePort {
     }
 
     /// Publishes a value if it differs from the last value of its topic, or is the first value of this boot.
-    pub(super) fn publish_new(&self, inner: &mut Inner, topic: Topic, payload: Payload) {
+    pub(super) fn publish_new(&self, inner: &mut FakeMachine, topic: Topic, payload: Payload) {
         let last = self.hub.read(&topic);
         if last.is_none_or(|last| last.payload != payload || last.boot_id != boot_id(inner.boot)) {
             self.publish(inner, topic, payload);
         }
     }
 
-    pub(super) fn publish(&self, inner: &mut Inner, topic: Topic, payload: Payload) {
+    pub(super) fn publish(&self, inner: &mut FakeMachine, topic: Topic, payload: Payload) {
         inner.rev += 1;
         self.hub.publish(Message {
             rev: topic.is_state().then_some(inner.rev),

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use super::data::Data;
 use super::system::System;
-use super::{FakePort, Inner};
-use crate::handler_registry::Registered;
+use super::{FakeMachine, FakePort};
+use crate::handler_registry::PresenceEffect;
 use crate::handshake::{Ledger, Now};
 use crate::lock::lock;
 use crate::port::Port;
@@ -28,10 +28,10 @@ use crate::wire::takes_not_after;
 
 impl FakePort {
     pub(super) fn answer(&self, request: Request) -> Result<Answer, Refusal> {
-        self.remember(&request);
+        self.record_request(&request);
         match request.into() {
-            Destination::CoordinateSystem(cs, request) => self.of_coordinate_system(cs, request),
-            Destination::Machine(request) => self.of_machine(request),
+            Destination::CoordinateSystem(cs, request) => self.answer_coordinate_system(cs, request),
+            Destination::Machine(request) => self.answer_machine(request),
             Destination::Program(_) => unsupported(),
         }
     }
@@ -48,14 +48,14 @@ impl FakePort {
         Ok(())
     }
 
-    fn of_coordinate_system(
+    fn answer_coordinate_system(
         &self,
         cs: CoordinateSystemNumber,
         request: CoordinateSystemRequest,
     ) -> Result<Answer, Refusal> {
         match request {
             CoordinateSystemRequest::Output(m, request) => self
-                .ledger(cs, |ledger, now| ledger.carry_out(now, m, &request))?
+                .ledger(cs, |ledger, now| ledger.execute_request(now, m, &request))?
                 .map(Answer::Handshake),
             CoordinateSystemRequest::ValidateResult(_, result) => {
                 lock(&self.inner).validated.push(result);
@@ -70,7 +70,7 @@ impl FakePort {
         }
     }
 
-    fn of_machine(&self, request: MachineRequest) -> Result<Answer, Refusal> {
+    fn answer_machine(&self, request: MachineRequest) -> Result<Answer, Refusal> {
         match request {
             MachineRequest::Handler(id, presence) => {
                 self.handler(&id, &presence)?;
@@ -123,7 +123,7 @@ impl FakePort {
 
     fn set(&self, cs: CoordinateSystemNumber, topic: CsTopic, payload: Payload) -> Result<Answer, Refusal> {
         lock(&self.inner).system(cs)?;
-        self.say(cs, topic, payload);
+        self.publish_message(cs, topic, payload);
         Ok(Answer::Done)
     }
 
@@ -139,7 +139,7 @@ impl FakePort {
                 handler_id: Some(id),
                 instance,
                 ..
-            }) => inner.handlers.judge_writer(id, instance.as_ref()),
+            }) => inner.handlers.check_writer(id, instance.as_ref()),
             _ => Ok(()),
         };
         inner.system(cs)?.set_input(input, |_, _| judged.clone())?;
@@ -165,14 +165,14 @@ impl FakePort {
         inner.system(cs)?.set_last_command(&meta.command_id);
         match cancel {
             Some(reason) => self.end_run(&mut inner, cs, reason),
-            None => self.put_out_queued(&mut inner, cs),
+            None => self.issue_queued_outputs(&mut inner, cs),
         }
         self.publish_system(&mut inner, cs);
         Ok(Answer::Command(inner.done(meta)))
     }
 
     /// Issues the outputs that a pause has held back (D18).
-    fn put_out_queued(&self, inner: &mut Inner, cs: CoordinateSystemNumber) {
+    fn issue_queued_outputs(&self, inner: &mut FakeMachine, cs: CoordinateSystemNumber) {
         let system = inner.systems.get(&cs).filter(|system| !system.is_paused());
         let open = system.map(|system| system.ledger.open()).unwrap_or_default();
         let queued = open.iter().filter(|output| output.state == OutputState::Queued);
@@ -182,7 +182,7 @@ impl FakePort {
     }
 
     /// Records requests other than those of the handshake.
-    fn remember(&self, request: &Request) {
+    fn record_request(&self, request: &Request) {
         let is_handshake = matches!(
             Destination::from(request.clone()),
             Destination::CoordinateSystem(
@@ -205,35 +205,35 @@ impl FakePort {
         };
         let (changed, asked) = changed;
         if let Some(asked) = asked {
-            self.tell(id, HandlerResult::confirm(Some(asked)));
+            self.publish_handler_result(id, HandlerResult::confirm(Some(asked)));
         }
         let changed = match changed {
             Ok(changed) => changed,
             Err(refusal) => {
-                self.tell(id, HandlerResult::refused(presence.instance.clone(), &refusal));
+                self.publish_handler_result(id, HandlerResult::refused(presence.instance.clone(), &refusal));
                 return Err(refusal);
             }
         };
         let mut has_returned = false;
         match changed {
-            Registered::Nothing => return Ok(()),
-            Registered::Refreshed => {
-                self.tell(id, HandlerResult::accepted(presence.instance.clone()));
+            PresenceEffect::Nothing => return Ok(()),
+            PresenceEffect::Refreshed => {
+                self.publish_handler_result(id, HandlerResult::accepted(presence.instance.clone()));
                 return Ok(());
             }
-            Registered::Offline(departure) => self.part_from_handler(id, departure),
-            Registered::Online {
+            PresenceEffect::Offline(departure) => self.mark_handler_offline(id, departure),
+            PresenceEffect::Online {
                 took_over,
                 has_returned: returned,
                 ..
             } => {
                 has_returned = returned;
                 if let Some(displaced) = took_over {
-                    self.part_from_handler(id, displaced.departure);
+                    self.mark_handler_offline(id, displaced.departure);
                     let instance = displaced.presence.instance;
-                    self.tell(id, HandlerResult::taken_over(instance, displaced.text));
+                    self.publish_handler_result(id, HandlerResult::taken_over(instance, displaced.text));
                 }
-                self.welcome_handler(id);
+                self.mark_handler_online(id);
             }
         }
         let shown = HandlerPresence {
@@ -244,21 +244,21 @@ impl FakePort {
         self.publish(&mut lock(&self.inner), topic, Payload::HandlerPresence(shown));
         if presence.online {
             self.use_all_ledgers(|_, ledger, now| ledger.handler_online(now, id, presence));
-            self.tell(id, HandlerResult::accepted(presence.instance.clone()));
+            self.publish_handler_result(id, HandlerResult::accepted(presence.instance.clone()));
             if has_returned {
-                self.tell(id, HandlerResult::confirm(presence.instance.clone()));
+                self.publish_handler_result(id, HandlerResult::confirm(presence.instance.clone()));
             }
         }
         Ok(())
     }
 
-    fn tell(&self, id: &str, result: HandlerResult) {
+    fn publish_handler_result(&self, id: &str, result: HandlerResult) {
         let topic = Topic::HandlerResult(id.to_owned());
         self.publish(&mut lock(&self.inner), topic, Payload::HandlerResult(result));
     }
 }
 
-impl Inner {
+impl FakeMachine {
     /// # Errors
     /// Fails if the coordinate system does not exist.
     pub(super) fn system(&mut self, cs: CoordinateSystemNumber) -> Result<&mut System, Refusal> {

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::execution::Situation;
-use crate::handshake::{Closed, Ledger, OpenOutput};
+use crate::handshake::{Ledger, OpenOutput, OutputOutcome};
 use crate::lock_input::{LockInput, LockRules};
 use crate::types::command::{Command, Verb};
 use crate::types::handler::Departure;
@@ -25,9 +25,9 @@ pub(super) struct System {
     /// Prefix of the run ids of this boot and coordinate system.
     runs_of: String,
     /// How each output ended, by `seq`.
-    pub(super) closed: BTreeMap<u64, Closed>,
+    pub(super) closed: BTreeMap<u64, OutputOutcome>,
     runs: u32,
-    run: Option<Run>,
+    run: Option<FakeRun>,
     /// State word while no run is active.
     idle: Word,
     /// Published state, without the fields that [`System::state`] adds.
@@ -38,7 +38,7 @@ pub(super) struct System {
 }
 
 #[derive(Debug, Default)]
-struct Run {
+struct FakeRun {
     paused: Option<Word>,
     /// True once the end of the program is reached; the end waits for open outputs.
     at_end: bool,
@@ -82,22 +82,22 @@ impl System {
     }
 
     /// Returns the run, and starts one if no run is active.
-    fn run(&mut self) -> &mut Run {
+    fn run(&mut self) -> &mut FakeRun {
         self.runs += u32::from(self.run.is_none());
         self.run.get_or_insert_default()
     }
 
-    pub(super) fn begin(&mut self) {
+    pub(super) fn start_run(&mut self) {
         self.run();
     }
 
-    pub(super) fn end(&mut self, word: Word) {
+    pub(super) fn end_run(&mut self, word: Word) {
         self.run = None;
         self.idle = word;
     }
 
     /// Adds the end of the program.
-    pub(super) fn put_end(&mut self) {
+    pub(super) fn end_program(&mut self) {
         self.run().at_end = true;
     }
 
@@ -106,12 +106,12 @@ impl System {
     }
 
     /// Adopts a state that the test publishes.
-    pub(super) fn take_over(&mut self, state: &State) {
+    pub(super) fn adopt_state(&mut self, state: &State) {
         use Execution::{ProgramCompleted, Ready, Stopped};
         let word = (state.execution, state.reason);
         self.shown.program = state.program.or(self.shown.program);
         match state.execution {
-            Ready | Stopped | ProgramCompleted => self.end(word),
+            Ready | Stopped | ProgramCompleted => self.end_run(word),
             Execution::Active | Execution::Wait => self.run().paused = None,
             _ => self.run().paused = Some(word),
         }
@@ -164,17 +164,17 @@ impl System {
             // a jog ends as soon as it begins
             return Ok(None);
         }
-        situation.judge(verb)?;
-        self.judge_locks(verb)?;
+        situation.check_allowed(verb)?;
+        self.check_locks(verb)?;
         match command {
             Command::Load { program } => {
                 self.shown.program = Some(*program);
                 self.idle = (Execution::Ready, None);
             }
-            Command::Start | Command::StartFrom(_) => self.begin(),
+            Command::Start | Command::StartFrom(_) => self.start_run(),
             Command::Run(order) => {
                 self.shown.program = order.program.or(self.shown.program);
-                self.begin();
+                self.start_run();
             }
             Command::Hold => self.hold((Execution::FeedHold, None)),
             Command::Resume => self.run().paused = None,
@@ -239,17 +239,17 @@ impl System {
     }
 
     /// Handles the departure of a handler.
-    pub(super) fn leave(&mut self, handler_id: &str, departure: Departure, now_s: f64) {
+    pub(super) fn mark_handler_offline(&mut self, handler_id: &str, departure: Departure, now_s: f64) {
         for input in [&mut self.interlock, &mut self.start_lock] {
-            input.leave(handler_id, departure);
+            input.mark_handler_offline(handler_id, departure);
         }
         self.expire_locks(now_s);
     }
 
     /// Handles the arrival of a handler.
-    pub(super) fn come(&mut self, handler_id: &str) {
+    pub(super) fn mark_handler_online(&mut self, handler_id: &str) {
         for input in [&mut self.interlock, &mut self.start_lock] {
-            input.come(handler_id);
+            input.mark_handler_online(handler_id);
         }
     }
 
@@ -276,9 +276,9 @@ impl System {
     /// Ends the program if its end is reached, no output is open and the run is not paused. Returns the
     /// messages to publish.
     pub(super) fn follow(&mut self, alarm_count: u32) -> [(CsTopic, Payload); 8] {
-        let ends = |run: &Run| run.at_end && run.paused.is_none() && self.ledger.is_empty();
+        let ends = |run: &FakeRun| run.at_end && run.paused.is_none() && self.ledger.is_empty();
         if self.run.as_ref().is_some_and(ends) {
-            self.end((Execution::ProgramCompleted, None));
+            self.end_run((Execution::ProgramCompleted, None));
         }
         let requested = self.shown.optional_skip.clone();
         let skip = OptionalSkip {
@@ -300,7 +300,7 @@ impl System {
     }
 
     /// Refuses a start or a motion while a lock is on.
-    fn judge_locks(&self, verb: Verb) -> Result<(), Refusal> {
+    fn check_locks(&self, verb: Verb) -> Result<(), Refusal> {
         let begins = matches!(verb, Verb::Start | Verb::Run | Verb::Mdi);
         let moves = begins || matches!(verb, Verb::Resume | Verb::Jog | Verb::Home);
         let (what, lock) = if begins && self.start_lock.is_on() {

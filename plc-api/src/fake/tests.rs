@@ -55,7 +55,7 @@ async fn the_state_is_wait_while_an_output_is_open_and_active_after_its_reset() 
     fake.advance(Duration::from_secs(5)).await;
     let state = system.state().await.unwrap();
     assert_eq!((state.execution, state.waiting_on), (Execution::Active, None));
-    fake.put_end(1);
+    fake.end_program(1);
     assert_eq!(word(&system).await, (Execution::ProgramCompleted, None));
     assert_eq!(
         word(&fake.plc().coordinate_system(2)).await,
@@ -67,7 +67,7 @@ async fn the_state_is_wait_while_an_output_is_open_and_active_after_its_reset() 
 async fn the_end_of_a_program_waits_for_its_open_outputs() {
     let (fake, system) = machine().await;
     fake.put_out(1, 10, Params::default());
-    fake.put_end(1);
+    fake.end_program(1);
     assert_eq!(word(&system).await.0, Execution::Wait);
     fake.advance(Duration::from_secs(5)).await;
     assert_eq!(word(&system).await.0, Execution::ProgramCompleted);
@@ -82,7 +82,7 @@ async fn a_failed_output_is_an_alarm_stops_and_cancels_the_others() {
     assert_eq!(word(&system).await, (Execution::Stopped, Some(Reason::Alarm)));
     assert_eq!(
         fake.closed(1, other),
-        Some(Closed::Cancelled(CancelReason::Alarm))
+        Some(OutputOutcome::Cancelled(CancelReason::Alarm))
     );
     let active = fake.plc().port().read(&Topic::AlarmActive).await.unwrap();
     let Payload::AlarmActive(ActiveAlarms { alarms }) = &active.payload else {
@@ -101,7 +101,7 @@ async fn a_failed_output_is_an_alarm_stops_and_cancels_the_others() {
 #[tokio::test]
 async fn an_output_that_is_not_reset_in_its_time_is_an_alarm() {
     let (fake, system) = machine().await;
-    fake.put_out_within(1, 10, Params::default(), Some(Duration::from_secs(1)));
+    fake.issue_output_within(1, 10, Params::default(), Some(Duration::from_secs(1)));
     fake.advance(Duration::from_secs(2)).await;
     assert_eq!(word(&system).await, (Execution::Stopped, Some(Reason::Alarm)));
 }
@@ -122,12 +122,15 @@ async fn under_hold_no_output_is_made_and_a_reset_is_latched_until_resume() {
     );
     let second = fake.put_out(1, 11, Params::default());
     fake.advance(Duration::from_secs(6)).await;
-    assert_eq!(fake.closed(1, first), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, first), Some(OutputOutcome::Reset));
     assert_eq!(fake.closed(1, second), None, "it is queued");
     assert_eq!(word(&system).await, (Execution::FeedHold, None));
     system.resume().await.unwrap();
     fake.settle().await;
-    assert!(matches!(fake.closed(1, second), Some(Closed::Failed { .. })));
+    assert!(matches!(
+        fake.closed(1, second),
+        Some(OutputOutcome::Failed { .. })
+    ));
 }
 
 #[tokio::test]
@@ -143,7 +146,7 @@ async fn stop_abort_and_reset_cancel_and_end_the_run_each_in_its_state() {
         fake.settle().await;
         let command = crate::types::command::Command::parse(command, &serde_json::json!({})).unwrap();
         system.command(command).await.unwrap();
-        assert_eq!(fake.closed(1, seq), Some(Closed::Cancelled(reason)));
+        assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Cancelled(reason)));
         assert_eq!(word(&system).await, word_after);
     }
     assert_eq!(refused(system.resume().await), RefusalCode::NotAllowed);
@@ -154,7 +157,7 @@ async fn a_lost_handler_leaves_wait_with_its_reason() {
     let (fake, system) = machine().await;
     fake.put_out(1, 10, Params::default());
     fake.settle().await;
-    fake.lose_handler("h");
+    fake.disconnect_handler("h");
     assert_eq!(word(&system).await, (Execution::Wait, Some(Reason::HandlerLost)));
 }
 
@@ -196,7 +199,7 @@ async fn a_state_that_is_said_is_what_commands_are_judged_by() {
         execution: Execution::OptionalStop,
         ..State::default()
     };
-    fake.say(1, CsTopic::State, Payload::State(paused));
+    fake.publish_message(1, CsTopic::State, Payload::State(paused));
     system.resume().await.unwrap();
     assert_eq!(word(&system).await.0, Execution::Active);
     fake.restart();

@@ -7,14 +7,14 @@ use std::time::Duration;
 
 /// A time that increases up to its preset time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Running {
+struct PresetTimer {
     preset: Duration,
     /// Start of the running time.
     since: Option<Duration>,
     elapsed: Duration,
 }
 
-impl Running {
+impl PresetTimer {
     const fn new(preset: Duration) -> Self {
         Self {
             preset,
@@ -39,7 +39,7 @@ impl Running {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct OnDelay {
     /// Time since the input turned on.
-    time: Running,
+    time: PresetTimer,
     q: bool,
 }
 
@@ -47,7 +47,7 @@ impl OnDelay {
     /// Creates a timer with this `PT`.
     pub const fn new(preset: Duration) -> Self {
         Self {
-            time: Running::new(preset),
+            time: PresetTimer::new(preset),
             q: false,
         }
     }
@@ -83,7 +83,7 @@ impl OnDelay {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct OffDelay {
     /// Time since the input turned off.
-    time: Running,
+    time: PresetTimer,
     q: bool,
 }
 
@@ -91,7 +91,7 @@ impl OffDelay {
     /// Creates a timer with this `PT`. The output is off until the input has been on.
     pub const fn new(preset: Duration) -> Self {
         Self {
-            time: Running::new(preset),
+            time: PresetTimer::new(preset),
             q: false,
         }
     }
@@ -128,7 +128,7 @@ impl OffDelay {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pulse {
     /// Time since the start of the pulse. The pulse may have ended while the input is still on.
-    time: Running,
+    time: PresetTimer,
     q: bool,
 }
 
@@ -136,7 +136,7 @@ impl Pulse {
     /// Creates a timer with this `PT`.
     pub const fn new(preset: Duration) -> Self {
         Self {
-            time: Running::new(preset),
+            time: PresetTimer::new(preset),
             q: false,
         }
     }

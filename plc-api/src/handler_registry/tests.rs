@@ -11,26 +11,30 @@ fn presence(online: bool, instance: Option<&str>) -> HandlerPresence {
     }
 }
 
-fn set(handlers: &mut HandlerRegistry, id: &str, presence: &HandlerPresence) -> Result<Registered, Refusal> {
+fn set(
+    handlers: &mut HandlerRegistry,
+    id: &str,
+    presence: &HandlerPresence,
+) -> Result<PresenceEffect, Refusal> {
     handlers.set(id, presence, UNIX_EPOCH, 0.0)
 }
 
-const ONLINE: Result<Registered, Refusal> = Ok(Registered::Online {
+const ONLINE: Result<PresenceEffect, Refusal> = Ok(PresenceEffect::Online {
     took_over: None,
     forgotten: None,
     has_returned: false,
 });
 
-const OFFLINE: Registered = Registered::Offline(Departure::Unannounced { until_s: 0.0 });
+const OFFLINE: PresenceEffect = PresenceEffect::Offline(Departure::Unannounced { until_s: 0.0 });
 
 #[test]
 fn a_lost_handlers_codes_wait_for_the_grace_time() {
     let mut handlers = HandlerRegistry::with_grace(2.0);
     let mut at = |now_s, said: HandlerPresence| handlers.set("cell", &said, UNIX_EPOCH, now_s);
     at(0.0, presence(true, Some("a"))).unwrap();
-    let lost = Registered::Offline(Departure::Unannounced { until_s: 7.0 });
+    let lost = PresenceEffect::Offline(Departure::Unannounced { until_s: 7.0 });
     for now_s in [5.0, 6.0] {
-        let will = HandlerPresence::gone(Some("a".to_owned()));
+        let will = HandlerPresence::offline(Some("a".to_owned()));
         assert_eq!(at(now_s, will), Ok(lost.clone()), "a second will changes nothing");
     }
     assert_eq!(handlers.back_s(1, 100, 6.9), Some(7.0));
@@ -58,7 +62,7 @@ fn codes_of_a_returning_handler_are_awaited_until_return_or_deadline() {
     let mut at = |now_s, said: HandlerPresence| handlers.set("cell", &said, UNIX_EPOCH, now_s);
     let leaves = |ms| HandlerPresence {
         returns_within_ms: Some(ms),
-        ..HandlerPresence::gone(Some("a".to_owned()))
+        ..HandlerPresence::offline(Some("a".to_owned()))
     };
     for wrong in [
         leaves(0),
@@ -72,9 +76,9 @@ fn codes_of_a_returning_handler_are_awaited_until_return_or_deadline() {
         assert!(refusal.text.contains("1 to 3600000"), "{refusal}");
     }
     at(0.0, presence(true, Some("a"))).unwrap();
-    let announced = Registered::Offline(Departure::Announced { until_s: 6.0 });
+    let announced = PresenceEffect::Offline(Departure::Announced { until_s: 6.0 });
     assert_eq!(at(1.0, leaves(5000)), Ok(announced.clone()));
-    let will = HandlerPresence::gone(Some("a".to_owned()));
+    let will = HandlerPresence::offline(Some("a".to_owned()));
     assert_eq!(at(2.0, will), Ok(announced), "a last will changes nothing");
     assert!(!handlers.serve(1, 100));
     assert_eq!(handlers.back_s(1, 100, 2.0), Some(6.0));
@@ -108,7 +112,7 @@ fn an_instance_that_has_gone_takes_nothing_from_the_one_that_is_there() {
     set(&mut handlers, "cell", &presence(true, Some("a"))).unwrap();
     for other in [Some("b"), None] {
         let said = set(&mut handlers, "cell", &presence(false, other));
-        assert_eq!(said, Ok(Registered::Nothing));
+        assert_eq!(said, Ok(PresenceEffect::Nothing));
         assert!(handlers.is_online("cell"));
     }
     let said = set(&mut handlers, "cell", &presence(false, Some("a")));
@@ -127,14 +131,14 @@ fn instance_that_does_not_confirm_its_presence_is_replaced_by_the_next() {
     at(11.95, "a").unwrap();
     assert!(at(12.0, "b").is_err(), "a has confirmed; asked again");
     assert!(at(13.0, "c").is_err());
-    let Ok(Registered::Online {
+    let Ok(PresenceEffect::Online {
         took_over: Some(displaced),
         ..
     }) = at(14.0, "b")
     else {
         panic!("instance a has not confirmed");
     };
-    let Displaced {
+    let DisplacedInstance {
         presence,
         text,
         departure,
@@ -154,9 +158,9 @@ fn repeated_presence_with_expiry_refreshes_and_confirms_the_instance() {
     };
     let mut at = |now_s, said: HandlerPresence| handlers.set("cell", &said, UNIX_EPOCH, now_s);
     assert_eq!(at(0.0, aging("a", Some(900))), ONLINE);
-    assert_eq!(at(0.3, aging("a", Some(900))), Ok(Registered::Refreshed));
+    assert_eq!(at(0.3, aging("a", Some(900))), Ok(PresenceEffect::Refreshed));
     assert!(at(0.4, aging("b", None)).is_err());
-    assert_eq!(at(2.3, aging("a", Some(900))), Ok(Registered::Refreshed));
+    assert_eq!(at(2.3, aging("a", Some(900))), Ok(PresenceEffect::Refreshed));
     assert!(at(2.5, aging("b", None)).is_err(), "instance a has confirmed");
     assert_eq!(at(2.6, aging("a", Some(600))), ONLINE, "another presence");
     assert_eq!(at(2.7, aging("a", None)), ONLINE);
@@ -209,7 +213,7 @@ fn one_that_is_to_take_over_takes_the_place_of_the_other() {
         take_over: true,
         ..presence(true, Some("b"))
     };
-    let Ok(Registered::Online {
+    let Ok(PresenceEffect::Online {
         took_over: Some(displaced),
         ..
     }) = set(&mut handlers, "cell", &new)
@@ -239,7 +243,7 @@ fn full_registry_evicts_an_offline_handler_and_never_an_online_one() {
     let said = set(&mut handlers, "a", &presence(true, None));
     assert_eq!(
         said,
-        Ok(Registered::Online {
+        Ok(PresenceEffect::Online {
             took_over: None,
             forgotten,
             has_returned: false,
@@ -263,7 +267,7 @@ fn instance_that_was_offline_has_returned_and_a_new_one_has_not() {
     ] {
         let said = set(&mut handlers, "cell", &presence(online, Some(instance))).unwrap();
         let has_returned = match said {
-            Registered::Online { has_returned, .. } => Some(has_returned),
+            PresenceEffect::Online { has_returned, .. } => Some(has_returned),
             _ => None,
         };
         assert_eq!(has_returned, returned, "{online} {instance}");

@@ -47,7 +47,7 @@ impl<Scope> SequenceProgram<Scope> {
     #[must_use]
     pub fn alarm_while(mut self, level: watch::Receiver<bool>, alarm: Alarm) -> Self {
         if alarm.user_code().is_none() || alarm.text.is_empty() {
-            self.mistake(format!(
+            self.add_mistake(format!(
                 "alarm_while() got alarm {}: make it by Alarm::user, with a text",
                 alarm.number
             ));
@@ -57,7 +57,7 @@ impl<Scope> SequenceProgram<Scope> {
             level,
             alarm,
         };
-        self.beside(move |plc| Box::pin(followed.clone().run(plc)))
+        self.add_companion(move |plc| Box::pin(followed.clone().run(plc)))
     }
 }
 
@@ -97,7 +97,7 @@ impl SequenceProgram {
         Work: Future<Output = Result<()>> + Send + 'static,
     {
         let task = Task(Arc::new(move |plc| Box::pin(task(plc))));
-        self.beside(move |plc| Box::pin(task.clone().run(plc)))
+        self.add_companion(move |plc| Box::pin(task.clone().run(plc)))
     }
 }
 
@@ -196,15 +196,15 @@ impl Task {
         let mut boot: Option<BootId> = None;
         loop {
             while boot.is_none() {
-                boot = another(&mut presence, None).await;
+                boot = wait_for_other_boot(&mut presence, None).await;
             }
             let Some(of) = boot.clone() else { continue };
             tokio::select! {
                 biased;
-                now = another(&mut presence, Some(&of)) => boot = now,
-                ended = self.of_this_boot(&plc, &of) => {
+                now = wait_for_other_boot(&mut presence, Some(&of)) => boot = now,
+                ended = self.run_until_done(&plc, &of) => {
                     ended?;
-                    boot = another(&mut presence, Some(&of)).await;
+                    boot = wait_for_other_boot(&mut presence, Some(&of)).await;
                 }
             }
         }
@@ -214,9 +214,9 @@ impl Task {
     ///
     /// # Errors
     /// Fails if the task returns an error that is not temporary, or panics.
-    async fn of_this_boot(&self, plc: &Plc, boot: &BootId) -> Result<()> {
+    async fn run_until_done(&self, plc: &Plc, boot: &BootId) -> Result<()> {
         loop {
-            plc.levels().announced(boot).await;
+            plc.levels().wait_until_announced(boot).await;
             let work = AssertUnwindSafe(async { (self.0)(plc.clone()).await });
             match work.catch_unwind().await {
                 Ok(Err(error)) if error.may_pass() => {
@@ -237,7 +237,7 @@ impl Task {
 }
 
 /// Waits until a boot other than `than` is online, or no boot is online.
-async fn another(presence: &mut Subscription, than: Option<&BootId>) -> Option<BootId> {
+async fn wait_for_other_boot(presence: &mut Subscription, than: Option<&BootId>) -> Option<BootId> {
     while let Some(message) = presence.next().await {
         if let Payload::Presence(said) = &message.payload {
             let online = said.online.then(|| message.boot_id.clone());

@@ -10,7 +10,7 @@ use crate::types::lock::LockSet;
 
 /// A level, and the source of a lock that follows it.
 #[derive(Debug, Clone)]
-pub(super) struct Followed {
+pub(super) struct FollowedLevel {
     pub(super) cs: CoordinateSystemNumber,
     pub(super) kind: LockKind,
     pub(super) source: String,
@@ -18,7 +18,7 @@ pub(super) struct Followed {
     pub(super) text: String,
 }
 
-impl Followed {
+impl FollowedLevel {
     /// Follows the level without end. If the sender of the level is dropped, the level is unknown and treated
     /// as on.
     ///

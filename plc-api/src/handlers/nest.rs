@@ -60,8 +60,8 @@ impl SequenceProgram {
     ///
     /// [`SequenceProgram::run`] refuses a part without handlers, and a moved M code outside of the range.
     #[must_use]
-    pub fn nest(mut self, codes: RangeInclusive<u16>, part: Self) -> Self {
-        self.table.nest(&codes, part.table, part.how.on_redelivery);
+    pub fn merge_at(mut self, codes: RangeInclusive<u16>, part: Self) -> Self {
+        self.table.merge_at(&codes, part.table, part.how.on_redelivery);
         self.adopt(part.companions, part.how.takes_over, part.handler_id);
         self
     }
@@ -70,7 +70,7 @@ impl SequenceProgram {
         if let (Some(id), Some(other)) = (&self.handler_id, &handler_id)
             && id != other
         {
-            self.mistake(format!("merge() got two program names, {id:?} and {other:?}"));
+            self.add_mistake(format!("merge() got two program names, {id:?} and {other:?}"));
         }
         self.companions.extend(companions);
         self.how.takes_over |= takes_over;

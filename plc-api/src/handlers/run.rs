@@ -14,11 +14,11 @@ use tracing::Instrument;
 
 use crate::alarm::Alarm;
 use crate::aux_output::{AuxOutput, Cancel};
-use crate::claim::{OutputId, taken_up, until_answered};
+use crate::claim::{OutputId, decide_start, until_answered};
 use crate::error::Result;
 use crate::plc::Plc;
 use crate::port::BoxFuture;
-use crate::presence::{Announced, Change, Event, Presence, Registration, shown};
+use crate::presence::{Change, Event, HandlerDeclaration, HandlerSession, Registration, open_outputs};
 use crate::text::panic_text;
 use crate::types::message::{Message, Payload};
 use crate::types::output::{CancelReason, HandshakeStatus, OutputState, PendingOutput, Redelivery};
@@ -27,7 +27,7 @@ use crate::types::request::Request;
 use crate::types::topic::{CsTopic, Topic};
 use crate::types::{BootId, CoordinateSystemNumber};
 
-use super::table::{Boxed, Table};
+use super::table::{BoxedHandler, Table};
 
 /// Largest number of started outputs of one coordinate system that are remembered. A stale `pending` is older
 /// by far fewer outputs.
@@ -41,7 +41,7 @@ const BEGUN_IN_MAX: usize = 32;
 /// output.
 const LEAVE_MAX: Duration = Duration::from_secs(2);
 
-struct Running {
+struct RunningHandler {
     output: AuxOutput,
     abort: AbortHandle,
     cancel: Cancel,
@@ -50,11 +50,11 @@ struct Running {
 struct Runner {
     table: Table,
     on_redelivery: Option<Redelivery>,
-    running: HashMap<OutputId, Running>,
+    running: HashMap<OutputId, RunningHandler>,
     // outputs that this instance has started: a stale `pending` may arrive after their end
-    begun: Begun,
+    begun: StartedOutputs,
     work: FuturesUnordered<BoxFuture<'static, OutputId>>,
-    presence: Presence,
+    presence: HandlerSession,
     // the machine knows these handlers; outputs are claimed from now on
     is_known: bool,
     // no further output is taken
@@ -63,27 +63,28 @@ struct Runner {
 
 /// Started outputs, by boot and coordinate system.
 #[derive(Debug, Default)]
-struct Begun(VecDeque<(BootId, CoordinateSystemNumber, Latest)>);
+struct StartedOutputs(VecDeque<(BootId, CoordinateSystemNumber, RecentSeqs)>);
 
 /// Started outputs of one boot and coordinate system, by `seq`. The output that was added first is forgotten
 /// first, whatever its number.
 #[derive(Debug, Default)]
-struct Latest {
+struct RecentSeqs {
     known: HashSet<u64>,
     order: VecDeque<u64>,
 }
 
-impl Begun {
-    fn note(&mut self, id: &OutputId) {
+impl StartedOutputs {
+    fn remember_output(&mut self, id: &OutputId) {
         let known = self.0.iter().position(|(boot, cs, _)| is_of(id, boot, *cs));
         let at = known.unwrap_or_else(|| {
-            self.0.push_back((id.boot_id.clone(), id.cs, Latest::default()));
+            self.0
+                .push_back((id.boot_id.clone(), id.cs, RecentSeqs::default()));
             if self.0.len() > BEGUN_IN_MAX {
                 self.0.pop_front();
             }
             self.0.len() - 1
         });
-        self.0[at].2.note(id.seq);
+        self.0[at].2.remember_seq(id.seq);
     }
 
     fn knows(&self, id: &OutputId) -> bool {
@@ -92,8 +93,8 @@ impl Begun {
     }
 }
 
-impl Latest {
-    fn note(&mut self, seq: u64) {
+impl RecentSeqs {
+    fn remember_seq(&mut self, seq: u64) {
         if !self.known.insert(seq) {
             return;
         }
@@ -112,7 +113,7 @@ fn is_of(id: &OutputId, boot: &BootId, cs: CoordinateSystemNumber) -> bool {
 
 /// Settings for the start and the end of a sequence program.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct How {
+pub(super) struct LifecycleOptions {
     pub(super) on_redelivery: Option<Redelivery>,
     pub(super) takes_over: bool,
     /// Time within which a stopped program returns; zero if it does not return.
@@ -121,7 +122,7 @@ pub(super) struct How {
     pub(super) ends_within: Option<Duration>,
 }
 
-impl How {
+impl LifecycleOptions {
     pub(super) fn new() -> Self {
         Self {
             on_redelivery: None,
@@ -134,12 +135,12 @@ impl How {
 
 pub(super) async fn run<T>(
     table: Table,
-    how: How,
+    how: LifecycleOptions,
     plc: &Plc,
     handler_id: Arc<str>,
     stop: impl Future<Output = T>,
 ) -> Result<()> {
-    let said = Announced {
+    let said = HandlerDeclaration {
         codes: table.codes(),
         m_codes: table.declarations(),
         alarms: table.alarms.values().cloned().collect(),
@@ -148,14 +149,14 @@ pub(super) async fn run<T>(
         redelivery: how.on_redelivery,
         is_exclusive: true,
     };
-    let presence = Presence::new(plc, handler_id, said);
+    let presence = HandlerSession::new(plc, handler_id, said);
     // dropped after the runner, thus after the handlers
     let offline = presence.offline_on_drop();
     let mut runner = Runner {
         table,
         on_redelivery: how.on_redelivery,
         running: HashMap::new(),
-        begun: Begun::default(),
+        begun: StartedOutputs::default(),
         work: FuturesUnordered::new(),
         presence,
         is_known: false,
@@ -188,7 +189,7 @@ pub(super) async fn run<T>(
         }
     }
     drop(runner);
-    offline.tell(how.returns_within).await;
+    offline.report_offline(how.returns_within).await;
     Ok(())
 }
 
@@ -218,13 +219,13 @@ impl Runner {
                 if let Some(boot) = &self.presence.open.online {
                     self.cancel_where(|other| other.boot_id != *boot, Some(CancelReason::Shutdown));
                 }
-                self.look_at_all();
+                self.update_all_handlers();
             }
-            Event::Message(_, Some(Change::Pending(cs))) => self.look_at(cs),
+            Event::Message(_, Some(Change::Pending(cs))) => self.update_handlers(cs),
             Event::Message(message, None) => self.on_message(&message),
             Event::Announced => {
                 if !std::mem::replace(&mut self.is_known, true) {
-                    self.look_at_all();
+                    self.update_all_handlers();
                 }
             }
             Event::Reclaimed(id, false) => self.cancel_where(|other| *other == id, None),
@@ -263,17 +264,17 @@ impl Runner {
             .send(request, "the result of a validation did not arrive");
     }
 
-    fn look_at_all(&mut self) {
+    fn update_all_handlers(&mut self) {
         let systems: Vec<_> = self.presence.open.all().map(|(cs, _)| cs).collect();
         for cs in systems {
-            self.look_at(cs);
+            self.update_handlers(cs);
         }
     }
 
     /// Ends handlers if their output is no longer open or another handler owns it, and starts handlers of
     /// open outputs.
-    fn look_at(&mut self, cs: CoordinateSystemNumber) {
-        let Some(message) = self.presence.open.of(cs).filter(|_| self.is_known) else {
+    fn update_handlers(&mut self, cs: CoordinateSystemNumber) {
+        let Some(message) = self.presence.open.pending_message(cs).filter(|_| self.is_known) else {
             return;
         };
         let message = Arc::clone(message);
@@ -282,18 +283,18 @@ impl Runner {
             owner.is_none_or(|owner| owner == &*self.presence.by.handler_id)
         };
         let is_over = |id: &OutputId| {
-            let mut open = shown(&message).iter();
+            let mut open = open_outputs(&message).iter();
             id.cs == cs
                 && id.boot_id == message.boot_id
                 && !open.any(|output| output.output.seq == id.seq && is_ours(output))
         };
         self.cancel_where(is_over, None);
-        for output in shown(&message) {
-            let id = OutputId::of(&message, cs, output);
+        for output in open_outputs(&message) {
+            let id = OutputId::from_pending(&message, cs, output);
             match output.state {
-                OutputState::Output => self.take_up(id, output, false),
+                OutputState::Output => self.start_handler(id, output, false),
                 OutputState::Claimed if self.is_claimed_for_us(output) && self.is_new(&id) => {
-                    self.take_up(id, output, true);
+                    self.start_handler(id, output, true);
                 }
                 OutputState::Claimed | OutputState::Queued => {}
             }
@@ -315,11 +316,11 @@ impl Runner {
 
     /// Returns true for an output that was claimed for this instance (H20) but that this instance has never
     /// received: the message was lost.
-    fn is_never_begun(&self, id: &OutputId, output: &PendingOutput) -> bool {
+    fn is_never_started(&self, id: &OutputId, output: &PendingOutput) -> bool {
         output.lost_instance.as_deref() == Some(&*self.presence.by.instance) && self.is_new(id)
     }
 
-    fn take_up(&mut self, id: OutputId, pending: &PendingOutput, is_claimed: bool) {
+    fn start_handler(&mut self, id: OutputId, pending: &PendingOutput, is_claimed: bool) {
         if let Some(running) = self.running.get(&id) {
             // the handler still runs: only the connection was lost
             if pending.lost && !running.abort.is_aborted() && !running.output.is_answering() {
@@ -332,14 +333,14 @@ impl Runner {
             return;
         };
         let redelivery = self.table.redelivery(Some(id.cs), pending.output.m);
-        let verify = if self.is_never_begun(&id, pending) {
+        let verify = if self.is_never_started(&id, pending) {
             false
-        } else if let Some(verify) = taken_up(pending, redelivery.or(self.on_redelivery)) {
+        } else if let Some(verify) = decide_start(pending, redelivery.or(self.on_redelivery)) {
             verify
         } else {
             return;
         };
-        self.begun.note(&id);
+        self.begun.remember_output(&id);
         let (output, cancel) =
             AuxOutput::new((&self.presence, &self.table.states), id.clone(), pending, verify);
         let (abort, registration) = AbortHandle::new_pair();
@@ -351,7 +352,7 @@ impl Runner {
         let work = Box::pin(Abortable::new(work, registration));
         let ending = run_to_end(work, id.clone(), output.clone());
         self.work.push(Box::pin(ending));
-        let running = Running {
+        let running = RunningHandler {
             output,
             abort,
             cancel,
@@ -371,7 +372,7 @@ impl Runner {
     fn on_end(&mut self, id: &OutputId) {
         let ended = self.running.remove(id);
         if ended.is_some_and(|running| running.abort.is_aborted()) {
-            self.look_at(id.cs);
+            self.update_handlers(id.cs);
         }
     }
 }
@@ -425,7 +426,7 @@ impl Claiming {
 
 /// Claims the output if the machine has not claimed it for this handler, runs the handler, and resets the
 /// output.
-async fn work(output: AuxOutput, handler: Boxed, claiming: Option<Claiming>) {
+async fn work(output: AuxOutput, handler: BoxedHandler, claiming: Option<Claiming>) {
     let (plc, m, seq) = (output.plc(), output.m(), output.seq());
     if let Some(claiming) = claiming
         && !claiming.succeeds(&output).await
@@ -445,7 +446,7 @@ async fn work(output: AuxOutput, handler: Boxed, claiming: Option<Claiming>) {
     }
 }
 
-async fn call(output: &AuxOutput, handler: &Boxed) -> Result<(), Alarm> {
+async fn call(output: &AuxOutput, handler: &BoxedHandler) -> Result<(), Alarm> {
     let span = tracing::info_span!(
         "m_code",
         cs = output.coordinate_system(),
@@ -479,23 +480,23 @@ mod tests {
             cs,
             seq,
         };
-        let mut begun = Begun::default();
+        let mut begun = StartedOutputs::default();
         for seq in 1..=BEGUN_MAX as u64 + 1 {
-            begun.note(&id("f", 2, seq));
+            begun.remember_output(&id("f", 2, seq));
         }
         for early in [id("f", 1, 1), id("a", 1, 1), id("a", 1, 1), id("a", 1, 0)] {
-            begun.note(&early);
+            begun.remember_output(&early);
             assert!(begun.knows(&early));
         }
         assert!(!begun.knows(&id("f", 2, 1)) && begun.knows(&id("f", 2, 2)));
         // an output that is added again keeps its age: outputs that were added before it are forgotten first
         for again in [id("f", 2, 1), id("f", 2, 0)] {
-            begun.note(&again);
+            begun.remember_output(&again);
         }
         assert!(begun.knows(&id("f", 2, 0)) && begun.knows(&id("f", 2, 1)));
         assert!(!begun.knows(&id("f", 2, 3)) && begun.knows(&id("f", 2, 4)));
         for boot in 0..BEGUN_IN_MAX {
-            begun.note(&id(&boot.to_string(), 2, 1));
+            begun.remember_output(&id(&boot.to_string(), 2, 1));
         }
         assert!(!begun.knows(&id("a", 1, 1)) && begun.knows(&id("0", 2, 1)));
     }

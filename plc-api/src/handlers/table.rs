@@ -118,7 +118,8 @@ where
 
 pub(super) type Check = Arc<dyn Fn(&Params) -> Result<(), Alarm> + Send + Sync>;
 
-pub(super) type Boxed = Arc<dyn Fn(AuxOutput, Plc) -> BoxFuture<'static, Result<(), Alarm>> + Send + Sync>;
+pub(super) type BoxedHandler =
+    Arc<dyn Fn(AuxOutput, Plc) -> BoxFuture<'static, Result<(), Alarm>> + Send + Sync>;
 
 /// Returns the codes of a range, with at most one code above the highest M code.
 fn within_limits(codes: RangeInclusive<u16>) -> impl Iterator<Item = u16> {
@@ -126,14 +127,14 @@ fn within_limits(codes: RangeInclusive<u16>) -> impl Iterator<Item = u16> {
     codes.take_while(move |m| *m <= first_above)
 }
 
-fn place(cs: Option<CoordinateSystemNumber>) -> String {
+fn scope_text(cs: Option<CoordinateSystemNumber>) -> String {
     cs.map_or_else(String::new, |cs| format!(" in coordinate system {cs}"))
 }
 
 /// Handlers by M code, for every coordinate system and for single ones.
 #[derive(Clone, Default)]
 pub(super) struct Table {
-    handlers: BTreeMap<ServedCode, Boxed>,
+    handlers: BTreeMap<ServedCode, BoxedHandler>,
     /// Declarations by handlers of M codes with names.
     declared: BTreeMap<ServedCode, MCodeDeclaration>,
     /// States that handlers take, by type.
@@ -157,13 +158,13 @@ impl Table {
     ) {
         let handler = Arc::new(handler);
         let takes = handler.takes();
-        let boxed: Boxed = Arc::new(move |output, plc| handler.call(output, plc));
+        let boxed: BoxedHandler = Arc::new(move |output, plc| handler.call(output, plc));
         if codes.iter().all(RangeInclusive::is_empty) {
             self.mistakes
                 .push("on() got an empty range of M codes".to_owned());
         }
         for m in codes.iter().cloned().flat_map(within_limits) {
-            let place = place(cs);
+            let place = scope_text(cs);
             if m > M_CODE_MAX {
                 self.mistakes
                     .push(format!("M{m}{place}: M codes are 0 to {M_CODE_MAX}"));
@@ -181,9 +182,10 @@ impl Table {
         }
     }
 
-    fn insert(&mut self, (cs, m): ServedCode, handler: Boxed) {
+    fn insert(&mut self, (cs, m): ServedCode, handler: BoxedHandler) {
         if self.handlers.insert((cs, m), handler).is_some() {
-            self.mistakes.push(format!("M{m}{} has two handlers", place(cs)));
+            self.mistakes
+                .push(format!("M{m}{} has two handlers", scope_text(cs)));
         }
     }
 
@@ -205,7 +207,7 @@ impl Table {
 
     /// Returns the alarm for parameters with which the handler of an M code is not started.
     fn refuses(&self, cs: CoordinateSystemNumber, m: u16, params: &Params) -> Option<Alarm> {
-        let declaration = self.declared.get(&self.handler_place(Some(cs), m))?;
+        let declaration = self.declared.get(&self.handler_key(Some(cs), m))?;
         let fault = declaration.check(params).err()?;
         Some(Alarm::user(Alarm::CODE_OF_PARAMS, fault.text))
     }
@@ -220,7 +222,7 @@ impl Table {
         let said = self.declared.keys().chain(self.redeliveries.keys());
         let said: BTreeSet<ServedCode> = said.chain(hidden).copied().collect();
         let of = |(cs, m): ServedCode| {
-            let place = self.handler_place(cs, m);
+            let place = self.handler_key(cs, m);
             MCodeDeclaration {
                 m,
                 cs,
@@ -233,7 +235,7 @@ impl Table {
 
     /// Returns the key of the handler of an M code: the handler for the coordinate system, otherwise the
     /// handler for all.
-    fn handler_place(&self, cs: Option<CoordinateSystemNumber>, m: u16) -> ServedCode {
+    fn handler_key(&self, cs: Option<CoordinateSystemNumber>, m: u16) -> ServedCode {
         let has_its_own = self.handlers.contains_key(&(cs, m));
         (cs.filter(|_| has_its_own), m)
     }
@@ -241,7 +243,7 @@ impl Table {
     /// Returns the treatment of a lost output of an M code, or `None` if the setting for all M codes applies.
     pub(super) fn redelivery(&self, cs: Option<CoordinateSystemNumber>, m: u16) -> Option<Redelivery> {
         let said = self.redeliveries.get(&(cs, m));
-        said.or_else(|| self.redeliveries.get(&self.handler_place(cs, m)))
+        said.or_else(|| self.redeliveries.get(&self.handler_key(cs, m)))
             .copied()
     }
 
@@ -253,7 +255,7 @@ impl Table {
     ) {
         for m in codes.iter().cloned().flat_map(within_limits) {
             if self.redeliveries.insert((cs, m), redelivery).is_some() {
-                let place = place(cs);
+                let place = scope_text(cs);
                 self.mistakes.push(format!("M{m}{place} has two redeliveries"));
             }
         }
@@ -296,7 +298,7 @@ impl Table {
     }
 
     /// Adds the handlers of another program, moved into a range of M codes, with the states of that program.
-    pub(super) fn nest(
+    pub(super) fn merge_at(
         &mut self,
         codes: &RangeInclusive<u16>,
         part: Self,
@@ -313,14 +315,15 @@ impl Table {
         let moved = |m: u16| (m - lowest).saturating_add(first);
         for ((cs, m), handler) in part.handlers {
             let (there, states) = (moved(m), part.states.clone());
-            let place = place(cs);
+            let place = scope_text(cs);
             if !codes.contains(&there) || there > M_CODE_MAX || RUNTIME_M_CODES.contains(&there) {
                 self.mistakes.push(format!(
                     "nest({first}..={last}): M{m}{place} of the part would be M{there}, which is not allowed there"
                 ));
                 continue;
             }
-            let own: Boxed = Arc::new(move |output, plc| handler(output.with_states(states.clone()), plc));
+            let own: BoxedHandler =
+                Arc::new(move |output, plc| handler(output.with_states(states.clone()), plc));
             self.insert((cs, there), own);
             let said = part.redeliveries.get(&(cs, m)).copied().or(on_redelivery);
             if let Some(said) = said {
@@ -345,7 +348,7 @@ impl Table {
     ) {
         for m in codes.iter().cloned().flat_map(within_limits) {
             if self.checks.insert((cs, m), Arc::clone(check)).is_some() {
-                let place = place(cs);
+                let place = scope_text(cs);
                 self.mistakes.push(format!("M{m}{place} is validated twice"));
             }
         }
@@ -358,9 +361,10 @@ impl Table {
             Some(cs) => self.find(cs, m).is_some(),
         };
         let idle = self.checks.keys().filter(|(cs, m)| !is_handled(*cs, *m));
-        let idle = idle.map(|(cs, m)| format!("M{m}{} is validated and has no handler", place(*cs)));
+        let idle = idle.map(|(cs, m)| format!("M{m}{} is validated and has no handler", scope_text(*cs)));
         let unserved = self.redeliveries.keys().filter(|(cs, m)| !is_handled(*cs, *m));
-        let unserved = unserved.map(|(cs, m)| format!("M{m}{} has a redelivery and no handler", place(*cs)));
+        let unserved =
+            unserved.map(|(cs, m)| format!("M{m}{} has a redelivery and no handler", scope_text(*cs)));
         let idle = idle.chain(unserved);
         let missing = self
             .wanted
@@ -395,13 +399,13 @@ impl Table {
 
     /// Returns the handler of an M code: the handler for the coordinate system, otherwise the handler for
     /// all.
-    pub(super) fn find(&self, cs: CoordinateSystemNumber, m: u16) -> Option<&Boxed> {
-        self.handlers.get(&self.handler_place(Some(cs), m))
+    pub(super) fn find(&self, cs: CoordinateSystemNumber, m: u16) -> Option<&BoxedHandler> {
+        self.handlers.get(&self.handler_key(Some(cs), m))
     }
 
     /// Returns the action for an output with these parameters: the work of the handler, or an alarm if the
     /// handler does not accept the parameters.
-    pub(super) fn work(&self, cs: CoordinateSystemNumber, m: u16, params: &Params) -> Option<Boxed> {
+    pub(super) fn work(&self, cs: CoordinateSystemNumber, m: u16, params: &Params) -> Option<BoxedHandler> {
         let handler = self.find(cs, m)?;
         Some(match self.refuses(cs, m, params) {
             None => Arc::clone(handler),

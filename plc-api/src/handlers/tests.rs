@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::*;
 use crate::alarm::Alarm;
 use crate::fake::FakePort;
-use crate::handshake::Closed;
+use crate::handshake::OutputOutcome;
 use crate::hub::Filter;
 use crate::types::message::Payload;
 use crate::types::output::{CancelReason, HandshakeStatus, OutputAct, OutputState, Params, Pending};
@@ -54,7 +54,7 @@ async fn a_handler_claims_runs_and_resets_once() {
     assert_eq!(pending[0].handler_id.as_deref(), Some("magazine"));
     assert_eq!(fake.closed(1, seq), None);
     fake.advance(seconds(1)).await;
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     assert_eq!(fake.pending(1), []);
 }
 
@@ -80,12 +80,12 @@ async fn h20_output_claimed_by_the_machine_starts_once_without_a_claim() {
     let outputs = fake.pending(1);
     assert_eq!(outputs[0].state, OutputState::Claimed);
     fake.advance(seconds(5)).await;
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     let told = results.try_next().unwrap();
     assert!(matches!(&told.payload, Payload::Result(told) if told.of == Some(OutputAct::Reset)));
     assert_eq!(results.try_next(), None);
     // an old message comes again, as from a broker that keeps it
-    fake.say(1, CsTopic::Pending, Payload::Pending(Pending { outputs }));
+    fake.publish_message(1, CsTopic::Pending, Payload::Pending(Pending { outputs }));
     fake.advance(seconds(9)).await;
     assert_eq!(begun.load(Ordering::Relaxed), 1);
 }
@@ -101,7 +101,7 @@ async fn h20_what_is_claimed_for_another_instance_is_left_alone() {
     assert_eq!(begun.load(Ordering::Relaxed), 1);
     outputs[0].output.seq = seq + 1;
     outputs[0].instance = Some("another".to_owned());
-    fake.say(1, CsTopic::Pending, Payload::Pending(Pending { outputs }));
+    fake.publish_message(1, CsTopic::Pending, Payload::Pending(Pending { outputs }));
     fake.advance(seconds(9)).await;
     assert_eq!(begun.load(Ordering::Relaxed), 1);
 }
@@ -112,7 +112,7 @@ async fn an_output_made_before_the_handler_came_is_served() {
     let seq = fake.put_out(1, 100, params(0.0));
     let _task = serve(&fake, SequenceProgram::new().on(100, slow)).await;
     fake.advance(seconds(1)).await;
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
 }
 
 #[tokio::test]
@@ -122,7 +122,7 @@ async fn an_error_is_a_fault_with_code_and_text_unchanged() {
     let seq = fake.put_out(1, 100, Params::default());
     fake.settle().await;
     let alarm = Alarm::user(1, "VA is missing");
-    assert_eq!(fake.closed(1, seq), Some(Closed::Failed { alarm }));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Failed { alarm }));
 }
 
 #[tokio::test]
@@ -139,17 +139,17 @@ async fn a_panic_is_a_fault_with_its_text_and_the_program_goes_on() {
         Alarm::CODE_OF_PANIC,
         "the handler of M7 panicked: no VA in line 1",
     );
-    assert_eq!(fake.closed(1, bad), Some(Closed::Failed { alarm }));
+    assert_eq!(fake.closed(1, bad), Some(OutputOutcome::Failed { alarm }));
     let good = fake.put_out(1, 7, params(1.0));
     fake.settle().await;
-    assert_eq!(fake.closed(1, good), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, good), Some(OutputOutcome::Reset));
 }
 
 #[tokio::test]
 async fn d34_a_cancel_drops_the_future_and_tells_why() {
     type Log = Arc<Mutex<Vec<(bool, Option<CancelReason>)>>>;
-    struct Dropped(Cancellation, Log);
-    impl Drop for Dropped {
+    struct CancelRecorder(Cancellation, Log);
+    impl Drop for CancelRecorder {
         fn drop(&mut self) {
             self.1
                 .lock()
@@ -161,7 +161,7 @@ async fn d34_a_cancel_drops_the_future_and_tells_why() {
     let dropped = Arc::new(Mutex::new(Vec::new()));
     let log = Arc::clone(&dropped);
     let waits = move |output: AuxOutput, plc: Plc| {
-        let guard = Dropped(output.cancellation(), Arc::clone(&log));
+        let guard = CancelRecorder(output.cancellation(), Arc::clone(&log));
         async move {
             plc.sleep(seconds(1000)).await;
             drop(guard);
@@ -174,7 +174,10 @@ async fn d34_a_cancel_drops_the_future_and_tells_why() {
     fake.cancel(1, CancelReason::Stop);
     fake.settle().await;
     assert_eq!(*dropped.lock().unwrap(), [(true, Some(CancelReason::Stop))]);
-    assert_eq!(fake.closed(1, seq), Some(Closed::Cancelled(CancelReason::Stop)));
+    assert_eq!(
+        fake.closed(1, seq),
+        Some(OutputOutcome::Cancelled(CancelReason::Stop))
+    );
 }
 
 #[tokio::test]
@@ -221,18 +224,18 @@ async fn a_panic_while_a_cancelled_handler_is_dropped_leaves_the_others_alone() 
     fake.settle().await;
     let after = fake.put_out(1, 100, params(1.0));
     fake.advance(seconds(1)).await;
-    assert_eq!(fake.closed(1, after), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, after), Some(OutputOutcome::Reset));
 }
 
 #[tokio::test]
 async fn d36_a_timed_out_output_drops_its_handler() {
     let fake = FakePort::new([1]);
     let _task = serve(&fake, SequenceProgram::new().on(100, slow)).await;
-    let seq = fake.put_out_within(1, 100, params(60.0), Some(seconds(30)));
+    let seq = fake.issue_output_within(1, 100, params(60.0), Some(seconds(30)));
     fake.advance(seconds(29)).await;
     assert_eq!(fake.closed(1, seq), None);
     fake.advance(seconds(60)).await;
-    assert_eq!(fake.closed(1, seq), Some(Closed::TimedOut));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::TimedOut));
 }
 
 #[tokio::test]
@@ -254,7 +257,7 @@ async fn open_outputs_of_one_coordinate_system_run_at_the_same_time() {
     fake.advance(seconds(2)).await;
     assert_eq!(most.load(Ordering::Relaxed), 4);
     for seq in seqs {
-        assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+        assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     }
 }
 
@@ -279,7 +282,7 @@ async fn an_operators_reset_cancels_the_handler_with_reason_operator() {
     let request = crate::types::request::Request::Reset(1, None, reset);
     fake.plc().port().request(request).await.unwrap();
     fake.settle().await;
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     assert_eq!(*reason.lock().unwrap(), Some(CancelReason::Operator));
 }
 
@@ -312,7 +315,7 @@ async fn on_redelivery_ask_leaves_it_until_an_operator_decides() {
         assert_eq!(fake.closed(1, seq), None);
         fake.redeliver(1, seq, how);
         fake.settle().await;
-        assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+        assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
         assert_eq!(*log.lock().unwrap(), [redelivered]);
     }
 }
@@ -321,7 +324,7 @@ async fn on_redelivery_ask_leaves_it_until_an_operator_decides() {
 async fn on_redelivery_redo_and_verify_take_it_up_at_once() {
     for (how, redelivered) in [(Redelivery::Redo, false), (Redelivery::Verify, true)] {
         let (fake, seq, log) = after_a_death(SequenceProgram::new().on_redelivery(how)).await;
-        assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+        assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
         assert_eq!(*log.lock().unwrap(), [redelivered]);
     }
 }
@@ -352,7 +355,7 @@ async fn lost_output_is_withheld_from_its_handler_but_not_from_manual_reset() {
     let done = port.port().ask(typed::Reset(1, None, by_hand)).await.unwrap();
     assert_eq!(
         (done.status, fake.closed(1, seq)),
-        (HandshakeStatus::Accepted, Some(Closed::Reset))
+        (HandshakeStatus::Accepted, Some(OutputOutcome::Reset))
     );
 }
 
@@ -427,12 +430,12 @@ async fn a_handler_that_lost_only_its_connection_takes_its_claim_back() {
     let _task = serve(&fake, SequenceProgram::new().on(100, slow).handler_id("h")).await;
     let seq = fake.put_out(1, 100, params(10.0));
     fake.advance(seconds(5)).await;
-    fake.lose_handler("h");
+    fake.disconnect_handler("h");
     fake.settle().await;
     let pending = &fake.pending(1)[0];
     assert_eq!((pending.state, pending.lost), (OutputState::Claimed, false));
     fake.advance(seconds(5)).await;
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
 }
 
 #[tokio::test]
@@ -447,7 +450,7 @@ async fn a_restart_of_the_runtime_drops_handlers_of_the_boot_before() {
     fake.advance(seconds(10)).await;
     assert_eq!(fake.closed(1, seq), None);
     fake.advance(seconds(10)).await;
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
 }
 
 #[tokio::test]
@@ -465,9 +468,9 @@ async fn a_coordinate_systems_own_handler_comes_before_that_for_all() {
         fake.put_out(2, 20, Params::default()),
     );
     fake.settle().await;
-    assert_eq!(fake.closed(1, first), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, first), Some(OutputOutcome::Reset));
     let alarm = Alarm::user(2, "eject");
-    assert_eq!(fake.closed(2, second), Some(Closed::Failed { alarm }));
+    assert_eq!(fake.closed(2, second), Some(OutputOutcome::Failed { alarm }));
     task.abort();
 }
 

@@ -135,13 +135,13 @@ pub enum Effect {
         /// M number.
         m: u16,
         /// How the output ended.
-        how: Closed,
+        how: OutputOutcome,
     },
 }
 
 /// How an output ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Closed {
+pub enum OutputOutcome {
     /// Reset: the program may continue.
     Reset,
     /// Failed: the alarm stops the coordinate system.

@@ -11,7 +11,7 @@ use crate::types::{CoordinateSystemNumber, Timestamp};
 use super::effect::OpenOutput;
 
 /// Status of a rejection, and the reason in words if the status is not sufficient.
-pub(super) type Denied = (HandshakeStatus, Option<String>);
+pub(super) type Denial = (HandshakeStatus, Option<String>);
 
 /// A handler that is online.
 #[derive(Debug, Clone)]
@@ -31,7 +31,7 @@ struct Live {
 pub(super) struct LiveHandlers(BTreeMap<String, Live>);
 
 impl LiveHandlers {
-    pub(super) fn come(
+    pub(super) fn insert_handler(
         &mut self,
         cs: CoordinateSystemNumber,
         id: &str,
@@ -61,7 +61,7 @@ impl LiveHandlers {
     }
 
     /// Removes a handler, unless another instance of the handler has come online in the meantime.
-    pub(super) fn go(&mut self, id: &str, instance: Option<&str>) {
+    pub(super) fn remove_handler(&mut self, id: &str, instance: Option<&str>) {
         let goes = |live: &Live| instance.is_none() || live.instance.as_deref() == instance;
         if self.0.get(id).is_some_and(goes) {
             self.0.remove(id);
@@ -86,10 +86,10 @@ impl LiveHandlers {
     ///
     /// # Errors
     /// Fails if another instance is online.
-    pub(super) fn speaker(&self, id: &str, instance: Option<&String>) -> Result<Option<String>, Denied> {
+    pub(super) fn speaker(&self, id: &str, instance: Option<&String>) -> Result<Option<String>, Denial> {
         match (self.0.get(id), instance) {
             (Some(live), Some(named)) if live.instance.as_ref() != Some(named) => {
-                let text = taken_text(id, live.instance.as_deref(), Some(named), &live.since);
+                let text = handler_in_use_text(id, live.instance.as_deref(), Some(named), &live.since);
                 Err((HandshakeStatus::NotOwner, Some(text)))
             }
             (Some(live), None) => Ok(live.instance.clone()),
@@ -103,7 +103,7 @@ impl LiveHandlers {
     /// # Errors
     /// Fails if the handler is not registered, another instance is registered, or the claim does not name its
     /// instance.
-    pub(super) fn claimant(&self, id: &str, instance: Option<&String>) -> Result<Option<String>, Denied> {
+    pub(super) fn claimant(&self, id: &str, instance: Option<&String>) -> Result<Option<String>, Denial> {
         let Some(live) = self.0.get(id) else {
             let text = format!(
                 "handler {id} is not registered: announce its presence (handler/{id}/presence, or PUT /handlers/{id}) before it claims"
@@ -121,12 +121,12 @@ impl LiveHandlers {
     ///
     /// # Errors
     /// Fails if the output is withheld from this handler.
-    pub(super) fn take_up(
+    pub(super) fn check_claim(
         &self,
         output: &OpenOutput,
         id: &str,
         instance: Option<&String>,
-    ) -> Result<Option<Redelivery>, Denied> {
+    ) -> Result<Option<Redelivery>, Denial> {
         if output.how.is_some() || !output.lost {
             return Ok(output.how);
         }
@@ -150,12 +150,17 @@ impl LiveHandlers {
 
     /// Checks a reset without a claim as [`take_up`](Self::take_up) checks a claim. A sender that is neither
     /// an online handler nor the lost handler decides as an operator does.
-    pub(super) fn end(&self, output: &OpenOutput, id: &str, instance: Option<&String>) -> Result<(), Denied> {
+    pub(super) fn check_unclaimed_reset(
+        &self,
+        output: &OpenOutput,
+        id: &str,
+        instance: Option<&String>,
+    ) -> Result<(), Denial> {
         let is_lost_one = output.lost_by.as_ref().is_some_and(|(by, _)| by == id);
         if output.handler_id.is_some() || !(self.0.contains_key(id) || is_lost_one) {
             return Ok(());
         }
-        self.take_up(output, id, instance).map(|_| ())
+        self.check_claim(output, id, instance).map(|_| ())
     }
 }
 
@@ -164,13 +169,13 @@ impl OpenOutput {
     ///
     /// # Errors
     /// Fails if another handler or instance owns the output, or it has no owner.
-    pub(super) fn check_owner(&self, handler_id: &str, instance: Option<&String>) -> Result<(), Denied> {
+    pub(super) fn check_owner(&self, handler_id: &str, instance: Option<&String>) -> Result<(), Denial> {
         if self.handler_id.as_deref() != Some(handler_id) {
             return Err((HandshakeStatus::NotOwner, None));
         }
         match (&self.instance, instance) {
             (Some(owner), Some(named)) if owner != named => {
-                let text = taken_text(handler_id, Some(owner), Some(named), &self.since);
+                let text = handler_in_use_text(handler_id, Some(owner), Some(named), &self.since);
                 Err((HandshakeStatus::NotOwner, Some(text)))
             }
             (owner, None) => check_named(handler_id, owner.as_deref()),
@@ -202,7 +207,7 @@ impl OpenOutput {
 }
 
 /// Rejects a message that names no instance although the registered process has named its instance.
-fn check_named(id: &str, there: Option<&str>) -> Result<(), Denied> {
+fn check_named(id: &str, there: Option<&str>) -> Result<(), Denial> {
     if there.is_none_or(|there| !is_own_instance(there)) {
         return Ok(());
     }
@@ -222,7 +227,7 @@ pub(crate) fn strictest(one: Option<Redelivery>, other: Option<Redelivery>) -> O
 }
 
 /// Returns the text for another online instance of a handler, with the remedy.
-pub(crate) fn taken_text(
+pub(crate) fn handler_in_use_text(
     handler_id: &str,
     there: Option<&str>,
     named: Option<&String>,

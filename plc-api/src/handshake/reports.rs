@@ -2,7 +2,7 @@
 
 use super::Ledger;
 use super::effect::Now;
-use super::identity::Denied;
+use super::identity::Denial;
 use super::result::status_of;
 use crate::text::cut;
 use crate::types::Timestamp;
@@ -22,7 +22,7 @@ impl Ledger {
     }
 
     /// Sets the text of the machine about the wait of an output that no handler serves; `None` removes it.
-    pub fn note_wait(&mut self, seq: u64, text: Option<&str>) {
+    pub fn set_wait_text(&mut self, seq: u64, text: Option<&str>) {
         let boot_id = self.boot_id.clone();
         // a closed output has no wait that the text could describe
         let _ = self.change(&boot_id, seq, None, |output| {
@@ -34,7 +34,7 @@ impl Ledger {
         });
     }
 
-    pub(super) fn report(&mut self, m: Option<u16>, report: &ProgressReport) -> Result<(), Denied> {
+    pub(super) fn report(&mut self, m: Option<u16>, report: &ProgressReport) -> Result<(), Denial> {
         self.change(&report.boot_id, report.seq, m, |output| {
             output.check_owner(&report.handler_id, report.instance.as_ref())?;
             let mut text = report.text.clone();
@@ -49,11 +49,11 @@ impl Ledger {
     }
 
     /// Stores a checkpoint of the owner, which is kept when the owner is lost (H21).
-    pub(super) fn note_checkpoint(
+    pub(super) fn store_checkpoint(
         &mut self,
         m: Option<u16>,
         report: &CheckpointReport,
-    ) -> Result<Result<(), Denied>, Refusal> {
+    ) -> Result<Result<(), Denial>, Refusal> {
         report.check()?;
         Ok(self.change(&report.boot_id, report.seq, m, |output| {
             output.check_owner(&report.handler_id, report.instance.as_ref())?;
@@ -77,7 +77,7 @@ impl Ledger {
         now: Now,
         m: Option<u16>,
         ask: &Ask,
-    ) -> Result<Result<(), Denied>, Refusal> {
+    ) -> Result<Result<(), Denial>, Refusal> {
         ask.check()?;
         Ok(self.change(&ask.boot_id, ask.seq, m, |output| {
             output.check_owner(&ask.handler_id, ask.instance.as_ref())?;
@@ -103,7 +103,7 @@ impl Ledger {
         status_of(&self.take_answer(m, answer))
     }
 
-    pub(super) fn take_answer(&mut self, m: Option<u16>, answer: &OperatorAnswer) -> Result<(), Denied> {
+    pub(super) fn take_answer(&mut self, m: Option<u16>, answer: &OperatorAnswer) -> Result<(), Denial> {
         self.change(&answer.boot_id, answer.seq, m, |output| {
             let asked = output.question.as_mut();
             let question = asked

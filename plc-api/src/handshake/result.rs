@@ -7,9 +7,9 @@ use crate::types::ids::CLIENT_ID_MAX;
 use crate::types::output::{HandshakeResult, HandshakeStatus, OutputAct, Reset};
 use crate::types::refusal::{Refusal, RefusalCode};
 
-use super::identity::Denied;
+use super::identity::Denial;
 
-pub(super) fn status_of<T>(changed: &Result<T, Denied>) -> HandshakeStatus {
+pub(super) fn status_of<T>(changed: &Result<T, Denial>) -> HandshakeStatus {
     match changed {
         Ok(_) => HandshakeStatus::Accepted,
         Err((status, _)) => *status,
@@ -20,7 +20,7 @@ pub(super) fn status_of<T>(changed: &Result<T, Denied>) -> HandshakeStatus {
 pub(super) fn result_of(
     of: OutputAct,
     (seq, handler_id, instance): (u64, &str, &Option<String>),
-    changed: &Result<(), Denied>,
+    changed: &Result<(), Denial>,
 ) -> HandshakeResult {
     let mut handler_id = handler_id.to_owned();
     cut(&mut handler_id, CLIENT_ID_MAX);

@@ -39,7 +39,7 @@ enum InFlight {
 }
 
 /// State of one output in the model.
-struct Known {
+struct ModelOutput {
     m: u16,
     made: bool,
     owner: Option<String>,
@@ -47,7 +47,7 @@ struct Known {
     question: Option<(String, Option<String>)>,
     /// The lost owner and its instance, until a decision.
     withheld_from: Option<(String, Option<String>)>,
-    closed: Option<Closed>,
+    closed: Option<OutputOutcome>,
 }
 
 struct World {
@@ -55,7 +55,7 @@ struct World {
     random: Random,
     ledger: Ledger,
     now_s: f64,
-    known: BTreeMap<u64, Known>,
+    known: BTreeMap<u64, ModelOutput>,
     messages: Vec<InFlight>,
     notices: BTreeMap<u64, u32>,
     asked: u32,
@@ -96,7 +96,7 @@ impl World {
         let now = self.now();
         match self.random.below(26) {
             0..=2 => self.enqueue(),
-            3..=5 => self.put_out(),
+            3..=5 => self.issue_output(),
             6..=9 => self.send_something(),
             10..=14 => self.send_about_a_question(),
             15..=21 => self.deliver(),
@@ -113,7 +113,7 @@ impl World {
             }
             23 if self.random.below(2) == 0 => self.ledger.republish(now, |m| m % 2 == 0),
             23 => self.ledger.expire(now),
-            24 => self.come(),
+            24 => self.bring_handler_online(),
             _ => {
                 if self.random.below(6) == 0 {
                     self.ledger.cancel_all(now, CancelReason::Stop);
@@ -124,7 +124,7 @@ impl World {
     }
 
     /// Brings a handler for every even M code online, or changes its presence.
-    fn come(&mut self) {
+    fn bring_handler_online(&mut self) {
         let handler = HANDLERS[self.random.below(HANDLERS.len())];
         let exclusive = self.random.below(2) == 0;
         self.instances += 1;
@@ -167,7 +167,7 @@ impl World {
                 assert!(open < OPEN_MAX, "seed {}", self.seed);
                 let greatest = self.known.keys().next_back().copied().unwrap_or(0);
                 assert_eq!(seq, greatest + 1, "seed {}", self.seed);
-                let known = Known {
+                let known = ModelOutput {
                     m,
                     made: false,
                     owner: None,
@@ -180,7 +180,7 @@ impl World {
         }
     }
 
-    fn put_out(&mut self) {
+    fn issue_output(&mut self) {
         let now = self.now();
         let queued = self
             .known
@@ -446,7 +446,7 @@ impl World {
             return HandshakeStatus::Unknown;
         }
         match (&known.closed, known.owner.as_deref()) {
-            (Some(Closed::Reset), _) => HandshakeStatus::Duplicate,
+            (Some(OutputOutcome::Reset), _) => HandshakeStatus::Duplicate,
             (Some(_), _) => HandshakeStatus::Stale,
             (None, Some(owner)) if owner != id && !force => HandshakeStatus::NotOwner,
             _ => HandshakeStatus::Accepted,
@@ -498,7 +498,7 @@ impl World {
             .values()
             .any(|known| !known.made && known.closed.is_none())
         {
-            self.put_out();
+            self.issue_output();
         }
         let open: Vec<u64> = self
             .ledger

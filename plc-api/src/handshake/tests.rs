@@ -206,7 +206,7 @@ fn h5_only_the_owner_resets_and_force_tells_it() {
             Effect::Closed {
                 seq,
                 m: 100,
-                how: Closed::Reset
+                how: OutputOutcome::Reset
             },
             Effect::Result { m: 100, result },
         ]
@@ -227,7 +227,7 @@ fn h6_a_fault_is_an_alarm_10000_plus_code_with_the_text_unchanged() {
     let closed = Effect::Closed {
         seq,
         m: 100,
-        how: Closed::Failed { alarm },
+        how: OutputOutcome::Failed { alarm },
     };
     assert!(effects(&mut ledger).contains(&closed));
     assert_eq!(reset(&mut ledger, seq, "h"), HandshakeStatus::Stale);
@@ -241,7 +241,7 @@ fn fault_code_in_the_reserved_alarm_range_is_refused_and_output_stays() {
     for (code, is_right) in [(10_000, false), (u16::MAX, false), (9_999, true)] {
         let mut fault = crate::claim::reset_of(&boot(), seq, "h", Some(Alarm::user(0, "x")));
         fault.code = Some(code);
-        let answer = ledger.carry_out(now(0.0), Some(100), &OutputRequest::Reset(fault));
+        let answer = ledger.execute_request(now(0.0), Some(100), &OutputRequest::Reset(fault));
         match answer {
             Ok(result) => assert!(is_right && result.status == HandshakeStatus::Accepted, "{code}"),
             Err(refusal) => {
@@ -361,7 +361,7 @@ fn d36_the_time_limit_counts_from_output_and_across_owners() {
         Some(&Effect::Closed {
             seq,
             m: 100,
-            how: Closed::TimedOut
+            how: OutputOutcome::TimedOut
         })
     );
     assert_eq!(reset(&mut ledger, seq, "h"), HandshakeStatus::Stale);
@@ -374,7 +374,7 @@ fn d34_a_cancel_tells_every_handler_once_and_queued_outputs_none() {
     let queued = ledger.enqueue(now(0.0), spec(2)).unwrap();
     effects(&mut ledger);
     ledger.cancel_all(now(0.0), CancelReason::Abort);
-    let how = Closed::Cancelled(CancelReason::Abort);
+    let how = OutputOutcome::Cancelled(CancelReason::Abort);
     assert_eq!(
         effects(&mut ledger),
         [

@@ -11,41 +11,41 @@ use crate::error::{Error, Result};
 use crate::identity::Identity;
 use crate::lock::lock;
 use crate::plc::Plc;
-use crate::presence::{Event, Offline, Presence};
+use crate::presence::{Event, HandlerSession, OfflineGuard};
 
 /// Outputs that exist as [`RawOutput`](super::RawOutput), each with true while it is claimed and not
 /// answered.
-type Held = Arc<Mutex<BTreeMap<OutputId, bool>>>;
+type OutputsInUse = Arc<Mutex<BTreeMap<OutputId, bool>>>;
 
 /// The handler that the queue and its outputs share. When the last of them is dropped, the machine is
 /// notified that the handler is offline.
 #[derive(Debug)]
-pub(super) struct Owner {
-    held: Held,
+pub(super) struct OutputsOwner {
+    held: OutputsInUse,
     known: watch::Receiver<Option<Result<()>>>,
     presence: JoinHandle<()>,
-    offline: Offline,
+    offline: OfflineGuard,
 }
 
-impl Drop for Owner {
+impl Drop for OutputsOwner {
     fn drop(&mut self) {
         self.presence.abort();
     }
 }
 
-impl Owner {
-    pub(super) fn start(presence: Presence) -> Self {
+impl OutputsOwner {
+    pub(super) fn start(presence: HandlerSession) -> Self {
         let (known, is_known) = watch::channel(None);
-        let held = Held::default();
+        let held = OutputsInUse::default();
         Self {
             held: Arc::clone(&held),
             known: is_known,
             offline: presence.offline_on_drop(),
-            presence: tokio::spawn(keep(presence, held, known)),
+            presence: tokio::spawn(maintain_presence(presence, held, known)),
         }
     }
 
-    pub(super) async fn known(&self) -> Result<()> {
+    pub(super) async fn wait_until_known(&self) -> Result<()> {
         let mut known = self.known.clone();
         let outcome = known.wait_for(Option::is_some).await;
         let outcome = outcome.map_err(|_| Error::Closed)?.clone();
@@ -53,7 +53,7 @@ impl Owner {
     }
 
     /// Waits until the machine refuses the handler, or another instance has taken over.
-    pub(super) async fn refused(&self) -> Error {
+    pub(super) async fn wait_until_refused(&self) -> Error {
         let mut known = self.known.clone();
         let outcome = known.wait_for(|known| matches!(known, Some(Err(_)))).await;
         let error = outcome.ok().and_then(|outcome| outcome.clone()?.err());
@@ -86,7 +86,11 @@ impl Owner {
 }
 
 /// Announces the handler and repeats lost claims, until the machine ends the connection or refuses it.
-async fn keep(mut presence: Presence, held: Held, known: watch::Sender<Option<Result<()>>>) {
+async fn maintain_presence(
+    mut presence: HandlerSession,
+    held: OutputsInUse,
+    known: watch::Sender<Option<Result<()>>>,
+) {
     loop {
         match presence.next().await {
             Ok(None) => return,

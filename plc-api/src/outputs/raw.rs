@@ -9,23 +9,23 @@ use crate::types::CoordinateSystemNumber;
 use crate::types::output::{HandshakeResult, OutputNotice};
 use crate::types::request::TypedRequest;
 
-use super::owner::Owner;
+use super::owner::OutputsOwner;
 
 /// An output taken from the raw queue. Clones are handles to the same output.
 #[derive(Debug, Clone)]
 pub struct RawOutput {
-    inner: Arc<Inner>,
+    inner: Arc<OwnedOutput>,
 }
 
 #[derive(Debug)]
-struct Inner {
-    owner: Arc<Owner>,
+struct OwnedOutput {
+    owner: Arc<OutputsOwner>,
     id: OutputId,
     notice: OutputNotice,
     verify: bool,
 }
 
-impl Drop for Inner {
+impl Drop for OwnedOutput {
     fn drop(&mut self) {
         if self.owner.forget(&self.id) {
             tracing::warn!(
@@ -38,11 +38,11 @@ impl Drop for Inner {
 }
 
 impl RawOutput {
-    pub(super) fn new(owner: &Arc<Owner>, id: OutputId, notice: OutputNotice, verify: bool) -> Self {
+    pub(super) fn new(owner: &Arc<OutputsOwner>, id: OutputId, notice: OutputNotice, verify: bool) -> Self {
         let owner = Arc::clone(owner);
         owner.hold(&id, false);
         Self {
-            inner: Arc::new(Inner {
+            inner: Arc::new(OwnedOutput {
                 owner,
                 id,
                 notice,
@@ -81,7 +81,7 @@ impl RawOutput {
     /// [`Error::Handshake`](crate::Error::Handshake) if another handler owns the output, or the output is no
     /// longer open.
     pub async fn claim(&self) -> Result<()> {
-        let Inner {
+        let OwnedOutput {
             owner, id, notice, ..
         } = &*self.inner;
         self.send(id.claim(notice.m, owner.by()), true).await
@@ -104,14 +104,14 @@ impl RawOutput {
     }
 
     async fn answer(&self, alarm: Option<Alarm>) -> Result<()> {
-        let Inner {
+        let OwnedOutput {
             owner, id, notice, ..
         } = &*self.inner;
         self.send(id.reset(notice.m, owner.by(), alarm), false).await
     }
 
     async fn send(&self, request: impl TypedRequest<Answer = HandshakeResult>, claims: bool) -> Result<()> {
-        let Inner {
+        let OwnedOutput {
             owner, id, notice, ..
         } = &*self.inner;
         let answer = owner.plc().request(request).await?;

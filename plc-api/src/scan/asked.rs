@@ -5,12 +5,12 @@ use crate::types::refusal::{Refusal, RefusalCode};
 
 /// A question about an M code.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Asked {
+pub(super) struct ScanQuestion {
     pub(super) text: String,
     pub(super) choices: Vec<String>,
 }
 
-impl Asked {
+impl ScanQuestion {
     /// # Errors
     /// Fails if text or choices are out of range.
     pub(super) fn check(&self) -> Result<(), Refusal> {

@@ -5,17 +5,17 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use tokio::sync::{oneshot, watch};
 
-use super::asked::Asked;
+use super::asked::ScanQuestion;
 use crate::alarm::Alarm;
 use crate::handlers::AuxOutput;
 use crate::lock::lock;
 use crate::types::CoordinateSystemNumber;
 
 /// Coordinate system and M number of a flag.
-pub(super) type FlagPlace = (CoordinateSystemNumber, u16);
+pub(super) type FlagKey = (CoordinateSystemNumber, u16);
 
 /// Sequence numbers of the outputs that were on in an image.
-pub(super) type Shown = BTreeMap<FlagPlace, u64>;
+pub(super) type ShownSeqs = BTreeMap<FlagKey, u64>;
 
 /// Outputs that are on, with the receivers of their answers.
 #[derive(Clone, Default)]
@@ -24,13 +24,13 @@ pub(crate) struct Flags(Arc<Mutex<Vec<Flag>>>);
 struct Flag {
     output: AuxOutput,
     answer: oneshot::Sender<std::result::Result<(), Alarm>>,
-    question: watch::Sender<Option<Asked>>,
+    question: watch::Sender<Option<ScanQuestion>>,
     /// A question with the answer of the operator.
-    said: Option<(Asked, String)>,
+    said: Option<(ScanQuestion, String)>,
 }
 
 /// Answers of operators, with their questions.
-pub(super) type Said = BTreeMap<FlagPlace, (Asked, String)>;
+pub(super) type OperatorAnswers = BTreeMap<FlagKey, (ScanQuestion, String)>;
 
 fn key(output: &AuxOutput) -> (CoordinateSystemNumber, u64) {
     (output.coordinate_system(), output.seq())
@@ -57,13 +57,13 @@ impl Flags {
                     Err(_) => std::future::pending().await,
                 },
                 Ok(()) = asked.changed() => {}
-                () = self.put_to_operator(&output, asks) => {}
+                () = self.ask_operator(&output, asks) => {}
             }
         }
     }
 
     /// Asks the operator and stores the answer. Never completes; dropping the future withdraws the question.
-    async fn put_to_operator(&self, output: &AuxOutput, asks: Option<Asked>) {
+    async fn ask_operator(&self, output: &AuxOutput, asks: Option<ScanQuestion>) {
         if let Some(asked) = asks {
             match output.ask(&*asked.text, &asked.choices).await {
                 Ok(choice) => {
@@ -82,7 +82,7 @@ impl Flags {
     }
 
     /// Asks a question about an output of the image from now on; `None` withdraws the question.
-    pub(super) fn ask(&self, output: &AuxOutput, asks: Option<Asked>) {
+    pub(super) fn ask(&self, output: &AuxOutput, asks: Option<ScanQuestion>) {
         let mut flags = self.on_now();
         let Some(flag) = flags.iter_mut().find(|flag| key(&flag.output) == key(output)) else {
             return;
@@ -96,8 +96,8 @@ impl Flags {
     }
 
     /// Returns the answers of operators to questions about these outputs.
-    pub(super) fn said(&self, shown: &BTreeMap<FlagPlace, AuxOutput>) -> Said {
-        let mut said = Said::new();
+    pub(super) fn operator_answers(&self, shown: &BTreeMap<FlagKey, AuxOutput>) -> OperatorAnswers {
+        let mut said = OperatorAnswers::new();
         for flag in lock(&self.0).iter() {
             let place = (flag.output.coordinate_system(), flag.output.m());
             let is_shown = shown
@@ -113,7 +113,7 @@ impl Flags {
     /// Returns the outputs that are on, by coordinate system and M number. If several outputs have the same
     /// number, the oldest is returned. An output that replaces an output of the image `before` is returned
     /// only for the next image, so that the flag is off for one scan.
-    pub(super) fn outputs(&self, before: &Shown) -> BTreeMap<FlagPlace, AuxOutput> {
+    pub(super) fn outputs(&self, before: &ShownSeqs) -> BTreeMap<FlagKey, AuxOutput> {
         let mut on = BTreeMap::new();
         for Flag { output, .. } in self.on_now().iter() {
             on.entry((output.coordinate_system(), output.m()))

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use futures_util::future::{join, join_all};
 
-use super::flags::{Flags, Said, Shown};
+use super::flags::{Flags, OperatorAnswers, ShownSeqs};
 use super::watch::CycleTimes;
 use super::writes::{Writes, put};
 use crate::alarm::Alarm;
@@ -23,8 +23,8 @@ use crate::types::output::Params;
 use crate::types::request::typed::ReadVariables;
 use crate::types::request::{Input, OverrideChange, Refusal, Request, SpindleCommand};
 use crate::types::state::{
-    Captured, Execution, Lock, LockSet, Modal, OptionalSkip, Overrides, Position, Spindle, SpindleDirection,
-    State,
+    CapturedPositions, Execution, Lock, LockSet, Modal, OptionalSkip, Overrides, Position, Spindle,
+    SpindleDirection, State,
 };
 use crate::types::topic::{CsTopic, Topic};
 
@@ -79,9 +79,9 @@ pub struct Image {
     scans: u64,
     overruns: u64,
     cycles: CycleTimes,
-    pub(super) said: Said,
+    pub(super) said: OperatorAnswers,
     on: BTreeMap<(CoordinateSystemNumber, u16), AuxOutput>,
-    states: Arc<States>,
+    states: Arc<StateMessages>,
     positions: BTreeMap<CoordinateSystemNumber, Arc<Message>>,
     variables: BTreeMap<(VariableArea, u32), f64>,
     refusals: Vec<Refusal>,
@@ -110,7 +110,7 @@ values! {
     /// Returns the modal G codes, F, S, ta, td and ts.
     modal: Modal as Modal -> Modal;
     /// Returns the positions that the last G31 latched; `None` before the first G31.
-    captured: Captured as Captured -> Captured;
+    captured: Captured as Captured -> CapturedPositions;
     /// Returns the commanded spindle speed, r/min, and whether the spindle is oriented. For the actual speed
     /// see [`Image::position`].
     spindle: Spindle as Spindle -> Spindle;
@@ -455,7 +455,7 @@ impl Image {
     }
 }
 
-type States = BTreeMap<Topic, Arc<Message>>;
+type StateMessages = BTreeMap<Topic, Arc<Message>>;
 
 /// Creator of images, from the latest messages and from values that it requests from the machine.
 #[derive(Debug)]
@@ -463,9 +463,9 @@ pub(super) struct Camera {
     plc: Plc,
     reads: Reads,
     subscription: Subscription,
-    states: Arc<States>,
+    states: Arc<StateMessages>,
     /// Outputs of the previous image.
-    shown: Shown,
+    shown: ShownSeqs,
 }
 
 impl Camera {
@@ -475,7 +475,7 @@ impl Camera {
             reads,
             subscription: plc.port().subscribe(Filter::All),
             states: Arc::default(),
-            shown: Shown::new(),
+            shown: ShownSeqs::new(),
         }
     }
 
@@ -498,7 +498,7 @@ impl Camera {
         image.states = Arc::clone(&self.states);
         image.time_s = self.plc.now_s();
         image.on = flags.outputs(&self.shown);
-        image.said = flags.said(&image.on);
+        image.said = flags.operator_answers(&image.on);
         let shown = image.on.iter().map(|(place, output)| (*place, output.seq()));
         self.shown = shown.collect();
         image

@@ -1,6 +1,6 @@
 //! Alarms and questions of a scan to the operator.
 
-use super::asked::Asked;
+use super::asked::ScanQuestion;
 use super::image::Image;
 use crate::alarm::Alarm;
 use crate::types::CoordinateSystemNumber;
@@ -73,7 +73,7 @@ impl Image {
         choices: impl IntoIterator<Item = C>,
     ) -> Option<String> {
         let output = self.output(cs, m)?.clone();
-        let asked = Asked {
+        let asked = ScanQuestion {
             text: text.into(),
             choices: choices.into_iter().map(Into::into).collect(),
         };

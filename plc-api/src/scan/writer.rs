@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::mem::take;
 
-use super::asked::Asked;
+use super::asked::ScanQuestion;
 use super::flags::Flags;
 use super::image::Image;
 use super::writes::put;
@@ -11,7 +11,7 @@ use crate::alarm::Alarm;
 use crate::alarm_level::{AlarmLevel, is_active};
 use crate::error::Error;
 use crate::handlers::AuxOutput;
-use crate::io_points::{judge_declared, judge_owner};
+use crate::io_points::{check_io_declared, check_io_owner};
 use crate::plc::Plc;
 use crate::types::CoordinateSystemNumber;
 use crate::types::data::{VARIABLES_AT_ONCE_MAX, VariableArea};
@@ -36,7 +36,7 @@ impl Writer {
 
     /// Executes writes of variables, flags and commands first, and answers of M codes last, so that the block
     /// after an M code sees all writes.
-    pub(super) async fn carry_out(&mut self, plc: &Plc, flags: &Flags, mut image: Image) {
+    pub(super) async fn execute_writes(&mut self, plc: &Plc, flags: &Flags, mut image: Image) {
         let writes = take(&mut image.writes);
         for (output, text, percent) in writes.progress {
             if let Err(error) = output.progress(text, percent).await {
@@ -49,11 +49,11 @@ impl Writer {
         for flag in writes.flags {
             // written in a later scan, after the machine has accepted the handler that owns the flag
             let Some(flag) = owned(flag, plc) else { continue };
-            if self.written.contains(&flag) && is_so(&flag, &image) {
+            if self.written.contains(&flag) && is_in_effect(&flag, &image) {
                 continue;
             }
-            if let Err(refusal) = judge_io(&flag, &image) {
-                self.refused(refusal, &image);
+            if let Err(refusal) = check_io_write(&flag, &image) {
+                self.record_refusal(refusal, &image);
                 continue;
             }
             if self.request(plc, flag.clone(), &image).await {
@@ -98,7 +98,7 @@ impl Writer {
         let raised = match plc.raise(cs, alarm).await {
             Ok(()) | Err(Error::NoAnswer { .. }) => true,
             Err(Error::Refused(refusal)) => {
-                self.refused(refusal, image);
+                self.record_refusal(refusal, image);
                 false
             }
             Err(error) => {
@@ -112,11 +112,11 @@ impl Writer {
     }
 
     /// Asks a question about an output from now on; `None` withdraws the question.
-    fn ask(&mut self, flags: &Flags, output: &AuxOutput, asks: Option<Asked>, image: &Image) {
-        let checked = asks.as_ref().map_or(Ok(()), Asked::check);
+    fn ask(&mut self, flags: &Flags, output: &AuxOutput, asks: Option<ScanQuestion>, image: &Image) {
+        let checked = asks.as_ref().map_or(Ok(()), ScanQuestion::check);
         let asks = asks.filter(|_| checked.is_ok());
         if let Err(refusal) = checked {
-            self.refused(refusal, image);
+            self.record_refusal(refusal, image);
         }
         flags.ask(output, asks);
     }
@@ -127,11 +127,11 @@ impl Writer {
         let Err(refusal) = plc.port().request_as(plc.name(), request).await else {
             return true;
         };
-        self.refused(refusal, image);
+        self.record_refusal(refusal, image);
         false
     }
 
-    fn refused(&mut self, refusal: Refusal, image: &Image) {
+    fn record_refusal(&mut self, refusal: Refusal, image: &Image) {
         if !image.refusals().contains(&refusal) {
             tracing::warn!(%refusal, "a scan program was refused");
         }
@@ -141,16 +141,16 @@ impl Writer {
 
 /// Validates a write of an input or output against the published messages before the write is sent, because a
 /// broker returns no answer to a refused write.
-fn judge_io(flag: &Request, image: &Image) -> Result<(), Refusal> {
+fn check_io_write(flag: &Request, image: &Image) -> Result<(), Refusal> {
     let Request::WriteIo(point, set) = flag else {
         return Ok(());
     };
     if let Some(birth) = image.birth() {
-        judge_declared(&birth.io, point, Some(set.value))?;
+        check_io_declared(&birth.io, point, Some(set.value))?;
     }
     let state = image.io(point);
     state.map_or(Ok(()), |state| {
-        judge_owner(point, state, set.handler_id.as_deref())
+        check_io_owner(point, state, set.handler_id.as_deref())
     })
 }
 
@@ -171,7 +171,7 @@ fn owned(mut flag: Request, plc: &Plc) -> Option<Request> {
 
 /// Returns true if the state of a lock shows the source with the values that were set. A source that is off
 /// is shown only while it has an owner.
-fn shows(input: Option<&Lock>, set: &LockSet) -> bool {
+fn is_source_shown(input: Option<&Lock>, set: &LockSet) -> bool {
     let mut sources = input.iter().flat_map(|input| &input.sources);
     let own = sources.find(|shown| shown.source == set.source() && shown.handler_id == set.handler_id);
     match own {
@@ -183,7 +183,7 @@ fn shows(input: Option<&Lock>, set: &LockSet) -> bool {
 }
 
 /// Returns true if the machine already has the written value, or if its value is not published (skip inputs).
-fn is_so(flag: &Request, image: &Image) -> bool {
+fn is_in_effect(flag: &Request, image: &Image) -> bool {
     let is_same = |wanted: f64, now: f64| wanted.total_cmp(&now).is_eq();
     match flag {
         Request::Input(cs, input) => match input {
@@ -194,8 +194,8 @@ fn is_so(flag: &Request, image: &Image) -> bool {
             Input::OptionalStop(value) => image.is_optional_stop(*cs) == *value,
             Input::SingleBlock(value) => image.is_single_block(*cs) == *value,
             Input::DryRun(value) => image.is_dry_run(*cs) == *value,
-            Input::Interlock(set) => shows(image.interlock(*cs), set),
-            Input::StartLock(set) => shows(image.start_lock(*cs), set),
+            Input::Interlock(set) => is_source_shown(image.interlock(*cs), set),
+            Input::StartLock(set) => is_source_shown(image.start_lock(*cs), set),
             Input::Override(change) => image.overrides(*cs).is_some_and(|now| {
                 let is_so = |wanted: Option<f64>, now| wanted.is_none_or(|wanted| is_same(wanted, now));
                 is_so(change.feed, now.feed)

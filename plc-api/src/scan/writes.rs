@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::mem::discriminant;
 
-use super::asked::Asked;
-use super::flags::FlagPlace;
+use super::asked::ScanQuestion;
+use super::flags::FlagKey;
 use crate::alarm::Alarm;
 use crate::handlers::AuxOutput;
 use crate::types::CoordinateSystemNumber;
@@ -22,7 +22,7 @@ pub(super) struct Writes {
     pub(super) progress: Vec<(AuxOutput, String, Option<f64>)>,
     /// Alarms by place and number, with their levels.
     pub(super) alarms: BTreeMap<(Option<CoordinateSystemNumber>, u16), (bool, Alarm)>,
-    pub(super) questions: BTreeMap<FlagPlace, (AuxOutput, Asked)>,
+    pub(super) questions: BTreeMap<FlagKey, (AuxOutput, ScanQuestion)>,
     pub(super) answers: BTreeMap<(CoordinateSystemNumber, u16), (AuxOutput, Result<(), Alarm>)>,
 }
 

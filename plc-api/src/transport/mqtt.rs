@@ -29,9 +29,9 @@ use crate::types::output::HandlerPresence;
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::topic::{CsTopic, Topic};
 use crate::wire::mqtt::{Until, encode, encode_not_after};
-use crate::wire::speaker::Speaker;
+use crate::wire::speaker::MessageSender;
 
-use address::Address;
+use address::MqttAddress;
 use age::MachineAge;
 use outbox::{Outbox, Outcome};
 
@@ -53,7 +53,7 @@ const USER_MAX: usize = 46;
 /// # Errors
 /// Fails if the address or a TLS file is invalid, or the runtime is not online within [`CONNECT_TIMEOUT`].
 pub async fn connect(address: &str, options: MqttOptions) -> Result<(Arc<dyn Port>, Option<String>), Error> {
-    let mut address = Address::parse(address)?;
+    let mut address = MqttAddress::parse(address)?;
     if let Some(username) = options.username {
         address.credentials = Some((username, options.password.unwrap_or_default()));
     }
@@ -79,7 +79,7 @@ pub async fn connect(address: &str, options: MqttOptions) -> Result<(Arc<dyn Por
         None => unique_name("plc"),
     };
     let topic_id = named.map_or_else(|| client_id.clone(), ToOwned::to_owned);
-    let port = crate::transport::client::connect(Shared {
+    let port = crate::transport::client::connect(MqttClient {
         link: Link::new(address.shown.clone()),
         address,
         transport,
@@ -98,20 +98,20 @@ pub fn mqtt_over(tls: ClientConfig) -> Transport {
 }
 
 /// The client, shared by the port and its connection.
-struct Shared {
+struct MqttClient {
     link: Link,
-    address: Address,
+    address: MqttAddress,
     transport: Transport,
     client_id: String,
     /// Name of the client in its topics: its user name, otherwise its client id.
     topic_id: String,
     presence_expires: Duration,
     is_connected: Notify,
-    state: Mutex<ConnectionState>,
+    state: Mutex<MqttConnectionState>,
 }
 
 #[derive(Debug, Default)]
-struct ConnectionState {
+struct MqttConnectionState {
     outbox: Outbox,
     connected: bool,
     /// Start of the time during which messages wait and no acknowledgement has arrived.
@@ -133,7 +133,7 @@ struct ConnectionState {
     machine: MachineAge,
 }
 
-impl Client for Shared {
+impl Client for MqttClient {
     fn link(&self) -> &Link {
         &self.link
     }
@@ -163,7 +163,7 @@ impl Client for Shared {
     }
 }
 
-impl Shared {
+impl MqttClient {
     /// Sets the last will of the connection to that of this handler.
     fn announce(&self, handler_id: &str, presence: &HandlerPresence) -> Result<(), Refusal> {
         let mut state = lock(&self.state);
@@ -210,10 +210,10 @@ impl Shared {
     }
 
     /// Returns the sender that the topic of a request names.
-    fn speaker(&self, request: &Request) -> Speaker {
+    fn speaker(&self, request: &Request) -> MessageSender {
         let said = lock(&self.state).said.clone();
         let handler = said.map(|(id, _)| id);
-        Speaker::of_request(request, handler.as_deref(), &self.topic_id)
+        MessageSender::of_request(request, handler.as_deref(), &self.topic_id)
     }
 
     async fn ask(&self, mut request: Request, not_after: Option<NotAfter>) -> Result<Answer, Refusal> {

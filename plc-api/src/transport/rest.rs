@@ -36,7 +36,7 @@ use crate::types::topic::{CsTopic, Topic};
 use crate::wire::rest::{Exchange, encode_not_after, read};
 use crate::wire::websocket::{self, ClientFrame};
 
-use address::Address;
+use address::RestAddress;
 
 pub use crate::transport::client::{ANSWER_TIMEOUT, CONNECT_TIMEOUT};
 
@@ -52,7 +52,7 @@ const AGAIN_AFTER: Duration = Duration::from_millis(200);
 /// # Errors
 /// Fails if the address or a TLS file is invalid, or no runtime answers within [`CONNECT_TIMEOUT`].
 pub async fn connect(address: &str, options: MqttOptions) -> Result<(Arc<dyn Port>, Option<String>), Error> {
-    let mut address = Address::parse(address)?;
+    let mut address = RestAddress::parse(address)?;
     address.user = options.username.or(address.user);
     address.token = options.password.or(address.token);
     let user = address.user.clone();
@@ -70,7 +70,7 @@ pub async fn connect(address: &str, options: MqttOptions) -> Result<(Arc<dyn Por
         .https_or_http()
         .enable_http1()
         .build();
-    let port = crate::transport::client::connect(Shared {
+    let port = crate::transport::client::connect(RestClient {
         link: Link::new(address.shown.clone()),
         address,
         tls: Arc::new(tls),
@@ -92,19 +92,19 @@ type HttpClient = Client<HttpsConnector<HttpConnector>, String>;
 type BoxError = Box<dyn std::error::Error + Send + Sync>;
 
 /// The client, shared by the port and its connection.
-struct Shared {
+struct RestClient {
     link: Link,
-    address: Address,
+    address: RestAddress,
     /// TLS configuration of the WebSocket; the HTTP client has its own configuration.
     tls: Arc<ClientConfig>,
     client: HttpClient,
-    state: Mutex<ConnectionState>,
+    state: Mutex<RestConnectionState>,
     /// Notified if the machine has refused a handler.
     refused: Notify,
 }
 
 #[derive(Debug, Default)]
-struct ConnectionState {
+struct RestConnectionState {
     /// Reason why the connection does not exist.
     trouble: Option<String>,
     /// Handlers of this process, announced on every new connection.
@@ -119,7 +119,7 @@ struct ConnectionState {
     validated: Vec<ClientFrame>,
 }
 
-impl TransportClient for Shared {
+impl TransportClient for RestClient {
     fn link(&self) -> &Link {
         &self.link
     }
@@ -159,7 +159,7 @@ impl TransportClient for Shared {
     }
 }
 
-impl Shared {
+impl RestClient {
     async fn ask(&self, request: Request, not_after: Option<NotAfter>) -> Result<Answer, Refusal> {
         let request = match request {
             Request::Handler(id, presence) => return self.announce(id, presence).await,

@@ -16,16 +16,16 @@ pub const VARIABLES_AT_ONCE_MAX: usize = 1024;
 /// Value of a variable in JSON. Numbers that are not finite are strings: `"NaN"`, `"inf"` and `"-inf"`.
 /// Equality compares the bits, so NaN equals NaN: a comparison for changes does not report an unchanged NaN.
 #[derive(Debug, Clone, Copy)]
-pub struct Number(pub f64);
+pub struct JsonNumber(pub f64);
 
-impl PartialEq for Number {
+impl PartialEq for JsonNumber {
     fn eq(&self, other: &Self) -> bool {
         self.0.to_bits() == other.0.to_bits()
     }
 }
 
 #[cfg(feature = "schema")]
-impl schemars::JsonSchema for Number {
+impl schemars::JsonSchema for JsonNumber {
     fn schema_name() -> std::borrow::Cow<'static, str> {
         "Number".into()
     }
@@ -35,7 +35,7 @@ impl schemars::JsonSchema for Number {
     }
 }
 
-impl Serialize for Number {
+impl Serialize for JsonNumber {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         if self.0.is_finite() {
             serializer.serialize_f64(self.0)
@@ -45,19 +45,19 @@ impl Serialize for Number {
     }
 }
 
-impl<'de> Deserialize<'de> for Number {
+impl<'de> Deserialize<'de> for JsonNumber {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         #[derive(Deserialize)]
         #[serde(untagged)]
-        enum Written {
+        enum NumberOrWord {
             Number(f64),
             Word(String),
         }
-        match Written::deserialize(deserializer) {
-            Ok(Written::Number(value)) => Ok(Self(value)),
-            Ok(Written::Word(word)) if word == "NaN" => Ok(Self(f64::NAN)),
-            Ok(Written::Word(word)) if word == "inf" => Ok(Self(f64::INFINITY)),
-            Ok(Written::Word(word)) if word == "-inf" => Ok(Self(f64::NEG_INFINITY)),
+        match NumberOrWord::deserialize(deserializer) {
+            Ok(NumberOrWord::Number(value)) => Ok(Self(value)),
+            Ok(NumberOrWord::Word(word)) if word == "NaN" => Ok(Self(f64::NAN)),
+            Ok(NumberOrWord::Word(word)) if word == "inf" => Ok(Self(f64::INFINITY)),
+            Ok(NumberOrWord::Word(word)) if word == "-inf" => Ok(Self(f64::NEG_INFINITY)),
             _ => Err(D::Error::custom(
                 "a value is a number, or one of the strings \"NaN\", \"inf\" and \"-inf\"",
             )),
@@ -89,7 +89,7 @@ pub enum VariableArea {
 
 impl VariableArea {
     /// Returns the area of a letter, for a message about a coordinate system.
-    pub fn of(kind: VariableKind, cs: CoordinateSystemNumber) -> Self {
+    pub fn from_kind(kind: VariableKind, cs: CoordinateSystemNumber) -> Self {
         match kind {
             VariableKind::P => VariableArea::Global,
             VariableKind::Q => VariableArea::CoordinateSystem(cs),
@@ -123,13 +123,13 @@ pub struct VariableValues {
     /// Number of the first variable.
     pub from: u32,
     /// Values of the variables, ascending by number.
-    pub values: Vec<Number>,
+    pub values: Vec<JsonNumber>,
 }
 
 impl VariableValues {
     /// Creates the values of consecutive variables, starting at `from`.
     pub fn new(kind: VariableKind, from: u32, values: impl IntoIterator<Item = f64>) -> Self {
-        let values = values.into_iter().map(Number).collect();
+        let values = values.into_iter().map(JsonNumber).collect();
         Self { kind, from, values }
     }
 
@@ -293,7 +293,7 @@ mod tests {
         assert!(read.numbers()[1].is_nan());
         assert_eq!(read.numbers()[2..], [f64::INFINITY, f64::NEG_INFINITY]);
         for wrong in [json!("12"), json!(null), json!(true), json!([1])] {
-            assert!(from_value::<Number>(wrong.clone()).is_err(), "{wrong}");
+            assert!(from_value::<JsonNumber>(wrong.clone()).is_err(), "{wrong}");
         }
     }
 }

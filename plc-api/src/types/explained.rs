@@ -18,7 +18,7 @@ pub struct Explanation {
 
 /// A word that people see.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Explained {
+pub struct ExplainedWord {
     /// Kind of the word, such as `status of a command`.
     pub of: &'static str,
     /// The word as it appears in messages.

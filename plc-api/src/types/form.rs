@@ -32,7 +32,7 @@ impl<T> HasForm for T {}
 
 impl Form {
     /// Returns the form of this type.
-    pub const fn of<T: HasForm>() -> Self {
+    pub const fn for_type<T: HasForm>() -> Self {
         Self {
             #[cfg(feature = "schema")]
             name: T::schema_name,
@@ -50,7 +50,7 @@ impl Form {
 #[derive(Debug, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(rename = "{T}Message"))]
-pub struct Enveloped<'a, T> {
+pub struct MessageEnvelope<'a, T> {
     /// Version of the interface.
     #[cfg_attr(feature = "schema", schemars(extend("const" = INTERFACE_VERSION)))]
     pub v: u32,

@@ -82,7 +82,7 @@ pub struct HandlerPresence {
 
 impl HandlerPresence {
     /// Creates the presence of an instance that has left.
-    pub fn gone(instance: Option<String>) -> Self {
+    pub fn offline(instance: Option<String>) -> Self {
         Self {
             instance,
             ..Self::default()

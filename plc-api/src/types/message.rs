@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use super::form::Enveloped;
+use super::form::MessageEnvelope;
 use super::topic::Topic;
 use super::{BootId, Timestamp};
 
@@ -36,7 +36,7 @@ struct EnvelopeIn {
 impl Message {
     /// Returns the JSON form: envelope and payload in one object.
     pub fn to_json(&self) -> String {
-        let envelope = Enveloped {
+        let envelope = MessageEnvelope {
             v: INTERFACE_VERSION,
             boot_id: &self.boot_id,
             ts: &self.ts,

@@ -128,7 +128,7 @@ pub struct Rehearsal {
     /// `completed`.
     pub text: String,
     /// Program and line of the alarm or the early end; null without such an event.
-    pub at: Option<PlannedPlace>,
+    pub at: Option<PlannedLocation>,
     /// Time from start to end, including waits, s.
     pub cycle_time_s: f64,
     /// Part of the cycle time at feedrate, s.
@@ -176,7 +176,7 @@ pub enum RehearsalOutcome {
 /// A block of a program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct PlannedPlace {
+pub struct PlannedLocation {
     /// Program number, main or subprogram.
     pub program: u16,
     /// From 1.

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::explained::explained;
-use super::planned::{PlanIdentity, PlannedPlace};
+use super::planned::{PlanIdentity, PlannedLocation};
 use super::{CoordinateSystemNumber, Timestamp};
 
 /// Largest number of parts of one run.
@@ -125,7 +125,7 @@ pub struct RunEnded {
     pub text: String,
     /// The block whose motion ran at an early end; null if the run was completed, or no block had run.
     #[serde(default)]
-    pub place: Option<PlannedPlace>,
+    pub place: Option<PlannedLocation>,
 }
 
 explained! {

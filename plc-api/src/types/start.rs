@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::planned::PlannedPlace;
+use super::planned::PlannedLocation;
 
 /// Payload of `cs/{n}/start_conditions`.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -32,7 +32,7 @@ pub struct StartObstacle {
     pub m_codes: Vec<u16>,
     /// With `prediction`: the block that causes the alarm; null if the alarm has no block.
     #[serde(default)]
-    pub at: Option<PlannedPlace>,
+    pub at: Option<PlannedLocation>,
 }
 
 /// Kind of an obstacle of a start.

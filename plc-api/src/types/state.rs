@@ -118,7 +118,7 @@ pub struct WaitingOn {
 /// Payload of `program`.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct ProgramPlace {
+pub struct ProgramLocation {
     /// Number of the program that runs now, main or subprogram; 0 for manual data input.
     pub number: Option<u16>,
     /// 0 in the main program, 1 to 8 in subprograms.
@@ -199,7 +199,7 @@ pub struct Modal {
 /// Payload of `captured`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Captured {
+pub struct CapturedPositions {
     /// Run of the G31.
     pub run_id: Option<String>,
     /// Line of the G31.

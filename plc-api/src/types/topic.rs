@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::CoordinateSystemNumber;
 use super::command::CommandReply;
 use super::data::{PublishedVariables, ToolTable, WorkOffsetValues};
-use super::form::{Enveloped, Form};
+use super::form::{Form, MessageEnvelope};
 use super::handler::{HandlerPresence, HandlerResult};
 use super::heartbeat::Heartbeat;
 use super::io::{IoPoint, IoSide, IoState};
@@ -16,7 +16,8 @@ use super::question::Validate;
 use super::run::{RunState, TimeLeft};
 use super::start::StartConditions;
 use super::state::{
-    Captured, Lock, Modal, OptionalSkip, Overrides, Position, ProgramPlace, Spindle, State, Switch, Tool,
+    CapturedPositions, Lock, Modal, OptionalSkip, Overrides, Position, ProgramLocation, Spindle, State,
+    Switch, Tool,
 };
 use super::stored_data::StoredData;
 
@@ -75,7 +76,7 @@ pub enum Payload {
     StoredData(StoredData),
     WorkOffsets(WorkOffsetValues),
     State(State),
-    Program(ProgramPlace),
+    Program(ProgramLocation),
     Position(Position),
     Modal(Modal),
     Pending(Pending),
@@ -83,7 +84,7 @@ pub enum Payload {
     Result(HandshakeResult),
     Cancel(Cancel),
     Validate(Validate),
-    Captured(Captured),
+    Captured(CapturedPositions),
     OptionalSkip(OptionalSkip),
     Switch(Switch),
     Lock(Lock),
@@ -183,7 +184,7 @@ cs_topics! {
     states {
         State "state" "state" State(State)
             "State of a coordinate system: state word, reason, awaited output, program, inputs; its ETag is the revision for If-Match.";
-        Program "program" "program" Program(ProgramPlace)
+        Program "program" "program" Program(ProgramLocation)
             "Place in the program: line whose motion runs, call stack; published at most 5 times a second.";
         Position "position" "position" Position(Position)
             "Positions of the last servo cycle, distance to go and feedrate; published 10 times a second, also at rest.";
@@ -191,7 +192,7 @@ cs_topics! {
             "Modal state: G codes, F, S, ta, td; the jerk time is ts_ms, because ts is the time of every message.";
         Pending "m_code/pending" "m_codes" Pending(Pending)
             "Open auxiliary function outputs, with parameters, state and owner.";
-        Captured "captured" "captured" Captured(Captured)
+        Captured "captured" "captured" Captured(CapturedPositions)
             "Positions captured by the last G31.";
         OptionalSkip "input/optional_skip/state" "inputs/optional_skip" OptionalSkip(OptionalSkip)
             "Optional block skips.";
@@ -281,18 +282,18 @@ impl Topic {
     /// Returns the form of the messages.
     pub fn form(&self) -> Form {
         match self {
-            Topic::Presence => Form::of::<Enveloped<'static, Presence>>(),
-            Topic::Birth => Form::of::<Enveloped<'static, Birth>>(),
-            Topic::Heartbeat => Form::of::<Enveloped<'static, Heartbeat>>(),
-            Topic::AlarmEvent => Form::of::<Enveloped<'static, AlarmRecord>>(),
-            Topic::AlarmActive => Form::of::<Enveloped<'static, ActiveAlarms>>(),
-            Topic::Reply(_) => Form::of::<Enveloped<'static, CommandReply>>(),
-            Topic::HandlerPresence(_) => Form::of::<Enveloped<'static, HandlerPresence>>(),
-            Topic::HandlerResult(_) => Form::of::<Enveloped<'static, HandlerResult>>(),
-            Topic::Io(_) => Form::of::<Enveloped<'static, IoState>>(),
-            Topic::Variables => Form::of::<Enveloped<'static, PublishedVariables>>(),
-            Topic::Tools => Form::of::<Enveloped<'static, ToolTable>>(),
-            Topic::StoredData => Form::of::<Enveloped<'static, StoredData>>(),
+            Topic::Presence => Form::for_type::<MessageEnvelope<'static, Presence>>(),
+            Topic::Birth => Form::for_type::<MessageEnvelope<'static, Birth>>(),
+            Topic::Heartbeat => Form::for_type::<MessageEnvelope<'static, Heartbeat>>(),
+            Topic::AlarmEvent => Form::for_type::<MessageEnvelope<'static, AlarmRecord>>(),
+            Topic::AlarmActive => Form::for_type::<MessageEnvelope<'static, ActiveAlarms>>(),
+            Topic::Reply(_) => Form::for_type::<MessageEnvelope<'static, CommandReply>>(),
+            Topic::HandlerPresence(_) => Form::for_type::<MessageEnvelope<'static, HandlerPresence>>(),
+            Topic::HandlerResult(_) => Form::for_type::<MessageEnvelope<'static, HandlerResult>>(),
+            Topic::Io(_) => Form::for_type::<MessageEnvelope<'static, IoState>>(),
+            Topic::Variables => Form::for_type::<MessageEnvelope<'static, PublishedVariables>>(),
+            Topic::Tools => Form::for_type::<MessageEnvelope<'static, ToolTable>>(),
+            Topic::StoredData => Form::for_type::<MessageEnvelope<'static, StoredData>>(),
             Topic::CoordinateSystem(_, topic) => topic.form(),
         }
     }

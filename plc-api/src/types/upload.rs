@@ -49,7 +49,7 @@ impl ProgramCondition {
     ///
     /// # Errors
     /// Fails if the condition does not hold.
-    pub fn judge(&self, number: u16, now: Option<&str>) -> Result<(), Refusal> {
+    pub fn check_stored_hash(&self, number: u16, now: Option<&str>) -> Result<(), Refusal> {
         let matches = self.if_match.as_ref().is_none_or(|hashes| hashes.have(now));
         let differs = self.if_none_match.as_ref().is_none_or(|hashes| !hashes.have(now));
         if matches && differs {

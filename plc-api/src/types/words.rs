@@ -2,14 +2,14 @@
 
 use super::command::CommandStatus;
 use super::execution::{Execution, Reason};
-use super::explained::Explained;
+use super::explained::ExplainedWord;
 use super::output::{CancelReason, HandshakeStatus, OutputState};
 use super::refusal::RefusalCode;
 use super::run::RunEndedHow;
 use super::state::Transition;
 
 /// Returns all explained words.
-pub fn words() -> impl Iterator<Item = &'static Explained> {
+pub fn words() -> impl Iterator<Item = &'static ExplainedWord> {
     let all = [
         Execution::EXPLAINED,
         Transition::EXPLAINED,

@@ -18,13 +18,17 @@ impl IncomingRequest<'_> {
     /// Returns the age limit in the body.
     pub(super) fn not_after(&self) -> Result<Option<NotAfter>, Fault> {
         #[derive(Deserialize)]
-        struct Limited {
+        struct AgeLimit {
             not_after: Option<NotAfter>,
         }
         let not_after = match &self.source {
             Source::Command(meta, _) => meta.not_after.clone(),
             _ if !self.not_after_is_apart || self.body.is_empty() || names_urgent(self.params) => None,
-            _ => json_object::<Limited>(&self.body).map_err(Fault::Json)?.not_after,
+            _ => {
+                json_object::<AgeLimit>(&self.body)
+                    .map_err(Fault::Json)?
+                    .not_after
+            }
         };
         if let Some(not_after) = &not_after {
             not_after.check().map_err(Fault::Invalid)?;

@@ -151,7 +151,7 @@ struct JournalLine {
 #[derive(Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(rename = "CommandAccepted"))]
-pub(super) struct Accepted {
+pub(super) struct AcceptedCommand {
     command_id: String,
     /// Hash of the program that is loaded or started; only for `load` and `start`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -232,7 +232,7 @@ impl AnswerForm {
             AnswerForm::Nothing | AnswerForm::Path => Answer::Done,
             // 200 contains the reply; 202 contains only the id of an accepted command
             AnswerForm::Command { .. } if status == 202 => {
-                let Accepted { command_id, hash } = read(body)?;
+                let AcceptedCommand { command_id, hash } = read(body)?;
                 Answer::Command(CommandReply {
                     command_id,
                     status: CommandStatus::Accepted,
@@ -287,7 +287,7 @@ impl AnswerForm {
 impl Reply {
     /// Returns the body of the answer to an accepted command.
     pub fn accepted_body(command_id: &str, hash: Option<&str>) -> String {
-        json!(Accepted {
+        json!(AcceptedCommand {
             command_id: command_id.to_owned(),
             hash: hash.map(str::to_owned),
         })

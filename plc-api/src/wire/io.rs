@@ -24,7 +24,7 @@ pub(super) const WRITE: Row = Row {
     ..Row::new(
         SetInput,
         |incoming| Ok(Request::WriteIo(incoming.io_point()?, incoming.json()?)),
-        written!(Request::WriteIo(point, set) => RequestParts::of_io(&point).json(&set)),
+        written!(Request::WriteIo(point, set) => RequestParts::for_io(&point).json(&set)),
     )
 };
 
@@ -51,6 +51,6 @@ pub(super) const FORCE: Row = Row {
     ..Row::new(
         Operate,
         |incoming| Ok(Request::ForceIo(incoming.io_point()?, incoming.json()?)),
-        written!(Request::ForceIo(point, force) => RequestParts::of_io(&point).json(&force)),
+        written!(Request::ForceIo(point, force) => RequestParts::for_io(&point).json(&force)),
     )
 };

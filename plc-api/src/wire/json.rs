@@ -27,7 +27,7 @@ pub(super) fn edited_json_object<T: DeserializeOwned>(
         return Err("write an object: {...}".to_owned());
     }
     let mut body = serde_json::Deserializer::from_slice(bytes);
-    let edited = Edited {
+    let edited = EditedDeserializer {
         added,
         left_out,
         inner: &mut body,
@@ -39,13 +39,13 @@ pub(super) fn edited_json_object<T: DeserializeOwned>(
 
 /// Wrapper of a deserializer, of its visitor or of its fields. It adds the field `added`, and leaves out the
 /// fields `left_out`.
-struct Edited<'a, D> {
+struct EditedDeserializer<'a, D> {
     added: Option<(&'static str, u64)>,
     left_out: &'a [&'a str],
     inner: D,
 }
 
-impl<'de, D: Deserializer<'de>> Deserializer<'de> for Edited<'_, D> {
+impl<'de, D: Deserializer<'de>> Deserializer<'de> for EditedDeserializer<'_, D> {
     type Error = D::Error;
 
     fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, D::Error> {
@@ -54,7 +54,7 @@ impl<'de, D: Deserializer<'de>> Deserializer<'de> for Edited<'_, D> {
             left_out,
             inner,
         } = self;
-        inner.deserialize_map(Edited {
+        inner.deserialize_map(EditedDeserializer {
             added,
             left_out,
             inner: visitor,
@@ -67,7 +67,7 @@ impl<'de, D: Deserializer<'de>> Deserializer<'de> for Edited<'_, D> {
     }
 }
 
-impl<'de, V: Visitor<'de>> Visitor<'de> for Edited<'_, V> {
+impl<'de, V: Visitor<'de>> Visitor<'de> for EditedDeserializer<'_, V> {
     type Value = V::Value;
 
     fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -128,16 +128,16 @@ mod tests {
 
     #[derive(Debug, PartialEq, Deserialize)]
     #[serde(deny_unknown_fields)]
-    struct Named {
+    struct PathObject {
         seq: u64,
         name: String,
     }
 
     #[test]
     fn a_field_of_the_path_is_one_of_the_object_and_may_not_be_there_twice() {
-        let read = |text: &str| edited_json_object::<Named>(text.as_bytes(), Some(("seq", 7)), &[]);
+        let read = |text: &str| edited_json_object::<PathObject>(text.as_bytes(), Some(("seq", 7)), &[]);
         let name = "h".to_owned();
-        assert_eq!(read(r#"{"name": "h"}"#), Ok(Named { seq: 7, name }));
+        assert_eq!(read(r#"{"name": "h"}"#), Ok(PathObject { seq: 7, name }));
         assert_eq!(read("{}").unwrap_err(), "missing field `name` at line 1 column 2");
         for wrong in [
             r#"{"name": "h", "seq": 7}"#,

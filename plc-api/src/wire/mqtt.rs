@@ -13,7 +13,7 @@ use super::pattern::{fill, take_apart};
 use super::requests::{COMMAND, ROWS};
 use super::right::Right;
 use super::row::{Body, IncomingRequest, NOT_AFTER, ParsedRequest, RequestParts, Row, Source, Topic, number};
-use super::speaker::Speaker;
+use super::speaker::MessageSender;
 use crate::names::unique_name;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::CommandMeta;
@@ -73,7 +73,7 @@ pub enum Until {
 }
 
 impl Until {
-    fn of(request: &Request) -> Self {
+    fn for_request(request: &Request) -> Self {
         match request {
             Request::Handler(
                 id,
@@ -173,7 +173,7 @@ pub fn encode_not_after(
             ..CommandMeta::default()
         });
     }
-    let until = Until::of(&request);
+    let until = Until::for_request(&request);
     let meta = sender(&request).map(|(_, meta)| CommandMeta {
         client_id: client_id.to_owned(),
         ..meta.clone()
@@ -302,7 +302,7 @@ pub enum Inbound {
 /// Parses a message. `retained` means that the broker has sent it with the retain flag: the message is stale
 /// and is not executed.
 pub fn decode(path: &str, payload: &[u8], retained: bool) -> Inbound {
-    let (speaker, request) = Speaker::split(path);
+    let (speaker, request) = MessageSender::split(path);
     let found = topics().find_map(|(row, topic)| Some((row, topic, take_apart(topic.pattern, request)?)));
     let read = match found {
         None if retained => Err("it is retained; publish it without the retain flag".to_owned()),
@@ -310,7 +310,7 @@ pub fn decode(path: &str, payload: &[u8], retained: bool) -> Inbound {
         Some((row, topic, params)) => row.message(topic, &params, payload, retained),
     };
     let read = read.and_then(|inbound| match &speaker {
-        Some(speaker) => inbound.said_by(speaker),
+        Some(speaker) => inbound.set_sender(speaker),
         None => Ok(inbound),
     });
     read.unwrap_or_else(|text| Inbound::Drop(format!("MQTT message on {path} refused: {text}")))
@@ -340,7 +340,7 @@ impl Row {
             let refused = too_large.or_else(|| (retained && !topic.retained).then(|| kept.to_owned()));
             let read = match refused {
                 Some(text) => Err(text),
-                None => read(Source::Message).map(Inbound::of).map_err(text_of),
+                None => read(Source::Message).map(Inbound::from_request).map_err(text_of),
             };
             return read.or_else(|text| refuse_output(self.right, topic, params, payload, text));
         }
@@ -353,13 +353,13 @@ impl Row {
             .and_then(|meta| {
                 read(Source::Command(meta, topic.envelope)).map_err(|fault| invalid(text_of(fault)))
             });
-        Ok(request.map_or_else(|refusal| reject(cs, payload, refusal), Inbound::of))
+        Ok(request.map_or_else(|refusal| reject(cs, payload, refusal), Inbound::from_request))
     }
 }
 
 impl Inbound {
     /// Sets the sender that the topic names.
-    fn said_by(mut self, speaker: &Speaker) -> Result<Self, String> {
+    fn set_sender(mut self, speaker: &MessageSender) -> Result<Self, String> {
         let Inbound::Ask { request, .. } = &mut self else {
             return Ok(self);
         };
@@ -378,7 +378,7 @@ impl Inbound {
         })
     }
 
-    fn of(request: ParsedRequest) -> Self {
+    fn from_request(request: ParsedRequest) -> Self {
         let urgent = match request.request() {
             Request::Command { command, .. } => command.is_urgent(),
             Request::RaiseAlarm(_) => true,
@@ -406,7 +406,7 @@ fn refuse_output(
 ) -> Result<Inbound, String> {
     #[derive(Default, Deserialize)]
     #[serde(default)]
-    struct Named {
+    struct OutputIds {
         seq: Value,
         handler_id: Value,
         instance: Value,
@@ -421,7 +421,7 @@ fn refuse_output(
             .map(|(_, level)| *level)
     };
     // only these fields of a payload that is too large are stored
-    let named: Named = json_object(payload).unwrap_or_default();
+    let named: OutputIds = json_object(payload).unwrap_or_default();
     let handler_id = named.handler_id.as_str().unwrap_or_default();
     let instance = named.instance.as_str().filter(|named| is_client_id(named));
     match (
@@ -456,12 +456,12 @@ fn invalid(text: impl Into<String>) -> Refusal {
 fn reject(cs: CoordinateSystemNumber, payload: &[u8], refusal: Refusal) -> Inbound {
     #[derive(Default, Deserialize)]
     #[serde(default)]
-    struct Named {
+    struct CommandIds {
         client_id: Value,
         command_id: Value,
     }
     // only these fields of a payload that is too large are stored
-    let named: Named = json_object(payload).unwrap_or_default();
+    let named: CommandIds = json_object(payload).unwrap_or_default();
     let client_id = named.client_id.as_str().unwrap_or_default();
     let command_id = named.command_id.as_str().unwrap_or_default();
     if is_client_id(client_id) {

@@ -196,14 +196,14 @@ impl Query {
     };
 
     /// A range of values to read.
-    pub const RANGE: Self = Self::of(&[
+    pub const RANGE: Self = Self::from_parameters(&[
         from("Number of the first value; default 0."),
         count("Number of values; default 1."),
     ]);
 
     /// A range of values to write. The number of the first value has no default: a request without it would
     /// overwrite the first values.
-    pub const RANGE_TO_WRITE: Self = Self::of(&[
+    pub const RANGE_TO_WRITE: Self = Self::from_parameters(&[
         QueryParameter {
             is_required: true,
             ..from("Number of the first value.")
@@ -212,7 +212,7 @@ impl Query {
     ]);
 
     /// Lines of the journal.
-    pub const JOURNAL: Self = Self::of(&[
+    pub const JOURNAL: Self = Self::from_parameters(&[
         journal_text(
             "since",
             "Lines from this time on: in UTC, such as 2026-11-25 or 2026-11-25T10:00, or an age, such as 2h or 30m.",
@@ -273,40 +273,40 @@ impl Query {
     };
 
     /// Seconds to wait for the end of a run.
-    pub const SECONDS: Self = Self::of(&[wait(
+    pub const SECONDS: Self = Self::from_parameters(&[wait(
         Values::Integer(0, Some(RUN_WAIT_MAX_S)),
         "Longest wait for the end of the run, s; default: the answer follows at once.",
     )]);
 
     /// Runs.
-    pub const RUNS: Self = Self::of(&[
+    pub const RUNS: Self = Self::from_parameters(&[
         cs("Runs of this coordinate system only."),
         from("Number of newest runs to skip; default 0."),
         count("Number of runs; default 100."),
     ]);
 
     /// The dialect of a program.
-    pub const DIALECT: Self = Self::of(&[DIALECT]);
+    pub const DIALECT: Self = Self::from_parameters(&[DIALECT]);
 
     /// Samples of the recent motion.
-    pub const TRACE: Self = Self::of(&[
+    pub const TRACE: Self = Self::from_parameters(&[
         AXES,
         from("Number of the first sample; default 0."),
         count("Number of samples; default: all."),
     ]);
 
     /// The coordinate system that runs a program.
-    pub const RUN_BY: Self = Self::of(&[RUN_BY]);
+    pub const RUN_BY: Self = Self::from_parameters(&[RUN_BY]);
 
     /// A part of a planned path.
-    pub const PATH: Self = Self::of(&[
+    pub const PATH: Self = Self::from_parameters(&[
         RUN_BY,
         TOLERANCE,
         from("Number of the first point; default 0."),
         count("Number of points; default: all."),
     ]);
 
-    const fn of(parameters: &'static [QueryParameter]) -> Self {
+    const fn from_parameters(parameters: &'static [QueryParameter]) -> Self {
         Self {
             parameters,
             ignores_others: false,

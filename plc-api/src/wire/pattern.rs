@@ -7,18 +7,18 @@ use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 /// A value by its name.
 pub type Param = (&'static str, String);
 
-enum Level<'a> {
+enum PatternLevel<'a> {
     Plain(&'a str),
     Named(&'a str),
     Fixed(&'a str, &'a str),
 }
 
-fn level(text: &str) -> Level<'_> {
+fn level(text: &str) -> PatternLevel<'_> {
     match text.strip_prefix('{').and_then(|text| text.strip_suffix('}')) {
-        None => Level::Plain(text),
+        None => PatternLevel::Plain(text),
         Some(name) => match name.split_once('=') {
-            None => Level::Named(name),
-            Some((name, value)) => Level::Fixed(name, value),
+            None => PatternLevel::Named(name),
+            Some((name, value)) => PatternLevel::Fixed(name, value),
         },
     }
 }
@@ -26,8 +26,8 @@ fn level(text: &str) -> Level<'_> {
 /// Returns the pattern as documents show it: fixed levels by their value.
 pub(super) fn shown(pattern: &str) -> String {
     let levels = pattern.split('/').map(|text| match level(text) {
-        Level::Plain(_) | Level::Named(_) => text,
-        Level::Fixed(_, value) => value,
+        PatternLevel::Plain(_) | PatternLevel::Named(_) => text,
+        PatternLevel::Fixed(_, value) => value,
     });
     levels.collect::<Vec<_>>().join("/")
 }
@@ -36,7 +36,7 @@ pub(super) fn shown(pattern: &str) -> String {
 pub(super) fn filter(pattern: &str) -> String {
     let shown = shown(pattern);
     let levels = shown.split('/').map(|text| match level(text) {
-        Level::Plain(text) => text,
+        PatternLevel::Plain(text) => text,
         _ => "+",
     });
     levels.collect::<Vec<_>>().join("/")
@@ -45,15 +45,15 @@ pub(super) fn filter(pattern: &str) -> String {
 /// Returns the names of the pattern, including those of fixed levels.
 pub(super) fn names(pattern: &str) -> impl Iterator<Item = &str> {
     pattern.split('/').filter_map(|text| match level(text) {
-        Level::Plain(_) => None,
-        Level::Named(name) | Level::Fixed(name, _) => Some(name),
+        PatternLevel::Plain(_) => None,
+        PatternLevel::Named(name) | PatternLevel::Fixed(name, _) => Some(name),
     })
 }
 
 /// Returns the fixed levels of the pattern by name.
 pub(super) fn fixed(pattern: &str) -> impl Iterator<Item = (&str, &str)> {
     pattern.split('/').filter_map(|text| match level(text) {
-        Level::Fixed(name, value) => Some((name, value)),
+        PatternLevel::Fixed(name, value) => Some((name, value)),
         _ => None,
     })
 }
@@ -65,9 +65,9 @@ pub(super) fn fill(pattern: &str, params: &[Param], encode: impl Fn(&str) -> Str
     let mut levels = Vec::new();
     for text in pattern.split('/') {
         levels.push(match level(text) {
-            Level::Plain(text) => text.to_owned(),
-            Level::Named(name) => encode(value(name)?),
-            Level::Fixed(name, fixed) => value(name).filter(|value| *value == fixed)?.to_owned(),
+            PatternLevel::Plain(text) => text.to_owned(),
+            PatternLevel::Named(name) => encode(value(name)?),
+            PatternLevel::Fixed(name, fixed) => value(name).filter(|value| *value == fixed)?.to_owned(),
         });
     }
     Some(levels.join("/"))
@@ -80,10 +80,10 @@ pub(super) fn take_apart<'a>(pattern: &'static str, path: &'a str) -> Option<Vec
     for text in pattern.split('/') {
         let found = levels.next()?;
         match level(text) {
-            Level::Plain(text) if text == found => {}
-            Level::Named(name) => params.push((name, found)),
-            Level::Fixed(name, value) if value == found => params.push((name, value)),
-            Level::Plain(_) | Level::Fixed(..) => return None,
+            PatternLevel::Plain(text) if text == found => {}
+            PatternLevel::Named(name) => params.push((name, found)),
+            PatternLevel::Fixed(name, value) if value == found => params.push((name, value)),
+            PatternLevel::Plain(_) | PatternLevel::Fixed(..) => return None,
         }
     }
     levels.next().is_none().then_some(params)

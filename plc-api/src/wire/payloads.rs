@@ -12,7 +12,7 @@ use super::row::{IncomingRequest, PROGRAM_SIGNATURE, RequestParts};
 use crate::types::command::Command;
 #[cfg(feature = "schema")]
 use crate::types::data::VARIABLES_AT_ONCE_MAX;
-use crate::types::data::{JournalFilter, Number, VariableArea, VariableKind};
+use crate::types::data::{JournalFilter, JsonNumber, VariableArea, VariableKind};
 use crate::types::lease::{LeaseRelease, LeaseRequest};
 use crate::types::line_start::Approach;
 use crate::types::planned::{PATH_TOLERANCE_MM, PathQuery};
@@ -113,11 +113,11 @@ pub(super) struct VariableWrite {
     pub from: Option<u32>,
     /// Values of the variables, ascending by number.
     #[cfg_attr(feature = "schema", schemars(length(min = 1, max = VARIABLES_AT_ONCE_MAX)))]
-    pub values: Vec<Number>,
+    pub values: Vec<JsonNumber>,
 }
 
 impl VariableWrite {
-    pub(super) fn of(values: Vec<Number>) -> Self {
+    pub(super) fn from_values(values: Vec<JsonNumber>) -> Self {
         Self {
             kind: None,
             from: None,
@@ -173,7 +173,7 @@ pub(super) struct VariableSet {
     pub from: u32,
     /// Values of the variables, ascending by number.
     #[cfg_attr(feature = "schema", schemars(length(min = 1, max = VARIABLES_AT_ONCE_MAX)))]
-    pub values: Vec<Number>,
+    pub values: Vec<JsonNumber>,
 }
 
 /// Adds the filter of the journal.
@@ -306,7 +306,9 @@ pub(super) fn write_input(cs: u8, input: Input) -> Result<RequestParts, Request>
         Input::StartLock(lock) => ("start_lock", InputSet::Lock(lock)),
         Input::Override(_) => return Err(Request::Input(cs, input)),
     };
-    let parts = RequestParts::of(cs).with("input", name).json(&set);
+    let parts = RequestParts::for_coordinate_system(cs)
+        .with("input", name)
+        .json(&set);
     Ok(match &set {
         InputSet::Skips(Skips { set: skips }) => match skips.first_key_value() {
             Some((number, value)) => {
@@ -339,7 +341,9 @@ pub(super) fn of_area(area: VariableArea, verb: &str) -> RequestParts {
         VariableArea::Global => (1, "p"),
         VariableArea::CoordinateSystem(cs) => (cs, "q"),
     };
-    RequestParts::of(cs).with("kind", kind).with("verb", verb)
+    RequestParts::for_coordinate_system(cs)
+        .with("kind", kind)
+        .with("verb", verb)
 }
 
 /// Reads the variables that a route names.
@@ -419,7 +423,7 @@ pub(super) fn read_variables(incoming: &IncomingRequest<'_>) -> Result<Request, 
         (area(incoming)?, from.unwrap_or_default(), count.unwrap_or(1))
     } else {
         let VariableGet { kind, from, count } = incoming.json()?;
-        (VariableArea::of(kind, incoming.cs()?), from, count)
+        (VariableArea::from_kind(kind, incoming.cs()?), from, count)
     };
     Ok(Request::ReadVariables {
         area,
@@ -440,7 +444,7 @@ pub(super) fn write_variables(incoming: &IncomingRequest<'_>) -> Result<Request,
         (area, from, write.values)
     } else {
         let VariableSet { kind, from, values } = incoming.json()?;
-        (VariableArea::of(kind, incoming.cs()?), from, values)
+        (VariableArea::from_kind(kind, incoming.cs()?), from, values)
     };
     Ok(Request::WriteVariables {
         area,

@@ -3,7 +3,8 @@
 use serde_json::json;
 
 use super::answer::{
-    Accepted, AlarmHistory, AnswerForm, HandlerList, JournalAnswer, LastRunAnswer, ProgramList, json_of,
+    AcceptedCommand, AlarmHistory, AnswerForm, HandlerList, JournalAnswer, LastRunAnswer, ProgramList,
+    json_of,
 };
 use super::io;
 use super::parameter::{Fault, Query, QueryValues};
@@ -20,7 +21,7 @@ use super::row::{IDEMPOTENCY_KEY, LEASE_FENCE, NOT_AFTER, RequestParts, Row, Top
 use super::row_macros::{about_an_output, carried, written};
 use super::trace;
 use crate::types::command::{Command, CommandReply};
-use crate::types::data::{Number, ToolChange, ToolTable, VariableValues, WorkOffsetTable};
+use crate::types::data::{JsonNumber, ToolChange, ToolTable, VariableValues, WorkOffsetTable};
 use crate::types::explained::Explanation;
 use crate::types::form::HasForm;
 use crate::types::heartbeat::ClientHeartbeat;
@@ -62,7 +63,7 @@ pub(super) const COMMAND: &[&str] = &[
 const fn command<T: HasForm>(pattern: &'static str, summary: &'static str) -> Route {
     Route::post::<T>(pattern, summary)
         .gives::<CommandReply>()
-        .or::<Accepted>(202)
+        .or::<AcceptedCommand>(202)
         .query(Query::WAIT)
         .headers(Headers::Command)
 }
@@ -98,7 +99,7 @@ pub static ROWS: [Row; 53] = [
             "Answers a validate message: whether the M code may be issued with these parameters.",
         )),
         ..Row::new(Handle, |incoming| Ok(Request::ValidateResult(incoming.cs()?, incoming.optional_number("m")?, incoming.json()?)),
-            written!(Request::ValidateResult(cs, Some(m), result) => RequestParts::of(cs).with("m", m).json(&result)),
+            written!(Request::ValidateResult(cs, Some(m), result) => RequestParts::for_coordinate_system(cs).with("m", m).json(&result)),
         )
     },
     Row {
@@ -135,7 +136,7 @@ pub static ROWS: [Row; 53] = [
             "Sets overrides, percent; those left out stay.",
         )),
         ..Row::new(Operate, |incoming| Ok(Request::Input(incoming.cs()?, Input::Override(incoming.json()?))),
-            written!(Request::Input(cs, Input::Override(change)) => RequestParts::of(cs).json(&change)),
+            written!(Request::Input(cs, Input::Override(change)) => RequestParts::for_coordinate_system(cs).json(&change)),
         )
     },
     Row {
@@ -147,7 +148,7 @@ pub static ROWS: [Row; 53] = [
         routes: &[Route::put::<Tool>("/cs/{cs}/tool", "Reports the tool in the spindle.")],
         topic: Some(Topic::new::<Tool>("cs/{cs}/tool/set", "Reports the tool in the spindle.")),
         ..Row::new(Set, |incoming| Ok(Request::Tool(incoming.cs()?, incoming.json::<Tool>()?.id)),
-            written!(Request::Tool(cs, id) => RequestParts::of(cs).json(&Tool { id })),
+            written!(Request::Tool(cs, id) => RequestParts::for_coordinate_system(cs).json(&Tool { id })),
         )
     },
     Row {
@@ -159,7 +160,7 @@ pub static ROWS: [Row; 53] = [
                 read_command(&incoming, Command::AlarmAcknowledge { id })
             },
             written!(Request::Command { cs, command: Command::AlarmAcknowledge { id }, meta, wait } => {
-                    let parts = RequestParts::of(cs).with("id", id).with("verb", "alarm_acknowledge");
+                    let parts = RequestParts::for_coordinate_system(cs).with("id", id).with("verb", "alarm_acknowledge");
                     let args = json!({ "id": id });
                     parts.json(&args).payload(&CommandArgs { args }).meta(meta).waiting(wait)
                 }),
@@ -183,7 +184,7 @@ pub static ROWS: [Row; 53] = [
             },
             written!(Request::Command { cs, command: Command::Run(order), meta, .. } => {
                     let args = json!(order);
-                    let parts = RequestParts::of(cs).with("verb", "run").json(&args);
+                    let parts = RequestParts::for_coordinate_system(cs).with("verb", "run").json(&args);
                     parts.payload(&CommandArgs { args }).meta(meta)
                 }),
         )
@@ -223,7 +224,7 @@ pub static ROWS: [Row; 53] = [
             },
             written!(Request::Command { cs, command, meta, wait } => {
                     let (verb, args) = (json!(command.verb()), command.args());
-                    let parts = RequestParts::of(cs).with("verb", verb.as_str().unwrap_or_default()).json(&args);
+                    let parts = RequestParts::for_coordinate_system(cs).with("verb", verb.as_str().unwrap_or_default()).json(&args);
                     parts.payload(&CommandArgs { args }).meta(meta).waiting(wait)
                 }),
         )
@@ -272,7 +273,7 @@ pub static ROWS: [Row; 53] = [
         answer: |_| AnswerForm::Lease,
         ..Row::new(Operate, |incoming| lease(&incoming, |incoming| incoming.json().map(LeaseRequest::Take)),
             written!(Request::Lease { cs, request: LeaseRequest::Take(take), meta } => {
-                    let parts = RequestParts::of(cs).with("verb", "take").json(&take);
+                    let parts = RequestParts::for_coordinate_system(cs).with("verb", "take").json(&take);
                     parts.header(IDEMPOTENCY_KEY, meta.command_id)
                 }),
         )
@@ -293,7 +294,7 @@ pub static ROWS: [Row; 53] = [
         answer: |_| AnswerForm::Lease,
         ..Row::new(Operate, |incoming| lease(&incoming, release),
             written!(Request::Lease { cs, request: LeaseRequest::Release(release), meta } => {
-                    let parts = RequestParts::of(cs).with("verb", "release").payload(&release);
+                    let parts = RequestParts::for_coordinate_system(cs).with("verb", "release").payload(&release);
                     parts.header(IDEMPOTENCY_KEY, meta.command_id).header(LEASE_FENCE, release.fence)
                 }),
         )
@@ -316,7 +317,7 @@ pub static ROWS: [Row; 53] = [
         answer: |_| AnswerForm::Lease,
         ..Row::new(Administrate, |incoming| lease(&incoming, break_lease),
             written!(Request::Lease { cs, request: LeaseRequest::Break, meta } => {
-                    let parts = RequestParts::of(cs).with("verb", "break").json(&LeaseBreak {});
+                    let parts = RequestParts::for_coordinate_system(cs).with("verb", "break").json(&LeaseBreak {});
                     parts.header(IDEMPOTENCY_KEY, meta.command_id)
                 }),
         )
@@ -377,10 +378,10 @@ pub static ROWS: [Row; 53] = [
             .envelope(IDS_AND_AGES),
         ),
         ..Row::new(Set, |incoming| write_variables(&incoming), written!(Request::WriteVariables { area, from, values, .. } => {
-                let values: Vec<_> = values.into_iter().map(Number).collect();
+                let values: Vec<_> = values.into_iter().map(JsonNumber).collect();
                 let parts = of_area(area, "set").query("from", from);
                 let payload = VariableSet { kind: area.kind(), from, values };
-                parts.payload(&payload).json(&VariableWrite::of(payload.values))
+                parts.payload(&payload).json(&VariableWrite::from_values(payload.values))
             }))
     },
     Row {

@@ -71,8 +71,8 @@ pub fn encode_not_after(request: Request, not_after: Option<&NotAfter>) -> Resul
 /// Encodes the reading of a state; returns `None` if the state has no route.
 pub fn read(topic: &Topic) -> Option<Exchange> {
     let parts = match topic {
-        Topic::CoordinateSystem(cs, _) => RequestParts::of(*cs),
-        Topic::Io(point) => RequestParts::of_io(point),
+        Topic::CoordinateSystem(cs, _) => RequestParts::for_coordinate_system(*cs),
+        Topic::Io(point) => RequestParts::for_io(point),
         _ => RequestParts::default(),
     };
     let params: Vec<_> = parts

@@ -210,12 +210,12 @@ impl Route {
 
     /// Creates a route that sets a value.
     pub(super) const fn put<T: HasForm>(pattern: &'static str, summary: &'static str) -> Self {
-        Self::new("PUT", pattern, summary).takes(Content::Json(Form::of::<T>()))
+        Self::new("PUT", pattern, summary).takes(Content::Json(Form::for_type::<T>()))
     }
 
     /// Creates a route that sends a message or a request.
     pub(super) const fn post<T: HasForm>(pattern: &'static str, summary: &'static str) -> Self {
-        Self::new("POST", pattern, summary).takes(Content::Json(Form::of::<T>()))
+        Self::new("POST", pattern, summary).takes(Content::Json(Form::for_type::<T>()))
     }
 
     /// Sets the content of the body.
@@ -228,12 +228,12 @@ impl Route {
     /// Sets an answer with JSON of this form.
     #[must_use]
     pub const fn gives<T: HasForm>(self) -> Self {
-        self.answered(200, Content::Json(Form::of::<T>()))
+        self.answered(200, Content::Json(Form::for_type::<T>()))
     }
 
     /// Sets an answer with JSON of this form, and the address of the new resource.
     pub(super) const fn gives_new<T: HasForm>(self) -> Self {
-        self.answered(201, Content::Json(Form::of::<T>()))
+        self.answered(201, Content::Json(Form::for_type::<T>()))
     }
 
     /// Sets the status and content of the answer.
@@ -245,7 +245,7 @@ impl Route {
 
     /// Adds an alternative answer with this status and JSON of this form.
     pub(super) const fn or<T: HasForm>(mut self, status: u16) -> Self {
-        self.other_answer = Some((status, Content::Json(Form::of::<T>())));
+        self.other_answer = Some((status, Content::Json(Form::for_type::<T>())));
         self
     }
 

@@ -204,7 +204,7 @@ impl Topic {
             pattern,
             summary,
             retained: false,
-            form: Form::of::<T>(),
+            form: Form::for_type::<T>(),
             envelope: &[],
         }
     }
@@ -446,12 +446,12 @@ pub(super) enum Body {
 
 impl RequestParts {
     /// Creates the parts of a request to a coordinate system.
-    pub(super) fn of(cs: CoordinateSystemNumber) -> Self {
+    pub(super) fn for_coordinate_system(cs: CoordinateSystemNumber) -> Self {
         Self::default().with("cs", cs)
     }
 
     /// Creates the parts of a request for an input or output of the plant.
-    pub(super) fn of_io(point: &IoPoint) -> Self {
+    pub(super) fn for_io(point: &IoPoint) -> Self {
         Self::default()
             .with("side", point.side.wire_name())
             .with("name", &point.name)
@@ -468,13 +468,13 @@ impl RequestParts {
     }
 
     /// Creates the parts of a request about an output.
-    pub(super) fn of_output(
+    pub(super) fn for_output(
         cs: CoordinateSystemNumber,
         m: Option<u16>,
         seq: u64,
         said: &impl Serialize,
     ) -> Self {
-        let parts = Self::of(cs).with("seq", seq).json(said);
+        let parts = Self::for_coordinate_system(cs).with("seq", seq).json(said);
         match m {
             Some(m) => parts.with("m", m),
             None => parts,

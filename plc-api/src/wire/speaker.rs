@@ -11,14 +11,14 @@ const REQUESTS: [&str; 5] = ["cs/", "io/", "motor/", "alarm/raise", "stored_data
 
 /// The sender of a message.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Speaker {
+pub enum MessageSender {
     /// A handler, by its `handler_id`.
     Handler(String),
     /// A client, by its user name or its `client_id`.
     Client(String),
 }
 
-impl Speaker {
+impl MessageSender {
     /// Filters of all topics that name their sender, below the machine's root.
     pub const FILTERS: [&'static str; 9] = [
         "handler/+/cs/#",
@@ -35,7 +35,7 @@ impl Speaker {
     /// Returns the id in the topic.
     pub fn id(&self) -> &str {
         match self {
-            Speaker::Handler(id) | Speaker::Client(id) => id,
+            MessageSender::Handler(id) | MessageSender::Client(id) => id,
         }
     }
 
@@ -48,8 +48,8 @@ impl Speaker {
         };
         let is_request = REQUESTS.iter().any(|begin| rest.starts_with(begin));
         match kind {
-            "handler" if is_request && !id.is_empty() => (Some(Speaker::Handler(id.to_owned())), rest),
-            "client" if is_request && !id.is_empty() => (Some(Speaker::Client(id.to_owned())), rest),
+            "handler" if is_request && !id.is_empty() => (Some(MessageSender::Handler(id.to_owned())), rest),
+            "client" if is_request && !id.is_empty() => (Some(MessageSender::Client(id.to_owned())), rest),
             _ => (None, path),
         }
     }
@@ -57,15 +57,15 @@ impl Speaker {
     /// Returns the path on which this sender publishes a request.
     pub fn path(&self, path: &str) -> String {
         match self {
-            Speaker::Handler(id) => format!("handler/{id}/{path}"),
-            Speaker::Client(id) => format!("client/{id}/{path}"),
+            MessageSender::Handler(id) => format!("handler/{id}/{path}"),
+            MessageSender::Client(id) => format!("client/{id}/{path}"),
         }
     }
 
     /// Returns the sender of a request: the handler that it names, otherwise `handler` for requests of a
     /// handler, otherwise the client.
     pub fn of_request(request: &Request, handler: Option<&str>, client: &str) -> Self {
-        let client = || Speaker::Client(client.to_owned());
+        let client = || MessageSender::Client(client.to_owned());
         match request {
             Request::Reset(_, _, reset) if reset.force == Some(true) => client(),
             Request::Claim(..)
@@ -73,16 +73,16 @@ impl Speaker {
             | Request::Progress(..)
             | Request::Checkpoint(..)
             | Request::Ask(..)
-            | Request::ValidateResult(..) => named(request).map_or_else(client, Speaker::Handler),
+            | Request::ValidateResult(..) => named(request).map_or_else(client, MessageSender::Handler),
             Request::Input(_, Input::Interlock(_) | Input::StartLock(_)) | Request::WriteIo(..) => {
-                named(request).map_or_else(client, Speaker::Handler)
+                named(request).map_or_else(client, MessageSender::Handler)
             }
             Request::Tool(..)
             | Request::Spindle(..)
             | Request::WriteVariables { .. }
             | Request::ReadVariables { .. }
             | Request::RaiseAlarm(_) => {
-                handler.map_or_else(client, |handler| Speaker::Handler(handler.to_owned()))
+                handler.map_or_else(client, |handler| MessageSender::Handler(handler.to_owned()))
             }
             _ => client(),
         }
@@ -95,13 +95,13 @@ impl Speaker {
     /// Fails, in words, if the payload names another sender.
     pub(super) fn identify(&self, parsed: &mut ParsedRequest, client_id: Option<&str>) -> Result<(), String> {
         if let Some(owner) = parsed.owner_mut().filter(|owner| owner.is_none()) {
-            *owner = matches!(self, Speaker::Handler(_)).then(|| self.id().to_owned());
+            *owner = matches!(self, MessageSender::Handler(_)).then(|| self.id().to_owned());
         }
         let request = parsed.request();
         let by_force = matches!(request, Request::Reset(_, _, reset) if reset.force == Some(true));
         if let Some(named) = named(request)
             && named != self.id()
-            && !(by_force && matches!(self, Speaker::Client(_)))
+            && !(by_force && matches!(self, MessageSender::Client(_)))
         {
             return Err(format!(
                 "its topic names {:?}, its handler_id is {named:?}; write the same id in both",
@@ -109,7 +109,7 @@ impl Speaker {
             ));
         }
         match (self, client_id) {
-            (Speaker::Client(id), Some(client_id)) if !is_of(client_id, id) => Err(format!(
+            (MessageSender::Client(id), Some(client_id)) if !is_of(client_id, id) => Err(format!(
                 "its topic names {id:?}, its client_id is {client_id:?}; write the same id in both, or let client_id begin with {id}-"
             )),
             _ => Ok(()),
@@ -146,8 +146,8 @@ mod tests {
 
     #[test]
     fn a_topic_names_its_sender_and_a_presence_stays_as_it_is() {
-        let handler = |id: &str| Some(Speaker::Handler(id.to_owned()));
-        let client = |id: &str| Some(Speaker::Client(id.to_owned()));
+        let handler = |id: &str| Some(MessageSender::Handler(id.to_owned()));
+        let client = |id: &str| Some(MessageSender::Client(id.to_owned()));
         for (path, speaker, rest) in [
             (
                 "handler/clamp/cs/1/m_code/5/claim",
@@ -184,7 +184,7 @@ mod tests {
             ),
             ("cs/1/command/stop", None, "cs/1/command/stop"),
         ] {
-            assert_eq!(Speaker::split(path), (speaker.clone(), rest), "{path}");
+            assert_eq!(MessageSender::split(path), (speaker.clone(), rest), "{path}");
             if let Some(speaker) = speaker {
                 assert_eq!(speaker.path(rest), path);
             }

@@ -421,9 +421,9 @@ fn any_request(transport: Transport) -> impl Strategy<Value = Request> {
     ]
 }
 
-struct Head(Vec<(&'static str, String)>);
+struct TestHeaders(Vec<(&'static str, String)>);
 
-impl Sender for Head {
+impl Sender for TestHeaders {
     fn header(&self, name: &str) -> Option<&str> {
         let mut headers = self.0.iter();
         headers
@@ -483,7 +483,7 @@ fn read_rest(exchange: rest::Exchange, cs: u8) -> ParsedRequest {
         params: &params,
         body: Cow::Owned(exchange.body.unwrap_or_default().into_bytes()),
         query: route.query.read(query).unwrap(),
-        source: Source::Http(&Head(exchange.headers)),
+        source: Source::Http(&TestHeaders(exchange.headers)),
         not_after_is_apart: false,
     };
     row.parse(incoming).unwrap()

@@ -28,7 +28,7 @@ pub(super) const TRACE: Row = Row {
         Read,
         |incoming| Ok(Request::Trace(incoming.cs()?, read_trace(&incoming)?)),
         written!(Request::Trace(cs, TraceQuery { from, count, axes }) => {
-            let parts = RequestParts::of(cs).query("from", from).query("count", count);
+            let parts = RequestParts::for_coordinate_system(cs).query("from", from).query("count", count);
             if axes.is_empty() { parts } else { parts.query("axes", axes) }
         }),
     )

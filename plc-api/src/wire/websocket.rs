@@ -153,7 +153,7 @@ pub enum ServerFrame {
 #[derive(Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(rename = "WebSocket"))]
-pub struct Named {
+pub struct FrameTopic {
     /// Path below the machine's root, as on MQTT.
     topic: String,
 }
@@ -194,7 +194,7 @@ fn frame_of(text: &str, code: Option<RefusalCode>) -> String {
 impl ServerFrame {
     /// Reads a frame. A text that is not a frame becomes an error of at most 200 characters.
     pub fn read(text: &str) -> Self {
-        let Ok(Named { topic: path }) = serde_json::from_str(text) else {
+        let Ok(FrameTopic { topic: path }) = serde_json::from_str(text) else {
             let (code, text) = match serde_json::from_str(text) {
                 Ok(ErrorFrame { error, code }) => (code, error),
                 Err(_) => (None, text.chars().take(200).collect()),

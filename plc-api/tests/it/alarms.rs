@@ -1,7 +1,7 @@
 //! Alarms that a sequence program raises.
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::Closed;
+use plc_api::handshake::OutputOutcome;
 use plc_api::{Alarm, CancelReason, Execution, Params};
 
 #[tokio::test]
@@ -11,7 +11,10 @@ async fn an_alarm_of_the_whole_machine_stops_all_and_a_reset_of_any_clears_it() 
     let (first, second) = (plc.coordinate_system(1), plc.coordinate_system(2));
     let seq = fake.put_out(2, 100, Params::default());
     plc.raise_alarm(Alarm::user(20, "low")).await.unwrap();
-    assert_eq!(fake.closed(2, seq), Some(Closed::Cancelled(CancelReason::Alarm)));
+    assert_eq!(
+        fake.closed(2, seq),
+        Some(OutputOutcome::Cancelled(CancelReason::Alarm))
+    );
     for system in [&first, &second] {
         let state = system.state().await.unwrap();
         assert_eq!((state.execution, state.alarm_count), (Execution::Stopped, 1));

@@ -1,7 +1,7 @@
 //! A question to the operator belongs to an output, is shown with the output, and ends with the output.
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::Closed;
+use plc_api::handshake::OutputOutcome;
 use plc_api::types::output::HandshakeStatus;
 use plc_api::types::question::{Ask, OperatorAnswer};
 use plc_api::types::request::{RefusalCode, typed};
@@ -42,7 +42,7 @@ async fn question_stays_pending_until_answered_with_one_of_its_choices() {
     mill.answer(&asked, "no").await.unwrap();
     fake.settle().await;
     let alarm = Alarm::user(3, "no");
-    assert_eq!(fake.closed(1, seq), Some(Closed::Failed { alarm }));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Failed { alarm }));
     assert_eq!(mill.questions().await.unwrap(), []);
 }
 
@@ -89,7 +89,7 @@ async fn dropped_question_is_withdrawn_and_the_next_waits_for_its_turn() {
         mill.answer(&asked, choice).await.unwrap();
         fake.settle().await;
     }
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
 }
 
 #[tokio::test]
@@ -130,7 +130,7 @@ async fn a_handler_that_lost_only_its_connection_asks_again() {
     fake.settle().await;
     let mill = fake.plc().coordinate_system(1);
     let before = mill.question().await.unwrap();
-    fake.lose_handler("h");
+    fake.disconnect_handler("h");
     fake.settle().await;
     fake.advance(ms(2000)).await;
     assert_eq!(fake.closed(1, seq), None, "it waits for its answer as before");
@@ -143,7 +143,7 @@ async fn a_handler_that_lost_only_its_connection_asks_again() {
     assert_eq!(asked.question.text, before.question.text);
     mill.answer(&asked, "yes").await.unwrap();
     fake.settle().await;
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
 }
 
 #[tokio::test]
@@ -201,7 +201,7 @@ async fn what_is_out_of_the_limits_of_a_panel_is_refused_at_the_handler() {
     let _task = serve(&fake, program).await;
     let seq = fake.put_out(1, 80, Params::default());
     fake.settle().await;
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
 }
 
 #[tokio::test]
@@ -232,7 +232,7 @@ async fn a_question_to_the_machine_is_one_about_the_output_whose_handler_asks() 
     fake.settle().await;
     assert_eq!(
         seqs.map(|seq| fake.closed(1, seq)),
-        [Some(Closed::Reset), Some(Closed::Reset)]
+        [Some(OutputOutcome::Reset), Some(OutputOutcome::Reset)]
     );
 }
 
@@ -255,5 +255,5 @@ async fn a_question_to_the_machine_outside_of_its_handlers_is_refused() {
     let _task = serve(&fake, program).await;
     let seq = fake.put_out(1, 80, Params::default());
     fake.settle().await;
-    assert!(matches!(fake.closed(1, seq), Some(Closed::Failed { .. })));
+    assert!(matches!(fake.closed(1, seq), Some(OutputOutcome::Failed { .. })));
 }

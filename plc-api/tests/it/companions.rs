@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::Closed;
+use plc_api::handshake::OutputOutcome;
 use plc_api::types::output::OutputState;
 use plc_api::types::refusal::{Refusal, RefusalCode};
 use plc_api::{Alarm, AuxOutput, CancelReason, Params, Plc, Redelivery, SequenceProgram, State};
@@ -179,7 +179,7 @@ async fn a_task_that_ends_leaves_the_handlers_alone() {
     let served = serve(&fake, SequenceProgram::new().on(10, ok).task(async |_plc| Ok(()))).await;
     let seq = fake.put_out(1, 10, Params::default());
     fake.advance(ms(5000)).await;
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     assert!(!served.is_finished());
 }
 
@@ -229,7 +229,7 @@ async fn a_merged_program_serves_what_both_serve_with_their_states_and_tasks() {
     let outputs = [10, 60].map(|m| fake.put_out(1, m, Params::default()));
     fake.settle().await;
     for seq in outputs {
-        assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+        assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     }
     assert_eq!(all(&heard).len(), 2, "{:?}", all(&heard));
     assert_eq!(fake.handlers().len(), 1);
@@ -323,11 +323,15 @@ async fn a_program_that_stops_ends_what_is_open_and_takes_nothing_new() {
     assert_eq!(fake.pending(1)[1].state, OutputState::Output, "nobody claims it");
     fake.advance(ms(2000)).await;
     assert_eq!(served.await.unwrap(), Ok(()));
-    assert_eq!(fake.closed(1, open), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, open), Some(OutputOutcome::Reset));
     assert_eq!(fake.closed(1, later), None);
     assert!(!fake.pending(1)[0].lost, "it was nobody's");
     serve(&fake, SequenceProgram::new().on(11, ok).handler_id("cell")).await;
-    assert_eq!(fake.closed(1, later), Some(Closed::Reset), "the next one does it");
+    assert_eq!(
+        fake.closed(1, later),
+        Some(OutputOutcome::Reset),
+        "the next one does it"
+    );
 }
 
 #[tokio::test]
@@ -343,7 +347,7 @@ async fn output_claimed_before_the_program_sees_the_stop_is_still_executed() {
     assert_eq!(fake.pending(1)[0].state, OutputState::Claimed);
     fake.settle().await;
     assert_eq!(served.await.unwrap(), Ok(()));
-    assert_eq!(fake.closed(1, claimed), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, claimed), Some(OutputOutcome::Reset));
 }
 
 #[tokio::test]
@@ -393,7 +397,7 @@ async fn what_a_cancelled_handler_wants_done_is_not_done_when_it_returns() {
     serve(&fake, with_clean_up(&heard)).await;
     let seq = fake.put_out(1, 10, Params::default());
     fake.advance(ms(20_000)).await;
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     assert_eq!(all(&heard), [] as [&str; 0]);
 }
 

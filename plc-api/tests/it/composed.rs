@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::Closed;
+use plc_api::handshake::OutputOutcome;
 use plc_api::units::Number;
 use plc_api::{
     Alarm, AuxOutput, CancelReason, Execution, MCode, Params, Plc, Redelivery, SequenceProgram, State, Va,
@@ -11,13 +11,13 @@ use plc_api::{
 
 use crate::{ms, serve, va};
 
-type Heard = Arc<Mutex<Vec<String>>>;
+type CallLog = Arc<Mutex<Vec<String>>>;
 
-fn note(heard: &Heard, what: impl Into<String>) {
+fn note(heard: &CallLog, what: impl Into<String>) {
     heard.lock().unwrap().push(what.into());
 }
 
-fn all(heard: &Heard) -> Vec<String> {
+fn all(heard: &CallLog) -> Vec<String> {
     heard.lock().unwrap().clone()
 }
 
@@ -27,7 +27,7 @@ async fn nothing(_output: AuxOutput) -> Result<(), Alarm> {
 
 struct Magazine {
     pocket: u8,
-    heard: Heard,
+    heard: CallLog,
 }
 
 impl Magazine {
@@ -50,7 +50,7 @@ impl Magazine {
 
 const HOME: MCode = MCode::new(7, "magazine home");
 
-fn magazine(heard: &Heard) -> SequenceProgram {
+fn magazine(heard: &CallLog) -> SequenceProgram {
     let magazine = Magazine {
         pocket: 1,
         heard: Arc::clone(heard),
@@ -62,7 +62,7 @@ fn magazine(heard: &Heard) -> SequenceProgram {
 
 #[tokio::test]
 async fn methods_of_a_device_take_turns_in_the_order_in_which_they_are_begun() {
-    let (fake, heard) = (FakePort::new([1, 2]), Heard::default());
+    let (fake, heard) = (FakePort::new([1, 2]), CallLog::default());
     serve(&fake, magazine(&heard)).await;
     let mut outputs = Vec::new();
     for (cs, m) in [(1, 6), (2, 6), (1, 7)] {
@@ -74,7 +74,7 @@ async fn methods_of_a_device_take_turns_in_the_order_in_which_they_are_begun() {
     fake.advance(ms(1000)).await;
     assert_eq!(all(&heard), ["from 1", "at 2", "from 2", "at 3", "home"]);
     for (cs, seq) in outputs {
-        assert_eq!(fake.closed(cs, seq), Some(Closed::Reset));
+        assert_eq!(fake.closed(cs, seq), Some(OutputOutcome::Reset));
     }
     assert_eq!(
         fake.handlers().values().next().unwrap().m_codes[0]
@@ -86,7 +86,7 @@ async fn methods_of_a_device_take_turns_in_the_order_in_which_they_are_begun() {
 
 #[tokio::test]
 async fn a_method_that_is_cancelled_gives_its_turn_to_the_next() {
-    let (fake, heard) = (FakePort::new([1, 2]), Heard::default());
+    let (fake, heard) = (FakePort::new([1, 2]), CallLog::default());
     serve(&fake, magazine(&heard)).await;
     fake.put_out(1, 6, Params::default());
     let waits = fake.put_out(2, 7, Params::default());
@@ -96,7 +96,7 @@ async fn a_method_that_is_cancelled_gives_its_turn_to_the_next() {
     fake.settle().await;
     assert_eq!(
         (all(&heard), fake.closed(2, waits)),
-        (vec!["from 1".into(), "home".into()], Some(Closed::Reset))
+        (vec!["from 1".into(), "home".into()], Some(OutputOutcome::Reset))
     );
 }
 
@@ -126,7 +126,7 @@ async fn failed(fake: &FakePort, m: u16, a: f64) -> String {
     let seq = fake.put_out(1, m, va(a));
     fake.settle().await;
     match fake.closed(1, seq) {
-        Some(Closed::Failed { alarm }) => alarm.text,
+        Some(OutputOutcome::Failed { alarm }) => alarm.text,
         other => panic!("M{m}: {other:?}"),
     }
 }
@@ -135,8 +135,8 @@ async fn failed(fake: &FakePort, m: u16, a: f64) -> String {
 async fn a_part_that_is_nested_twice_serves_both_ranges_each_with_its_state() {
     let fake = FakePort::new([1]);
     let program = SequenceProgram::new()
-        .nest(10..=11, clamp("left"))
-        .nest(20..=29, clamp("right"))
+        .merge_at(10..=11, clamp("left"))
+        .merge_at(20..=29, clamp("right"))
         .on(60, nothing);
     serve(&fake, program).await;
     assert!(failed(&fake, 10, 5.0).await.starts_with("M10 left by 5"));
@@ -156,22 +156,22 @@ async fn a_part_that_is_nested_twice_serves_both_ranges_each_with_its_state() {
 fn a_part_that_does_not_fit_its_range_is_refused_with_each_m_code() {
     let refused = |program: SequenceProgram| program.check().unwrap_err().to_string();
     assert_eq!(
-        refused(SequenceProgram::new().nest(20..=20, clamp("left"))),
+        refused(SequenceProgram::new().merge_at(20..=20, clamp("left"))),
         "nest(20..=20): M11 of the part would be M21, which is not allowed there"
     );
     assert_eq!(
-        refused(SequenceProgram::new().nest(29..=31, clamp("left"))),
+        refused(SequenceProgram::new().merge_at(29..=31, clamp("left"))),
         "nest(29..=31): M11 of the part would be M30, which is not allowed there"
     );
     assert_eq!(
-        refused(SequenceProgram::new().nest(20..=29, SequenceProgram::new())),
+        refused(SequenceProgram::new().merge_at(20..=29, SequenceProgram::new())),
         "nest(20..=29) got a program without handlers"
     );
     assert_eq!(
         refused(
             SequenceProgram::new()
                 .on(21, nothing)
-                .nest(20..=29, clamp("left"))
+                .merge_at(20..=29, clamp("left"))
         ),
         "M21 has two handlers"
     );
@@ -225,7 +225,7 @@ async fn a_guard_of_a_handler_that_is_cancelled_takes_its_lock_away() {
 }
 
 /// Works for five minutes, without the minutes that the last checkpoint records as done.
-async fn wash(output: AuxOutput, plc: Plc, heard: Heard) -> Result<(), Alarm> {
+async fn wash(output: AuxOutput, plc: Plc, heard: CallLog) -> Result<(), Alarm> {
     let done: u32 = output.last_checkpoint()?.unwrap_or(0);
     note(&heard, format!("from minute {done}"));
     for minute in done..5 {
@@ -235,7 +235,7 @@ async fn wash(output: AuxOutput, plc: Plc, heard: Heard) -> Result<(), Alarm> {
     Ok(())
 }
 
-fn washer(heard: &Heard) -> SequenceProgram {
+fn washer(heard: &CallLog) -> SequenceProgram {
     let heard = Arc::clone(heard);
     SequenceProgram::new()
         .handler_id("washer")
@@ -246,7 +246,7 @@ fn washer(heard: &Heard) -> SequenceProgram {
 
 #[tokio::test]
 async fn work_goes_on_at_the_checkpoint_of_the_handler_that_was_lost() {
-    let (fake, heard) = (FakePort::new([1]), Heard::default());
+    let (fake, heard) = (FakePort::new([1]), CallLog::default());
     let first = serve(&fake, washer(&heard)).await;
     let seq = fake.put_out(1, 90, Params::default());
     fake.advance(ms(200_000)).await;
@@ -260,7 +260,7 @@ async fn work_goes_on_at_the_checkpoint_of_the_handler_that_was_lost() {
         (all(&heard), fake.closed(1, seq)),
         (
             vec!["from minute 0".into(), "from minute 3".into()],
-            Some(Closed::Reset)
+            Some(OutputOutcome::Reset)
         )
     );
 }
@@ -278,9 +278,9 @@ async fn a_checkpoint_of_another_form_is_an_error_and_none_is_none() {
     fake.settle().await;
     first.abort();
     fake.settle().await;
-    serve(&fake, washer(&Heard::default())).await;
+    serve(&fake, washer(&CallLog::default())).await;
     fake.settle().await;
-    let Some(Closed::Failed { alarm }) = fake.closed(1, seq) else {
+    let Some(OutputOutcome::Failed { alarm }) = fake.closed(1, seq) else {
         panic!("{:?}", fake.closed(1, seq))
     };
     assert!(

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::Closed;
+use plc_api::handshake::OutputOutcome;
 use plc_api::types::io::{IoDeclaration, IoPoint, IoState, IoValue};
 use plc_api::types::refusal::RefusalCode;
 use plc_api::{Alarm, AuxOutput, Error, Params, Plc, SequenceProgram};
@@ -49,7 +49,7 @@ async fn handler_write_is_owned_by_its_program_and_repeated_after_restart() {
     let _task = serve(&fake, program("cell")).await;
     let seq = fake.put_out(1, 8, Params::default());
     fake.settle().await;
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     let state = valve(&fake).await;
     assert_eq!((state.value, state.owner.as_deref()), (true.into(), Some("cell")));
     fake.restart();

@@ -1,7 +1,7 @@
 //! The raw queue: it owns a claimed output like any handler, and releases the output when the queue ends.
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::Closed;
+use plc_api::handshake::OutputOutcome;
 use plc_api::types::output::{HandshakeStatus, OutputState};
 use plc_api::{Alarm, CancelReason, Error, Outputs, Params, RawOutput, Redelivery};
 use tokio::task::JoinHandle;
@@ -47,7 +47,7 @@ async fn a_raw_output_is_owned_as_long_as_it_or_its_queue_is_there() {
     fake.settle().await;
     assert_eq!(state(&fake), (OutputState::Claimed, false));
     output.reset().await.unwrap();
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     drop(output);
     fake.settle().await;
     assert!(fake.handlers().values().all(|presence| !presence.online));
@@ -60,7 +60,7 @@ async fn a_raw_output_that_fails_stops_the_program_with_its_alarm() {
     let output = fake.plc().outputs().next().await.unwrap();
     let alarm = Alarm::user(7, "the magazine is empty");
     output.fail(alarm.clone()).await.unwrap();
-    assert_eq!(fake.closed(1, seq), Some(Closed::Failed { alarm }));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Failed { alarm }));
 }
 
 /// Returns the outputs that a queue returns now, each with true if the machine must be checked first.
@@ -135,12 +135,12 @@ async fn raw_queue_reclaims_after_connection_loss_without_yielding_it_again() {
     let output = outputs.next().await.unwrap();
     output.claim().await.unwrap();
     let id = fake.pending(1)[0].handler_id.clone().unwrap();
-    fake.lose_handler(&id);
+    fake.disconnect_handler(&id);
     assert_eq!(state(&fake), (OutputState::Output, true));
     assert_eq!(given(&fake, &mut outputs).await, []);
     assert_eq!(fake.pending(1)[0].handler_id, Some(id));
     output.reset().await.unwrap();
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
 }
 
 #[tokio::test]
@@ -152,7 +152,7 @@ async fn a_raw_queue_serves_the_next_boot_too() {
     let seq = fake.put_out(1, 100, Params::default());
     let output = outputs.next().await.unwrap();
     output.reset().await.unwrap();
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     fake.settle().await;
     assert!(fake.handlers()["raw"].online);
 }

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::Closed;
+use plc_api::handshake::OutputOutcome;
 use plc_api::scan::{Image, Reads, ScanProgram};
 use plc_api::types::command::Command;
 use plc_api::types::data::VariableArea;
@@ -11,7 +11,7 @@ use plc_api::types::io::{IoDeclaration, IoPoint, IoState};
 use plc_api::types::message::Payload;
 use plc_api::types::output::OutputState;
 use plc_api::types::request::{Input, OverrideChange, Request, SpindleCommand};
-use plc_api::types::state::{Captured, Lock, LockSet, Position, SpindleDirection};
+use plc_api::types::state::{CapturedPositions, Lock, LockSet, Position, SpindleDirection};
 use plc_api::types::topic::CsTopic;
 use plc_api::{Alarm, CancelReason, Params, Redelivery, SequenceProgram};
 
@@ -39,9 +39,9 @@ async fn an_output_is_a_flag_with_parameters_and_a_reset_is_written_as_one() {
     assert_eq!(fake.pending(1)[0].state, OutputState::Claimed);
     assert_eq!(fake.closed(1, reset), None);
     fake.advance(ms(15)).await;
-    assert_eq!(fake.closed(1, reset), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, reset), Some(OutputOutcome::Reset));
     let alarm = Alarm::user(4, "jammed");
-    assert_eq!(fake.closed(2, failed), Some(Closed::Failed { alarm }));
+    assert_eq!(fake.closed(2, failed), Some(OutputOutcome::Failed { alarm }));
     let seen = seen.lock().unwrap();
     let times: Vec<_> = seen.iter().map(|(time_s, _)| (time_s * 1000.0).round()).collect();
     assert_eq!(times, [0.0, 10.0, 20.0, 30.0, 40.0], "every 10 ms");
@@ -64,7 +64,10 @@ async fn a_cancelled_output_is_off_and_a_reset_reaches_no_later_one() {
     fake.cancel(1, CancelReason::Stop);
     let second = fake.put_out(1, 20, Params::default());
     fake.advance(ms(100)).await;
-    assert_eq!(fake.closed(1, first), Some(Closed::Cancelled(CancelReason::Stop)));
+    assert_eq!(
+        fake.closed(1, first),
+        Some(OutputOutcome::Cancelled(CancelReason::Stop))
+    );
     assert_eq!(fake.closed(1, second), None);
 }
 
@@ -148,12 +151,12 @@ async fn a_scan_of_one_coordinate_system_serves_no_other() {
     fake.advance(ms(50)).await;
     assert_eq!(fake.closed(1, mill), None);
     assert_eq!(fake.pending(1)[0].state, OutputState::Output, "nobody claims it");
-    assert_eq!(fake.closed(2, loader), Some(Closed::Reset));
+    assert_eq!(fake.closed(2, loader), Some(OutputOutcome::Reset));
 }
 
 /// State of the machine in the image of the last scan.
 #[derive(Default)]
-struct Seen {
+struct ScanSnapshot {
     scans: u64,
     skip: bool,
     single_block: bool,
@@ -166,7 +169,7 @@ struct Seen {
 }
 
 struct Watch {
-    seen: Arc<Mutex<Seen>>,
+    seen: Arc<Mutex<ScanSnapshot>>,
     write: fn(&mut Image),
 }
 
@@ -176,7 +179,7 @@ impl ScanProgram for Watch {
     }
 
     fn scan(&mut self, image: &mut Image) {
-        *self.seen.lock().unwrap() = Seen {
+        *self.seen.lock().unwrap() = ScanSnapshot {
             scans: image.scans(),
             skip: image.is_optional_skip(1, 7),
             single_block: image.is_single_block(1),
@@ -192,8 +195,8 @@ impl ScanProgram for Watch {
 }
 
 /// Runs a scan every 10 ms without M codes.
-async fn watch(fake: &FakePort, write: fn(&mut Image)) -> Arc<Mutex<Seen>> {
-    let seen = Arc::new(Mutex::new(Seen::default()));
+async fn watch(fake: &FakePort, write: fn(&mut Image)) -> Arc<Mutex<ScanSnapshot>> {
+    let seen = Arc::new(Mutex::new(ScanSnapshot::default()));
     let program = Watch {
         seen: Arc::clone(&seen),
         write,
@@ -219,12 +222,12 @@ async fn image_shows_inputs_overrides_positions_and_requested_variables() {
         machine: [("X".to_owned(), 12.5)].into(),
         ..Position::default()
     };
-    fake.say(1, CsTopic::Position, Payload::Position(position));
-    let captured = Captured {
+    fake.publish_message(1, CsTopic::Position, Payload::Position(position));
+    let captured = CapturedPositions {
         positions: vec![1.25],
-        ..Captured::default()
+        ..CapturedPositions::default()
     };
-    fake.say(1, CsTopic::Captured, Payload::Captured(captured));
+    fake.publish_message(1, CsTopic::Captured, Payload::Captured(captured));
     mill.set_optional_skip(7, true).await.unwrap();
     mill.set_single_block(true).await.unwrap();
     let feed = Some(30.0);
@@ -306,7 +309,7 @@ async fn what_is_written_before_a_reset_is_there_when_the_program_goes_on() {
     let _task = serve(&fake, program).await;
     let seq = fake.put_out(1, 20, Params::default());
     fake.advance(ms(15)).await;
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     let write = |area, from, values: &[f64]| Request::WriteVariables {
         area,
         from,
@@ -365,7 +368,7 @@ async fn a_flag_is_off_for_a_scan_between_two_outputs_of_one_number() {
     let all: Vec<_> = (0..3).map(|_| fake.put_out(1, 20, Params::default())).collect();
     fake.advance(ms(95)).await;
     for seq in all {
-        assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+        assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     }
     let scans: Vec<_> = count.try_iter().collect();
     assert_eq!(scans.last().unwrap().0, 3, "{scans:?}");
@@ -434,7 +437,7 @@ async fn a_scan_reads_inputs_of_the_plant_and_owns_the_outputs_that_it_writes() 
     assert_eq!(fake.closed(1, seq), None);
     fake.plc().io_in("flows").set(true).await.unwrap();
     fake.advance(ms(50)).await;
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     assert_eq!(out(&fake, "pressure").await.value, 4.5);
     assert_eq!(out(&fake, "valve").await.value, false);
     fake.restart();

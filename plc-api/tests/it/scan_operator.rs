@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::Closed;
+use plc_api::handshake::OutputOutcome;
 use plc_api::hub::{Filter, Subscription};
 use plc_api::port::{BoxFuture, Port};
 use plc_api::scan::{Image, ScanProgram};
@@ -160,7 +160,7 @@ async fn question_without_choices_is_refused_and_its_m_code_can_still_be_reset()
     serve(&fake, program).await;
     let seq = fake.put_out(1, 80, Params::default());
     fake.advance(ms(50)).await;
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     let refused = refused.lock().unwrap();
     assert!(refused[0].contains("a question needs a choice"), "{refused:?}");
 }
@@ -198,13 +198,13 @@ impl Port for Slow {
 }
 
 /// A program that takes 25 ms in its third scan, and records late scans, the last and the longest duration.
-struct Watched {
+struct SlowScan {
     taken_ms: Arc<AtomicU64>,
     limit: Option<Duration>,
     seen: Arc<Mutex<Vec<(u64, f64, f64)>>>,
 }
 
-impl ScanProgram for Watched {
+impl ScanProgram for SlowScan {
     fn cycle_limit(&self) -> Option<Duration> {
         self.limit
     }
@@ -227,7 +227,7 @@ impl ScanProgram for Watched {
 async fn watched(limit: Option<Duration>) -> (FakePort, Vec<(u64, f64, f64)>) {
     let fake = FakePort::new([1]);
     let (taken_ms, seen) = (Arc::default(), Arc::default());
-    let program = Watched {
+    let program = SlowScan {
         taken_ms: Arc::clone(&taken_ms),
         limit,
         seen: Arc::clone(&seen),

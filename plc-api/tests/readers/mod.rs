@@ -46,9 +46,9 @@ pub fn mqtt(data: &[u8]) {
 }
 
 /// The head of a request over HTTP, in which each header has the same value.
-struct Head(String);
+struct UniformHeaders(String);
 
-impl Sender for Head {
+impl Sender for UniformHeaders {
     fn header(&self, _: &str) -> Option<&str> {
         (!self.0.is_empty()).then_some(self.0.as_str())
     }
@@ -69,7 +69,7 @@ pub fn rest(data: &[u8]) {
         return;
     };
     let row = &ROWS[usize::from(*which) % ROWS.len()];
-    let head = Head(line(&mut body).into_owned());
+    let head = UniformHeaders(line(&mut body).into_owned());
     let wait = line(&mut body).into_owned();
     for route in row.routes {
         let mut body = body;

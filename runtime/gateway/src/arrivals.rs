@@ -57,19 +57,19 @@ impl Arrivals {
     /// The number of a command to move a coordinate system, which arrives now.
     pub(crate) fn next_moving(&self, cs: CoordinateSystemNumber) -> u64 {
         let number = self.next();
-        self.of(cs).moving.fetch_max(number, Ordering::SeqCst);
+        self.numbers(cs).moving.fetch_max(number, Ordering::SeqCst);
         number
     }
 
     /// Notes that the machine has received a command to move.
     pub(crate) fn receive(&self, cs: CoordinateSystemNumber, number: u64) {
-        self.of(cs).received.fetch_max(number, Ordering::SeqCst);
+        self.numbers(cs).received.fetch_max(number, Ordering::SeqCst);
         self.on_received.notify_waiters();
     }
 
     /// Waits for commands to move that have arrived, for at most [`ORDER_WAIT_MAX`].
     pub(crate) async fn keep_order(&self, cs: CoordinateSystemNumber) {
-        let numbers = self.of(cs);
+        let numbers = self.numbers(cs);
         let moving = numbers.moving.load(Ordering::SeqCst);
         let received = async {
             loop {
@@ -86,15 +86,15 @@ impl Arrivals {
     /// Notes that a hold, stop or abort of a coordinate system overtakes everything that has arrived.
     pub(crate) fn overtake(&self, cs: CoordinateSystemNumber) {
         let number = self.next();
-        self.of(cs).halting.fetch_max(number, Ordering::SeqCst);
+        self.numbers(cs).halting.fetch_max(number, Ordering::SeqCst);
     }
 
     /// True if a hold, stop or abort that arrived later has overtaken the message with this number.
     pub(crate) fn is_overtaken(&self, cs: CoordinateSystemNumber, number: u64) -> bool {
-        number < self.of(cs).halting.load(Ordering::SeqCst)
+        number < self.numbers(cs).halting.load(Ordering::SeqCst)
     }
 
-    fn of(&self, cs: CoordinateSystemNumber) -> &Numbers {
+    fn numbers(&self, cs: CoordinateSystemNumber) -> &Numbers {
         &self.systems[usize::from(cs)]
     }
 }

@@ -28,12 +28,12 @@ use crate::arrivals::Arrivals;
 use crate::broker_address::Refused;
 use crate::error::GatewayError;
 use crate::machine::Machine;
-use crate::places::{PlaceLimits, Places};
+use crate::places::{ConnectionSlots, SlotLimits};
 use crate::settings::{MQTT_LISTEN, MqttSettings, bind};
 use crate::tls::{Fingerprint, LiveTls};
 use crate::urgent_slots::ExecuteUrgent;
 pub(crate) use door::PLACES;
-use door::{Counts, Hall};
+use door::{BrokerServer, Counts};
 use guard::Guard;
 pub(crate) use sessions::Sessions;
 pub(crate) use socket::SocketBytes;
@@ -85,7 +85,7 @@ pub(crate) struct Broker {
     clients: TaskTracker,
     sessions: Arc<Sessions>,
     exchange: Exchange,
-    entrance: Entrance,
+    entrance: WebSocketListener,
     _hall: AbortOnDropHandle<()>,
 }
 
@@ -110,9 +110,9 @@ impl Exchange {
 
 /// Entrance for clients over WebSocket.
 #[derive(Clone)]
-pub(crate) struct Entrance(Arc<Hall>);
+pub(crate) struct WebSocketListener(Arc<BrokerServer>);
 
-impl Entrance {
+impl WebSocketListener {
     /// Serves a client until it disconnects.
     pub(crate) async fn serve(
         &self,
@@ -133,7 +133,7 @@ impl Broker {
         access: BrokerAccess,
         tls: Option<LiveTls>,
         refused: mpsc::Sender<Refused>,
-        limits: PlaceLimits,
+        limits: SlotLimits,
     ) -> Result<Broker, GatewayError> {
         let sessions = Arc::<Sessions>::default();
         let supervisor = access.machine.supervisor();
@@ -156,7 +156,7 @@ impl Broker {
         };
         let (stop, _) = broadcast::channel(1);
         let clients = TaskTracker::new();
-        let hall = Arc::new(Hall {
+        let hall = Arc::new(BrokerServer {
             config: config(address),
             guard,
             router,
@@ -164,7 +164,7 @@ impl Broker {
             tls,
             stop: stop.clone(),
             clients: clients.clone(),
-            places: Places::new(limits),
+            places: ConnectionSlots::new(limits),
             counts: Counts::new(),
             supervisor: supervisor.clone(),
         });
@@ -175,13 +175,13 @@ impl Broker {
             clients,
             sessions,
             exchange,
-            entrance: Entrance(Arc::clone(&hall)),
+            entrance: WebSocketListener(Arc::clone(&hall)),
             _hall: AbortOnDropHandle::new(tokio::spawn(accepting)),
         })
     }
 
     /// Returns the entrance for clients over WebSocket, if the settings enable it.
-    pub(crate) fn entrance(&self, settings: &MqttSettings) -> Option<Entrance> {
+    pub(crate) fn websocket_listener(&self, settings: &MqttSettings) -> Option<WebSocketListener> {
         settings.websocket.then(|| self.entrance.clone())
     }
 

@@ -21,14 +21,14 @@ pub(crate) struct Validity {
 impl Validity {
     /// Reads the validity of a certificate; returns `None` if the bytes are not a certificate.
     pub(crate) fn of_certificate(der: &[u8]) -> Option<Self> {
-        let (certificate, _) = take(der, SEQUENCE)?;
-        let (mut fields, _) = take(certificate, SEQUENCE)?;
+        let (certificate, _) = take_tagged_value(der, SEQUENCE)?;
+        let (mut fields, _) = take_tagged_value(certificate, SEQUENCE)?;
         // version, if present; serial number, signature algorithm and issuer
         let skipped = if fields.first() == Some(&VERSION) { 4 } else { 3 };
         for _ in 0..skipped {
             fields = take_any(fields)?.2;
         }
-        let (validity, _) = take(fields, SEQUENCE)?;
+        let (validity, _) = take_tagged_value(fields, SEQUENCE)?;
         let (not_before, rest) = time(validity)?;
         let (not_after, _) = time(rest)?;
         Some(Self {
@@ -45,7 +45,7 @@ pub(crate) fn days_to_end(end: SystemTime, now: SystemTime) -> Option<u64> {
 }
 
 /// Returns the value of this tag, and the rest.
-fn take(der: &[u8], tag: u8) -> Option<(&[u8], &[u8])> {
+fn take_tagged_value(der: &[u8], tag: u8) -> Option<(&[u8], &[u8])> {
     let (found, value, rest) = take_any(der)?;
     (found == tag).then_some((value, rest))
 }

@@ -4,7 +4,7 @@ use plc_api::server::ServerNotice;
 
 use crate::broker;
 use crate::machine::Machine;
-use crate::places::PlaceLimits;
+use crate::places::SlotLimits;
 use crate::server;
 
 /// Number of files of the runtime besides connections of HTTP and the broker: store, journal, programs,
@@ -17,8 +17,8 @@ const OWN_FILES_MIN: u64 = 40;
 /// Limits of connections, according to the file limit of this process.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct ConnectionLimits {
-    pub(crate) http: PlaceLimits,
-    pub(crate) mqtt: PlaceLimits,
+    pub(crate) http: SlotLimits,
+    pub(crate) mqtt: SlotLimits,
     /// Warning for the operator, if there are fewer files than usual.
     pub(crate) warning: Option<String>,
 }

@@ -11,11 +11,11 @@ use rust_embed::{EmbeddedFile, RustEmbed};
 use tower_http::compression::CompressionLayer;
 
 use crate::problem::Problem;
-use crate::shared::Shared;
+use crate::shared::ServerState;
 
 #[derive(RustEmbed)]
 #[folder = "web"]
-struct Files;
+struct HmiFiles;
 
 /// Pictures of examples, which the book shows too.
 #[derive(RustEmbed)]
@@ -35,7 +35,7 @@ const MACHINES_PAGE: &str = "machines.html";
 const MACHINES_POLICY: &str = "default-src 'self'; connect-src 'self' http: https: ws: wss:; object-src 'none'; base-uri 'none'; \
                                form-action 'none'; frame-ancestors 'none'";
 
-pub(crate) fn routes() -> Router<Arc<Shared>> {
+pub(crate) fn routes() -> Router<Arc<ServerState>> {
     Router::new()
         .route("/", get(serve))
         .route("/{*path}", get(serve))
@@ -71,7 +71,7 @@ async fn serve(path: Option<Path<String>>, request: HeaderMap) -> Response {
     let extension = path.rsplit_once('.').map(|(_, extension)| extension);
     let served = !hidden && extension.is_some_and(|extension| SERVED.contains(&extension));
     match served
-        .then(|| Files::get(path).or_else(|| Pictures::get(path)))
+        .then(|| HmiFiles::get(path).or_else(|| Pictures::get(path)))
         .flatten()
     {
         Some(file) if path == MACHINES_PAGE => {

@@ -21,7 +21,7 @@ use tower_http::compression::CompressionLayer;
 
 use crate::hmi::is_known;
 use crate::problem::Problem;
-use crate::shared::Shared;
+use crate::shared::ServerState;
 
 /// Path of the folder on the server.
 const ROOT: &str = "/hmi";
@@ -56,7 +56,7 @@ const KINDS: [(&str, &str); 19] = [
 ];
 
 /// Returns the routes of the folder; empty without a folder.
-pub(crate) fn routes(dir: Option<&Path>) -> Router<Arc<Shared>> {
+pub(crate) fn routes(dir: Option<&Path>) -> Router<Arc<ServerState>> {
     let Some(dir) = dir else { return Router::new() };
     let dir: Arc<Path> = dir.into();
     let index = Arc::clone(&dir);
@@ -95,7 +95,7 @@ async fn serve(dir: Arc<Path>, path: String, headers: HeaderMap) -> Response {
 
 /// A file that is served.
 #[derive(Debug)]
-struct Found {
+struct ServedFile {
     file: File,
     kind: &'static str,
     bytes: u64,
@@ -120,7 +120,7 @@ impl From<std::io::Error> for Unread {
 }
 
 /// Opens a file of the folder. The resolved path decides, so that no link leads outside.
-async fn open(dir: &Path, path: &str) -> Result<Found, Unread> {
+async fn open(dir: &Path, path: &str) -> Result<ServedFile, Unread> {
     if !is_plain(path) {
         return Err(Unread::NotThere);
     }
@@ -140,7 +140,7 @@ async fn open(dir: &Path, path: &str) -> Result<Found, Unread> {
     }
     let file = File::open(&place).await?;
     let written = seen.modified()?.duration_since(UNIX_EPOCH).unwrap_or_default();
-    Ok(Found {
+    Ok(ServedFile {
         file,
         kind,
         bytes: seen.len(),
@@ -163,7 +163,7 @@ fn kind_within(dir: &Path, place: &Path) -> Option<&'static str> {
     of_ending.filter(|_| is_plain(path)).map(|(_, kind)| *kind)
 }
 
-impl Found {
+impl ServedFile {
     fn response(self, asked: &HeaderMap) -> Response {
         let headers = [
             (header::ETAG, self.tag.clone()),

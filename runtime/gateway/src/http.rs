@@ -13,11 +13,11 @@ use crate::contract::routes::API;
 use crate::places::host_of;
 use crate::problem::Problem;
 use crate::server::Peer;
-use crate::shared::Shared;
+use crate::shared::ServerState;
 use crate::{access, hmi, hmi_dir, mqtt_socket, mtconnect, origin, rest, server, websocket};
 
 /// Creates the router of all HTTP paths.
-pub(crate) fn router(shared: Arc<Shared>, mtconnect: Option<&Agent>) -> Router {
+pub(crate) fn router(shared: Arc<ServerState>, mtconnect: Option<&Agent>) -> Router {
     let api = rest::routes()
         .merge(websocket::routes())
         .fallback(nothing_there)
@@ -42,8 +42,8 @@ pub(crate) fn router(shared: Arc<Shared>, mtconnect: Option<&Agent>) -> Router {
 
 /// Common steps of all requests: a slot for the connection, checks of Host and Origin, counting of responses, headers
 /// for browsers. They are one layer, because each layer costs every request half a microsecond.
-async fn enter(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
-    let place = server::hold_place(&shared, &request);
+async fn enter(State(shared): State<Arc<ServerState>>, request: Request, next: Next) -> Response {
+    let place = server::hold_slot(&shared, &request);
     let refusing = place.as_ref().filter(|place| !place.is_served());
     let mut response = if let Some(place) = refusing {
         place.refusal().into_response()

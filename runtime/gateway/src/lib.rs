@@ -60,18 +60,18 @@ use broker::{Broker, BrokerAccess};
 use broker_address::{BrokerAddress, Refused};
 use files::ConnectionLimits;
 use machine::Machine;
-use neighbours::{Listener, Neighbours};
-use places::PlaceLimits;
+use neighbours::{Listener, PeerMachines};
+use places::SlotLimits;
 use server::LimitedListener;
 use settings::bind;
-use shared::{MqttServer, Shared};
+use shared::{MqttServer, ServerState};
 use tls::LiveTls;
 
 pub use access::{
     NewToken, Role, TokenError, Tokens, certificate_entry, mosquitto_acl, new_token, pin_entry,
 };
 pub use error::GatewayError;
-pub use mqtt::{Connect, Event, Lost, MqttEnd, Named, Version, Wire};
+pub use mqtt::{BrokerStamp, Connect, ConnectionLoss, Event, MqttEnd, Version, Wire};
 pub use process::Usage;
 pub use settings::{GatewaySettings, HTTP_LISTEN, HmiSettings, MQTT_LISTEN, MqttSettings, MtconnectSettings};
 pub use tandem_mtconnect::Version as MtconnectVersion;
@@ -84,7 +84,7 @@ const HTTP_STOP_MAX: Duration = Duration::from_secs(2);
 pub struct Gateway {
     http_addr: SocketAddr,
     http: JoinHandle<()>,
-    shared: Arc<Shared>,
+    shared: Arc<ServerState>,
     mqtt: MqttEnd,
     broker: Option<Broker>,
 }
@@ -103,7 +103,7 @@ fn start_broker(
     settings: &GatewaySettings,
     root: &str,
     (users, machine): (Option<Users>, Machine),
-    (tls, limits): (Option<LiveTls>, PlaceLimits),
+    (tls, limits): (Option<LiveTls>, SlotLimits),
     refused: mpsc::Sender<Refused>,
 ) -> Result<Option<Broker>, GatewayError> {
     let Some(address) = settings.mqtt_address()? else {
@@ -139,12 +139,12 @@ fn listen(settings: &GatewaySettings) -> Result<(TcpListener, SocketAddr), Gatew
 /// Creates the access control of HTTP.
 fn access(users: Option<Users>, settings: &GatewaySettings) -> Access {
     Access::new(users)
-        .open_to(&settings.allow_origins)
+        .allow_origins(&settings.allow_origins)
         .stop_without_login(settings.hmi.stop_without_login)
 }
 
 /// Starts the listener to machines at the shared broker.
-fn start_listener(listener: Listener<BrokerAddress>, shared: &Shared) {
+fn start_listener(listener: Listener<BrokerAddress>, shared: &ServerState) {
     let listener = Arc::new(listener);
     let listening = move || {
         let listener = Arc::clone(&listener);
@@ -161,7 +161,7 @@ fn start_http(
     listener: LimitedListener,
     router: Router,
     tls: Option<LiveTls>,
-    shared: &Shared,
+    shared: &ServerState,
 ) -> JoinHandle<()> {
     let supervisor = shared.machine.supervisor();
     let listener = listener.supervised_by(supervisor.clone());
@@ -201,11 +201,12 @@ impl Gateway {
             (tls.clone(), limits.mqtt),
             refused_sender,
         )?;
-        let neighbours = Neighbours::new(&settings.machine, settings.hmi.machines.clone(), broker.is_none());
+        let neighbours =
+            PeerMachines::new(&settings.machine, settings.hmi.machines.clone(), broker.is_none());
         let position_interval = settings.position_interval();
         let stop = CancellationToken::new();
         let mtconnect = mtconnect::start(&settings, port, machine.supervisor(), &stop).await?;
-        let shared = Shared::new(
+        let shared = ServerState::new(
             machine.clone(),
             http_addr,
             if tls.is_some() { "https" } else { "http" },
@@ -215,10 +216,14 @@ impl Gateway {
             stop.clone(),
         )
         .with_hmi(settings.hmi)
-        .with_neighbours(Arc::clone(&neighbours))
-        .with_entrance(broker.as_ref().and_then(|broker| broker.entrance(&settings.mqtt)));
+        .with_peer_machines(Arc::clone(&neighbours))
+        .with_websocket_listener(
+            broker
+                .as_ref()
+                .and_then(|broker| broker.websocket_listener(&settings.mqtt)),
+        );
         if broker.is_none() {
-            let listener = Listener::beside(&settings.mqtt, &settings.machine, neighbours, stop.clone())?;
+            let listener = Listener::for_broker(&settings.mqtt, &settings.machine, neighbours, stop.clone())?;
             start_listener(listener, &shared);
         }
         let parts = mqtt::Parts {

@@ -44,12 +44,12 @@ pub(crate) struct Caller<'a> {
 
 /// A request that its user may make. Only [`Machine`] creates it.
 #[derive(Debug, PartialEq)]
-pub(crate) struct Authorized {
+pub(crate) struct AuthorizedRequest {
     request: Request,
     origin: Origin,
 }
 
-impl Authorized {
+impl AuthorizedRequest {
     /// The authorized request.
     pub(crate) fn request(&self) -> &Request {
         &self.request
@@ -84,7 +84,7 @@ impl Machine {
         &self,
         Caller { user, from, over }: Caller<'_>,
         parsed: ParsedRequest,
-    ) -> Result<Authorized, Refusal> {
+    ) -> Result<AuthorizedRequest, Refusal> {
         let presence = match user.name().filter(|_| parsed.right() == Right::Set) {
             Some(name) => self.presence_of(name).await,
             None => None,
@@ -94,7 +94,7 @@ impl Machine {
             handles.into_iter().any(|code| cs.is_none_or(|cs| code.cs == cs))
         };
         if let Err(text) = rules::check(user, &parsed, serves) {
-            self.note(
+            self.record_access(
                 AccessKind::Forbidden,
                 user.name(),
                 from,
@@ -104,7 +104,7 @@ impl Machine {
             return Err(forbidden(text));
         }
         self.shares.count(user, parsed.request())?;
-        Ok(Authorized {
+        Ok(AuthorizedRequest {
             origin: Origin {
                 user: user.name().map(ToOwned::to_owned),
                 from,
@@ -117,7 +117,7 @@ impl Machine {
     }
 
     /// Records an access in the journal.
-    pub(crate) fn note(
+    pub(crate) fn record_access(
         &self,
         what: AccessKind,
         user: Option<&str>,
@@ -139,18 +139,25 @@ impl Machine {
     ///
     /// # Errors
     /// `forbidden` for everything else.
-    pub(crate) fn judge_last_will(name: &str, parsed: ParsedRequest) -> Result<Authorized, Refusal> {
+    pub(crate) fn authorize_last_will(
+        name: &str,
+        parsed: ParsedRequest,
+    ) -> Result<AuthorizedRequest, Refusal> {
         match parsed.into_request() {
             Request::Handler(id, presence) if id == name && !presence.online => {
-                Ok(Self::gone(id, presence.instance, ServerTransport::Mqtt))
+                Ok(Self::offline_report(id, presence.instance, ServerTransport::Mqtt))
             }
             _ => Err(forbidden(format!("the token of {name:?} is no longer valid"))),
         }
     }
 
     /// Creates the report that a handler is offline, after the server has seen its connection end.
-    pub(crate) fn gone(handler_id: String, instance: Option<String>, over: ServerTransport) -> Authorized {
-        Authorized {
+    pub(crate) fn offline_report(
+        handler_id: String,
+        instance: Option<String>,
+        over: ServerTransport,
+    ) -> AuthorizedRequest {
+        AuthorizedRequest {
             origin: Origin {
                 user: Some(handler_id.clone()),
                 from: None,
@@ -158,13 +165,16 @@ impl Machine {
                 right: Right::Handle,
                 not_after: None,
             },
-            request: Request::Handler(handler_id, HandlerPresence::gone(instance)),
+            request: Request::Handler(handler_id, HandlerPresence::offline(instance)),
         }
     }
 
     /// Executes an authorized request.
-    pub(crate) fn carry_out(&self, authorized: Authorized) -> BoxFuture<'_, Result<Answer, Refusal>> {
-        self.shares.note(&authorized.request);
+    pub(crate) fn execute_request(
+        &self,
+        authorized: AuthorizedRequest,
+    ) -> BoxFuture<'_, Result<Answer, Refusal>> {
+        self.shares.record_offline(&authorized.request);
         self.port.request_from(authorized.origin, authorized.request)
     }
 

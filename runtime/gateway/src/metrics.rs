@@ -43,7 +43,7 @@ struct LinkState {
 
 impl BrokerLink {
     /// Records a connection.
-    pub(crate) fn take(&self, broker: Option<BrokerInUse>) {
+    pub(crate) fn record_connection(&self, broker: Option<BrokerInUse>) {
         *self.0.lock() = LinkState {
             in_use: broker.map(|broker| (broker, Instant::now())),
             is_lost: false,
@@ -51,7 +51,7 @@ impl BrokerLink {
     }
 
     /// Records a lost connection or a failed attempt.
-    pub(crate) fn lose(&self) {
+    pub(crate) fn record_loss(&self) {
         *self.0.lock() = LinkState {
             in_use: None,
             is_lost: true,

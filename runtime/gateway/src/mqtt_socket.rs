@@ -13,10 +13,10 @@ use axum::routing::get;
 use axum::{Extension, Router};
 use tokio::sync::Semaphore;
 
-use crate::broker::{Entrance, PACKET_MAX, SocketBytes};
+use crate::broker::{PACKET_MAX, SocketBytes, WebSocketListener};
 use crate::problem::Problem;
 use crate::server::Peer;
-use crate::shared::Shared;
+use crate::shared::ServerState;
 use crate::socket_limits;
 
 /// Path of the broker.
@@ -32,7 +32,7 @@ pub(crate) const SOCKETS_MAX: usize = 64;
 const _: () = assert!(PACKET_MAX < socket_limits::UNSENT_BYTES_MAX);
 
 /// Returns its route; none without an entrance to the broker.
-pub(crate) fn routes(entrance: Option<&Entrance>) -> Router<Arc<Shared>> {
+pub(crate) fn routes(entrance: Option<&WebSocketListener>) -> Router<Arc<ServerState>> {
     let Some(entrance) = entrance else {
         return Router::new();
     };
@@ -45,7 +45,7 @@ pub(crate) fn routes(entrance: Option<&Entrance>) -> Router<Arc<Shared>> {
 }
 
 fn upgrade_to(
-    entrance: Entrance,
+    entrance: WebSocketListener,
     sockets: Arc<Semaphore>,
     peer: Option<Peer>,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,

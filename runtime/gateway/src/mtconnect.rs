@@ -12,7 +12,7 @@ use tokio_util::sync::CancellationToken;
 use crate::access::guard::guard_reading;
 use crate::error::GatewayError;
 use crate::settings::{GatewaySettings, SHDR_LISTEN, bind};
-use crate::shared::Shared;
+use crate::shared::ServerState;
 
 /// Path of the agent.
 pub(crate) const ROOT: &str = "/mtconnect";
@@ -46,7 +46,7 @@ pub(crate) async fn start(
 }
 
 /// Its routes.
-pub(crate) fn routes(agent: Option<&Agent>, shared: &Arc<Shared>) -> Router<Arc<Shared>> {
+pub(crate) fn routes(agent: Option<&Agent>, shared: &Arc<ServerState>) -> Router<Arc<ServerState>> {
     let Some(agent) = agent else { return Router::new() };
     let guarded = agent
         .router()

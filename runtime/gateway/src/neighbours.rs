@@ -18,26 +18,26 @@ use registry::Registry;
 
 /// The other machines, and those of the configuration.
 #[derive(Debug)]
-pub(crate) struct Neighbours {
+pub(crate) struct PeerMachines {
     /// `[hmi] machines`.
     addresses: Vec<String>,
-    heard: Mutex<Heard>,
+    heard: Mutex<PeerMachinesState>,
     asked: Notify,
 }
 
 #[derive(Debug)]
-struct Heard {
+struct PeerMachinesState {
     broker: SharedBroker,
     registry: Registry,
     asked_at: Instant,
 }
 
-impl Neighbours {
+impl PeerMachines {
     /// Creates the state for this machine, with an external broker or without one.
     pub(crate) fn new(machine: &str, addresses: Vec<String>, has_shared_broker: bool) -> Arc<Self> {
         Arc::new(Self {
             addresses,
-            heard: Mutex::new(Heard {
+            heard: Mutex::new(PeerMachinesState {
                 broker: if has_shared_broker {
                     SharedBroker::Connecting
                 } else {

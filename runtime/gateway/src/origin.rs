@@ -15,7 +15,7 @@ use tower_http::cors::{AllowOrigin, CorsLayer};
 
 use crate::contract::routes::ROUTES;
 use crate::problem::Problem;
-use crate::shared::Shared;
+use crate::shared::ServerState;
 
 /// How long a browser remembers the headers that pages of another origin may send.
 const PREFLIGHT_AGE: Duration = Duration::from_mins(10);
@@ -44,7 +44,7 @@ fn listed_headers() -> Vec<HeaderName> {
 }
 
 /// Admits requests with the server's own Host, and its own Origin or none.
-pub(crate) fn admit(shared: &Shared, request: &Request) -> Result<(), Problem> {
+pub(crate) fn admit(shared: &ServerState, request: &Request) -> Result<(), Problem> {
     check(
         request.uri(),
         request.headers(),

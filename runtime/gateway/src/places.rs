@@ -16,7 +16,7 @@ use tokio_util::sync::CancellationToken;
 
 /// Limits of open connections.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct PlaceLimits {
+pub(crate) struct SlotLimits {
     /// All connections.
     pub(crate) all: usize,
     /// Connections of one host. Reason: one host must not take all slots. The loopback may.
@@ -27,7 +27,7 @@ pub(crate) struct PlaceLimits {
     pub(crate) known: usize,
 }
 
-impl PlaceLimits {
+impl SlotLimits {
     /// Scales the limits to the available files, relative to those that all listeners want, but never below eight
     /// connections.
     pub(crate) fn scaled(self, files: u64, wanted: u64) -> Self {
@@ -53,21 +53,21 @@ pub(crate) fn host_of(address: IpAddr) -> IpAddr {
 
 /// Connection slots of one listener.
 #[derive(Debug)]
-pub(crate) struct Places {
-    limits: PlaceLimits,
+pub(crate) struct ConnectionSlots {
+    limits: SlotLimits,
     begun: Instant,
-    table: Mutex<Table>,
+    table: Mutex<SlotTable>,
 }
 
 #[derive(Debug, Default)]
-struct Table {
+struct SlotTable {
     /// Number of the latest connection.
     latest: u64,
-    open: HashMap<u64, Open>,
+    open: HashMap<u64, OpenConnection>,
 }
 
 #[derive(Debug)]
-struct Open {
+struct OpenConnection {
     host: IpAddr,
     is_known: bool,
     /// Pending requests of the connection.
@@ -79,19 +79,19 @@ struct Open {
 
 /// Connection slot; it becomes free when this is dropped.
 #[derive(Debug)]
-pub(crate) struct Place {
+pub(crate) struct ConnectionSlot {
     number: u64,
-    places: Arc<Places>,
+    places: Arc<ConnectionSlots>,
     moved_ms: Arc<AtomicU64>,
     leave: CancellationToken,
 }
 
 /// Pending request of a connection, which is not evicted meanwhile.
 #[derive(Debug)]
-pub(crate) struct Busy(Arc<Place>);
+pub(crate) struct PendingUse(Arc<ConnectionSlot>);
 
-impl Places {
-    pub(crate) fn new(limits: PlaceLimits) -> Arc<Self> {
+impl ConnectionSlots {
+    pub(crate) fn new(limits: SlotLimits) -> Arc<Self> {
         Arc::new(Self {
             limits,
             begun: Instant::now(),
@@ -100,23 +100,23 @@ impl Places {
     }
 
     /// Takes a slot for a new connection, if necessary by eviction. Returns `None` if its host can have none.
-    pub(crate) fn take(self: &Arc<Self>, address: IpAddr) -> Option<Place> {
+    pub(crate) fn acquire_slot(self: &Arc<Self>, address: IpAddr) -> Option<ConnectionSlot> {
         let host = host_of(address);
         let (moved_ms, leave) = (Arc::new(AtomicU64::new(self.now_ms())), CancellationToken::new());
         let mut table = self.table.lock();
-        let of_host = |open: &Open| open.host == host;
-        if !host.is_loopback() && table.count(of_host) >= self.limits.of_one && !table.give_way(of_host) {
+        let of_host = |open: &OpenConnection| open.host == host;
+        if !host.is_loopback() && table.count(of_host) >= self.limits.of_one && !table.evict_one(of_host) {
             return None;
         }
-        let is_stranger = |open: &Open| !open.is_known;
+        let is_stranger = |open: &OpenConnection| !open.is_known;
         let is_full =
             table.open.len() >= self.limits.all || table.count(is_stranger) >= self.limits.strangers;
-        if is_full && !table.give_way(is_stranger) {
+        if is_full && !table.evict_one(is_stranger) {
             return None;
         }
         table.latest += 1;
         let number = table.latest;
-        let open = Open {
+        let open = OpenConnection {
             host,
             is_known: false,
             busy: 0,
@@ -124,7 +124,7 @@ impl Places {
             leave: leave.clone(),
         };
         table.open.insert(number, open);
-        Some(Place {
+        Some(ConnectionSlot {
             number,
             places: Arc::clone(self),
             moved_ms,
@@ -144,18 +144,18 @@ impl Places {
     }
 }
 
-impl Table {
-    fn count(&self, fits: impl Fn(&Open) -> bool) -> usize {
+impl SlotTable {
+    fn count(&self, fits: impl Fn(&OpenConnection) -> bool) -> usize {
         self.open.values().filter(|open| fits(open)).count()
     }
 
     /// Evicts one of the connections that `fits` accepts. Returns `false` if none may be evicted.
-    fn give_way(&mut self, fits: impl Fn(&Open) -> bool) -> bool {
+    fn evict_one(&mut self, fits: impl Fn(&OpenConnection) -> bool) -> bool {
         let mut strangers: HashMap<IpAddr, usize> = HashMap::new();
         for open in self.open.values().filter(|open| !open.is_known) {
             *strangers.entry(open.host).or_default() += 1;
         }
-        let may_go = |(_, open): &(&u64, &Open)| open.busy == 0 && fits(open);
+        let may_go = |(_, open): &(&u64, &OpenConnection)| open.busy == 0 && fits(open);
         let chosen = self.open.iter().filter(may_go).min_by_key(|(number, open)| {
             if open.is_known {
                 (true, 0, open.moved_ms.load(Ordering::Relaxed), **number)
@@ -174,22 +174,22 @@ impl Table {
     }
 }
 
-impl Place {
+impl ConnectionSlot {
     /// Marks the client as authenticated. Returns `false` if the slots of known clients are used up, so that it stays a
     /// stranger, and if it was evicted.
     ///
     /// `reserved` slots of known clients are kept for other clients.
-    pub(crate) fn know(&self, reserved: usize) -> bool {
+    pub(crate) fn mark_known(&self, reserved: usize) -> bool {
         let mut table = self.places.table.lock();
         match table.open.get(&self.number) {
             None => return false,
             Some(open) if open.is_known => return true,
             Some(_) => {}
         }
-        let is_known = |open: &Open| open.is_known;
+        let is_known = |open: &OpenConnection| open.is_known;
         let reserved = reserved.min(self.places.limits.known / 2);
         let is_full = table.count(is_known) + reserved >= self.places.limits.known;
-        if is_full && !table.give_way(is_known) {
+        if is_full && !table.evict_one(is_known) {
             return false;
         }
         if let Some(open) = table.open.get_mut(&self.number) {
@@ -205,21 +205,21 @@ impl Place {
     }
 
     /// Protects the connection from eviction while the result exists. Returns `None` if it was already evicted.
-    pub(crate) fn busy(self: &Arc<Self>) -> Option<Busy> {
+    pub(crate) fn protect_while_pending(self: &Arc<Self>) -> Option<PendingUse> {
         let mut table = self.places.table.lock();
         table.open.get_mut(&self.number)?.busy += 1;
-        Some(Busy(Arc::clone(self)))
+        Some(PendingUse(Arc::clone(self)))
     }
 
     /// Protects the connection from eviction permanently.
-    pub(crate) fn stay(&self) {
+    pub(crate) fn protect_permanently(&self) {
         if let Some(open) = self.places.table.lock().open.get_mut(&self.number) {
             open.busy += 1;
         }
     }
 
     /// Records that bytes were transferred.
-    pub(crate) fn moved(&self) {
+    pub(crate) fn record_transfer(&self) {
         self.moved_ms.store(self.places.now_ms(), Ordering::Relaxed);
     }
 
@@ -229,20 +229,20 @@ impl Place {
     }
 
     /// Token that is cancelled when the connection is evicted.
-    pub(crate) fn leave(&self) -> CancellationToken {
+    pub(crate) fn eviction_token(&self) -> CancellationToken {
         self.leave.clone()
     }
 }
 
-impl Drop for Place {
+impl Drop for ConnectionSlot {
     fn drop(&mut self) {
         self.places.table.lock().open.remove(&self.number);
     }
 }
 
-impl Drop for Busy {
+impl Drop for PendingUse {
     fn drop(&mut self) {
-        self.0.moved();
+        self.0.record_transfer();
         if let Some(open) = self.0.places.table.lock().open.get_mut(&self.0.number) {
             open.busy -= 1;
         }
@@ -256,7 +256,7 @@ pub(crate) const ACCEPT_RETRY: Duration = Duration::from_millis(100);
 mod tests {
     use super::*;
 
-    const LIMITS: PlaceLimits = PlaceLimits {
+    const LIMITS: SlotLimits = SlotLimits {
         all: 8,
         of_one: 4,
         strangers: 6,
@@ -267,7 +267,7 @@ mod tests {
         [10, 0, 0, last].into()
     }
 
-    fn gone(places: &[Place]) -> Vec<usize> {
+    fn evicted(places: &[ConnectionSlot]) -> Vec<usize> {
         let gone = places.iter().enumerate();
         gone.filter(|(_, place)| place.leave.is_cancelled())
             .map(|(n, _)| n)
@@ -276,55 +276,58 @@ mod tests {
 
     #[tokio::test]
     async fn strangers_give_way_and_those_of_the_host_with_the_most_first() {
-        let places = Places::new(LIMITS);
-        let other = places.take(host(1)).unwrap();
-        let mut of_attacker: Vec<_> = (0..4).map(|_| places.take(host(2)).unwrap()).collect();
-        assert_eq!(gone(&of_attacker), [0; 0]);
-        of_attacker.push(places.take(host(2)).unwrap());
+        let places = ConnectionSlots::new(LIMITS);
+        let other = places.acquire_slot(host(1)).unwrap();
+        let mut of_attacker: Vec<_> = (0..4).map(|_| places.acquire_slot(host(2)).unwrap()).collect();
+        assert_eq!(evicted(&of_attacker), [0; 0]);
+        of_attacker.push(places.acquire_slot(host(2)).unwrap());
         assert_eq!(
-            gone(&of_attacker),
+            evicted(&of_attacker),
             [0],
             "one host has a limit, and its oldest connection is evicted"
         );
-        let third = places.take(host(3)).unwrap();
-        let _fourth = places.take(host(4)).unwrap();
-        assert_eq!(gone(&of_attacker), [0, 1], "beyond all strangers");
+        let third = places.acquire_slot(host(3)).unwrap();
+        let _fourth = places.acquire_slot(host(4)).unwrap();
+        assert_eq!(evicted(&of_attacker), [0, 1], "beyond all strangers");
         assert!(!other.leave.is_cancelled() && !third.leave.is_cancelled());
-        assert!(other.know(0));
-        assert!(!of_attacker[0].know(0));
+        assert!(other.mark_known(0));
+        assert!(!of_attacker[0].mark_known(0));
         drop((of_attacker, other, third));
         assert_eq!(places.counts(), (1, 0));
     }
 
     #[tokio::test(start_paused = true)]
     async fn known_ones_give_way_last_and_only_while_they_are_idle() {
-        let places = Places::new(LIMITS);
+        let places = ConnectionSlots::new(LIMITS);
         let local = IpAddr::from([127, 0, 0, 1]);
         let known: Vec<_> = (0..6)
             .map(|_| {
-                let place = Arc::new(places.take(local).unwrap());
-                assert!(place.know(0));
+                let place = Arc::new(places.acquire_slot(local).unwrap());
+                assert!(place.mark_known(0));
                 place
             })
             .collect();
         tokio::time::advance(Duration::from_secs(1)).await;
-        known[0].moved();
-        let busy = known[1].busy().unwrap();
-        let next = places.take(local).unwrap();
+        known[0].record_transfer();
+        let busy = known[1].protect_while_pending().unwrap();
+        let next = places.acquire_slot(local).unwrap();
         assert_eq!(places.counts(), (7, 6));
-        assert!(next.know(0));
+        assert!(next.mark_known(0));
         assert!(
             known[2].leave.is_cancelled(),
             "the connection that was idle longest"
         );
-        let all: Vec<_> = known.iter().filter_map(Place::busy).collect();
+        let all: Vec<_> = known
+            .iter()
+            .filter_map(ConnectionSlot::protect_while_pending)
+            .collect();
         assert_eq!(all.len(), 5);
         let next = Arc::new(next);
-        let _busy_too = next.busy().unwrap();
-        let late = places.take(local).unwrap();
-        assert!(!late.know(0), "it may still be served as a stranger");
+        let _busy_too = next.protect_while_pending().unwrap();
+        let late = places.acquire_slot(local).unwrap();
+        assert!(!late.mark_known(0), "it may still be served as a stranger");
         drop((busy, all));
-        assert!(late.know(0));
+        assert!(late.mark_known(0));
     }
 
     #[tokio::test]
@@ -335,17 +338,22 @@ mod tests {
         assert_eq!(of("::ffff:10.0.0.1"), of("10.0.0.1"));
         assert_ne!(of("::ffff:10.0.0.1"), of("::ffff:10.0.0.2"));
         assert!(of("::1").is_loopback() && of("::ffff:127.0.0.1").is_loopback());
-        let places = Places::new(LIMITS);
+        let places = ConnectionSlots::new(LIMITS);
         let of_one: Vec<_> = (0..5)
             .map(|n| {
-                let place = places.take(format!("2001:db8::{n}").parse().unwrap()).unwrap();
-                assert!(place.know(0));
+                let place = places
+                    .acquire_slot(format!("2001:db8::{n}").parse().unwrap())
+                    .unwrap();
+                assert!(place.mark_known(0));
                 Arc::new(place)
             })
             .collect();
         assert_eq!(places.counts(), (4, 4), "the idle connection was evicted");
-        let _busy: Vec<_> = of_one.iter().filter_map(Place::busy).collect();
-        assert!(places.take("2001:db8::ffff".parse().unwrap()).is_none());
-        assert!(places.take("2001:db8:0:1::".parse().unwrap()).is_some());
+        let _busy: Vec<_> = of_one
+            .iter()
+            .filter_map(ConnectionSlot::protect_while_pending)
+            .collect();
+        assert!(places.acquire_slot("2001:db8::ffff".parse().unwrap()).is_none());
+        assert!(places.acquire_slot("2001:db8:0:1::".parse().unwrap()).is_some());
     }
 }

@@ -16,12 +16,12 @@ use tokio::time::Instant;
 const WATCHED_MAX: usize = 2 * HANDLERS_MAX;
 
 /// A handler and its instance.
-pub(crate) type Named = (String, Option<String>);
+pub(crate) type HandlerInstance = (String, Option<String>);
 
 /// Presences that expire.
 #[derive(Debug, Default)]
 pub(crate) struct PresenceAges {
-    ages: BTreeMap<Named, Age>,
+    ages: BTreeMap<HandlerInstance, Age>,
     /// There is no connection, so no age increases.
     is_paused: bool,
 }
@@ -36,7 +36,13 @@ struct Age {
 
 impl PresenceAges {
     /// Records a received presence.
-    pub(crate) fn hear(&mut self, id: &str, presence: &HandlerPresence, retain: bool, now: Instant) {
+    pub(crate) fn record_presence(
+        &mut self,
+        id: &str,
+        presence: &HandlerPresence,
+        retain: bool,
+        now: Instant,
+    ) {
         let named = (id.to_owned(), presence.instance.clone());
         let Some(expires_ms) = presence.expires_ms.filter(|_| presence.online) else {
             self.ages.remove(&named);
@@ -61,7 +67,7 @@ impl PresenceAges {
     }
 
     /// Restarts all ages after a reconnect, because no presence could arrive in the meantime.
-    pub(crate) fn begin_anew(&mut self, now: Instant) {
+    pub(crate) fn restart_ages(&mut self, now: Instant) {
         self.is_paused = false;
         for age in self.ages.values_mut() {
             age.heard = now;
@@ -75,15 +81,17 @@ impl PresenceAges {
     }
 
     /// Returns when the first presence expires if it is not renewed.
-    pub(crate) fn next_end(&self) -> Option<Instant> {
+    pub(crate) fn next_expiry(&self) -> Option<Instant> {
         let ages = self.ages.values().filter(|_| !self.is_paused);
-        ages.map(Age::end).min()
+        ages.map(Age::expires_at).min()
     }
 
     /// Removes and returns the expired presences.
-    pub(crate) fn take_ended(&mut self, now: Instant) -> Vec<Named> {
+    pub(crate) fn take_expired(&mut self, now: Instant) -> Vec<HandlerInstance> {
         let is_paused = self.is_paused;
-        let ended = self.ages.extract_if(.., |_, age| !is_paused && age.end() <= now);
+        let ended = self
+            .ages
+            .extract_if(.., |_, age| !is_paused && age.expires_at() <= now);
         ended.map(|(named, _)| named).collect()
     }
 }
@@ -97,7 +105,7 @@ impl Age {
         }
     }
 
-    fn end(&self) -> Instant {
+    fn expires_at(&self) -> Instant {
         self.heard + self.expires
     }
 }
@@ -115,7 +123,7 @@ mod tests {
         }
     }
 
-    fn cell() -> Vec<Named> {
+    fn cell() -> Vec<HandlerInstance> {
         vec![("cell".to_owned(), Some("a".to_owned()))]
     }
 
@@ -126,40 +134,40 @@ mod tests {
     #[test]
     fn a_presence_ends_at_its_age_unless_it_is_said_again_or_taken_back() {
         let (mut ages, begin) = (PresenceAges::default(), Instant::now());
-        ages.hear("cell", &presence(Some(900)), false, begin);
-        ages.hear("old", &presence(None), false, begin);
-        ages.hear("cell", &presence(Some(900)), false, begin + ms(300));
-        assert_eq!(ages.next_end(), Some(begin + ms(1200)));
-        assert_eq!(ages.take_ended(begin + ms(1199)), []);
-        assert_eq!(ages.take_ended(begin + ms(1200)), cell());
-        assert_eq!(ages.next_end(), None, "without an age there is no end");
-        ages.hear("cell", &presence(Some(900)), false, begin);
-        let gone = HandlerPresence::gone(Some("a".to_owned()));
-        ages.hear("cell", &gone, false, begin);
-        assert_eq!(ages.next_end(), None);
+        ages.record_presence("cell", &presence(Some(900)), false, begin);
+        ages.record_presence("old", &presence(None), false, begin);
+        ages.record_presence("cell", &presence(Some(900)), false, begin + ms(300));
+        assert_eq!(ages.next_expiry(), Some(begin + ms(1200)));
+        assert_eq!(ages.take_expired(begin + ms(1199)), []);
+        assert_eq!(ages.take_expired(begin + ms(1200)), cell());
+        assert_eq!(ages.next_expiry(), None, "without an age there is no end");
+        ages.record_presence("cell", &presence(Some(900)), false, begin);
+        let gone = HandlerPresence::offline(Some("a".to_owned()));
+        ages.record_presence("cell", &gone, false, begin);
+        assert_eq!(ages.next_expiry(), None);
     }
 
     #[test]
     fn an_outage_ends_nothing_and_a_retained_presence_renews_nothing() {
         let (mut ages, begin) = (PresenceAges::default(), Instant::now());
-        ages.hear("cell", &presence(Some(900)), false, begin);
+        ages.record_presence("cell", &presence(Some(900)), false, begin);
         ages.pause();
         assert_eq!(
-            (ages.next_end(), ages.take_ended(begin + ms(30_000))),
+            (ages.next_expiry(), ages.take_expired(begin + ms(30_000))),
             (None, vec![])
         );
         let connected = begin + ms(60_000);
-        ages.begin_anew(connected);
-        assert_eq!(ages.take_ended(connected + ms(899)), []);
-        ages.hear("cell", &presence(Some(900)), true, connected + ms(500));
+        ages.restart_ages(connected);
+        assert_eq!(ages.take_expired(connected + ms(899)), []);
+        ages.record_presence("cell", &presence(Some(900)), true, connected + ms(500));
         assert_eq!(
-            ages.next_end(),
+            ages.next_expiry(),
             Some(connected + ms(900)),
             "the broker had retained it"
         );
-        ages.hear("cell", &presence(Some(900)), true, connected + ms(800));
+        ages.record_presence("cell", &presence(Some(900)), true, connected + ms(800));
         assert_eq!(
-            ages.next_end(),
+            ages.next_expiry(),
             Some(connected + ms(1700)),
             "the presence was repeated"
         );
@@ -168,17 +176,17 @@ mod tests {
     #[test]
     fn handler_known_by_retained_presence_has_its_expiry_to_repeat_it() {
         let (mut ages, begin) = (PresenceAges::default(), Instant::now());
-        ages.begin_anew(begin);
-        ages.hear("cell", &presence(Some(900)), true, begin + ms(5));
-        assert_eq!(ages.take_ended(begin + ms(905)), cell());
+        ages.restart_ages(begin);
+        ages.record_presence("cell", &presence(Some(900)), true, begin + ms(5));
+        assert_eq!(ages.take_expired(begin + ms(905)), cell());
     }
 
     #[test]
     fn the_presences_that_are_watched_are_bounded() {
         let (mut ages, begin) = (PresenceAges::default(), Instant::now());
         for n in 0..WATCHED_MAX + 5 {
-            ages.hear(&n.to_string(), &presence(Some(900)), false, begin);
+            ages.record_presence(&n.to_string(), &presence(Some(900)), false, begin);
         }
-        assert_eq!(ages.take_ended(begin + ms(900)).len(), WATCHED_MAX);
+        assert_eq!(ages.take_expired(begin + ms(900)).len(), WATCHED_MAX);
     }
 }

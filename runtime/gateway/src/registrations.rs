@@ -29,43 +29,43 @@ impl Registrations {
     ///
     /// # Errors
     /// Returns `unavailable` if the limit of watched presences is reached.
-    pub(crate) fn begin(&self, id: &str, presence: &HandlerPresence) -> Result<(), Refusal> {
+    pub(crate) fn add_registration(&self, id: &str, presence: &HandlerPresence) -> Result<(), Refusal> {
         let mut ages = self.ages.lock();
         if !ages.has_room(id, presence) {
             let text =
                 "too many handlers are registered over HTTP; end some, or wait until their presences expire";
             return Err(Refusal::new(RefusalCode::Unavailable, text));
         }
-        ages.hear(id, presence, false, Instant::now());
+        ages.record_presence(id, presence, false, Instant::now());
         self.changed.notify_one();
         Ok(())
     }
 
     /// Ends the watch: the machine did not accept the presence, or the handler has left.
-    pub(crate) fn end(&self, id: &str, instance: Option<&String>) {
-        let gone = HandlerPresence::gone(instance.cloned());
-        self.ages.lock().hear(id, &gone, false, Instant::now());
+    pub(crate) fn remove_registration(&self, id: &str, instance: Option<&String>) {
+        let gone = HandlerPresence::offline(instance.cloned());
+        self.ages.lock().record_presence(id, &gone, false, Instant::now());
     }
 
     /// Reports handlers whose presence expires, until it is dropped.
     pub(crate) async fn watch(&self, machine: &Machine) {
         loop {
-            let next = self.ages.lock().next_end();
+            let next = self.ages.lock().next_expiry();
             tokio::select! {
                 () = self.changed.notified() => continue,
                 () = tokio::time::sleep_until(next.unwrap_or_else(Instant::now)), if next.is_some() => {}
             }
             let now = Instant::now();
             if next.is_some_and(|due| now.duration_since(due) > STALL) {
-                self.ages.lock().begin_anew(now);
+                self.ages.lock().restart_ages(now);
                 continue;
             }
-            let ended = self.ages.lock().take_ended(now);
+            let ended = self.ages.lock().take_expired(now);
             for (id, instance) in ended {
                 warn!("handler {id:?} did not register again within its expires_ms and is lost");
-                let gone = Machine::gone(id, instance, ServerTransport::Rest);
+                let gone = Machine::offline_report(id, instance, ServerTransport::Rest);
                 // fails if the runtime is stopping
-                let _ = machine.carry_out(gone).await;
+                let _ = machine.execute_request(gone).await;
             }
         }
     }
@@ -88,7 +88,7 @@ mod tests {
     }
 
     /// Returns the handlers that were reported as offline.
-    fn gone(port: &StubPort) -> Vec<String> {
+    fn offline_handlers(port: &StubPort) -> Vec<String> {
         let asked = port.asked();
         let gone = asked.into_iter().filter_map(|request| match request {
             Request::Handler(id, presence) if !presence.online => Some(id),
@@ -103,15 +103,15 @@ mod tests {
         let machine = Machine::new(port.clone());
         let registrations = Registrations::default();
         let test = async {
-            registrations.begin("cell", &presence(900)).unwrap();
-            registrations.begin("left", &presence(900)).unwrap();
-            registrations.end("left", Some(&"a".to_owned()));
+            registrations.add_registration("cell", &presence(900)).unwrap();
+            registrations.add_registration("left", &presence(900)).unwrap();
+            registrations.remove_registration("left", Some(&"a".to_owned()));
             tokio::time::sleep(Duration::from_millis(800)).await;
-            registrations.begin("cell", &presence(900)).unwrap();
+            registrations.add_registration("cell", &presence(900)).unwrap();
             tokio::time::sleep(Duration::from_millis(899)).await;
-            assert_eq!(gone(&port), <[&str; 0]>::default());
+            assert_eq!(offline_handlers(&port), <[&str; 0]>::default());
             tokio::time::sleep(Duration::from_millis(2)).await;
-            assert_eq!(gone(&port), ["cell"]);
+            assert_eq!(offline_handlers(&port), ["cell"]);
         };
         tokio::select! {
             () = registrations.watch(&machine) => {}

@@ -27,13 +27,13 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tower::Layer;
 
-use crate::places::{ACCEPT_RETRY, Busy, Place, PlaceLimits, Places};
+use crate::places::{ACCEPT_RETRY, ConnectionSlot, ConnectionSlots, PendingUse, SlotLimits};
 use crate::problem::Problem;
-use crate::shared::Shared;
+use crate::shared::ServerState;
 use crate::tls::{Accepted, ClientStream, Fingerprint, LiveTls};
 
 /// Limits of connection slots.
-pub(crate) const PLACES: PlaceLimits = PlaceLimits {
+pub(crate) const PLACES: SlotLimits = SlotLimits {
     all: 256,
     of_one: 64,
     strangers: 192,
@@ -99,10 +99,10 @@ pub(crate) async fn serve(
             () = stop.cancelled() => break,
         };
         let (builder, router, tls, stop) = (builder.clone(), router.clone(), tls.clone(), stop.clone());
-        let leave = place.leave();
+        let leave = place.eviction_token();
         let place = Arc::new(place);
         let serving = async move {
-            let Some(accepted) = let_in(stream, tls.as_ref()).await else {
+            let Some(accepted) = accept_client(stream, tls.as_ref()).await else {
                 return;
             };
             let peer = Peer {
@@ -137,7 +137,7 @@ pub(crate) async fn serve(
 }
 
 /// Accepts a client. If there is a certificate and the client does not use TLS, it receives a rejection.
-async fn let_in(stream: TcpStream, tls: Option<&LiveTls>) -> Option<Accepted> {
+async fn accept_client(stream: TcpStream, tls: Option<&LiveTls>) -> Option<Accepted> {
     let Some(tls) = tls else {
         return Some(Accepted::plain(stream));
     };
@@ -167,32 +167,32 @@ pub(crate) fn is_urgent(method: &Method, path: &str) -> bool {
 }
 
 /// Connection slot while one of its requests is served.
-pub(crate) struct HeldPlace {
-    place: Arc<Place>,
+pub(crate) struct HeldSlot {
+    place: Arc<ConnectionSlot>,
     is_known: bool,
     /// `None` if the request must not be served.
-    busy: Option<Busy>,
+    busy: Option<PendingUse>,
 }
 
 /// Marks the client as known if it presents a token or needs none. Returns `None` without a connection, in a test of
 /// the router.
-pub(crate) fn hold_place(shared: &Shared, request: &Request) -> Option<HeldPlace> {
-    let place = Arc::clone(request.extensions().get::<Arc<Place>>()?);
+pub(crate) fn hold_slot(shared: &ServerState, request: &Request) -> Option<HeldSlot> {
+    let place = Arc::clone(request.extensions().get::<Arc<ConnectionSlot>>()?);
     let is_user = place.is_known()
         || shared
             .access
-            .knows(request.headers(), certificate_of(request.extensions()));
-    let is_known = is_user && place.know(0);
+            .is_from_user(request.headers(), certificate_of(request.extensions()));
+    let is_known = is_user && place.mark_known(0);
     let is_full = is_user && !is_known && !is_urgent(request.method(), request.uri().path());
-    let busy = place.busy().filter(|_| !is_full);
-    Some(HeldPlace {
+    let busy = place.protect_while_pending().filter(|_| !is_full);
+    Some(HeldSlot {
         place,
         is_known,
         busy,
     })
 }
 
-impl HeldPlace {
+impl HeldSlot {
     /// True when its request is to be served.
     pub(crate) fn is_served(&self) -> bool {
         self.busy.is_some()
@@ -211,7 +211,7 @@ impl HeldPlace {
     pub(crate) fn answered(self, response: &mut Response) {
         if response.status() == StatusCode::SWITCHING_PROTOCOLS {
             // from now on it is a WebSocket, which has its own limit
-            self.place.stay();
+            self.place.protect_permanently();
         } else if !self.is_known {
             let close = HeaderValue::from_static("close");
             response.headers_mut().insert(header::CONNECTION, close);
@@ -223,15 +223,15 @@ impl HeldPlace {
 #[derive(Debug)]
 pub(crate) struct LimitedListener {
     listener: TcpListener,
-    places: Arc<Places>,
+    places: Arc<ConnectionSlots>,
     supervisor: Supervisor,
 }
 
 impl LimitedListener {
-    pub(crate) fn new(listener: TcpListener, limits: PlaceLimits) -> Self {
+    pub(crate) fn new(listener: TcpListener, limits: SlotLimits) -> Self {
         Self {
             listener,
-            places: Places::new(limits),
+            places: ConnectionSlots::new(limits),
             supervisor: Supervisor::default(),
         }
     }
@@ -241,7 +241,7 @@ impl LimitedListener {
         Self { supervisor, ..self }
     }
 
-    async fn accept(&self) -> (TcpStream, SocketAddr, Place) {
+    async fn accept(&self) -> (TcpStream, SocketAddr, ConnectionSlot) {
         loop {
             let (stream, address) = match self.listener.accept().await {
                 Ok(accepted) => accepted,
@@ -251,7 +251,7 @@ impl LimitedListener {
                     continue;
                 }
             };
-            let Some(place) = self.places.take(address.ip()) else {
+            let Some(place) = self.places.acquire_slot(address.ip()) else {
                 continue;
             };
             // without it responses are only slower
@@ -269,7 +269,7 @@ impl LimitedListener {
 pub(crate) struct Connection {
     stream: ClientStream,
     silence: Pin<Box<Sleep>>,
-    place: Arc<Place>,
+    place: Arc<ConnectionSlot>,
     /// The latest write found no room.
     is_blocked: bool,
     /// When the connection is closed, unless the client has read all sent data by then.
@@ -279,7 +279,7 @@ pub(crate) struct Connection {
 }
 
 impl Connection {
-    fn new(stream: ClientStream, place: Arc<Place>) -> Self {
+    fn new(stream: ClientStream, place: Arc<ConnectionSlot>) -> Self {
         Self {
             stream,
             silence: Box::pin(tokio::time::sleep(SILENCE_MAX)),
@@ -295,10 +295,12 @@ impl Connection {
         match result {
             Poll::Ready(result) => {
                 self.silence.as_mut().reset(Instant::now() + SILENCE_MAX);
-                self.place.moved();
+                self.place.record_transfer();
                 Poll::Ready(result)
             }
-            Poll::Pending if self.is_deaf(context) => Poll::Ready(Err(io::ErrorKind::TimedOut.into())),
+            Poll::Pending if self.is_unresponsive(context) => {
+                Poll::Ready(Err(io::ErrorKind::TimedOut.into()))
+            }
             Poll::Pending => self
                 .silence
                 .as_mut()
@@ -308,7 +310,7 @@ impl Connection {
     }
 
     /// Records the result of a write or flush of the layers above, and wakes the reader that waits for room.
-    fn note_room<T>(&mut self, result: &Poll<io::Result<T>>) {
+    fn record_room<T>(&mut self, result: &Poll<io::Result<T>>) {
         self.is_blocked = result.is_pending();
         if self.is_blocked {
             let begin = || Box::pin(tokio::time::sleep(UNTAKEN_MAX));
@@ -324,7 +326,7 @@ impl Connection {
         context: &mut Context<'_>,
         result: Poll<io::Result<usize>>,
     ) -> Poll<io::Result<usize>> {
-        self.note_room(&result);
+        self.record_room(&result);
         if let (Poll::Ready(Ok(count)), Some(untaken)) = (&result, &mut self.untaken) {
             let bytes = u32::try_from(*count).unwrap_or(u32::MAX);
             let later = untaken.deadline() + Duration::from_secs(1).saturating_mul(bytes) / TAKEN_RATE_MIN;
@@ -334,7 +336,7 @@ impl Connection {
     }
 
     /// Returns `true` if the client has not read the sent data within the limit.
-    fn is_deaf(&mut self, context: &mut Context<'_>) -> bool {
+    fn is_unresponsive(&mut self, context: &mut Context<'_>) -> bool {
         (self.untaken.as_mut()).is_some_and(|untaken| untaken.as_mut().poll(context).is_ready())
     }
 }
@@ -367,7 +369,7 @@ impl AsyncWrite for Connection {
 
     fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         let result = Pin::new(&mut self.stream).poll_flush(context);
-        self.note_room(&result);
+        self.record_room(&result);
         if result.is_ready() {
             // the layers above flush when they have written everything
             self.untaken = None;

@@ -18,10 +18,10 @@ use tokio_util::task::TaskTracker;
 
 use crate::access::Account;
 use crate::access::http::Access;
-use crate::broker::Entrance;
-use crate::machine::{Authorized, Machine};
+use crate::broker::WebSocketListener;
+use crate::machine::{AuthorizedRequest, Machine};
 use crate::metrics::Metrics;
-use crate::neighbours::Neighbours;
+use crate::neighbours::PeerMachines;
 use crate::problem::Problem;
 use crate::registrations::Registrations;
 use crate::settings::{HmiSettings, MqttSettings};
@@ -71,7 +71,7 @@ impl MqttServer {
 }
 
 /// State shared by all HTTP handlers.
-pub(crate) struct Shared {
+pub(crate) struct ServerState {
     pub(crate) machine: Machine,
     pub(crate) http_addr: SocketAddr,
     /// `http`, or `https` with a certificate.
@@ -92,16 +92,16 @@ pub(crate) struct Shared {
     pub(crate) stop: CancellationToken,
     pub(crate) hmi: HmiSettings,
     /// Other machines.
-    pub(crate) neighbours: Arc<Neighbours>,
+    pub(crate) neighbours: Arc<PeerMachines>,
     /// Handlers over REST.
     pub(crate) registrations: Registrations,
     /// The embedded broker, for clients over WebSocket.
-    pub(crate) entrance: Option<Entrance>,
+    pub(crate) entrance: Option<WebSocketListener>,
     commands: AtomicU64,
     connections: AtomicU64,
 }
 
-impl Shared {
+impl ServerState {
     pub(crate) fn new(
         machine: Machine,
         http_addr: SocketAddr,
@@ -128,7 +128,7 @@ impl Shared {
             tasks: TaskTracker::new(),
             stop,
             hmi: HmiSettings::default(),
-            neighbours: Neighbours::new("", Vec::new(), false),
+            neighbours: PeerMachines::new("", Vec::new(), false),
             registrations: Registrations::default(),
             entrance: None,
             commands: AtomicU64::new(1),
@@ -142,12 +142,12 @@ impl Shared {
     }
 
     /// Adds the other machines.
-    pub(crate) fn with_neighbours(self, neighbours: Arc<Neighbours>) -> Self {
+    pub(crate) fn with_peer_machines(self, neighbours: Arc<PeerMachines>) -> Self {
         Self { neighbours, ..self }
     }
 
     /// Adds the broker that clients reach over WebSocket, and shares the result.
-    pub(crate) fn with_entrance(self, entrance: Option<Entrance>) -> Arc<Self> {
+    pub(crate) fn with_websocket_listener(self, entrance: Option<WebSocketListener>) -> Arc<Self> {
         Arc::new(Self { entrance, ..self })
     }
 
@@ -208,8 +208,11 @@ impl Shared {
     }
 
     /// Passes a request to the machine.
-    pub(crate) async fn ask(&self, authorized: Authorized) -> Result<Answer, Problem> {
-        self.machine.carry_out(authorized).await.map_err(Problem::from)
+    pub(crate) async fn ask(&self, authorized: AuthorizedRequest) -> Result<Answer, Problem> {
+        self.machine
+            .execute_request(authorized)
+            .await
+            .map_err(Problem::from)
     }
 }
 

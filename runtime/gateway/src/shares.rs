@@ -100,7 +100,7 @@ impl Shares {
     }
 
     /// Records that a handler is offline.
-    pub(crate) fn note(&self, request: &Request) {
+    pub(crate) fn record_offline(&self, request: &Request) {
         if let Request::Handler(id, presence) = request
             && !presence.online
         {
@@ -178,7 +178,7 @@ mod tests {
         assert!(shares.count(&admin, &handler("more", true)).is_err());
         assert!(shares.count(&admin, &handler("0", true)).is_ok(), "it is known");
         assert!(shares.count(&other, &handler("more", true)).is_ok());
-        shares.note(&handler("0", false));
+        shares.record_offline(&handler("0", false));
         assert!(shares.count(&admin, &handler("in its place", true)).is_ok());
     }
 }

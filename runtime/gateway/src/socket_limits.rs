@@ -48,7 +48,7 @@ impl ControlFrames {
             Frame::Text(text) => text.is_empty(),
             Frame::Close(_) => false,
         };
-        !is_empty || self.0.take().is_ok()
+        !is_empty || self.0.try_charge().is_ok()
     }
 }
 

@@ -113,7 +113,11 @@ impl ServerTls {
     }
 
     fn stamps(&self) -> [Option<Stamp>; 2] {
-        let stamp = |file: &Path| std::fs::metadata(file).ok().map(|file| Stamp::of(&file));
+        let stamp = |file: &Path| {
+            std::fs::metadata(file)
+                .ok()
+                .map(|file| Stamp::from_metadata(&file))
+        };
         [stamp(&self.cert_file), stamp(&self.key_file)]
     }
 }
@@ -302,12 +306,12 @@ mod tests {
 
     use super::*;
 
-    struct Files {
+    struct CertificateFiles {
         folder: tempfile::TempDir,
         tls: ServerTls,
     }
 
-    impl Files {
+    impl CertificateFiles {
         fn new() -> Self {
             let folder = tempfile::tempdir().unwrap();
             let tls = ServerTls {
@@ -369,7 +373,7 @@ mod tests {
 
     #[tokio::test]
     async fn http_2_is_not_agreed_on_over_tls() {
-        let files = Files::new();
+        let files = CertificateFiles::new();
         let tls = LiveTls::follow(files.tls.clone(), None, &Supervisor::default()).unwrap();
         let certificate = CertificateDer::from_pem_file(&files.tls.cert_file).unwrap();
         let agreed = negotiates(&tls, &certificate, &[b"h2", b"http/1.1"]).await;
@@ -378,7 +382,7 @@ mod tests {
 
     #[tokio::test]
     async fn renewed_certificate_applies_without_restart_invalid_one_is_ignored() {
-        let files = Files::new();
+        let files = CertificateFiles::new();
         let tls = LiveTls::follow(files.tls.clone(), None, &Supervisor::default()).unwrap();
         let first = CertificateDer::from_pem_file(&files.tls.cert_file).unwrap();
         assert!(shows(&tls, &first).await);
@@ -419,7 +423,7 @@ mod tests {
 
     #[test]
     fn a_key_that_others_may_read_is_refused_with_the_way_out() {
-        let files = Files::new();
+        let files = CertificateFiles::new();
         files.tls.check().unwrap();
         std::fs::set_permissions(&files.tls.key_file, std::fs::Permissions::from_mode(0o640)).unwrap();
         let text = files.tls.check().unwrap_err();
@@ -428,7 +432,7 @@ mod tests {
 
     #[test]
     fn mismatched_key_and_file_without_certificate_are_refused_by_setting() {
-        let (one, other) = (Files::new(), Files::new());
+        let (one, other) = (CertificateFiles::new(), CertificateFiles::new());
         let mixed = ServerTls {
             cert_file: one.tls.cert_file.clone(),
             key_file: other.tls.key_file.clone(),

@@ -58,7 +58,7 @@ impl LargeRequests {
     /// Waits for a permit. Without a user there is no limit for one user.
     pub(crate) async fn acquire(&self, user: Option<&str>) -> Result<LargePermit, Problem> {
         let acquiring = async {
-            let of_user = match user.map(|user| self.of(user)) {
+            let of_user = match user.map(|user| self.user_permits(user)) {
                 Some(own) => Some(own.acquire_owned().await.ok()?),
                 None => None,
             };
@@ -81,7 +81,7 @@ impl LargeRequests {
             })
     }
 
-    fn of(&self, user: &str) -> Arc<Semaphore> {
+    fn user_permits(&self, user: &str) -> Arc<Semaphore> {
         let mut of_user = self.of_user.lock();
         of_user.retain(|_, own| own.strong_count() > 0);
         if let Some(own) = of_user.get(user).and_then(Weak::upgrade) {
@@ -125,12 +125,12 @@ impl Drop for UnreadAnswer {
 }
 
 /// The body of a response, with the value that is released once the connection has read it.
-struct Held<T> {
+struct GuardedBody<T> {
     body: Bytes,
     _until_read: T,
 }
 
-impl<T> AsRef<[u8]> for Held<T> {
+impl<T> AsRef<[u8]> for GuardedBody<T> {
     fn as_ref(&self) -> &[u8] {
         &self.body
     }
@@ -149,10 +149,10 @@ impl UnreadAnswers {
             return response;
         }
         if let Some(permit) = permit {
-            return held(response, permit).await;
+            return guard_body(response, permit).await;
         }
         if let Some(answer) = self.reserve(host, bytes) {
-            return held(response, answer).await;
+            return guard_body(response, answer).await;
         }
         let text = "unread answers fill the available memory; read them, or send the request again later";
         Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text).into_response()
@@ -177,13 +177,13 @@ impl UnreadAnswers {
 }
 
 /// Returns the same response, whose bytes keep a value until they are written.
-async fn held<T: Send + 'static>(response: Response, until_read: T) -> Response {
+async fn guard_body<T: Send + 'static>(response: Response, until_read: T) -> Response {
     let (head, body) = response.into_parts();
     // a body with an exact size is in memory already
     let Ok(body) = to_bytes(body, usize::MAX).await else {
         return Problem::from(plc_api::wire::problem::Problem::unexpected()).into_response();
     };
-    let held = Held {
+    let held = GuardedBody {
         body,
         _until_read: until_read,
     };

@@ -36,13 +36,13 @@ use tokio::time::{Instant, MissedTickBehavior};
 
 use crate::access::http::WEBSOCKET_PROTOCOL;
 use crate::access::topics::may_subscribe;
-use crate::access::{Ended, Shown, User};
+use crate::access::{AuthenticatedUser, CloseReason, User};
 use crate::machine::{Caller, Machine};
 use crate::metrics::add;
 use crate::position::Positions;
 use crate::problem::Problem;
 use crate::server::Peer;
-use crate::shared::{Shared, WEBSOCKETS_MAX};
+use crate::shared::{ServerState, WEBSOCKETS_MAX};
 use crate::socket_limits::{self, ControlFrames, TOO_MANY_CONTROL_FRAMES};
 
 /// Patterns of one client; more are refused.
@@ -57,13 +57,13 @@ const HANDLERS_MAX: usize = 16;
 /// A message that cannot be handed to the client's connection within this time ends it.
 const SEND_MAX: Duration = Duration::from_secs(30);
 
-pub(crate) fn routes() -> Router<Arc<Shared>> {
+pub(crate) fn routes() -> Router<Arc<ServerState>> {
     Router::new().route("/ws", get(upgrade))
 }
 
 async fn upgrade(
-    State(shared): State<Arc<Shared>>,
-    Extension(shown): Extension<Shown>,
+    State(shared): State<Arc<ServerState>>,
+    Extension(shown): Extension<AuthenticatedUser>,
     peer: Option<Extension<Peer>>,
     upgrade: Result<WebSocketUpgrade, axum::extract::ws::rejection::WebSocketUpgradeRejection>,
 ) -> Response {
@@ -87,7 +87,7 @@ async fn upgrade(
         .on_upgrade(move |socket| {
             tasks.track_future(async move {
                 add(&shared.metrics.websockets, 1);
-                Client::new(
+                WebSocketClient::new(
                     &shared,
                     shown.user.clone(),
                     peer.map(|Extension(peer)| peer.address),
@@ -101,8 +101,8 @@ async fn upgrade(
 }
 
 /// One connection.
-struct Client {
-    shared: Arc<Shared>,
+struct WebSocketClient {
+    shared: Arc<ServerState>,
     user: User,
     from: Option<IpAddr>,
     patterns: BTreeSet<String>,
@@ -116,10 +116,10 @@ struct Client {
 }
 
 /// The connection cannot be used any more.
-struct Gone;
+struct ClosedSocket;
 
-impl Client {
-    fn new(shared: &Arc<Shared>, user: User, from: Option<IpAddr>) -> Self {
+impl WebSocketClient {
+    fn new(shared: &Arc<ServerState>, user: User, from: Option<IpAddr>) -> Self {
         Self {
             shared: Arc::clone(shared),
             user,
@@ -132,17 +132,17 @@ impl Client {
         }
     }
 
-    async fn run(mut self, mut socket: WebSocket, shown: &Shown) {
+    async fn run(mut self, mut socket: WebSocket, shown: &AuthenticatedUser) {
         let shared = Arc::clone(&self.shared);
         let close = tokio::select! {
             () = shared.stop.cancelled() => Some((close_code::AWAY, "the runtime stops")),
-            ended = ended(&shared, shown) => Some((close_code::POLICY, ended.text())),
+            ended = wait_until_invalid(&shared, shown) => Some((close_code::POLICY, ended.text())),
             result = self.serve(&mut socket) => result.ok(),
         };
         for (id, instance) in std::mem::take(&mut self.handlers) {
-            let gone = Machine::gone(id, instance, ServerTransport::WebSocket);
+            let gone = Machine::offline_report(id, instance, ServerTransport::WebSocket);
             // fails if the runtime is stopping
-            let _ = self.shared.machine.carry_out(gone).await;
+            let _ = self.shared.machine.execute_request(gone).await;
         }
         if let Some((code, reason)) = close {
             let frame = Frame::Close(Some(CloseFrame {
@@ -155,7 +155,7 @@ impl Client {
 
     /// Serves until the client disconnects, or until the server ends the connection and returns the code and the
     /// reason.
-    async fn serve(&mut self, socket: &mut WebSocket) -> Result<(u16, &'static str), Gone> {
+    async fn serve(&mut self, socket: &mut WebSocket) -> Result<(u16, &'static str), ClosedSocket> {
         let mut subscription = self.shared.machine.subscribe(Filter::All);
         let mut ping = tokio::time::interval(PING_INTERVAL);
         ping.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -186,12 +186,12 @@ impl Client {
                             send_text(socket, error_frame("send JSON as text, not as a binary message")).await?;
                         }
                         Some(Ok(Frame::Ping(_) | Frame::Pong(_))) => {}
-                        Some(Ok(Frame::Close(_)) | Err(_)) | None => return Err(Gone),
+                        Some(Ok(Frame::Close(_)) | Err(_)) | None => return Err(ClosedSocket),
                     }
                 }
                 _ = ping.tick() => {
                     if heard.elapsed() > SILENCE_MAX {
-                        return Err(Gone);
+                        return Err(ClosedSocket);
                     }
                     send(socket, Frame::Ping(Vec::new().into())).await?;
                 }
@@ -199,7 +199,7 @@ impl Client {
         }
     }
 
-    async fn put(&mut self, socket: &mut WebSocket, message: Arc<Message>) -> Result<(), Gone> {
+    async fn put(&mut self, socket: &mut WebSocket, message: Arc<Message>) -> Result<(), ClosedSocket> {
         if message.topic.is_state() {
             self.states.insert(message.topic.clone(), Arc::clone(&message));
         }
@@ -209,7 +209,7 @@ impl Client {
         }
     }
 
-    async fn send_if_wanted(&self, socket: &mut WebSocket, message: &Message) -> Result<(), Gone> {
+    async fn send_if_wanted(&self, socket: &mut WebSocket, message: &Message) -> Result<(), ClosedSocket> {
         let path = message.topic.path();
         if self.patterns.iter().any(|pattern| matches(pattern, &path)) {
             send_text(socket, message_frame(&path, message)).await?;
@@ -218,7 +218,7 @@ impl Client {
     }
 
     /// Executes a frame. Returns how long the client must wait before the next one.
-    async fn on_frame(&mut self, socket: &mut WebSocket, text: &str) -> Result<Duration, Gone> {
+    async fn on_frame(&mut self, socket: &mut WebSocket, text: &str) -> Result<Duration, ClosedSocket> {
         let mut bytes = text.len();
         let mut frame: ClientFrame = match json_object(text.as_bytes()) {
             Ok(frame) => frame,
@@ -253,7 +253,7 @@ impl Client {
         }
         for mut request in frame.requests() {
             request.identify(&self.name);
-            if let Err(refusal) = self.carry_out(request).await {
+            if let Err(refusal) = self.execute_request(request).await {
                 send_text(socket, refusal_frame(&refusal)).await?;
             }
         }
@@ -270,7 +270,7 @@ impl Client {
 
     /// Executes the request of a frame. The rejection of a handler contains its presence, by which the client
     /// identifies it.
-    async fn carry_out(&mut self, parsed: ParsedRequest) -> Result<(), Refusal> {
+    async fn execute_request(&mut self, parsed: ParsedRequest) -> Result<(), Refusal> {
         let handler = match parsed.request() {
             Request::Handler(id, presence) => Some((id.clone(), presence.online, presence.instance.clone())),
             _ => None,
@@ -289,7 +289,7 @@ impl Client {
             over: ServerTransport::WebSocket,
         };
         let answered = match machine.authorize_request(caller, parsed).await {
-            Ok(authorized) => machine.carry_out(authorized).await.map(drop),
+            Ok(authorized) => machine.execute_request(authorized).await.map(drop),
             Err(refusal) => Err(refusal),
         };
         answered.map_err(|refusal| match &handler {
@@ -309,22 +309,22 @@ impl Client {
 }
 
 /// Waits until the credentials of a user are no longer valid.
-async fn ended(shared: &Shared, shown: &Shown) -> Ended {
+async fn wait_until_invalid(shared: &ServerState, shown: &AuthenticatedUser) -> CloseReason {
     match shared.access.users() {
-        Some(users) => users.ended(shown).await,
+        Some(users) => users.wait_until_invalid(shown).await,
         None => std::future::pending().await,
     }
 }
 
 /// Hands a frame to the connection, which may be slow, within [`SEND_MAX`].
-async fn send(socket: &mut WebSocket, frame: Frame) -> Result<(), Gone> {
+async fn send(socket: &mut WebSocket, frame: Frame) -> Result<(), ClosedSocket> {
     match tokio::time::timeout(SEND_MAX, socket.send(frame)).await {
         Ok(Ok(())) => Ok(()),
-        Ok(Err(_)) | Err(_) => Err(Gone),
+        Ok(Err(_)) | Err(_) => Err(ClosedSocket),
     }
 }
 
-async fn send_text(socket: &mut WebSocket, text: String) -> Result<(), Gone> {
+async fn send_text(socket: &mut WebSocket, text: String) -> Result<(), ClosedSocket> {
     send(socket, Frame::Text(text.into())).await
 }
 

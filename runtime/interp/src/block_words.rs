@@ -6,10 +6,10 @@ use tandem_model::settings::{MCodeSet, NcOptions};
 use tandem_model::{Diagnostic, Span};
 use tandem_syntax::{Address, AddressSet, Block, NcProgram, Value, Variable, Word, diagnostics};
 
-use crate::codes::value::judge_value;
+use crate::codes::value::validate_value;
 use crate::codes::{AXIS_ADDRESSES, Code, ModalGroup, Refusal, WordSpec, tenths};
-use crate::dialect::{Dialect, Numbers, OtherMCodes, Rivals};
-use crate::evaluation::{Known, Trust};
+use crate::dialect::{Dialect, GroupConflict, Numbers, OtherMCodes};
+use crate::evaluation::{Trust, VariableSource};
 use crate::meaning::{InForce, Role};
 use crate::modal::Modal;
 use crate::text_position::TextPosition;
@@ -17,13 +17,13 @@ use crate::{numbers, restrictions};
 
 /// The words of arcs and fixed cycles.
 const MOTION_WORDS: AddressSet =
-    AddressSet::of(&[Address::I, Address::J, Address::K, Address::R, Address::P]);
+    AddressSet::from_addresses(&[Address::I, Address::J, Address::K, Address::R, Address::P]);
 
 /// G codes of one block: one of each modal group, G09, and one more that is not modal.
 const G_CODES_MAX: usize = ModalGroup::COUNT + 1;
 
 /// The words of VA to VH.
-const PARAMETERS: AddressSet = AddressSet::of(&[
+const PARAMETERS: AddressSet = AddressSet::from_addresses(&[
     Address::Va,
     Address::Vb,
     Address::Vc,
@@ -78,7 +78,7 @@ pub(crate) struct Reading<'a> {
     /// The modal state before the block. If it has no motion, the code that takes the words is unknown.
     pub(crate) modal: &'a Modal,
     /// The variables of indirections.
-    pub(crate) known: Known<'a>,
+    pub(crate) known: VariableSource<'a>,
     /// Position at the start of the block, as far as the text shows.
     pub(crate) position: &'a TextPosition,
     /// Amount by which a radius may be smaller than half the chord, mm (D26).
@@ -174,7 +174,7 @@ impl BlockWords {
             match word.address {
                 Address::G => self.g_word(word, place, with.dialect, fault),
                 Address::M => self.m_word(word, with.dialect, with.options.m_codes, fault),
-                Address::N => numbers::judge_whole(word, fault),
+                Address::N => numbers::validate_whole_number(word, fault),
                 _ => self.value_word(word, place, &with.known, fault),
             }
         }
@@ -184,11 +184,11 @@ impl BlockWords {
         }
         for word in words {
             if !matches!(word.address, Address::G | Address::M | Address::N) {
-                self.judge(word, with, fault);
+                self.validate_word(word, with, fault);
             }
         }
         if !block.has_errors() {
-            self.judge_codes(program, block, with, fault);
+            self.validate_codes(program, block, with, fault);
         }
     }
 
@@ -222,10 +222,10 @@ impl BlockWords {
         code: &'static Code,
         word: &Word,
         place: usize,
-        rivals: Rivals,
+        rivals: GroupConflict,
         fault: &mut dyn FnMut(Diagnostic),
     ) {
-        if rivals == Rivals::LastHolds && code.group != ModalGroup::NonModal {
+        if rivals == GroupConflict::LastHolds && code.group != ModalGroup::NonModal {
             let before = self.codes().position(|other| other.group == code.group);
             if let Some(before) = before {
                 self.g_codes[before] = (code, place);
@@ -308,12 +308,12 @@ impl BlockWords {
         &mut self,
         word: &Word,
         place: usize,
-        known: &Known<'_>,
+        known: &VariableSource<'_>,
         fault: &mut dyn FnMut(Diagnostic),
     ) {
         self.any = true;
         if self.present.contains(word.address) {
-            fault(twice(word));
+            fault(repeated_word(word));
             return;
         }
         if AXIS_ADDRESSES.contains(word.address) && self.first_axis_place.is_none() {
@@ -322,16 +322,16 @@ impl BlockWords {
         self.present.insert(word.address);
         self.values[word.address as usize] = match word.value() {
             Value::Number(value) => value,
-            Value::Indirection(variable) => self.of_variable(word.address, variable, known),
+            Value::Indirection(variable) => self.variable_value(word.address, variable, known),
         };
     }
 
     /// Returns the value of a variable that is used as a number; NaN, which is recorded, if the text does not show it.
     #[inline(never)]
-    fn of_variable(&mut self, address: Address, variable: Variable, known: &Known<'_>) -> f64 {
+    fn variable_value(&mut self, address: Address, variable: Variable, known: &VariableSource<'_>) -> f64 {
         let (range, trust) = match known {
-            Known::Run(scope) => return scope.variable(variable),
-            Known::Text { values, trust } => (values.get(variable), *trust),
+            VariableSource::Run(scope) => return scope.variable(variable),
+            VariableSource::Text { values, trust } => (values.get(variable), *trust),
         };
         self.indirect.insert(address);
         let value = range.value();
@@ -352,7 +352,7 @@ impl BlockWords {
         let mut counted = AddressSet::EMPTY;
         for word in words {
             if word.address == Address::N {
-                numbers::judge_block_number(word, fault);
+                numbers::validate_block_number(word, fault);
             }
             let Some(spec) = self.spec(word.address, with.dialect) else {
                 continue;
@@ -361,9 +361,10 @@ impl BlockWords {
                 continue;
             }
             counted.insert(word.address);
-            if numbers::judge_written(spec, word, unit, fault) {
+            if numbers::validate_written_form(spec, word, unit, fault) {
                 let value = self.values[word.address as usize];
-                self.values[word.address as usize] = numbers::meant(value, spec, word, unit, with.options);
+                self.values[word.address as usize] =
+                    numbers::convert_written_value(value, spec, word, unit, with.options);
             } else {
                 self.refused.insert(word.address);
                 self.values[word.address as usize] = f64::NAN;
@@ -386,7 +387,7 @@ impl BlockWords {
         };
         self.own = own;
         let free = own.intersection(AXIS_ADDRESSES).is_empty();
-        self.take(if free { self.taker_in_force(modal) } else { None });
+        self.set_taker(if free { self.taker_in_force(modal) } else { None });
         self.axis_words = if free {
             self.present.intersection(AXIS_ADDRESSES)
         } else {
@@ -410,7 +411,7 @@ impl BlockWords {
         (own, shared)
     }
 
-    fn take(&mut self, taker: Option<&'static Code>) {
+    fn set_taker(&mut self, taker: Option<&'static Code>) {
         let same = match (self.taker, taker) {
             (Some(before), Some(taker)) => std::ptr::eq(before, taker),
             (before, taker) => before.is_none() && taker.is_none(),
@@ -454,10 +455,10 @@ impl BlockWords {
     }
 
     /// Checks whether a word is taken, and its value.
-    fn judge(&self, word: &Word, with: &Reading<'_>, fault: &mut dyn FnMut(Diagnostic)) {
+    fn validate_word(&self, word: &Word, with: &Reading<'_>, fault: &mut dyn FnMut(Diagnostic)) {
         let dialect = with.dialect;
         let Some(spec) = self.spec(word.address, dialect) else {
-            self.judge_untaken(word, dialect, fault);
+            self.report_untaken_word(word, dialect, fault);
             return;
         };
         let is_known = !self.unknown.contains(word.address);
@@ -475,12 +476,12 @@ impl BlockWords {
             // a code that is not known may read it differently; a feedrate is never less than the least one
             return;
         }
-        judge_value(spec, value, word.span(), fault);
+        validate_value(spec, value, word.span(), fault);
     }
 
     /// Reports a word that no code takes.
     #[cold]
-    fn judge_untaken(&self, word: &Word, dialect: &Dialect, fault: &mut dyn FnMut(Diagnostic)) {
+    fn report_untaken_word(&self, word: &Word, dialect: &Dialect, fault: &mut dyn FnMut(Diagnostic)) {
         let name = word.address.text();
         if self.m_code.is_some() && PARAMETERS.contains(word.address) {
             fault(diagnostics::PARAMETERS_REFUSED.at(
@@ -511,7 +512,7 @@ impl BlockWords {
     }
 
     /// Checks requirements on combinations of codes.
-    fn judge_codes(
+    fn validate_codes(
         &self,
         program: &NcProgram,
         block: &Block,
@@ -519,7 +520,7 @@ impl BlockWords {
         fault: &mut dyn FnMut(Diagnostic),
     ) {
         if self.has_codes() {
-            self.judge_own_words(program, block, fault);
+            self.validate_own_words(program, block, fault);
         }
         if let Some(refusal) = restrictions::find(self, with) {
             fault(at_word(program, block, refusal));
@@ -528,7 +529,7 @@ impl BlockWords {
 
     /// Checks each code's requirements on its words.
     #[inline(never)]
-    fn judge_own_words(&self, program: &NcProgram, block: &Block, fault: &mut dyn FnMut(Diagnostic)) {
+    fn validate_own_words(&self, program: &NcProgram, block: &Block, fault: &mut dyn FnMut(Diagnostic)) {
         for code in self.codes_with_words() {
             for word in code.words {
                 if word.required && !self.present.contains(word.address) {
@@ -560,7 +561,7 @@ impl BlockWords {
 }
 
 #[cold]
-fn twice(word: &Word) -> Diagnostic {
+fn repeated_word(word: &Word) -> Diagnostic {
     let name = word.address.text();
     diagnostics::WORD_TWICE.at(
         word.span(),

@@ -73,7 +73,7 @@ pub struct CheckContext<'a> {
 
 impl CheckContext<'_> {
     /// Returns the context given by the settings of a coordinate system.
-    pub fn of(settings: &CoordinateSystemSettings) -> Self {
+    pub fn from_settings(settings: &CoordinateSystemSettings) -> Self {
         Self {
             axes: Some(settings.axes()),
             unit: settings.unit,

@@ -48,7 +48,7 @@ pub struct Dialect {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Policy {
     /// Two codes of one modal group in a block.
-    pub rivals: Rivals,
+    pub rivals: GroupConflict,
     /// Time at which the M code of a block takes effect.
     pub m_code: MCodeTime,
     /// Meaning of numbers.
@@ -68,7 +68,7 @@ pub struct Policy {
 impl Policy {
     /// Properties of dialect nj.
     pub const NJ: Self = Self {
-        rivals: Rivals::Refused,
+        rivals: GroupConflict::Refused,
         m_code: MCodeTime::BehindMotion,
         numbers: Numbers::AsWritten,
         spindle_word: SpindleWord::Speed,
@@ -126,7 +126,7 @@ pub enum Spiral {
 
 /// Meaning of two codes of one modal group in a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Rivals {
+pub enum GroupConflict {
     /// An error.
     Refused,
     /// The last one is used.

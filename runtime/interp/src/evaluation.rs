@@ -26,7 +26,7 @@ pub(crate) struct Scope<'a> {
 
 /// The variables of indirections.
 #[derive(Clone, Copy)]
-pub(crate) enum Known<'a> {
+pub(crate) enum VariableSource<'a> {
     /// The variables of a run.
     Run(Scope<'a>),
     /// Values that the text shows.

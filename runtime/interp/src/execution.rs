@@ -15,7 +15,7 @@ use crate::dialect::Dialect;
 use crate::fixed_cycles::Expansion;
 use crate::inputs::Inputs;
 use crate::meaning::ModalValue;
-use crate::modal::{Kept, Modal, NOTHING_KEPT};
+use crate::modal::{Modal, NOTHING_KEPT, RetainedData};
 
 /// Limits of the coordinate system for words (D11).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,7 +37,7 @@ pub struct Limits {
 }
 
 impl Limits {
-    pub(crate) fn of(settings: &CoordinateSystemSettings) -> Self {
+    pub(crate) fn from_settings(settings: &CoordinateSystemSettings) -> Self {
         Self {
             max_feedrate_mm_min: settings.max_feedrate_mm_min,
             default_feedrate_mm_min: settings.default_feedrate_mm_min,
@@ -110,7 +110,7 @@ pub struct Execution<'a> {
     /// The modal state, which codes change.
     pub modal: &'a mut Modal,
     /// Data kept by codes that set data. `None` if none have been set.
-    pub(crate) kept: &'a mut Option<Arc<Kept>>,
+    pub(crate) kept: &'a mut Option<Arc<RetainedData>>,
     /// Values from outside.
     pub inputs: &'a Inputs<'a>,
     /// Limits of the coordinate system.
@@ -125,12 +125,12 @@ pub struct Execution<'a> {
 
 impl Execution<'_> {
     /// Returns the data kept by codes that set data.
-    pub(crate) fn kept(&self) -> &Kept {
+    pub(crate) fn retained(&self) -> &RetainedData {
         self.kept.as_deref().unwrap_or(&NOTHING_KEPT)
     }
 
     /// Returns the kept data for a change.
-    pub(crate) fn keep(&mut self) -> &mut Kept {
+    pub(crate) fn retained_mut(&mut self) -> &mut RetainedData {
         Arc::make_mut(self.kept.get_or_insert_with(|| Arc::new(NOTHING_KEPT.clone())))
     }
 
@@ -173,7 +173,7 @@ impl Execution<'_> {
             let text = format!("offset {number} is damaged");
             self.refuse(Alarm::new(&VALUE_LOST, text));
         }
-        let is_set = number == 0 || tool.is_some() || self.kept().radii.contains_key(&number);
+        let is_set = number == 0 || tool.is_some() || self.retained().radii.contains_key(&number);
         if !is_set {
             let name = address.text();
             self.warn(format!(

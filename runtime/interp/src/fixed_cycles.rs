@@ -11,7 +11,7 @@ use tandem_syntax::Address;
 
 /// A fixed cycle.
 #[derive(Debug)]
-pub struct Cycle {
+pub struct FixedCycle {
     /// Its name in messages, with its article.
     pub name: &'static str,
     /// The words that its first block needs.
@@ -25,14 +25,14 @@ pub struct Cycle {
 /// The steps of one block of a cycle.
 #[derive(Debug, Clone, Copy)]
 pub struct Steps {
-    head: &'static [Step],
-    repetition: &'static [Step],
-    tail: &'static [Step],
+    head: &'static [CycleStep],
+    repetition: &'static [CycleStep],
+    tail: &'static [CycleStep],
 }
 
 /// A step of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Step {
+pub enum CycleStep {
     /// The rapid to the position: all axis words but Z. In G91 each repetition adds the distance.
     Position,
     /// The rapid to the R point; if the cycle ends at the R point, in the first repetition only.
@@ -65,13 +65,13 @@ pub enum Level {
     Return,
 }
 
-impl PartialEq for Cycle {
+impl PartialEq for FixedCycle {
     fn eq(&self, other: &Self) -> bool {
         std::ptr::eq(self, other)
     }
 }
 
-impl Cycle {
+impl FixedCycle {
     /// Returns the M codes that a block outputs, ascending. If it is unknown whether there is a spindle, returns those
     /// of both cases.
     pub fn outputs(&self, has_spindle: Option<bool>) -> BTreeSet<u16> {
@@ -81,7 +81,7 @@ impl Cycle {
             .filter(|(with, _)| has_spindle.is_none_or(|has| has == *with));
         let steps = forms.flat_map(|(_, steps)| [steps.head, steps.repetition, steps.tail].concat());
         let outputs = steps.filter_map(|step| match step {
-            Step::Output(m) => Some(m),
+            CycleStep::Output(m) => Some(m),
             _ => None,
         });
         outputs.collect()
@@ -90,7 +90,7 @@ impl Cycle {
     /// Returns the direction of the spindle on the way in for a cycle that cuts a thread; otherwise `None`.
     pub fn threads(&self) -> Option<Turn> {
         self.with_spindle.repetition.iter().find_map(|step| match step {
-            Step::Thread(TapLeg::In, turn) => Some(*turn),
+            CycleStep::Thread(TapLeg::In, turn) => Some(*turn),
             _ => None,
         })
     }
@@ -101,13 +101,17 @@ impl Steps {
     ///
     /// # Panics
     /// With an M code above [`M_CODE_MAX`]; in a `static` that is an error of the compiler.
-    pub const fn new(head: &'static [Step], repetition: &'static [Step], tail: &'static [Step]) -> Self {
+    pub const fn new(
+        head: &'static [CycleStep],
+        repetition: &'static [CycleStep],
+        tail: &'static [CycleStep],
+    ) -> Self {
         let parts = [head, repetition, tail];
         let mut part = 0;
         while part < parts.len() {
             let mut at = 0;
             while at < parts[part].len() {
-                if let Step::Output(m) = parts[part][at] {
+                if let CycleStep::Output(m) = parts[part][at] {
                     assert!(m <= M_CODE_MAX, "no such M code");
                 }
                 at += 1;
@@ -161,7 +165,7 @@ enum PeckPlace {
 
 /// Result of a step.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Given {
+pub(crate) enum StepResult {
     Motion(Action),
     Output(u16),
 }
@@ -179,7 +183,7 @@ enum Part {
 /// One block of a cycle whose steps are being returned.
 #[derive(Debug)]
 pub(crate) struct Expansion {
-    cycle: &'static Cycle,
+    cycle: &'static FixedCycle,
     hole: Hole,
     part: Part,
     /// The next step of the part.
@@ -190,7 +194,7 @@ pub(crate) struct Expansion {
 }
 
 impl Expansion {
-    pub(crate) fn new(cycle: &'static Cycle, mut hole: Hole) -> Self {
+    pub(crate) fn new(cycle: &'static FixedCycle, mut hole: Hole) -> Self {
         let named = hole.position.named;
         hole.position.named = named.iter().filter(|axis| *axis != Axis::Z).collect();
         hole.position.values[Axis::Z] = 0.0;
@@ -205,7 +209,7 @@ impl Expansion {
     }
 
     /// Returns the next result; `None` at the end.
-    pub(crate) fn advance(&mut self) -> Option<Given> {
+    pub(crate) fn advance(&mut self) -> Option<StepResult> {
         if self.hole.repetitions == 0 {
             return None;
         }
@@ -217,12 +221,12 @@ impl Expansion {
         }
         loop {
             if let Some(place) = self.pecks {
-                return Some(Given::Motion(self.peck(place)));
+                return Some(StepResult::Motion(self.peck(place)));
             }
             let step = self.next_step()?;
-            if step == Step::Peck {
+            if step == CycleStep::Peck {
                 self.pecks = Some(PeckPlace::Above(0));
-            } else if let Some(given) = self.given(step) {
+            } else if let Some(given) = self.expand_step(step) {
                 return Some(given);
             }
         }
@@ -255,7 +259,7 @@ impl Expansion {
         }
     }
 
-    fn next_step(&mut self) -> Option<Step> {
+    fn next_step(&mut self) -> Option<CycleStep> {
         let steps = match self.hole.spindle_speed_r_min {
             Some(_) => &self.cycle.with_spindle,
             None => &self.cycle.without_spindle,
@@ -283,23 +287,23 @@ impl Expansion {
     }
 
     /// Returns the result of a step, or `None` if the step is empty in this repetition.
-    fn given(&self, step: Step) -> Option<Given> {
+    fn expand_step(&self, step: CycleStep) -> Option<StepResult> {
         let hole = &self.hole;
         let action = match step {
-            Step::Output(m) => return Some(Given::Output(m)),
-            Step::Position if hole.position.named.is_empty() => return None,
-            Step::Position => Action::Rapid(hole.position),
-            Step::Approach if hole.initial.is_none() && self.repetition > 0 => return None,
-            Step::Approach => Action::Rapid(level(hole.r_point)),
-            Step::Rapid(to) => Action::Rapid(level(self.level(to)?)),
-            Step::Linear(to) => Action::Linear(level(self.level(to)?)),
-            Step::Thread(leg, turn) => Action::Tap(Box::new(self.tap(leg, turn))),
-            Step::Dwell => Action::Dwell {
+            CycleStep::Output(m) => return Some(StepResult::Output(m)),
+            CycleStep::Position if hole.position.named.is_empty() => return None,
+            CycleStep::Position => Action::Rapid(hole.position),
+            CycleStep::Approach if hole.initial.is_none() && self.repetition > 0 => return None,
+            CycleStep::Approach => Action::Rapid(level(hole.r_point)),
+            CycleStep::Rapid(to) => Action::Rapid(level(self.level(to)?)),
+            CycleStep::Linear(to) => Action::Linear(level(self.level(to)?)),
+            CycleStep::Thread(leg, turn) => Action::Tap(Box::new(self.tap(leg, turn))),
+            CycleStep::Dwell => Action::Dwell {
                 dwell_s: hole.dwell_s,
             },
-            Step::Peck => return None,
+            CycleStep::Peck => return None,
         };
-        Some(Given::Motion(action))
+        Some(StepResult::Motion(action))
     }
 
     fn level(&self, level: Level) -> Option<f64> {
@@ -324,9 +328,9 @@ impl Expansion {
         }
     }
 
-    fn thread_ahead(&self, turn: Turn) -> Given {
+    fn thread_ahead(&self, turn: Turn) -> StepResult {
         let hole = &self.hole;
-        Given::Motion(Action::ThreadAhead(Box::new(ThreadAhead {
+        StepResult::Motion(Action::ThreadAhead(Box::new(ThreadAhead {
             position: hole.position,
             repetitions: hole.repetitions,
             r_point: level(hole.r_point),

@@ -15,16 +15,16 @@ use tandem_model::variables::LOCAL_VARIABLES;
 use tandem_model::{Alarm, Origin};
 use tandem_syntax::{Block, Content, NcProgram};
 
-use alarms::{alarm_of, value_lost};
+use alarms::{alarm_for, value_lost};
 
 use crate::block_words::{BlockWords, Reading};
 use crate::codes::{Code, ModalGroup, feed_words};
 use crate::dialect::{Dialect, MCodeTime};
-use crate::evaluation::{Known, Locals, Scope};
+use crate::evaluation::{Locals, Scope, VariableSource};
 use crate::execution::{Draft, Execution, Flow, Limits};
-use crate::fixed_cycles::{Expansion, Given};
+use crate::fixed_cycles::{Expansion, StepResult};
 use crate::inputs::Inputs;
-use crate::modal::{Kept, Modal};
+use crate::modal::{Modal, RetainedData};
 use crate::text_position::TextPosition;
 use crate::{flow, restrictions};
 
@@ -45,7 +45,7 @@ struct Frame {
 
 /// State of the interpretation.
 #[derive(Debug)]
-enum State {
+enum InterpreterState {
     Running,
     Ended(Origin),
     Failed(Alarm),
@@ -66,7 +66,7 @@ pub struct Interpreter {
     start_up: Modal,
     modal: Modal,
     /// Data kept by codes that set data. `None` if none have been set.
-    kept: Option<Arc<Kept>>,
+    kept: Option<Arc<RetainedData>>,
     stack: Vec<Frame>,
     words: BlockWords,
     queue: VecDeque<Item>,
@@ -86,7 +86,7 @@ pub struct Interpreter {
     began: Option<Origin>,
     /// True if the program begins in the start-up state, whose work coordinate system is not yet selected.
     opens: bool,
-    state: State,
+    state: InterpreterState,
 }
 
 /// Returns the error text for calling a program that does not exist.
@@ -100,7 +100,7 @@ impl Interpreter {
         let start_up = Modal::start_up(dialect, settings);
         Self {
             dialect,
-            limits: Limits::of(settings),
+            limits: Limits::from_settings(settings),
             modal: start_up.clone(),
             start_up,
             kept: None,
@@ -115,7 +115,7 @@ impl Interpreter {
             steps: 0,
             began: None,
             opens: false,
-            state: State::Ended(Origin::default()),
+            state: InterpreterState::Ended(Origin::default()),
         }
     }
 
@@ -131,7 +131,7 @@ impl Interpreter {
         self.forget_program();
         self.stack.push(Frame::new(program, number, 1));
         self.locals.push([0.0; LOCAL_VARIABLES]);
-        self.state = State::Running;
+        self.state = InterpreterState::Running;
     }
 
     /// Removes the program, and restores the start-up modal state.
@@ -151,7 +151,7 @@ impl Interpreter {
         self.steps = 0;
         self.stack.clear();
         self.locals.clear();
-        self.state = State::Ended(Origin::default());
+        self.state = InterpreterState::Ended(Origin::default());
     }
 
     /// Returns the numbers of the programs that were called since the start, ascending.
@@ -196,16 +196,16 @@ impl Interpreter {
             }
             if let Some(item) = self.queue.pop_front() {
                 // An item that moves, waits or outputs resets the count.
-                if goes_on(&item) {
+                if has_effect(&item) {
                     self.idle_steps = 0;
                     self.is_waiting = false;
                 }
                 return Ok(Some(item));
             }
             match &self.state {
-                State::Running => {}
-                State::Ended(origin) => return Ok(Some(Item::End(*origin))),
-                State::Failed(alarm) => return Err(alarm.clone()),
+                InterpreterState::Running => {}
+                InterpreterState::Ended(origin) => return Ok(Some(Item::End(*origin))),
+                InterpreterState::Failed(alarm) => return Err(alarm.clone()),
             }
             if let Some(frame) = self.stack.last()
                 && is_awaited(frame.number, frame.next)
@@ -223,7 +223,7 @@ impl Interpreter {
             };
             if let Err(alarm) = step {
                 let origin = alarm.origin.unwrap_or_else(|| self.origin());
-                self.state = State::Failed(alarm.at(origin));
+                self.state = InterpreterState::Failed(alarm.at(origin));
             } else if self.queue.is_empty() && self.idle_steps.is_multiple_of(STEPS_IN_CHAIN_MAX) {
                 self.queue_action(Some(Action::None), [false; 2], self.origin());
             }
@@ -260,7 +260,7 @@ impl Interpreter {
     /// Interprets one block; its items are in the queue afterwards.
     fn step(&mut self, inputs: &Inputs<'_>) -> Result<(), Alarm> {
         let Some(frame) = self.stack.last_mut() else {
-            self.state = State::Ended(Origin::default());
+            self.state = InterpreterState::Ended(Origin::default());
             return Ok(());
         };
         let Some(block) = frame.program.blocks().get(frame.next) else {
@@ -318,7 +318,7 @@ impl Interpreter {
         let reading = Reading {
             dialect: self.dialect,
             modal: &self.modal,
-            known: Known::Run(Scope {
+            known: VariableSource::Run(Scope {
                 locals,
                 variables: inputs.variables,
                 captured: inputs.captured.as_ref(),
@@ -338,7 +338,7 @@ impl Interpreter {
         }
         if let Some(fault) = fault {
             let word = frame.program.origin_within(block, fault.span.start, frame.number);
-            return Err(alarm_of(&fault).at(word));
+            return Err(alarm_for(&fault).at(word));
         }
         let may_wait = inputs.position.is_none();
         let before = may_wait.then(|| (self.modal.clone(), self.kept.clone()));
@@ -370,12 +370,12 @@ impl Interpreter {
         let flow = draft.flow;
         let may_be_first = matches!(flow, Flow::Output { .. } | Flow::Stop { .. });
         if may_be_first && self.dialect.policy.m_code == MCodeTime::BeforeMotion {
-            self.go_on(flow, origin, inputs)?;
+            self.execute_m_code(flow, origin, inputs)?;
             self.queue_block(&mut draft, origin);
             return Ok(());
         }
         self.queue_block(&mut draft, origin);
-        self.go_on(flow, origin, inputs)
+        self.execute_m_code(flow, origin, inputs)
     }
 
     /// Queues the next item of the fixed cycle that is being expanded.
@@ -385,8 +385,8 @@ impl Interpreter {
         };
         let origin = *origin;
         match cycle.advance() {
-            Some(Given::Motion(action)) => self.queue_action(Some(action), [false; 2], origin),
-            Some(Given::Output(m)) => self.queue.push_back(Item::Output(Output {
+            Some(StepResult::Motion(action)) => self.queue_action(Some(action), [false; 2], origin),
+            Some(StepResult::Output(m)) => self.queue.push_back(Item::Output(Output {
                 origin,
                 m,
                 params: [None; 8],
@@ -444,12 +444,12 @@ impl Interpreter {
     }
 
     /// Executes the M code of a block.
-    fn go_on(&mut self, flow: Flow, origin: Origin, inputs: &Inputs<'_>) -> Result<(), Alarm> {
+    fn execute_m_code(&mut self, flow: Flow, origin: Origin, inputs: &Inputs<'_>) -> Result<(), Alarm> {
         match flow {
             Flow::Next => {}
             Flow::Output { m, params } => self.queue.push_back(Item::Output(Output { origin, m, params })),
             Flow::Stop { optional } => self.queue.push_back(Item::Stop(ProgramStop { origin, optional })),
-            Flow::End => self.state = State::Ended(origin),
+            Flow::End => self.state = InterpreterState::Ended(origin),
             Flow::Call { program, times } => return self.call(program, times, origin, inputs),
             Flow::Return => self.leave(origin),
         }
@@ -493,7 +493,7 @@ impl Interpreter {
                 self.stack.pop();
                 self.locals.pop();
             }
-            _ => self.state = State::Ended(origin),
+            _ => self.state = InterpreterState::Ended(origin),
         }
     }
 }
@@ -525,7 +525,7 @@ fn execute(execution: &mut Execution<'_>) {
     };
     restrictions::follow(words, execution.modal);
     if execution.opens {
-        open(execution);
+        select_start_up_offset(execution);
     }
     // all codes are active before the first takes effect: words may be in any order (D02)
     for (code, _) in modal_codes() {
@@ -538,7 +538,7 @@ fn execute(execution: &mut Execution<'_>) {
         execution.place = *place;
         (code.select)(execution);
     }
-    feed_words::take_over(execution);
+    feed_words::store_feed_words(execution);
     for (code, place) in words.g_codes() {
         if code.group == ModalGroup::NonModal {
             execution.place = *place;
@@ -561,7 +561,7 @@ fn execute(execution: &mut Execution<'_>) {
 }
 
 /// Selects the work coordinate system of the start-up state.
-fn open(execution: &mut Execution<'_>) {
+fn select_start_up_offset(execution: &mut Execution<'_>) {
     let group = |code: &&&Code| code.group == ModalGroup::WorkCoordinates;
     if let Some(code) = execution.dialect.start_up.iter().find(group) {
         (code.select)(execution);
@@ -569,7 +569,7 @@ fn open(execution: &mut Execution<'_>) {
 }
 
 /// Returns true for items that move, wait or output.
-fn goes_on(item: &Item) -> bool {
+fn has_effect(item: &Item) -> bool {
     match item {
         Item::Block(block) => !matches!(
             block.action,

@@ -35,6 +35,6 @@ pub use check::{Check, CheckContext, Programs, check, check_source};
 pub use dialect::Dialect;
 pub use inputs::{Inputs, NO_TOOLS};
 pub use interpreter::{Interpreter, ModalState, not_there};
-pub use modal::{CycleWords, Kept, Middle, Modal};
+pub use modal::{CycleWords, Middle, Modal, RetainedData};
 pub use outputs::{ProgrammedOutput, WrittenOutput, programmed_outputs, written_outputs};
 pub use restricted::restrictions_of;

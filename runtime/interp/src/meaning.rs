@@ -5,7 +5,7 @@ use tandem_model::flow::{Distance, MultiBlock, PathControl};
 use tandem_model::plane::Plane;
 use tandem_model::settings::Unit;
 
-use crate::fixed_cycles::Cycle;
+use crate::fixed_cycles::FixedCycle;
 
 /// Side of the path that the tool's centre is on: cutter compensation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -66,7 +66,7 @@ pub enum ModalValue {
     /// The tool offset.
     Length(LengthOffset),
     /// A fixed cycle. `None` for its end.
-    Cycle(Option<&'static Cycle>),
+    Cycle(Option<&'static FixedCycle>),
     /// Level to which fixed cycles return.
     ReturnLevel(ReturnLevel),
     /// Selects whether blocks may blend.
@@ -139,7 +139,7 @@ pub struct InForce {
     /// The number of the offset that the tool offset uses, in dialects where it has one.
     pub length_number: Option<f64>,
     /// The fixed cycle, if one is active.
-    pub cycle: Option<Option<&'static Cycle>>,
+    pub cycle: Option<Option<&'static FixedCycle>>,
     /// Level to which fixed cycles return.
     pub return_level: Option<ReturnLevel>,
     /// Selects whether blocks may blend.

@@ -9,7 +9,7 @@ use tandem_model::settings::{CoordinateSystemSettings, Unit};
 
 use crate::codes::{Code, ModalGroup};
 use crate::dialect::Dialect;
-use crate::fixed_cycles::Cycle;
+use crate::fixed_cycles::FixedCycle;
 use crate::meaning::{InForce, ModalValue};
 
 /// The words of a fixed cycle that stay until G80 (D42), in mm and s; `None` if not programmed.
@@ -50,7 +50,7 @@ impl CycleLevel {
 
 /// Data that G10, G28 and G92 of dialect dgshape keep until the next program begins. mm or degrees.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Kept {
+pub struct RetainedData {
     /// EXOFS. `None` selects that of the settings.
     pub external_offset: Option<AxisVector>,
     /// Work offsets of the six coordinate systems. `None` selects that of the table.
@@ -66,7 +66,7 @@ pub struct Kept {
 }
 
 /// Before any code has set data.
-pub(crate) static NOTHING_KEPT: Kept = Kept {
+pub(crate) static NOTHING_KEPT: RetainedData = RetainedData {
     external_offset: None,
     work_offsets: [None; 6],
     selected: 0,
@@ -119,7 +119,7 @@ pub struct Modal {
 impl Modal {
     /// Returns the state at start-up: the manual's initial codes, and feedrate and times of the settings.
     pub(crate) fn start_up(dialect: &Dialect, settings: &CoordinateSystemSettings) -> Self {
-        let of_text = Self::of_text(dialect, settings.unit);
+        let of_text = Self::start_up_from_text(dialect, settings.unit);
         Self {
             feedrate_mm_min: settings.default_feedrate_mm_min * of_text.unit(),
             ta_ms: settings.default_ta_ms,
@@ -131,7 +131,7 @@ impl Modal {
     }
 
     /// Returns the initial modal state of a main program, as its text shows it.
-    pub(crate) fn of_text(dialect: &Dialect, unit: Unit) -> Self {
+    pub(crate) fn start_up_from_text(dialect: &Dialect, unit: Unit) -> Self {
         let mut modal = Self {
             codes: [None; ModalGroup::COUNT],
             in_force: InForce::START,
@@ -258,7 +258,7 @@ impl Modal {
     }
 
     /// Returns the active fixed cycle, from the code that begins it to its end.
-    pub fn fixed_cycle(&self) -> Option<&'static Cycle> {
+    pub fn fixed_cycle(&self) -> Option<&'static FixedCycle> {
         self.in_force.cycle.flatten()
     }
 

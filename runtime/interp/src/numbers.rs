@@ -24,10 +24,10 @@ const WITH_POINT_MAX: f64 = 99_999.999;
 /// Limit of lengths and feedrates with a decimal point, in mm.
 const WITH_POINT_MM_MAX: f64 = 9_999.999;
 
-const ANGLES: AddressSet = AddressSet::of(&[Address::A, Address::B, Address::C]);
+const ANGLES: AddressSet = AddressSet::from_addresses(&[Address::A, Address::B, Address::C]);
 
 /// The dimension words.
-const DIMENSIONS: AddressSet = AddressSet::of(&[
+const DIMENSIONS: AddressSet = AddressSet::from_addresses(&[
     Address::I,
     Address::J,
     Address::K,
@@ -40,7 +40,7 @@ const DIMENSIONS: AddressSet = AddressSet::of(&[
 
 /// Kind of quantity that a number expresses.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum QuantityKind {
     LengthOrFeedrate,
     Angle,
     Time,
@@ -48,18 +48,24 @@ enum Kind {
     Plain,
 }
 
-fn kind(spec: &WordSpec) -> Kind {
+fn quantity_kind(spec: &WordSpec) -> QuantityKind {
     match spec.unit {
-        _ if spec.integer => Kind::Plain,
-        "mm or deg" if ANGLES.contains(spec.address) => Kind::Angle,
-        "mm" | "mm or deg" | "mm/min" => Kind::LengthOrFeedrate,
-        "s" => Kind::Time,
-        _ => Kind::Plain,
+        _ if spec.integer => QuantityKind::Plain,
+        "mm or deg" if ANGLES.contains(spec.address) => QuantityKind::Angle,
+        "mm" | "mm or deg" | "mm/min" => QuantityKind::LengthOrFeedrate,
+        "s" => QuantityKind::Time,
+        _ => QuantityKind::Plain,
     }
 }
 
 /// Converts a value of a word from the current unit.
-pub(crate) fn meant(value: f64, spec: &WordSpec, word: &Word, unit: Unit, options: &NcOptions) -> f64 {
+pub(crate) fn convert_written_value(
+    value: f64,
+    spec: &WordSpec,
+    word: &Word,
+    unit: Unit,
+    options: &NcOptions,
+) -> f64 {
     let as_by_calculator = match options.calculator {
         Calculator::None => false,
         Calculator::All => true,
@@ -69,12 +75,12 @@ pub(crate) fn meant(value: f64, spec: &WordSpec, word: &Word, unit: Unit, option
     if !word.is_whole() || as_by_calculator {
         return value;
     }
-    match (kind(spec), unit) {
-        (Kind::LengthOrFeedrate, Unit::Millimetre) => value / PER_MM,
-        (Kind::LengthOrFeedrate, Unit::Inch) => value / PER_INCH,
-        (Kind::Angle, _) => value * options.angle_increment_deg,
-        (Kind::Time, _) => value / PER_S,
-        (Kind::Plain, _) => value,
+    match (quantity_kind(spec), unit) {
+        (QuantityKind::LengthOrFeedrate, Unit::Millimetre) => value / PER_MM,
+        (QuantityKind::LengthOrFeedrate, Unit::Inch) => value / PER_INCH,
+        (QuantityKind::Angle, _) => value * options.angle_increment_deg,
+        (QuantityKind::Time, _) => value / PER_S,
+        (QuantityKind::Plain, _) => value,
     }
 }
 
@@ -85,21 +91,21 @@ pub(crate) fn written_range(spec: &WordSpec) -> String {
             "-{with_point} to {with_point} {unit} with a decimal point, -{WITHOUT_POINT_MAX} to {WITHOUT_POINT_MAX} increments without"
         )
     };
-    match kind(spec) {
-        Kind::LengthOrFeedrate => {
+    match quantity_kind(spec) {
+        QuantityKind::LengthOrFeedrate => {
             let unit = if spec.unit == "mm or deg" { "mm" } else { spec.unit };
             both(WITH_POINT_MM_MAX, unit)
         }
-        Kind::Angle => both(WITH_POINT_MAX, "deg"),
-        Kind::Plain if spec.max.is_infinite() => {
+        QuantityKind::Angle => both(WITH_POINT_MAX, "deg"),
+        QuantityKind::Plain if spec.max.is_infinite() => {
             format!("-{WITHOUT_POINT_MAX} to {WITHOUT_POINT_MAX} {}", spec.unit)
         }
-        Kind::Plain | Kind::Time => spec.range_text(),
+        QuantityKind::Plain | QuantityKind::Time => spec.range_text(),
     }
 }
 
 /// Checks the form of a number. Returns `true` if it is valid.
-pub(crate) fn judge_written(
+pub(crate) fn validate_written_form(
     spec: &WordSpec,
     word: &Word,
     unit: Unit,
@@ -113,9 +119,9 @@ pub(crate) fn judge_written(
         fault(diagnostics::INTEGER_NEEDED.at(word.span(), message, "Write it without a decimal point."));
         return false;
     }
-    let max = match (has_point, kind(spec), unit) {
+    let max = match (has_point, quantity_kind(spec), unit) {
         (false, ..) => WITHOUT_POINT_MAX,
-        (true, Kind::LengthOrFeedrate, Unit::Millimetre) => WITH_POINT_MM_MAX,
+        (true, QuantityKind::LengthOrFeedrate, Unit::Millimetre) => WITH_POINT_MM_MAX,
         (true, ..) => WITH_POINT_MAX,
     };
     let within = written.abs() <= max;
@@ -127,7 +133,7 @@ pub(crate) fn judge_written(
 }
 
 /// Checks N, which has no decimal point (manual dgshape, 2-6); the parser counts its digits.
-pub(crate) fn judge_block_number(word: &Word, fault: &mut dyn FnMut(Diagnostic)) {
+pub(crate) fn validate_block_number(word: &Word, fault: &mut dyn FnMut(Diagnostic)) {
     let number = word.number().unwrap_or_default();
     if !word.is_whole() || number < 0.0 {
         let message = format!("N{number} is not a block number");
@@ -151,7 +157,7 @@ pub(crate) fn code_number(word: &Word) -> Option<f64> {
 }
 
 /// Checks a block number.
-pub(crate) fn judge_whole(word: &Word, fault: &mut dyn FnMut(Diagnostic)) {
+pub(crate) fn validate_whole_number(word: &Word, fault: &mut dyn FnMut(Diagnostic)) {
     if word.whole().is_none() {
         fault(constant_needed(word, "a whole number", "N10"));
     }
@@ -197,8 +203,8 @@ mod tests {
             _ => AXIS_WORDS[0].clone(),
         };
         let mut found = None;
-        judge_written(&spec, &word, unit, &mut |fault| found = Some(fault.code));
-        let value = meant(word.number().unwrap(), &spec, &word, unit, &options);
+        validate_written_form(&spec, &word, unit, &mut |fault| found = Some(fault.code));
+        let value = convert_written_value(word.number().unwrap(), &spec, &word, unit, &options);
         found.map_or(Ok(value), Err)
     }
 

@@ -3,7 +3,7 @@
 use tandem_model::limits::M_CODE_MAX;
 use tandem_syntax::{Address, NcProgram, Word};
 
-use crate::codes::m_auxiliary::parameter_place;
+use crate::codes::m_auxiliary::parameter_index;
 use crate::dialect::Dialect;
 use crate::meaning::Role;
 
@@ -46,7 +46,7 @@ pub fn programmed_outputs<'a>(
         }
         let mut params = [None; 8];
         for word in words {
-            let place = parameter_place(word.address).and_then(|index| params.get_mut(index));
+            let place = parameter_index(word.address).and_then(|index| params.get_mut(index));
             if let Some(place) = place {
                 *place = Some(word);
             }

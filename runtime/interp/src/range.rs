@@ -35,7 +35,7 @@ impl Range {
     };
 
     /// Returns the range of one value, which may be not a number.
-    pub fn of(value: f64) -> Self {
+    pub fn from_value(value: f64) -> Self {
         if value.is_nan() {
             return Self {
                 low: f64::INFINITY,
@@ -98,7 +98,7 @@ impl Range {
     pub fn binary(operator: Operator, left: Self, right: Self) -> Self {
         let own = left.own && right.own;
         if let (Some(left), Some(right)) = (left.value(), right.value()) {
-            return Self::of(binary(operator, left, right)).and_own(own);
+            return Self::from_value(binary(operator, left, right)).and_own(own);
         }
         let ends = |all: [f64; 4]| {
             if all.iter().any(|value| value.is_nan()) {
@@ -135,7 +135,7 @@ impl Range {
         let own = x.own && y.is_none_or(|y| y.own);
         let second = y.map_or(Some(f64::NAN), Self::value);
         if let (Some(x), Some(y)) = (x.value(), second) {
-            return Self::of(call(function, x, y)).and_own(own);
+            return Self::from_value(call(function, x, y)).and_own(own);
         }
         let rising = |x: Self| Self {
             nan: x.nan,

@@ -3,7 +3,7 @@
 use crate::codes::{Code, ModalGroup};
 use crate::dialect::Dialect;
 use crate::meaning::{LengthOffset, ModalValue, Role, Side};
-use crate::restrictions::{During, What, written};
+use crate::restrictions::{ForbiddenElement, RestrictionScope, written};
 
 /// Returns the restrictions of a code with the correction, from the dialect's table.
 pub fn restrictions_of(code: &Code, dialect: &Dialect) -> Vec<String> {
@@ -11,7 +11,8 @@ pub fn restrictions_of(code: &Code, dialect: &Dialect) -> Vec<String> {
     // a row that names the element found is useless without it
     let is_whole = |text: &str| !text.contains("{code}");
     let rows = rows.filter(|row| {
-        is_of(row.what, code) || (holds_in(row.during, code) && is_whole(row.message) && is_whole(row.help))
+        concerns_code(row.what, code)
+            || (holds_in(row.during, code) && is_whole(row.message) && is_whole(row.help))
     });
     let mut texts = Vec::new();
     for row in rows {
@@ -29,39 +30,47 @@ pub fn restrictions_of(code: &Code, dialect: &Dialect) -> Vec<String> {
 }
 
 /// Returns true if the forbidden element is this code or its effect.
-fn is_of(what: What, code: &Code) -> bool {
+fn concerns_code(what: ForbiddenElement, code: &Code) -> bool {
     let is_cycle = matches!(code.sets, Some(ModalValue::Cycle(Some(_))));
     match what {
-        What::MovesBy(kind) => code.role == Role::Motion(kind),
-        What::MissingOfCycle | What::MovesByCycle | What::SpindleAtRest => is_cycle,
-        What::Has(role) | What::Accompanied(role) => code.role == role,
-        What::OtherSide => compensates(code),
-        What::OtherPlane => matches!(code.sets, Some(ModalValue::Plane(_))),
-        What::CycleCode => code.group == ModalGroup::FixedCycle,
-        What::OtherUnit => matches!(code.sets, Some(ModalValue::Unit(_))),
-        What::Parameters => code.role == Role::Auxiliary,
-        What::ForeignToCycles | What::NotXy | What::ArcInForce | What::OffsetNumber => false,
+        ForbiddenElement::MovesBy(kind) => code.role == Role::Motion(kind),
+        ForbiddenElement::MissingOfCycle
+        | ForbiddenElement::MovesByCycle
+        | ForbiddenElement::SpindleAtRest => is_cycle,
+        ForbiddenElement::Has(role) | ForbiddenElement::Accompanied(role) => code.role == role,
+        ForbiddenElement::OtherSide => compensates(code),
+        ForbiddenElement::OtherPlane => matches!(code.sets, Some(ModalValue::Plane(_))),
+        ForbiddenElement::CycleCode => code.group == ModalGroup::FixedCycle,
+        ForbiddenElement::OtherUnit => matches!(code.sets, Some(ModalValue::Unit(_))),
+        ForbiddenElement::Parameters => code.role == Role::Auxiliary,
+        ForbiddenElement::ForeignToCycles
+        | ForbiddenElement::NotXy
+        | ForbiddenElement::ArcInForce
+        | ForbiddenElement::OffsetNumber => false,
     }
 }
 
 /// Returns true if a restriction applies because of this code.
-fn holds_in(during: During, code: &Code) -> bool {
+fn holds_in(during: RestrictionScope, code: &Code) -> bool {
     match during {
-        During::CycleBegin | During::Cycle | During::Drilling => {
+        RestrictionScope::CycleBegin | RestrictionScope::Cycle | RestrictionScope::Drilling => {
             matches!(code.sets, Some(ModalValue::Cycle(Some(_))))
         }
-        During::SideSwitch
-        | During::Lead
-        | During::Compensation
-        | During::CompensatedBlock
-        | During::CompensationOrWayOut
-        | During::CompensatedEnd
-        | During::AnyCompensation => compensates(code),
-        During::ToolOffset => {
+        RestrictionScope::SideSwitch
+        | RestrictionScope::Lead
+        | RestrictionScope::Compensation
+        | RestrictionScope::CompensatedBlock
+        | RestrictionScope::CompensationOrWayOut
+        | RestrictionScope::CompensatedEnd
+        | RestrictionScope::AnyCompensation => compensates(code),
+        RestrictionScope::ToolOffset => {
             let offset = [LengthOffset::Added, LengthOffset::Subtracted];
             matches!(code.sets, Some(ModalValue::Length(length)) if offset.contains(&length))
         }
-        During::Always | During::Incremental | During::UnitSettled | During::NoCompensation => false,
+        RestrictionScope::Always
+        | RestrictionScope::Incremental
+        | RestrictionScope::UnitSettled
+        | RestrictionScope::NoCompensation => false,
     }
 }
 

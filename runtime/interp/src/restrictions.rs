@@ -23,9 +23,9 @@ pub use usual::USUAL;
 #[derive(Debug)]
 pub struct Restriction {
     /// Condition under which the restriction applies.
-    pub during: During,
+    pub during: RestrictionScope,
     /// The forbidden element.
-    pub what: What,
+    pub what: ForbiddenElement,
     /// The diagnostic that reports it.
     pub entry: &'static DiagnosticEntry,
     /// Error text. `{code}` is replaced by the element found, the other marks by codes of the dialect: `{linear}`,
@@ -40,8 +40,8 @@ impl Restriction {
     /// Creates a row from its fields.
     pub(crate) const fn new(
         entry: &'static DiagnosticEntry,
-        during: During,
-        what: What,
+        during: RestrictionScope,
+        what: ForbiddenElement,
         message: &'static str,
         help: &'static str,
     ) -> Self {
@@ -60,7 +60,7 @@ impl Restriction {
 /// The lead-out is pending from the block that switches cutter compensation off to the motion that leads out,
 /// both included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum During {
+pub enum RestrictionScope {
     /// Always.
     Always,
     /// Distances are incremental in the block.
@@ -96,7 +96,7 @@ pub enum During {
 
 /// Forbidden elements of a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum What {
+pub enum ForbiddenElement {
     /// A block without one of the words that its fixed cycle begins with.
     MissingOfCycle,
     /// A code that sets neither a fixed cycle nor its return level.
@@ -262,7 +262,7 @@ pub(crate) fn centre(axis: Axis) -> Address {
 }
 
 /// Returns which restrictions apply to a block, from the modal state before it and its own codes.
-fn state(words: &BlockWords, modal: &Modal) -> impl Fn(During) -> bool {
+fn state(words: &BlockWords, modal: &Modal) -> impl Fn(RestrictionScope) -> bool {
     let (in_force, own) = (modal.in_force, words.sets());
     let moves_anew = g_code(words, |code| matches!(code.role, Role::Motion(_))).is_some();
     let in_cycle = modal.fixed_cycle().is_some() && own.cycle != Some(None) && !moves_anew;
@@ -286,90 +286,90 @@ fn state(words: &BlockWords, modal: &Modal) -> impl Fn(During) -> bool {
     let tool_offset =
         is_offset(in_force.length, in_force.length_number) || is_offset(own.length, words.get(Address::H));
     move |during| match during {
-        During::Always => true,
-        During::Incremental => incremental,
-        During::UnitSettled => settled,
-        During::Drilling => drills,
-        During::SideSwitch => after != before,
-        During::NoCompensation => in_force.side == Some(Side::Off),
-        During::CycleBegin => matches!(own.cycle, Some(Some(_))) && in_force.cycle == Some(None),
-        During::Cycle => in_cycle,
-        During::Lead => leads,
-        During::Compensation => (before && after) || way_out,
-        During::CompensatedBlock => after,
-        During::CompensationOrWayOut => after || way_out,
-        During::CompensatedEnd => (after || way_out) && !leads_out_here,
-        During::AnyCompensation => before || pending || switches_on,
-        During::ToolOffset => tool_offset,
+        RestrictionScope::Always => true,
+        RestrictionScope::Incremental => incremental,
+        RestrictionScope::UnitSettled => settled,
+        RestrictionScope::Drilling => drills,
+        RestrictionScope::SideSwitch => after != before,
+        RestrictionScope::NoCompensation => in_force.side == Some(Side::Off),
+        RestrictionScope::CycleBegin => matches!(own.cycle, Some(Some(_))) && in_force.cycle == Some(None),
+        RestrictionScope::Cycle => in_cycle,
+        RestrictionScope::Lead => leads,
+        RestrictionScope::Compensation => (before && after) || way_out,
+        RestrictionScope::CompensatedBlock => after,
+        RestrictionScope::CompensationOrWayOut => after || way_out,
+        RestrictionScope::CompensatedEnd => (after || way_out) && !leads_out_here,
+        RestrictionScope::AnyCompensation => before || pending || switches_on,
+        RestrictionScope::ToolOffset => tool_offset,
     }
 }
 
 /// Returns the word at which a finding is shown, and the element found.
-fn found(what: What, words: &BlockWords, modal: &Modal) -> Option<(Address, String)> {
+fn found(what: ForbiddenElement, words: &BlockWords, modal: &Modal) -> Option<(Address, String)> {
     let in_force = &modal.in_force;
     let shown = |code: &Code| (Address::G, code.code.to_owned());
     let motion = |is_so: bool| (is_so && moves(words)).then(|| words.taker.map(shown)).flatten();
     let m_code = || (Address::M, format!("M{:02}", words.m_number()));
     match what {
-        What::MissingOfCycle => {
+        ForbiddenElement::MissingOfCycle => {
             let needed = words.sets().cycle??.needed;
             let missing = needed.iter().find(|word| !words.present.contains(**word))?;
             Some((Address::G, missing.text().to_owned()))
         }
-        What::ForeignToCycles => {
+        ForbiddenElement::ForeignToCycles => {
             let belongs =
                 |code: &Code| matches!(code.sets, Some(ModalValue::Cycle(_) | ModalValue::ReturnLevel(_)));
             let foreign = g_code(words, |code| !belongs(code)).map(shown);
             foreign.or_else(|| words.m_code().map(|_| m_code()))
         }
-        What::MovesBy(kind) => motion(moves_by(words, kind)),
-        What::MovesByCycle => motion(
+        ForbiddenElement::MovesBy(kind) => motion(moves_by(words, kind)),
+        ForbiddenElement::MovesByCycle => motion(
             words
                 .taker
                 .is_some_and(|code| matches!(code.sets, Some(ModalValue::Cycle(Some(_))))),
         ),
-        What::Has(role) => {
+        ForbiddenElement::Has(role) => {
             let g_code = g_code(words, |code| code.role == role).map(shown);
             let is_m_code = || words.m_code().is_some_and(|code| code.role == role);
             g_code.or_else(|| is_m_code().then(m_code))
         }
-        What::OtherSide => {
+        ForbiddenElement::OtherSide => {
             let on = |side: &Side| *side != Side::Off;
             let (own, before) = (own_side(words).filter(on)?, in_force.side.filter(on)?);
             (own != before).then(|| (Address::G, String::new()))
         }
-        What::OtherPlane => {
+        ForbiddenElement::OtherPlane => {
             let plane = in_force.plane?;
             let is_other = |code: &Code| matches!(code.sets, Some(ModalValue::Plane(own)) if own != plane);
             g_code(words, is_other).map(shown)
         }
-        What::Accompanied(role) => {
+        ForbiddenElement::Accompanied(role) => {
             let alone = words.present.is_empty() && words.g_codes().is_empty();
             (words.m_code()?.role == role && !alone).then(m_code)
         }
-        What::NotXy => {
+        ForbiddenElement::NotXy => {
             let plane = words.sets().plane.or(in_force.plane)?;
             (plane != Plane::Xy).then(|| (Address::G, String::new()))
         }
-        What::ArcInForce => {
+        ForbiddenElement::ArcInForce => {
             let own = g_code(words, |code| matches!(code.role, Role::Motion(_)));
             let code = own.or_else(|| modal.code(ModalGroup::Motion))?;
             (code.role == Role::Motion(MotionKind::Arc)).then(|| shown(code))
         }
-        What::OffsetNumber => {
+        ForbiddenElement::OffsetNumber => {
             let (own, before) = (words.get(Address::D)?, in_force.offset_number?);
             (own.to_bits() != before.to_bits()).then(|| (Address::D, String::new()))
         }
-        What::CycleCode => g_code(words, |code| code.group == ModalGroup::FixedCycle).map(shown),
-        What::SpindleAtRest => {
+        ForbiddenElement::CycleCode => g_code(words, |code| code.group == ModalGroup::FixedCycle).map(shown),
+        ForbiddenElement::SpindleAtRest => {
             let turns = words.sets().spindle.or(in_force.spindle)?;
             words.taker.filter(|_| !turns).map(shown)
         }
-        What::OtherUnit => {
+        ForbiddenElement::OtherUnit => {
             let (own, before) = (words.sets().unit?, in_force.unit?);
             g_code(words, sets_unit).filter(|_| own != before).map(shown)
         }
-        What::Parameters => (words.m_code().is_some() && words.has_parameters()).then(m_code),
+        ForbiddenElement::Parameters => (words.m_code().is_some() && words.has_parameters()).then(m_code),
     }
 }
 

@@ -81,7 +81,7 @@ impl TextPosition {
     }
 
     /// Returns the distance that a block moves along an axis; NaN if the text does not show it.
-    pub(crate) fn way(&self, words: &BlockWords, distance: Option<Distance>, axis: Axis) -> f64 {
+    pub(crate) fn move_distance(&self, words: &BlockWords, distance: Option<Distance>, axis: Axis) -> f64 {
         let word = values(words, words.axis_words).find(|(named, _)| *named == axis);
         match (word, distance) {
             (None, _) => 0.0,

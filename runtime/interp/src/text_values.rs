@@ -38,7 +38,7 @@ impl Values {
             VariableKind::Local => match self.locals.get(&variable.index) {
                 Some(range) => *range,
                 None if self.unknown => Range::ANY,
-                None => Range::of(0.0),
+                None => Range::from_value(0.0),
             },
             VariableKind::CapturedPosition => Range::ANY,
             VariableKind::CoordinateSystem | VariableKind::Global => shared().copied().unwrap_or(Range::ANY),

@@ -269,7 +269,7 @@ pub struct ProgrammedFeed {
 
 /// Feedrate and ramp times of a cutting segment.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Feed {
+pub struct SegmentFeed {
     /// mm/min over X, Y, Z (deg/min for a segment of rotary axes only).
     pub feedrate_mm_min: f64,
     /// Acceleration time ta, ms.
@@ -282,7 +282,7 @@ pub struct Feed {
     pub unit_mm: f64,
 }
 
-impl Default for Feed {
+impl Default for SegmentFeed {
     fn default() -> Self {
         Self {
             feedrate_mm_min: 0.0,
@@ -318,7 +318,7 @@ pub enum SegmentMotion {
         /// The geometry.
         path: Path,
         /// Speed along it and ramp times. The feedrate is that of the path's length.
-        feed: Feed,
+        feed: SegmentFeed,
     },
     /// G00: each motor alone, in its shortest time.
     Rapid {
@@ -341,7 +341,7 @@ pub enum SegmentMotion {
         /// End, machine coordinates; Z differs.
         to: AxisVector,
         /// F as it is written, perhaps above the maximum feedrate, and ramp times.
-        feed: Feed,
+        feed: SegmentFeed,
         /// Revolutions of the spindle from start to end, clockwise positive; 0: no spindle is locked to the move.
         revolutions: f64,
         /// Into the hole, or out of it.

@@ -48,14 +48,14 @@ pub enum Law {
     /// A block at feedrate as planned: from rest to rest, or blended with its neighbours.
     Ramped {
         /// The block.
-        block: Ramped,
+        block: RampedMotion,
         /// Its place in its chain.
         place: ChainPlace,
     },
     /// As `Ramped`, in plan time, which advances at a pace that respects the motors' limits (M1d).
     Paced {
         /// The block; the pace may end before it when several profiles follow each other.
-        block: Ramped,
+        block: RampedMotion,
         /// Plan time as a function of time.
         pace: Pace,
     },
@@ -109,7 +109,7 @@ pub enum Law {
 /// A block along its path at one speed with a ramp at each end. A blended block begins where the ramp from the block
 /// before is over, and ends with the ramp to the next one.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Ramped {
+pub struct RampedMotion {
     /// The geometry.
     pub path: Path,
     /// Speed between the ramps, path units per second.
@@ -167,20 +167,20 @@ fn alone([from, to]: [&AxisVector; 2], moves: &[MotorMove; AXES_MAX], t_s: f64) 
     }))
 }
 
-impl Ramped {
+impl RampedMotion {
     /// Returns the machine position at a plan time; exact at the end.
     pub fn position(&self, plan_s: f64) -> AxisVector {
         if plan_s >= self.plan_s {
-            return self.end();
+            return self.end_position();
         }
-        let (gone, stopped_s) = self.gone(plan_s);
+        let (gone, stopped_s) = self.covered_distances(plan_s);
         self.beyond(self.path.point_at(gone), stopped_s)
     }
 
     /// Returns the distance along its own path at a plan time, and P of the ramp at its end: with the speed
     /// of the next block, the distance along that one's path.
     #[inline]
-    pub fn gone(&self, plan_s: f64) -> (f64, f64) {
+    pub fn covered_distances(&self, plan_s: f64) -> (f64, f64) {
         let stopped_s = self
             .stop
             .distance(plan_s - (self.plan_s - self.stop.duration_s()));
@@ -190,7 +190,7 @@ impl Ramped {
 
     /// Returns the machine position at its end: that of its path, and what the next block has covered by
     /// then.
-    pub fn end(&self) -> AxisVector {
+    pub fn end_position(&self) -> AxisVector {
         self.beyond(self.path.end(), self.stop.duration_s() / 2.0)
     }
 
@@ -218,9 +218,9 @@ impl Profile {
 
     /// Returns the last position of the profile, machine coordinates: its target, and what the next block has
     /// covered by then.
-    pub fn end(&self) -> AxisVector {
+    pub fn end_position(&self) -> AxisVector {
         match &self.law {
-            Law::Ramped { block, .. } => block.end(),
+            Law::Ramped { block, .. } => block.end_position(),
             Law::Paced { block, pace } => block.position(pace.ends_s),
             _ => self.target(),
         }
@@ -230,7 +230,7 @@ impl Profile {
     /// before the start, the position at the start.
     pub fn position(&self, t_s: f64) -> AxisVector {
         if t_s >= self.duration_s {
-            return self.end();
+            return self.end_position();
         }
         match &self.law {
             Law::Ramped { block, .. } => block.position(t_s),

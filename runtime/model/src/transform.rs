@@ -99,7 +99,7 @@ impl Transform {
             }
         }
         match &self.rotation {
-            Some(rotation) => turned(rotation, distance, 1.0),
+            Some(rotation) => rotated(rotation, distance, 1.0),
             None => distance,
         }
     }
@@ -143,7 +143,7 @@ impl Transform {
     /// Returns the point rotated about the centre, forth (`sense` 1) or back (-1).
     fn rotated(&self, mut point: AxisVector, sense: f64) -> AxisVector {
         if let Some(rotation) = &self.rotation {
-            let from_centre = turned(rotation, point.minus(rotation.centre), sense);
+            let from_centre = rotated(rotation, point.minus(rotation.centre), sense);
             for axis in rotation.plane.axes() {
                 point[axis] = rotation.centre[axis] + from_centre[axis];
             }
@@ -172,7 +172,7 @@ impl Transform {
 }
 
 /// Returns the vector turned in the rotation's plane, forth (`sense` 1) or back (-1).
-fn turned(rotation: &Rotation, vector: AxisVector, sense: f64) -> AxisVector {
+fn rotated(rotation: &Rotation, vector: AxisVector, sense: f64) -> AxisVector {
     let [first, second] = rotation.plane.axes();
     let (sin, cos) = sine_and_cosine(rotation.angle_deg);
     let sin = sin * sense;

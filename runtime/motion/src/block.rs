@@ -1,7 +1,7 @@
 //! A planned block of a chain, before look-ahead sets its pace.
 
 use tandem_model::Origin;
-use tandem_model::profile::{ChainPlace, Law, Pace, Profile, Ramped};
+use tandem_model::profile::{ChainPlace, Law, Pace, Profile, RampedMotion};
 
 /// The contents of a ramped profile, without room for a pace: held back and recorded by the ten thousand.
 #[derive(Debug, Clone)]
@@ -9,7 +9,7 @@ pub(crate) struct RampedBlock {
     pub(crate) segment: u64,
     pub(crate) epoch: u32,
     pub(crate) origin: Origin,
-    pub(crate) ramped: Ramped,
+    pub(crate) ramped: RampedMotion,
     pub(crate) place: ChainPlace,
 }
 

@@ -8,12 +8,12 @@ use std::collections::VecDeque;
 
 use tandem_model::Origin;
 use tandem_model::flow::Path;
-use tandem_model::profile::{ChainPlace, Lead, Ramped};
+use tandem_model::profile::{ChainPlace, Lead, RampedMotion};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::ShortBlock;
 
 use crate::block::RampedBlock;
-use crate::ramped::Alone;
+use crate::ramped::SingleBlock;
 
 /// The blocks of the chain that are not planned to their end.
 #[derive(Debug, Clone, Default)]
@@ -25,19 +25,19 @@ pub(crate) struct Chain {
 
 /// A segment as input of a chain.
 #[derive(Debug, Clone)]
-pub(crate) struct Block {
+pub(crate) struct ChainBlock {
     pub(crate) segment: u64,
     pub(crate) epoch: u32,
     pub(crate) origin: Origin,
     pub(crate) path: Path,
     /// The block from rest to rest.
-    pub(crate) alone: Alone,
+    pub(crate) alone: SingleBlock,
 }
 
 /// A block within its chain.
 #[derive(Debug, Clone)]
 struct Link {
-    block: Block,
+    block: ChainBlock,
     /// Path units per second; final once the stop ramp is known, with [`ShortBlock::Shrink`] from the beginning.
     speed: f64,
     is_first: bool,
@@ -54,7 +54,7 @@ impl Chain {
     }
 
     /// Adds a block, and outputs those that are final.
-    pub(crate) fn push(&mut self, rule: ShortBlock, block: Block, out: impl FnMut(RampedBlock)) {
+    pub(crate) fn push(&mut self, rule: ShortBlock, block: ChainBlock, out: impl FnMut(RampedBlock)) {
         let mut link = Link {
             speed: block.alone.limit,
             is_first: self.links.is_empty(),
@@ -72,7 +72,7 @@ impl Chain {
             before.end_with(link.start, rule);
         }
         self.links.push_back(link);
-        self.put_out(rule, out);
+        self.release_final(rule, out);
     }
 
     /// Ends the chain at rest and outputs all of it.
@@ -87,14 +87,14 @@ impl Chain {
             };
             last.end_with(ramp, rule);
         }
-        self.put_out(rule, &mut out);
+        self.release_final(rule, &mut out);
         if let Some(last) = self.links.pop_front() {
             out(self.planned(last));
         }
         self.clear();
     }
 
-    fn put_out(&mut self, rule: ShortBlock, mut out: impl FnMut(RampedBlock)) {
+    fn release_final(&mut self, rule: ShortBlock, mut out: impl FnMut(RampedBlock)) {
         while let Some(next) = self.links.get(1) {
             if rule == ShortBlock::Extend && next.stop.is_none() {
                 return;
@@ -137,7 +137,7 @@ impl Chain {
             segment: link.block.segment,
             epoch: link.block.epoch,
             origin: link.block.origin,
-            ramped: Ramped {
+            ramped: RampedMotion {
                 path: link.block.path,
                 speed,
                 start,

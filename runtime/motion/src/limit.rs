@@ -13,15 +13,15 @@ pub(crate) const ACCELERATION_RESERVE: f64 = 2e-3;
 ///
 /// # Errors
 /// `LIMIT_ZERO` unless it is a number above zero.
-pub(crate) fn of_axis(axis: Axis, name: &str, limit: f64) -> Result<f64, Alarm> {
-    of(format_args!("axis {}", axis.letter()), name, limit)
+pub(crate) fn check_axis_limit(axis: Axis, name: &str, limit: f64) -> Result<f64, Alarm> {
+    check_limit(format_args!("axis {}", axis.letter()), name, limit)
 }
 
 /// Returns a limit of a motor.
 ///
 /// # Errors
 /// `LIMIT_ZERO` unless it is a number above zero.
-pub(crate) fn of(motor: impl Display, name: &str, limit: f64) -> Result<f64, Alarm> {
+pub(crate) fn check_limit(motor: impl Display, name: &str, limit: f64) -> Result<f64, Alarm> {
     if is_valid(limit) {
         return Ok(limit);
     }

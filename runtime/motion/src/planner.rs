@@ -9,9 +9,9 @@ use tandem_model::profile::{Law, PathPlace, Profile, Stretch};
 use tandem_model::settings::CoordinateSystemSettings;
 
 use crate::block::RampedBlock;
-use crate::chain::{Block, Chain};
+use crate::chain::{Chain, ChainBlock};
 use crate::look_ahead::LookAhead;
-use crate::ramped::{self, Alone};
+use crate::ramped::{self, SingleBlock};
 use crate::record::{Entry, Record};
 use crate::replan::Replan;
 use crate::{rapid, tapping};
@@ -76,7 +76,7 @@ impl Planner {
     }
 
     /// Prevents a return past the end of the last segment taken.
-    pub fn bar_way_back(&mut self) {
+    pub fn forbid_retrace(&mut self) {
         self.record.bar(self.last_segment);
     }
 
@@ -99,8 +99,8 @@ impl Planner {
     }
 
     /// Returns true if [`Planner::retrace`] finds a return path from this place.
-    pub fn has_way_back(&self, from: PathPlace) -> bool {
-        self.record.has_way_back(from)
+    pub fn can_retrace(&self, from: PathPlace) -> bool {
+        self.record.can_retrace(from)
     }
 
     /// Returns the path back from a place at rest, along the blocks that moved with G500, to rest: up to a block with
@@ -109,7 +109,7 @@ impl Planner {
     pub fn retrace(&mut self, from: PathPlace) -> VecDeque<Profile> {
         let back = Replan::backward(&self.record, &self.look_ahead, from);
         if !back.profiles.is_empty() {
-            self.record.turn_at(from);
+            self.record.record_turn(from);
         }
         back.profiles
     }
@@ -123,7 +123,7 @@ impl Planner {
     /// `LIMIT_ZERO` when a motor that moves has a limit that is not above zero, `VALUE_NOT_FINITE`,
     /// `VALUE_OUT_OF_RANGE` for a negative time, a feedrate that is not above zero, or a duration above 1e9 s.
     pub fn push(&mut self, segment: &Segment, out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
-        let pushed = self.take(segment, out);
+        let pushed = self.plan_segment(segment, out);
         if pushed.is_err() || segment.end == SegmentEnd::ExactStop {
             self.flush(out);
         }
@@ -136,7 +136,7 @@ impl Planner {
         self.chain.finish(self.settings.motion.short_block, onward);
     }
 
-    fn take(&mut self, segment: &Segment, out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
+    fn plan_segment(&mut self, segment: &Segment, out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
         let (law, duration_s) = match &segment.motion {
             SegmentMotion::Feed { path, feed } => {
                 let alone = ramped::plan(&self.settings, path, *feed, segment.multi_block)?;
@@ -183,7 +183,7 @@ impl Planner {
         &mut self,
         segment: &Segment,
         path: &Path,
-        alone: Alone,
+        alone: SingleBlock,
         out: &mut VecDeque<Profile>,
     ) -> Result<(), Alarm> {
         check_duration(alone.duration_s_max(path.length()))?;
@@ -192,7 +192,7 @@ impl Planner {
             self.multi_block = segment.multi_block;
         }
         self.last_segment += 1;
-        let block = Block {
+        let block = ChainBlock {
             segment: self.last_segment,
             epoch: self.epoch,
             origin: segment.origin,

@@ -1,7 +1,7 @@
 //! G01 along a path: from rest to rest (M1a), and the parts of it that a chain uses.
 
 use tandem_model::alarm::{VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE, check_finite};
-use tandem_model::flow::{Feed, MultiBlock, Path};
+use tandem_model::flow::{MultiBlock, Path, SegmentFeed};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Alarm, Axis, bisect};
@@ -16,7 +16,7 @@ const ROUNDING: f64 = 2e-9;
 
 /// A block from rest to rest, outside of any chain.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Alone {
+pub(crate) struct SingleBlock {
     /// F within its limits, path units per second: the speed of a block that is long enough.
     pub(crate) limit: f64,
     /// Ramp with ta, as programmed.
@@ -24,19 +24,19 @@ pub(crate) struct Alone {
     /// Ramp with td, as programmed.
     pub(crate) stop: UnitRamp,
     /// Limits of the ramps from rest and to rest. `None` keeps the programmed ones.
-    soft: Option<Soft>,
+    soft: Option<JerkLimits>,
 }
 
 /// The limits of the motors along a line.
 #[derive(Debug, Clone, Copy)]
-struct Soft {
+struct JerkLimits {
     /// Path units per second squared.
     acceleration: f64,
     /// Path units per second cubed.
     jerk: f64,
 }
 
-impl Alone {
+impl SingleBlock {
     /// Returns the ramps from rest to this speed and back.
     fn ramps(&self, speed: f64) -> [UnitRamp; 2] {
         [self.start_to(speed), self.stop_from(speed)]
@@ -99,7 +99,7 @@ impl Alone {
     }
 }
 
-impl Soft {
+impl JerkLimits {
     /// Returns the limits along a line; `None` unless a motor with a maximum jerk moves.
     fn along(settings: &CoordinateSystemSettings, path: &Path) -> Result<Option<Self>, Alarm> {
         let mut motors = settings.motors.iter().flatten();
@@ -117,7 +117,9 @@ impl Soft {
             };
             soft.acceleration = soft.acceleration.min(motor.max_acceleration / steepest);
             if let Some(jerk) = motor.max_jerk {
-                soft.jerk = soft.jerk.min(limit::of_axis(axis, "max_jerk", jerk)? / steepest);
+                soft.jerk = soft
+                    .jerk
+                    .min(limit::check_axis_limit(axis, "max_jerk", jerk)? / steepest);
             }
         }
         soft.jerk *= 1.0 - ROUNDING;
@@ -138,9 +140,9 @@ impl Soft {
 pub(crate) fn plan(
     settings: &CoordinateSystemSettings,
     path: &Path,
-    feed: Feed,
+    feed: SegmentFeed,
     multi_block: MultiBlock,
-) -> Result<Alone, Alarm> {
+) -> Result<SingleBlock, Alarm> {
     let length = path.length();
     if !length.is_finite() || !path.start().is_finite() || !path.end().is_finite() {
         let text = format!("The length of the block is {length}");
@@ -152,11 +154,11 @@ pub(crate) fn plan(
     let soft = match multi_block {
         MultiBlock::On => {
             check_acceleration(settings, path)?;
-            Soft::along(settings, path)?
+            JerkLimits::along(settings, path)?
         }
         MultiBlock::Off => None,
     };
-    Ok(Alone {
+    Ok(SingleBlock {
         limit,
         start,
         stop,
@@ -180,7 +182,11 @@ pub(crate) fn stop_to_stop(length: f64, limit: f64, [start, stop]: [UnitRamp; 2]
 ///
 /// # Errors
 /// Fails if the feedrate, its maximum, or the velocity of a motor that moves is not a number above 0.
-pub fn speed_limit(settings: &CoordinateSystemSettings, path: &Path, feed: Feed) -> Result<f64, Alarm> {
+pub fn speed_limit(
+    settings: &CoordinateSystemSettings,
+    path: &Path,
+    feed: SegmentFeed,
+) -> Result<f64, Alarm> {
     let feedrate = feed.feedrate_mm_min;
     check_finite("The feedrate", feedrate)?;
     let maximum = settings.max_feedrate_mm_min * feed.unit_mm;
@@ -200,7 +206,7 @@ pub fn speed_limit(settings: &CoordinateSystemSettings, path: &Path, feed: Feed)
         if steepest == 0.0 {
             continue;
         }
-        speed = speed.min(limit::of_axis(axis, "max_velocity", max_velocity)? / steepest);
+        speed = speed.min(limit::check_axis_limit(axis, "max_velocity", max_velocity)? / steepest);
     }
     if speed > 0.0 {
         Ok(speed)
@@ -216,7 +222,7 @@ fn check_acceleration(settings: &CoordinateSystemSettings, path: &Path) -> Resul
         let motor = settings.motors[axis.index()].as_ref();
         let limit = motor.map_or(0.0, |motor| motor.max_acceleration);
         if !limit::is_valid(limit) && path.steepest(axis) > 0.0 {
-            limit::of_axis(axis, "max_acceleration", limit)?;
+            limit::check_axis_limit(axis, "max_acceleration", limit)?;
         }
     }
     Ok(())

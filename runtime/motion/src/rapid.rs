@@ -56,10 +56,10 @@ fn moves(
         let acceleration = motor.map_or(0.0, |motor| motor.rapid_acceleration);
         let jerk = motor.and_then(|motor| motor.max_jerk);
         let limits = MotorLimits {
-            velocity: limit::of_axis(axis, name, motor.map_or(0.0, velocity))?,
-            acceleration: limit::of_axis(axis, "rapid_acceleration", acceleration)?,
+            velocity: limit::check_axis_limit(axis, name, motor.map_or(0.0, velocity))?,
+            acceleration: limit::check_axis_limit(axis, "rapid_acceleration", acceleration)?,
             jerk: jerk
-                .map(|jerk| limit::of_axis(axis, "max_jerk", jerk))
+                .map(|jerk| limit::check_axis_limit(axis, "max_jerk", jerk))
                 .transpose()?,
         };
         moving[axis.index()] = Some((distance, limits));

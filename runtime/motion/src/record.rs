@@ -62,7 +62,7 @@ impl Entry {
     }
 
     /// Returns true if it can be passed backward.
-    fn has_way_back(&self) -> bool {
+    fn is_reversible(&self) -> bool {
         matches!(self, Entry::Paced(_) | Entry::Alone(_))
     }
 
@@ -174,21 +174,21 @@ impl Record {
 
     /// Returns the entries before a place, in reverse, as far as a return is possible, and plan time within the first,
     /// s.
-    pub(crate) fn behind(&self, from: PathPlace) -> (impl Iterator<Item = &Entry>, f64) {
+    pub(crate) fn entries_before(&self, from: PathPlace) -> (impl Iterator<Item = &Entry>, f64) {
         let (at, plan_s) = self.find(from);
         let end = (at + usize::from(plan_s > 0.0)).min(self.entries.len());
-        let is_open = |entry: &&Entry| entry.segment() > self.barrier && entry.has_way_back();
+        let is_open = |entry: &&Entry| entry.segment() > self.barrier && entry.is_reversible();
         (self.entries.range(..end).rev().take_while(is_open), plan_s)
     }
 
     /// Returns true if a return from this place is possible.
-    pub(crate) fn has_way_back(&self, from: PathPlace) -> bool {
-        let (mut behind, _) = self.behind(from);
+    pub(crate) fn can_retrace(&self, from: PathPlace) -> bool {
+        let (mut behind, _) = self.entries_before(from);
         behind.any(|entry| !entry.is_dwell() && entry.plan_s() > 0.0)
     }
 
     /// Records that a return begins at this place.
-    pub(crate) fn turn_at(&mut self, from: PathPlace) {
+    pub(crate) fn record_turn(&mut self, from: PathPlace) {
         let is_farther = |at: PathPlace| (at.segment, at.plan_s) < (from.segment, from.plan_s);
         if self.turned_at.is_none_or(is_farther) {
             self.turned_at = Some(from);

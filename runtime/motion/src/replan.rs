@@ -49,10 +49,10 @@ impl Replan {
     /// Plans the way back from a place at rest; without profiles if no way back exists.
     pub(crate) fn backward(record: &Record, held: &LookAhead, from: PathPlace) -> Self {
         let mut new = Self::empty(from, held);
-        if !record.has_way_back(from) {
+        if !record.can_retrace(from) {
             return new;
         }
-        let (behind, plan_s) = record.behind(from);
+        let (behind, plan_s) = record.entries_before(from);
         let mut behind = behind.cloned().peekable();
         let first_s = behind.peek().map_or(0.0, Entry::plan_s);
         let passage = Passage {
@@ -84,7 +84,7 @@ impl Replan {
         let mut passage = first;
         let mut begins_at_rest = at_rest;
         while let Some(entry) = entries.next() {
-            if std::mem::take(&mut begins_at_rest) && is_begun_within(&entry, passage) {
+            if std::mem::take(&mut begins_at_rest) && begins_within(&entry, passage) {
                 self.look_ahead
                     .begin_at_rest(entry.segment(), passage.is_backward);
             }
@@ -122,7 +122,7 @@ fn passes_to_rest(entry: &Entry, passage: Passage) -> bool {
 }
 
 /// Returns true if the motion begins at rest at a point where the planned path moves.
-fn is_begun_within(entry: &Entry, passage: Passage) -> bool {
+fn begins_within(entry: &Entry, passage: Passage) -> bool {
     match entry {
         Entry::Paced(block) if passage.is_backward => passage.from_s > 0.0 || !block.ends_at_rest(),
         Entry::Paced(block) => !block.begins_at_rest(passage.from_s),

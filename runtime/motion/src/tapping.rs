@@ -4,7 +4,7 @@
 //! spindle turns at its maximum, and each ramp takes at least as long as the spindle needs to reach that speed.
 
 use tandem_model::alarm::VALUE_NOT_FINITE;
-use tandem_model::flow::{Feed, Path, TapLeg};
+use tandem_model::flow::{Path, SegmentFeed, TapLeg};
 use tandem_model::profile::Law;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Alarm, AxisVector};
@@ -16,7 +16,7 @@ use crate::{limit, ramped};
 pub(crate) fn plan(
     settings: &CoordinateSystemSettings,
     [from, to]: [AxisVector; 2],
-    feed: Feed,
+    feed: SegmentFeed,
     revolutions: f64,
     leg: TapLeg,
 ) -> Result<(Law, f64), Alarm> {
@@ -31,8 +31,8 @@ pub(crate) fn plan(
         let r_min_of_mm_s = revolutions.abs() / length * 60.0;
         let limits = (settings.spindle.as_ref()).map(|motor| [motor.max_velocity, motor.max_acceleration]);
         let [velocity, acceleration] = limits.unwrap_or_default();
-        let velocity = limit::of("the spindle", "max_velocity", velocity)?;
-        let acceleration = limit::of("the spindle", "max_acceleration", acceleration)?;
+        let velocity = limit::check_limit("the spindle", "max_velocity", velocity)?;
+        let acceleration = limit::check_limit("the spindle", "max_acceleration", acceleration)?;
         speed = speed.min(velocity / r_min_of_mm_s);
         spindle_ramp_ms = speed * r_min_of_mm_s / acceleration * 1000.0;
     }

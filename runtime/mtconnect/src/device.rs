@@ -96,7 +96,7 @@ const LINEAR: [&str; 6] = ["X", "Y", "Z", "U", "V", "W"];
 impl Device {
     /// Creates the device of a machine: a path for each coordinate system, and an axis for each motor that belongs to
     /// one.
-    pub fn of(birth: &Birth) -> Self {
+    pub fn from_birth(birth: &Birth) -> Self {
         let mut device = Self {
             name: birth.machine.clone(),
             uuid: format!("tandem-{}", birth.machine),

@@ -116,7 +116,7 @@ impl Xml {
         self.close(name);
     }
 
-    fn end(mut self, kind: &str) -> String {
+    fn finish_document(mut self, kind: &str) -> String {
         self.close(&format!("MTConnect{kind}"));
         String::from_utf8(self.0.into_inner().into_inner()).unwrap_or_default()
     }
@@ -134,7 +134,7 @@ pub fn devices(head: &Head, device: &Device, asset_count: usize) -> String {
     agent(&mut xml, head, device);
     component(&mut xml, device, 0);
     xml.close("Devices");
-    xml.end("Devices")
+    xml.finish_document("Devices")
 }
 
 /// Writes the agent as a device; it is always available.
@@ -268,7 +268,7 @@ pub fn streams(head: &Head, device: &Device, sequences: Sequences, observations:
     }
     xml.close("DeviceStream");
     xml.close("Streams");
-    xml.end("Streams")
+    xml.finish_document("Streams")
 }
 
 fn observed(xml: &mut Xml, version: Version, device: &Device, one: &Observation) {
@@ -360,7 +360,7 @@ pub fn error(head: &Head, kind: &ErrorKind, uri: &str, text: &str) -> String {
         xml.close(element);
     }
     xml.close("Errors");
-    xml.end("Error")
+    xml.finish_document("Error")
 }
 
 /// Returns the id of a tool as an asset.
@@ -414,5 +414,5 @@ pub fn assets(head: &Head, device: &Device, tools: &ToolTable, is_wanted: &dyn F
         xml.close("CuttingTool");
     }
     xml.close("Assets");
-    xml.end("Assets")
+    xml.finish_document("Assets")
 }

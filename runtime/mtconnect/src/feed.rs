@@ -11,7 +11,7 @@ use plc_api::types::io::{IoPoint, IoState};
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::run::Run;
-use plc_api::types::state::{Position, ProgramPlace, RunKind, State};
+use plc_api::types::state::{Position, ProgramLocation, RunKind, State};
 use plc_api::types::topic::Topic;
 
 use crate::buffer::{ActiveAlarm, BUFFER_SIZE, Buffer, Value};
@@ -21,7 +21,7 @@ use crate::{AgentSettings, Version};
 
 /// A device with its observations.
 #[derive(Debug)]
-pub struct Feed {
+pub struct DeviceFeed {
     pub device: Device,
     pub buffer: Buffer,
     version: Version,
@@ -47,7 +47,7 @@ struct Parts {
     count: u64,
 }
 
-impl Feed {
+impl DeviceFeed {
     /// Creates a feed in which only the constant values are known.
     pub fn new(device: Device, settings: &AgentSettings, timestamp: &Arc<str>) -> Self {
         let buffer = Buffer::new(device.items.len(), BUFFER_SIZE, timestamp);
@@ -63,7 +63,7 @@ impl Feed {
             alarms: BTreeMap::new(),
             device,
         };
-        feed.tell("dev", "AVAILABILITY", None, "AVAILABLE", timestamp);
+        feed.observe_text("dev", "AVAILABILITY", None, "AVAILABLE", timestamp);
         for index in 0..feed.device.items.len() {
             let item = &feed.device.items[index];
             let component = &feed.device.components[item.component];
@@ -100,18 +100,18 @@ impl Feed {
         match payload {
             Payload::State(state) => self.state(cs, state, at),
             Payload::Run(state) => self.run(cs, state.run.as_ref(), at),
-            Payload::Program(place) => self.place(&path, place, at),
+            Payload::Program(place) => self.observe_location(&path, place, at),
             Payload::Position(position) => self.position(cs, position, at),
             Payload::Override(overrides) => {
                 let kind = "PATH_FEEDRATE_OVERRIDE";
-                self.tell(&path, kind, Some("PROGRAMMED"), overrides.feed, at);
-                self.tell(&path, kind, Some("RAPID"), overrides.rapid, at);
+                self.observe_text(&path, kind, Some("PROGRAMMED"), overrides.feed, at);
+                self.observe_text(&path, kind, Some("RAPID"), overrides.rapid, at);
                 let spindle = axis_id(cs, "S");
-                self.tell(&spindle, "ROTARY_VELOCITY_OVERRIDE", None, overrides.spindle, at);
+                self.observe_text(&spindle, "ROTARY_VELOCITY_OVERRIDE", None, overrides.spindle, at);
             }
             Payload::Tool(tool) => {
-                self.tell(&path, "TOOL_NUMBER", None, tool.id, at);
-                self.tell(&path, "TOOL_ASSET_ID", None, format!("T{}", tool.id), at);
+                self.observe_text(&path, "TOOL_NUMBER", None, tool.id, at);
+                self.observe_text(&path, "TOOL_ASSET_ID", None, format!("T{}", tool.id), at);
             }
             Payload::Modal(modal) => {
                 // G54 is the first
@@ -120,13 +120,13 @@ impl Feed {
                     .as_deref()
                     .and_then(|code| code.strip_prefix('G')?.parse::<u32>().ok());
                 match offset.and_then(|code| code.checked_sub(53)) {
-                    Some(number) => self.tell(&path, "WORK_OFFSET", None, number, at),
+                    Some(number) => self.observe_text(&path, "WORK_OFFSET", None, number, at),
                     None => self.unavailable(&path, "WORK_OFFSET", at),
                 }
             }
             Payload::Spindle(spindle) => {
                 let axis = axis_id(cs, "S");
-                self.tell(
+                self.observe_text(
                     &axis,
                     "ROTARY_VELOCITY",
                     Some("COMMANDED"),
@@ -140,15 +140,15 @@ impl Feed {
 
     fn state(&mut self, cs: CoordinateSystemNumber, state: &State, at: &Arc<str>) {
         let path = path_id(cs);
-        self.tell(&path, "EXECUTION", None, self.execution(state.execution), at);
+        self.observe_text(&path, "EXECUTION", None, self.execution(state.execution), at);
         let mode = match state.run_kind {
             Some(RunKind::Mdi) => "MANUAL_DATA_INPUT",
             Some(RunKind::Jog | RunKind::Home) => "MANUAL",
             _ => "AUTOMATIC",
         };
-        self.tell(&path, "CONTROLLER_MODE", None, mode, at);
+        self.observe_text(&path, "CONTROLLER_MODE", None, mode, at);
         match &state.waiting_on {
-            Some(_) => self.tell(
+            Some(_) => self.observe_text(
                 &path,
                 "WAIT_STATE",
                 None,
@@ -163,10 +163,10 @@ impl Feed {
             ("OPTIONAL_STOP", state.optional_stop),
         ] {
             let word = if is_on { "ON" } else { "OFF" };
-            self.tell(&path, "CONTROLLER_MODE_OVERRIDE", Some(sub_type), word, at);
+            self.observe_text(&path, "CONTROLLER_MODE_OVERRIDE", Some(sub_type), word, at);
         }
         match state.program {
-            Some(number) => self.tell(&path, "PROGRAM", Some("MAIN"), number, at),
+            Some(number) => self.observe_text(&path, "PROGRAM", Some("MAIN"), number, at),
             None => self.unavailable_of(&path, "PROGRAM", Some("MAIN"), at),
         }
         let said = state.waiting_on.as_ref().and_then(|waiting| {
@@ -174,7 +174,7 @@ impl Feed {
             question.or_else(|| Some(waiting.progress.as_ref()?.text.clone()))
         });
         match said.filter(|text| !text.is_empty()) {
-            Some(text) => self.tell(&path, "MESSAGE", None, text, at),
+            Some(text) => self.observe_text(&path, "MESSAGE", None, text, at),
             None => self.unavailable(&path, "MESSAGE", at),
         }
     }
@@ -192,15 +192,15 @@ impl Feed {
         parts.count += u64::from(done.saturating_sub(before));
         (parts.run, parts.done) = (id, done);
         let (path, count) = (path_id(cs), parts.count);
-        self.tell(&path, "PART_COUNT", None, count, at);
+        self.observe_text(&path, "PART_COUNT", None, count, at);
         let Some(run) = run else {
             self.unavailable_of(&path, "PART_COUNT", Some("TARGET"), at);
             self.unavailable_of(&path, "PART_COUNT", Some("REMAINING"), at);
             return;
         };
         let left = run.parts.saturating_sub(run.parts_done);
-        self.tell(&path, "PART_COUNT", Some("TARGET"), run.parts, at);
-        self.tell(&path, "PART_COUNT", Some("REMAINING"), left, at);
+        self.observe_text(&path, "PART_COUNT", Some("TARGET"), run.parts, at);
+        self.observe_text(&path, "PART_COUNT", Some("REMAINING"), left, at);
     }
 
     /// Observes the emergency stop; its state is unknown until the input is written.
@@ -210,7 +210,7 @@ impl Feed {
             return self.unavailable(component, "EMERGENCY_STOP", at);
         }
         let word = if state.value.is_on() { "ARMED" } else { "TRIGGERED" };
-        self.tell(component, "EMERGENCY_STOP", None, word, at);
+        self.observe_text(component, "EMERGENCY_STOP", None, word, at);
     }
 
     /// Compares the tool table with the last one. Returns true if there are new observations.
@@ -220,19 +220,19 @@ impl Feed {
         };
         let next = self.buffer.next();
         for tool in now.iter().filter(|tool| !before.contains(tool)) {
-            self.tell_again("ASSET_CHANGED", &asset_id(tool.id), at);
+            self.report_asset_again("ASSET_CHANGED", &asset_id(tool.id), at);
         }
         for tool in before
             .iter()
             .filter(|tool| now.iter().all(|now| now.id != tool.id))
         {
-            self.tell_again("ASSET_REMOVED", &asset_id(tool.id), at);
+            self.report_asset_again("ASSET_REMOVED", &asset_id(tool.id), at);
         }
         self.buffer.next() != next
     }
 
     /// Reports an asset again when it has changed again, although the value is the same.
-    fn tell_again(&mut self, kind: &str, asset: &str, at: &Arc<str>) {
+    fn report_asset_again(&mut self, kind: &str, asset: &str, at: &Arc<str>) {
         if let Some(item) = self.items.get(&item_id("dev", kind, None)).copied() {
             self.buffer.observe(item, Value::Text(asset.into()), at);
         }
@@ -254,7 +254,7 @@ impl Feed {
         }
     }
 
-    fn place(&mut self, path: &str, place: &ProgramPlace, at: &Arc<str>) {
+    fn observe_location(&mut self, path: &str, place: &ProgramLocation, at: &Arc<str>) {
         let Some(number) = place.number else {
             for (kind, sub_type) in [
                 ("PROGRAM", Some("ACTIVE")),
@@ -265,18 +265,18 @@ impl Feed {
             }
             return;
         };
-        self.tell(path, "PROGRAM", Some("ACTIVE"), number, at);
-        self.tell(path, "LINE_NUMBER", Some("ABSOLUTE"), place.line, at);
-        self.tell(path, "BLOCK", None, &place.block, at);
-        self.tell(path, "PROGRAM_NEST_LEVEL", None, place.nest_level, at);
+        self.observe_text(path, "PROGRAM", Some("ACTIVE"), number, at);
+        self.observe_text(path, "LINE_NUMBER", Some("ABSOLUTE"), place.line, at);
+        self.observe_text(path, "BLOCK", None, &place.block, at);
+        self.observe_text(path, "PROGRAM_NEST_LEVEL", None, place.nest_level, at);
     }
 
     fn position(&mut self, cs: CoordinateSystemNumber, position: &Position, at: &Arc<str>) {
         for (sub_type, by_letter) in [("ACTUAL", &position.actual), ("COMMANDED", &position.machine)] {
             for (letter, value) in by_letter {
                 let axis = axis_id(cs, letter);
-                self.tell(&axis, "POSITION", Some(sub_type), rounded(*value), at);
-                self.tell(&axis, "ANGLE", Some(sub_type), rounded(*value), at);
+                self.observe_text(&axis, "POSITION", Some(sub_type), rounded(*value), at);
+                self.observe_text(&axis, "ANGLE", Some(sub_type), rounded(*value), at);
             }
         }
         let path = path_id(cs);
@@ -284,8 +284,8 @@ impl Feed {
         let at_point = ["X", "Y", "Z"]
             .map(|letter| rounded(value(letter)).to_string())
             .join(" ");
-        self.tell(&path, "PATH_POSITION", Some("ACTUAL"), at_point, at);
-        self.tell(
+        self.observe_text(&path, "PATH_POSITION", Some("ACTUAL"), at_point, at);
+        self.observe_text(
             &path,
             "PATH_FEEDRATE",
             Some("ACTUAL"),
@@ -293,7 +293,7 @@ impl Feed {
             at,
         );
         let spindle = axis_id(cs, "S");
-        self.tell(
+        self.observe_text(
             &spindle,
             "ROTARY_VELOCITY",
             Some("ACTUAL"),
@@ -351,7 +351,7 @@ impl Feed {
         self.items.get(&item_id(&component, kind, None)).copied()
     }
 
-    fn tell(
+    fn observe_text(
         &mut self,
         component: &str,
         kind: &str,

@@ -33,20 +33,20 @@ const TIME_MAX_MS: u64 = 60_000;
 const BOUNDARY: &str = "tandem-mtconnect";
 
 /// A rejection with its text.
-struct Refused(ErrorKind, String);
+struct RequestRejection(ErrorKind, String);
 
-fn out_of_range(parameter: &'static str, text: impl Into<String>) -> Refused {
-    Refused(ErrorKind::OutOfRange(parameter), text.into())
+fn out_of_range(parameter: &'static str, text: impl Into<String>) -> RequestRejection {
+    RequestRejection(ErrorKind::OutOfRange(parameter), text.into())
 }
 
 /// A request with its agent.
 #[derive(Debug, Clone)]
-struct Asker {
+struct AgentRequest {
     agent: Agent,
     uri: Uri,
 }
 
-impl FromRequestParts<Agent> for Asker {
+impl FromRequestParts<Agent> for AgentRequest {
     type Rejection = Infallible;
 
     async fn from_request_parts(parts: &mut Parts, agent: &Agent) -> Result<Self, Infallible> {
@@ -58,8 +58,8 @@ impl FromRequestParts<Agent> for Asker {
     }
 }
 
-impl Asker {
-    fn refuse(&self, Refused(kind, text): Refused) -> Response {
+impl AgentRequest {
+    fn refuse(&self, RequestRejection(kind, text): RequestRejection) -> Response {
         let status = match kind {
             ErrorKind::InvalidRequest | ErrorKind::InvalidXPath => StatusCode::BAD_REQUEST,
             _ => StatusCode::NOT_FOUND,
@@ -108,9 +108,9 @@ struct SampleQuery {
     heartbeat: Option<u64>,
 }
 
-type Asked<T> = Result<Query<T>, axum::extract::rejection::QueryRejection>;
+type ParsedQuery<T> = Result<Query<T>, axum::extract::rejection::QueryRejection>;
 
-async fn probe(asker: Asker) -> Response {
+async fn probe(asker: AgentRequest) -> Response {
     let agent = asker.agent.clone();
     let count = tools(&agent).await.tools.len();
     let feed = agent.inner.feed.lock();
@@ -120,7 +120,7 @@ async fn probe(asker: Asker) -> Response {
     )
 }
 
-async fn named_probe(asker: Asker, Path(device): Path<String>) -> Response {
+async fn named_probe(asker: AgentRequest, Path(device): Path<String>) -> Response {
     if asker.agent.is_device(&device) {
         probe(asker).await
     } else {
@@ -128,7 +128,11 @@ async fn named_probe(asker: Asker, Path(device): Path<String>) -> Response {
     }
 }
 
-async fn named_current(asker: Asker, Path(device): Path<String>, query: Asked<CurrentQuery>) -> Response {
+async fn named_current(
+    asker: AgentRequest,
+    Path(device): Path<String>,
+    query: ParsedQuery<CurrentQuery>,
+) -> Response {
     if asker.agent.is_device(&device) {
         current(asker, query).await
     } else {
@@ -136,7 +140,11 @@ async fn named_current(asker: Asker, Path(device): Path<String>, query: Asked<Cu
     }
 }
 
-async fn named_sample(asker: Asker, Path(device): Path<String>, query: Asked<SampleQuery>) -> Response {
+async fn named_sample(
+    asker: AgentRequest,
+    Path(device): Path<String>,
+    query: ParsedQuery<SampleQuery>,
+) -> Response {
     if asker.agent.is_device(&device) {
         sample(asker, query).await
     } else {
@@ -144,7 +152,7 @@ async fn named_sample(asker: Asker, Path(device): Path<String>, query: Asked<Sam
     }
 }
 
-async fn current(asker: Asker, query: Asked<CurrentQuery>) -> Response {
+async fn current(asker: AgentRequest, query: ParsedQuery<CurrentQuery>) -> Response {
     let agent = asker.agent.clone();
     let asked = match query {
         Ok(Query(asked)) => asked,
@@ -178,7 +186,7 @@ async fn current(asker: Asker, query: Asked<CurrentQuery>) -> Response {
     }
 }
 
-fn current_document(agent: &Agent, at: Option<u64>, wanted: &[bool]) -> Result<String, Refused> {
+fn current_document(agent: &Agent, at: Option<u64>, wanted: &[bool]) -> Result<String, RequestRejection> {
     let feed = agent.inner.feed.lock();
     let buffer = &feed.buffer;
     let observations = match at {
@@ -208,7 +216,7 @@ fn current_document(agent: &Agent, at: Option<u64>, wanted: &[bool]) -> Result<S
     ))
 }
 
-async fn sample(asker: Asker, query: Asked<SampleQuery>) -> Response {
+async fn sample(asker: AgentRequest, query: ParsedQuery<SampleQuery>) -> Response {
     let agent = asker.agent.clone();
     let asked = match query {
         Ok(Query(asked)) => asked,
@@ -292,7 +300,7 @@ fn sample_document(
     from: Option<u64>,
     count: usize,
     wanted: &[bool],
-) -> Result<(String, u64, usize), Refused> {
+) -> Result<(String, u64, usize), RequestRejection> {
     let feed = agent.inner.feed.lock();
     let buffer = &feed.buffer;
     let from = from.unwrap_or(buffer.first());
@@ -315,7 +323,7 @@ fn sample_document(
     Ok((document, next, observations.len()))
 }
 
-async fn assets(asker: Asker) -> Response {
+async fn assets(asker: AgentRequest) -> Response {
     let agent = asker.agent.clone();
     let tools = tools(&agent).await;
     let feed = agent.inner.feed.lock();
@@ -325,7 +333,7 @@ async fn assets(asker: Asker) -> Response {
     )
 }
 
-async fn some_assets(asker: Asker, Path(ids): Path<String>) -> Response {
+async fn some_assets(asker: AgentRequest, Path(ids): Path<String>) -> Response {
     let agent = asker.agent.clone();
     let tools = tools(&agent).await;
     let ids: Vec<&str> = ids.split(';').collect();
@@ -337,7 +345,10 @@ async fn some_assets(asker: Asker, Path(ids): Path<String>) -> Response {
     });
     if let Some(missing) = missing {
         let text = format!("there is no asset {missing:.64}; tools are T and their number");
-        return asker.refuse(Refused(ErrorKind::AssetNotFound((*missing).to_owned()), text));
+        return asker.refuse(RequestRejection(
+            ErrorKind::AssetNotFound((*missing).to_owned()),
+            text,
+        ));
     }
     let feed = agent.inner.feed.lock();
     let document = documents::assets(&agent.head(), &feed.device, &tools, &|id| ids.contains(&id));
@@ -349,28 +360,27 @@ async fn tools(agent: &Agent) -> ToolTable {
     agent.inner.port.ask(typed::Tools).await.unwrap_or_default()
 }
 
-async fn unknown(asker: Asker) -> Response {
+async fn unknown(asker: AgentRequest) -> Response {
     let text = "requests are probe, current, sample and assets";
-    asker.refuse(Refused(ErrorKind::Unsupported, text.to_owned()))
+    asker.refuse(RequestRejection(ErrorKind::Unsupported, text.to_owned()))
 }
 
-fn no_device(asker: &Asker, device: &str) -> Response {
+fn no_device(asker: &AgentRequest, device: &str) -> Response {
     let name = asker.agent.inner.feed.lock().device.name.clone();
     let text = format!("there is no device {device:.64}; this is {name}");
-    asker.refuse(Refused(ErrorKind::NoDevice, text))
+    asker.refuse(RequestRejection(ErrorKind::NoDevice, text))
 }
 
-fn invalid(text: impl Into<String>) -> Refused {
-    Refused(ErrorKind::InvalidRequest, text.into())
+fn invalid(text: impl Into<String>) -> RequestRejection {
+    RequestRejection(ErrorKind::InvalidRequest, text.into())
 }
 
-fn wanted(agent: &Agent, path: Option<&str>) -> Result<Vec<bool>, Refused> {
+fn wanted(agent: &Agent, path: Option<&str>) -> Result<Vec<bool>, RequestRejection> {
     let feed = agent.inner.feed.lock();
     match path {
         None => Ok(vec![true; feed.device.items.len()]),
-        Some(path) => {
-            filter::wanted(&feed.device, path).map_err(|wrong| Refused(ErrorKind::InvalidXPath, wrong.0))
-        }
+        Some(path) => filter::wanted(&feed.device, path)
+            .map_err(|wrong| RequestRejection(ErrorKind::InvalidXPath, wrong.0)),
     }
 }
 

@@ -37,7 +37,7 @@ use tokio_util::sync::CancellationToken;
 pub use buffer::BUFFER_SIZE;
 use device::Device;
 use documents::Head;
-use feed::Feed;
+use feed::DeviceFeed;
 
 /// Version of the standard that documents follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Deserialize, JsonSchema)]
@@ -103,7 +103,7 @@ struct Inner {
     instance_id: u64,
     /// Time of the start, as RFC 3339.
     began: Arc<str>,
-    feed: Mutex<Feed>,
+    feed: Mutex<DeviceFeed>,
     /// Topics whose last message is stored.
     observed: Vec<Topic>,
     /// Sequence number of the next observation.
@@ -147,7 +147,7 @@ impl Agent {
         let input = input.map(IoPoint::input).map(Topic::Io);
         let agent = Self {
             inner: Arc::new(Inner {
-                feed: Mutex::new(Feed::new(Device::of(&birth), &settings, &timestamp)),
+                feed: Mutex::new(DeviceFeed::new(Device::from_birth(&birth), &settings, &timestamp)),
                 began: timestamp,
                 version: settings.version,
                 instance_id: u64::try_from(since.as_millis()).unwrap_or_default(),
@@ -173,12 +173,12 @@ impl Agent {
     async fn read_all(&self) {
         for topic in &self.inner.observed {
             if let Some(message) = self.inner.port.read(topic).await {
-                self.take(&message);
+                self.apply_message(&message);
             }
         }
     }
 
-    fn take(&self, message: &Message) {
+    fn apply_message(&self, message: &Message) {
         let mut feed = self.inner.feed.lock();
         if feed.take(message) {
             self.inner.news.send_replace(feed.buffer.next());
@@ -202,7 +202,7 @@ impl Agent {
                 message = said.next() => message,
             };
             let Some(message) = message else { return };
-            self.take(&message);
+            self.apply_message(&message);
         }
     }
 

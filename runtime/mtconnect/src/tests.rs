@@ -18,7 +18,7 @@ use plc_api::types::machine::{
 };
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::run::{Run, RunState};
-use plc_api::types::state::{Modal, Overrides, Position, ProgramPlace, RunKind, Spindle, State, Tool};
+use plc_api::types::state::{Modal, Overrides, Position, ProgramLocation, RunKind, Spindle, State, Tool};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, Timestamp};
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
@@ -28,7 +28,7 @@ use tower::ServiceExt;
 
 use crate::buffer::{Observation, Value};
 use crate::device::{Device, item_id};
-use crate::feed::Feed;
+use crate::feed::DeviceFeed;
 use crate::{Agent, AgentSettings, Version, filter};
 
 /// A mill with a rotary axis and a spindle, and a loader.
@@ -140,12 +140,12 @@ fn everything() -> Vec<Message> {
         work_offset: Some("G55".into()),
         ..Modal::default()
     };
-    let place = ProgramPlace {
+    let place = ProgramLocation {
         number: Some(1000),
         nest_level: 1,
         line: 12,
         block: "G01 X10 // <fast> & far".into(),
-        ..ProgramPlace::default()
+        ..ProgramLocation::default()
     };
     vec![
         state(Execution::Wait),
@@ -165,20 +165,24 @@ fn everything() -> Vec<Message> {
     ]
 }
 
-fn feed(version: Version) -> Feed {
+fn feed(version: Version) -> DeviceFeed {
     let settings = AgentSettings {
         version,
         emergency_stop: None,
     };
-    Feed::new(Device::of(&birth()), &settings, &"2026-01-01T00:00:00Z".into())
+    DeviceFeed::new(
+        Device::from_birth(&birth()),
+        &settings,
+        &"2026-01-01T00:00:00Z".into(),
+    )
 }
 
 /// The newest observation of a data item of the mill's path.
-fn path_value(feed: &Feed, kind: &str, sub_type: Option<&str>) -> Option<String> {
+fn path_value(feed: &DeviceFeed, kind: &str, sub_type: Option<&str>) -> Option<String> {
     value_of(feed, &item_id("path1", kind, sub_type))
 }
 
-fn value_of(feed: &Feed, id: &str) -> Option<String> {
+fn value_of(feed: &DeviceFeed, id: &str) -> Option<String> {
     let index = feed.device.items.iter().position(|item| item.id == id).unwrap();
     match &feed.buffer.latest(index).last().unwrap().value {
         Value::Text(text) => Some(text.to_string()),
@@ -257,7 +261,7 @@ fn run(id: &str, parts: u32, parts_done: u32) -> Message {
 #[test]
 fn an_alarm_is_a_fault_of_its_condition_until_it_is_cleared() {
     let mut feed = feed(Version::V2_3);
-    let codes = |feed: &Feed, id: &str| -> Vec<Option<u16>> {
+    let codes = |feed: &DeviceFeed, id: &str| -> Vec<Option<u16>> {
         let index = feed.device.items.iter().position(|item| item.id == id).unwrap();
         let code = |one: &Observation| match &one.value {
             Value::Active(alarm) => Some(alarm.native_code),
@@ -284,7 +288,7 @@ fn an_alarm_is_a_fault_of_its_condition_until_it_is_cleared() {
 
 #[test]
 fn a_path_wants_data_items_by_component_and_attribute() {
-    let device = Device::of(&birth());
+    let device = Device::from_birth(&birth());
     let ids = |path: &str| -> Vec<String> {
         let wanted = filter::wanted(&device, path).unwrap();
         let wanted = device.items.iter().zip(wanted).filter(|(_, wanted)| *wanted);
@@ -455,7 +459,7 @@ async fn a_reader_that_follows_next_sequence_misses_nothing() {
     let mut next = attribute(&now, "nextSequence");
     let mut seen = Vec::new();
     for id in 1..=20_u16 {
-        fake.say(1, CsTopic::Tool, Payload::Tool(Tool { id }));
+        fake.publish_message(1, CsTopic::Tool, Payload::Tool(Tool { id }));
         tokio::task::yield_now().await;
         let (_, sample) = ask(
             &agent,
@@ -525,7 +529,7 @@ async fn a_stream_tells_each_change_and_that_it_is_there() {
     let begun = tokio::time::Instant::now();
     assert!(!part().await.unwrap().contains("<ToolNumber"), "a heartbeat");
     assert_eq!(begun.elapsed(), Duration::from_secs(1));
-    fake.say(1, CsTopic::Tool, Payload::Tool(Tool { id: 31 }));
+    fake.publish_message(1, CsTopic::Tool, Payload::Tool(Tool { id: 31 }));
     assert!(part().await.unwrap().contains(">31</ToolNumber>"));
     assert_eq!(begun.elapsed(), Duration::from_millis(1100));
     stop.cancel();
@@ -544,7 +548,7 @@ async fn an_adapter_tells_what_holds_then_what_changes_and_answers_pings() {
     assert!(first.ends_with("|dev_availability|AVAILABLE"), "{first}");
     writer.write_all(b"* PING\n").await.unwrap();
     while lines.next_line().await.unwrap().unwrap() != "* PONG 10000" {}
-    fake.say(1, CsTopic::Tool, Payload::Tool(Tool { id: 8 }));
+    fake.publish_message(1, CsTopic::Tool, Payload::Tool(Tool { id: 8 }));
     let changed = lines.next_line().await.unwrap().unwrap();
     assert!(changed.ends_with("|path1_tool_number|8"), "{changed}");
     stop.cancel();

@@ -2,7 +2,7 @@
 //! (M1b).
 
 use tandem_model::alarm::SOFT_LIMIT;
-use tandem_model::flow::{Feed, Path, SegmentMotion};
+use tandem_model::flow::{Path, SegmentFeed, SegmentMotion};
 use tandem_model::{Alarm, Axis};
 
 use crate::length::LENGTH_MIN;
@@ -10,14 +10,14 @@ use crate::stage::PathStage;
 
 /// The distance of a path from the joint in one direction of an axis.
 #[derive(Debug, Clone, Copy)]
-struct Side {
+struct BlendSide {
     /// Its maximum.
     height: f64,
     /// Its bound at the other end of the blend by the steepest slope of the path.
     steep: f64,
 }
 
-impl Side {
+impl BlendSide {
     /// Returns the bound at this share of the blend's distance from the joint.
     fn at(self, share: f64) -> f64 {
         (self.steep * share).min(self.height)
@@ -75,7 +75,7 @@ impl PathStage {
                 continue;
             }
             let reaches = [reach(first, axis), reach(second, axis)];
-            let side = |n: usize, sign: f64| Side {
+            let side = |n: usize, sign: f64| BlendSide {
                 height: sign * (reaches[n][usize::from(sign > 0.0)] - joint[axis]),
                 steep: steep[n],
             };
@@ -99,7 +99,7 @@ impl PathStage {
 
 /// Returns the largest distance of both together. Between the shares at which one of them reaches its maximum
 /// the sum is convex.
-fn farthest([first, second]: [Side; 2]) -> f64 {
+fn farthest([first, second]: [BlendSide; 2]) -> f64 {
     [0.0, 1.0 - first.full(), second.full(), 1.0]
         .into_iter()
         .map(|u: f64| first.at((1.0 - u).powi(2)) + second.at(u.powi(2)))
@@ -107,12 +107,12 @@ fn farthest([first, second]: [Side; 2]) -> f64 {
 }
 
 /// Returns the upper bound of the duration of a blend, s.
-fn ramp_s(feed: &Feed) -> f64 {
+fn ramp_s(feed: &SegmentFeed) -> f64 {
     (feed.ta_ms.max(feed.td_ms).max(feed.ts_ms) + feed.ts_ms) / 1000.0
 }
 
 /// Returns the upper bound of the length of a block's part in a blend: short blocks have shorter ramps.
-fn zone(path: &Path, feed: &Feed, ramp_s: f64) -> f64 {
+fn zone(path: &Path, feed: &SegmentFeed, ramp_s: f64) -> f64 {
     (feed.feedrate_mm_min / 60.0 * ramp_s / 2.0).min(path.length() / 2.0)
 }
 

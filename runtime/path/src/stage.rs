@@ -2,13 +2,13 @@
 
 use tandem_model::alarm::{COMPENSATION_REFUSED, FEEDRATE_MISSING, VALUE_OUT_OF_RANGE, check_finite};
 use tandem_model::flow::{
-    Action, AxisWords, Block, Compensation, Feed, MultiBlock, Path, PathControl, ProgrammedFeed, Segment,
-    SegmentEnd, SegmentMotion, Transform,
+    Action, AxisWords, Block, Compensation, MultiBlock, Path, PathControl, ProgrammedFeed, Segment,
+    SegmentEnd, SegmentFeed, SegmentMotion, Transform,
 };
 use tandem_model::settings::{CoordinateSystemSettings, RotaryFeed};
 use tandem_model::{Alarm, Axis, AxisSet, AxisVector, MachinePosition, WorkPosition};
 
-use crate::compensation::{Compensator, Leg, Rounding, Side};
+use crate::compensation::{CompensationSide, Compensator, Leg, Rounding};
 use crate::length::{line_between, moves, turns_only};
 use crate::transform::{self, finite};
 
@@ -84,7 +84,7 @@ impl PathStage {
     ///
     /// [`LOOK_AHEAD_MAX`]: crate::LOOK_AHEAD_MAX
     pub fn push(&mut self, block: &Block, out: &mut Vec<Segment>) -> Result<(), Alarm> {
-        let taken = self.take(block, out);
+        let taken = self.process_block(block, out);
         taken.map_err(|alarm| {
             self.compensator.abandon(&mut self.legs);
             // A leg beyond a soft limit ends the path as well, but the first alarm is reported.
@@ -174,7 +174,7 @@ impl PathStage {
         MachinePosition(from)
     }
 
-    fn take(&mut self, block: &Block, out: &mut Vec<Segment>) -> Result<(), Alarm> {
+    fn process_block(&mut self, block: &Block, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         let compensated = block.compensation != Compensation::Off || self.compensator.is_on();
         match &block.action {
             Action::Skip(_) | Action::ThreadAhead(_) | Action::Tap(_) if compensated => {
@@ -254,7 +254,7 @@ impl PathStage {
         self.refuse_beyond(self.within_all_soft_limits(self.at, to), block.origin)?;
         self.release(SegmentEnd::ExactStop, out);
         if moves(self.at, to) {
-            self.go_to_rest(block, SegmentMotion::Skip { from: self.at, to }, to, out);
+            self.push_move_to_rest(block, SegmentMotion::Skip { from: self.at, to }, to, out);
             self.is_skipping = true;
         }
         self.arrived(block, words);
@@ -274,7 +274,7 @@ impl PathStage {
     }
 
     /// Outputs a motion that always ends at rest.
-    pub(crate) fn go_to_rest(
+    pub(crate) fn push_move_to_rest(
         &mut self,
         block: &Block,
         motion: SegmentMotion,
@@ -321,7 +321,7 @@ impl PathStage {
         self.release(SegmentEnd::ExactStop, out);
         for to in [middle, to] {
             if moves(self.at, to) {
-                self.go_to_rest(block, SegmentMotion::Rapid { from: self.at, to }, to, out);
+                self.push_move_to_rest(block, SegmentMotion::Rapid { from: self.at, to }, to, out);
             }
         }
         if words.named.is_empty() {
@@ -458,7 +458,7 @@ impl PathStage {
     }
 
     /// Returns the compensation that a block requests, in machine coordinates.
-    fn side(&self, block: &Block) -> Result<Option<Side>, Alarm> {
+    fn side(&self, block: &Block) -> Result<Option<CompensationSide>, Alarm> {
         let (radius, plane, left) = match block.compensation {
             Compensation::Off => return Ok(None),
             Compensation::Left { radius, plane } => (radius, plane, true),
@@ -471,11 +471,11 @@ impl PathStage {
         }
         let left = left != transform::swaps_sides(&self.transform, plane);
         let tool = if left { radius } else { -radius };
-        Ok(Some(Side { plane, tool }))
+        Ok(Some(CompensationSide { plane, tool }))
     }
 
     /// Returns the feedrate of a block along its path, at most the maximum.
-    fn feed_along(&self, block: &Block, path: &Path) -> Result<Feed, Alarm> {
+    fn feed_along(&self, block: &Block, path: &Path) -> Result<SegmentFeed, Alarm> {
         let in_degrees = self.settings.path.rotary_feed == RotaryFeed::Degrees;
         let rotary_only = match path {
             Path::Line { from, to, .. } => in_degrees && turns_only(to.minus(*from)),
@@ -498,7 +498,7 @@ impl PathStage {
     }
 
     /// Returns the feedrate as programmed and ramp times; a block of rotary axes only has its own feedrate.
-    pub(crate) fn feed_in_force(&self, block: &Block, rotary_only: bool) -> Result<Feed, Alarm> {
+    pub(crate) fn feed_in_force(&self, block: &Block, rotary_only: bool) -> Result<SegmentFeed, Alarm> {
         let programmed = if rotary_only {
             block.feedrate_deg_min
         } else {
@@ -523,7 +523,7 @@ impl PathStage {
         let ProgrammedFeed {
             ta_ms, td_ms, ts_ms, ..
         } = block.feed;
-        Ok(Feed {
+        Ok(SegmentFeed {
             feedrate_mm_min: feedrate,
             ta_ms,
             td_ms,

@@ -2,7 +2,7 @@
 
 use tandem_model::alarm::{SPINDLE_SPEED_MISSING, TAP_OFF_AXIS, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{
-    AxisWords, Block, Distance, Feed, Segment, SegmentEnd, SegmentMotion, Tap, ThreadAhead,
+    AxisWords, Block, Distance, Segment, SegmentEnd, SegmentFeed, SegmentMotion, Tap, ThreadAhead,
 };
 use tandem_model::plane::Turn;
 use tandem_model::{Alarm, Axis, AxisVector};
@@ -57,7 +57,7 @@ impl PathStage {
                 },
                 leg: tap.leg,
             };
-            self.go_to_rest(block, motion, to, out);
+            self.push_move_to_rest(block, motion, to, out);
         }
         self.arrived(block, &tap.target);
         Ok(())
@@ -66,7 +66,7 @@ impl PathStage {
     /// Returns the end of a move in the thread from the present position, its feedrate, and its revolutions
     /// without sign: the machine's Z travel times S / F, whatever the transforms. 0 revolutions: no spindle
     /// is locked to the move.
-    fn thread(&mut self, block: &Block, tap: &Tap) -> Result<(AxisVector, Feed, f64), Alarm> {
+    fn thread(&mut self, block: &Block, tap: &Tap) -> Result<(AxisVector, SegmentFeed, f64), Alarm> {
         let to = self.target(block, &tap.target)?;
         let aside = Axis::ALL
             .into_iter()
@@ -94,7 +94,7 @@ impl PathStage {
 
     /// Rejects an F that Z cannot reach without a spindle locked to Z: the spindle would not slow down with
     /// Z, and the pitch would be wrong.
-    fn as_fast_as_f(&self, feed: Feed) -> Result<(), Alarm> {
+    fn as_fast_as_f(&self, feed: SegmentFeed) -> Result<(), Alarm> {
         let z = self.settings.motors[Axis::Z.index()].as_ref();
         let velocity = z.map_or(f64::INFINITY, |motor| motor.max_velocity);
         let most = (self.settings.max_feedrate_mm_min * feed.unit_mm).min(velocity * 60.0);

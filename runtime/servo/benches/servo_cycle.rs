@@ -15,7 +15,7 @@ use std::hint::black_box;
 use divan::Bencher;
 use tandem_model::flow::Path;
 use tandem_model::profile::{
-    ChainPlace, Law, MotorMove, Pace, PacePiece, Profile, Ramped, SlewRoom, SpeedGrowth, Stretch,
+    ChainPlace, Law, MotorMove, Pace, PacePiece, Profile, RampedMotion, SlewRoom, SpeedGrowth, Stretch,
 };
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
@@ -79,7 +79,7 @@ fn law(rapid: bool) -> Law {
         let length = to.orthogonal_length();
         let ramp = UnitRamp::new(DURATION_S / 4.0, DURATION_S / 4.0);
         let path = Path::Line { from, to, length };
-        let block = Ramped {
+        let block = RampedMotion {
             path,
             speed: 2.0 * length / DURATION_S,
             start: ramp,
@@ -171,7 +171,7 @@ fn paced() -> Profile {
         epoch: 0,
         origin: Origin::default(),
         law: Law::Paced {
-            block: Ramped {
+            block: RampedMotion {
                 path: Path::Line { from, to, length },
                 speed: 2.0 * length / DURATION_S,
                 start: ramp,

@@ -225,7 +225,7 @@ pub enum Fault {
 
 impl Fault {
     /// Returns the reason why a drive cannot follow: a fault, or no power.
-    pub(crate) fn of_drive(motor: u16, axis: Option<Axis>, is_enabled: bool, code: u16) -> Option<Fault> {
+    pub(crate) fn from_drive(motor: u16, axis: Option<Axis>, is_enabled: bool, code: u16) -> Option<Fault> {
         if code != 0 {
             Some(Fault::DriveFault { motor, axis, code })
         } else if !is_enabled {

@@ -13,7 +13,7 @@ use crate::bus::{Command, Feedback};
 use crate::channel::{Channel, Hold};
 use crate::control::{Control, Event, Fault};
 use crate::motors::first_jump;
-use crate::rest::{self, Way};
+use crate::rest::{self, PathToRest};
 use crate::skip::SkipRun;
 use crate::spindle::ThreadStep;
 use crate::splice::APPROACH;
@@ -43,7 +43,8 @@ impl Channel {
             self.still_cycles = self.still_cycles.saturating_add(1);
         } else {
             self.move_on(time_s);
-            self.motors.command(self.setpoint, self.of_all_drives(), commands);
+            self.motors
+                .command(self.setpoint, self.for_all_drives(), commands);
         }
     }
 
@@ -59,7 +60,7 @@ impl Channel {
                 self.braking = None;
             }
         } else if self.current.is_some() {
-            self.go_on(time_s);
+            self.advance_profile(time_s);
         } else {
             self.start_from_rest(time_s);
         }
@@ -95,7 +96,7 @@ impl Channel {
         }
         self.check_skip_inputs();
         self.check_in_position(time_s);
-        self.tell_rest();
+        self.report_rest();
         if !self.spindle_rests() {
             self.cycle_spindle();
         }
@@ -142,10 +143,10 @@ impl Channel {
         match self.spindle.as_mut().map(|spindle| spindle.cycle(self.period_s)) {
             Some(Ok(ends)) => {
                 if ends.orientation {
-                    self.tell(Event::Oriented);
+                    self.report_event(Event::Oriented);
                 }
                 if let Some(id) = ends.reached {
-                    self.tell(Event::SpindleReached { id });
+                    self.report_event(Event::SpindleReached { id });
                 }
             }
             Some(Err(fault)) => self.brake_for(fault),
@@ -176,7 +177,7 @@ impl Channel {
                 if self.braking.is_none() {
                     self.begin_braking();
                     self.leave_thread(true);
-                    self.give_up();
+                    self.abandon_profile();
                 }
             }
             Control::Override { feed, rapid } => {
@@ -192,11 +193,11 @@ impl Channel {
             Control::SkipInput { motor, on } => self.motors.set_skip_input(motor, on),
             Control::Spindle { direction, rpm } => match &mut self.spindle {
                 Some(spindle) => spindle.command(direction, rpm),
-                None => self.tell(Event::Fault(Fault::SpindleMissing)),
+                None => self.report_event(Event::Fault(Fault::SpindleMissing)),
             },
             Control::AwaitSpindle { id, within } => match &mut self.spindle {
                 Some(spindle) => spindle.await_target(id, within),
-                None => self.tell(Event::Fault(Fault::SpindleMissing)),
+                None => self.report_event(Event::Fault(Fault::SpindleMissing)),
             },
         }
     }
@@ -232,12 +233,12 @@ impl Channel {
         }
         // From rest there is nothing to slew: the time base starts at the override, or as fast as it can stop again.
         let wanted = self.override_of(&profile);
-        let way = Way::new(&profile, 0.0, self.hold_slope, self.period_s);
+        let way = PathToRest::new(&profile, 0.0, self.hold_slope, self.period_s);
         let factor = way.target(&mut self.profiles, 0.0, wanted);
         let factor = factor.filter(|_| profile.begins_at_its_rate());
-        self.time.begin(factor.unwrap_or(0.0), 0.0);
+        self.time.start_profile(factor.unwrap_or(0.0), 0.0);
         self.last_segment = profile.segment;
-        self.tell(Event::Started {
+        self.report_event(Event::Started {
             segment: profile.segment,
             origin: profile.origin,
             base: profile.law.time_base(),
@@ -311,7 +312,7 @@ impl Channel {
     }
 
     /// Advances the running profile by one period of its time base.
-    fn go_on(&mut self, time_s: f64) {
+    fn advance_profile(&mut self, time_s: f64) {
         if let Some(cycles) = &mut self.ended_cycles {
             *cycles += 1;
             return;
@@ -320,7 +321,7 @@ impl Channel {
         let rate = self.time.rate();
         let held = self.is_held() || self.stopping.is_some();
         let wanted = if held { 0.0 } else { self.override_of(profile) };
-        let way = Way::new(profile, self.time.now_s(), self.hold_slope, self.period_s);
+        let way = PathToRest::new(profile, self.time.now_s(), self.hold_slope, self.period_s);
         let allowed = way.target(&mut self.profiles, rate, wanted);
         if allowed != Some(wanted) {
             // The coordinator then checks whether the ring has room for more.
@@ -329,7 +330,7 @@ impl Channel {
             // time; it is too short for any motor to notice.
             if rate == 0.0 && allowed == Some(0.0) && self.has_next() {
                 let end_s = profile.duration_s;
-                self.time.carry(end_s);
+                self.time.carry_over(end_s);
                 return self.sample(time_s, end_s);
             }
         }
@@ -388,7 +389,7 @@ impl Channel {
             let Some(profile) = &self.current else { return };
             if let Some(joint) = self.joint(profile)
                 && t_s >= joint.at_s
-                && self.go_over(joint, t_s - joint.at_s)
+                && self.switch_over(joint, t_s - joint.at_s)
             {
                 t_s = self.time.now_s();
                 continue;
@@ -401,7 +402,7 @@ impl Channel {
                 self.move_to(position);
                 return;
             }
-            let end = self.skip.end(profile);
+            let end = self.skip.end_position(profile);
             if profile.exact_stop {
                 self.setpoint = end;
                 self.ended_cycles = Some(0);
@@ -410,7 +411,7 @@ impl Channel {
             let (segment, before) = (profile.segment, profile.origin);
             self.take_next();
             let Some(next) = &self.current else {
-                self.tell_joint(Event::Finished { segment, time_s });
+                self.report_joint(Event::Finished { segment, time_s });
                 self.setpoint = end;
                 return self.brake_for(Fault::RanOut { segment });
             };
@@ -419,9 +420,9 @@ impl Channel {
             self.setpoint = end;
             // A block may take several profiles.
             if next_segment != segment {
-                self.tell_joint(Event::Finished { segment, time_s });
+                self.report_joint(Event::Finished { segment, time_s });
                 self.last_segment = next_segment;
-                self.tell_joint(Event::Started {
+                self.report_joint(Event::Started {
                     segment: next_segment,
                     origin,
                     base,
@@ -429,10 +430,10 @@ impl Channel {
                 });
             }
             t_s = -left_s;
-            self.time.carry(t_s);
+            self.time.carry_over(t_s);
         }
         // The time beyond is discarded: added later, it would be a jump.
-        self.time.carry(0.0);
+        self.time.carry_over(0.0);
     }
 
     /// Sets the setpoint. A position that is not a number is never commanded: the channel rests, with a
@@ -497,7 +498,7 @@ impl Channel {
             Err(fault) => return self.fail(fault),
         }
         if is_skip {
-            self.tell(Event::Captured {
+            self.report_event(Event::Captured {
                 segment,
                 position: MachinePosition(self.setpoint),
                 captured: self.skip.captured(),
@@ -506,8 +507,8 @@ impl Channel {
         if self.thread == Some(TapLeg::Out) {
             self.leave_thread(false);
         }
-        self.give_up();
-        self.tell(Event::Finished { segment, time_s });
+        self.abandon_profile();
+        self.report_event(Event::Finished { segment, time_s });
         let next = self.profiles.peek().ok().map(|next| next.origin);
         self.hold_after_block(origin, next);
     }
@@ -520,53 +521,53 @@ impl Channel {
     }
 
     /// Reports that feed hold or a stop has brought the command to rest.
-    fn tell_rest(&mut self) {
+    fn report_rest(&mut self) {
         let resting = self.time.rate() == 0.0 || self.ended_cycles.is_some();
         if self.braking.is_some() || (self.current.is_some() && !resting) {
             return;
         }
         if let Some(epoch) = self.stopping.take() {
-            self.give_up_splice();
+            self.abandon_splice();
             self.epoch = self.epoch.max(epoch);
-            self.give_up();
+            self.abandon_profile();
             self.leave_thread(false);
             self.end_hold();
             self.faulted = false;
             self.reset_drives();
-            self.tell(Event::Stopped {
+            self.report_event(Event::Stopped {
                 epoch,
                 position: MachinePosition(self.setpoint),
             });
         } else if self.hold == Hold::ComingToRest && self.may_hold() {
             self.hold = Hold::AtRest;
-            self.tell(Event::Held { at: self.place() });
+            self.report_event(Event::Held { at: self.place() });
         }
     }
 
     pub(crate) fn fail(&mut self, fault: Fault) {
-        self.give_up();
+        self.abandon_profile();
         self.leave_thread(false);
         self.faulted = true;
-        self.tell(Event::Fault(fault));
+        self.report_event(Event::Fault(fault));
     }
 
     /// Abandons the current profile, which has ended or will not continue.
-    pub(crate) fn give_up(&mut self) {
+    pub(crate) fn abandon_profile(&mut self) {
         self.left_at_s = self.place().plan_s;
         self.current = None;
         self.ended_cycles = None;
     }
 
     /// Emits an event; the reserve ensures that the ring has room.
-    pub(crate) fn tell(&mut self, event: Event) {
+    pub(crate) fn report_event(&mut self, event: Event) {
         self.reported |= self.events.push(event).is_ok();
     }
 
     /// Emits an event at a joint. The motion cannot wait there, so that the event is omitted if the ring is
     /// full.
-    pub(crate) fn tell_joint(&mut self, event: Event) {
+    pub(crate) fn report_joint(&mut self, event: Event) {
         if self.events.slots() >= EVENTS_RESERVE {
-            self.tell(event);
+            self.report_event(event);
         }
     }
 }

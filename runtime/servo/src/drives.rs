@@ -44,7 +44,7 @@ impl Channel {
     }
 
     /// Returns the command fields common to all motors. They have power until they have stopped.
-    pub(crate) fn of_all_drives(&self) -> Command {
+    pub(crate) fn for_all_drives(&self) -> Command {
         Command {
             position: 0.0,
             enable: self.power.is_commanded() || self.braking.is_some(),
@@ -72,7 +72,7 @@ impl Channel {
 
     /// Switches the power off after a failure of the servo; all planned and commanded motion is discarded.
     pub(crate) fn power_off(&mut self, time_s: f64) {
-        self.give_up();
+        self.abandon_profile();
         (self.braking, self.stopping, self.thread) = (None, None, None);
         while self.profiles.pop().is_ok() {}
         while self.controls.pop().is_ok() {}

@@ -19,18 +19,18 @@ impl Channel {
             return false;
         }
         if !keeps_speed {
-            self.time.stand();
+            self.time.stop();
             self.braking = None;
             self.velocity = AxisVector::ZERO;
         }
         let goes_on = !self.hold.holds() && self.stopping.is_none() && !self.faulted;
         if goes_on {
             self.hold_in_phase();
-            self.tell(Event::Late { cycles });
+            self.report_event(Event::Late { cycles });
         } else {
             // a feed hold that waits for the end of a thread now acts in the thread
             self.holds_in_thread |= self.hold == Hold::ComingToRest;
-            self.tell_joint(Event::Late { cycles });
+            self.report_joint(Event::Late { cycles });
         }
         true
     }

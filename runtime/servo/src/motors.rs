@@ -160,7 +160,7 @@ impl Motors {
                 Some((1, Fault::NotHomed { motor, axis }))
             } else {
                 let rank = if feedback.fault == 0 { 2 } else { 0 };
-                let fault = Fault::of_drive(motor, Some(axis), feedback.is_enabled, feedback.fault)?;
+                let fault = Fault::from_drive(motor, Some(axis), feedback.is_enabled, feedback.fault)?;
                 Some((rank, fault))
             }
         });
@@ -276,7 +276,7 @@ impl Motors {
 /// profile's start or end is not a number.
 pub(crate) fn first_jump(profile: &Profile, setpoint: AxisVector) -> Option<(Axis, f64)> {
     let start = profile.position(0.0);
-    let end = profile.end();
+    let end = profile.end_position();
     Axis::ALL.into_iter().find_map(|axis| {
         let jump = start[axis] - setpoint[axis];
         if !end[axis].is_finite() {

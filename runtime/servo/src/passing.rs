@@ -7,7 +7,7 @@ use tandem_model::profile::{Law, Profile};
 
 use crate::bus::{Command, Feedback};
 use crate::channel::{Channel, Hold};
-use crate::rest::Way;
+use crate::rest::PathToRest;
 
 /// Periods before the end of a profile that are never left out: rounding, and the cycle that ends it.
 const BEFORE_END: f64 = 2.0;
@@ -91,7 +91,7 @@ impl Channel {
         }
         let last_s = profile.duration_s - BEFORE_END * rate * self.period_s;
         let cycles = whole((last_s - self.time.now_s()) / (rate * self.period_s));
-        let way = Way::new(profile, last_s, self.hold_slope, self.period_s);
+        let way = PathToRest::new(profile, last_s, self.hold_slope, self.period_s);
         if cycles > 0 && way.is_steady(&mut self.profiles, rate) {
             cycles
         } else {
@@ -114,7 +114,8 @@ impl Channel {
             self.time.pass(cycles);
             self.setpoint = profile.position(self.time.now_s());
         }
-        self.motors.command(self.setpoint, self.of_all_drives(), commands);
+        self.motors
+            .command(self.setpoint, self.for_all_drives(), commands);
     }
 
     /// Takes the motors' reports of the last of the cycles.

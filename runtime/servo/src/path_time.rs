@@ -36,18 +36,18 @@ impl PathTime {
     }
 
     /// Begins a profile at this rate and at this profile time.
-    pub(crate) fn begin(&mut self, rate: f64, at_s: f64) {
+    pub(crate) fn start_profile(&mut self, rate: f64, at_s: f64) {
         self.rate = rate;
-        self.carry(at_s);
+        self.carry_over(at_s);
     }
 
     /// Stops at the current place.
-    pub(crate) fn stand(&mut self) {
-        self.begin(0.0, self.now_s());
+    pub(crate) fn stop(&mut self) {
+        self.start_profile(0.0, self.now_s());
     }
 
     /// Begins a profile that follows another without a stop, at this profile time; the rate stays.
-    pub(crate) fn carry(&mut self, at_s: f64) {
+    pub(crate) fn carry_over(&mut self, at_s: f64) {
         self.anchor_s = at_s;
         self.cycles = 0;
     }
@@ -75,7 +75,7 @@ impl PathTime {
             (rate, f64::midpoint(self.rate, rate) * self.period_s)
         };
         self.rate = rate;
-        self.carry(now_s + step_s);
+        self.carry_over(now_s + step_s);
         self.anchor_s
     }
 }
@@ -100,7 +100,7 @@ mod tests {
     #[test]
     fn s1i_at_full_rate_sample_k_is_at_k_periods_after_ten_hours() {
         let mut time = PathTime::new(0.001);
-        time.begin(1.0, 0.0);
+        time.start_profile(1.0, 0.0);
         time.cycles = 36_000_000 - 1;
         assert_eq!(
             time.advance(1.0, 5.0).to_bits(),
@@ -112,7 +112,7 @@ mod tests {
     fn s1i_a_hold_of_slew_time_h_goes_on_for_half_of_h() {
         for slew_ms in [200.0, 37.3, 0.4] {
             let mut time = PathTime::new(0.001);
-            time.begin(1.0, 0.0);
+            time.start_profile(1.0, 0.0);
             let mut cycles = 0;
             while time.rate() > 0.0 {
                 time.advance(0.0, slope(slew_ms));
@@ -126,7 +126,7 @@ mod tests {
     #[test]
     fn s1i_a_slew_time_of_zero_changes_the_rate_at_once() {
         let mut time = PathTime::new(0.001);
-        time.begin(1.0, 0.0);
+        time.start_profile(1.0, 0.0);
         close(time.advance(0.5, slope(0.0)), 0.0005);
         close(time.advance(0.5, slope(0.0)), 0.001);
     }
@@ -135,7 +135,7 @@ mod tests {
     fn s1i_the_rate_passes_within_a_period_to_its_target() {
         // 1.0 to 0.9 at 200 per second takes 0.5 ms of a 1 ms period: 0.95 * 0.5 + 0.9 * 0.5
         let mut time = PathTime::new(0.001);
-        time.begin(1.0, 0.0);
+        time.start_profile(1.0, 0.0);
         close(time.advance(0.9, 200.0), 0.000_475 + 0.000_45);
     }
 }

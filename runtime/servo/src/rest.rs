@@ -24,7 +24,7 @@ const EVEN_TRIES: (f64, u32) = (0.9, 160);
 
 /// The path to rest from a time of the running profile on.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Way<'a> {
+pub(crate) struct PathToRest<'a> {
     running: &'a Profile,
     now_s: f64,
     /// Largest fall of the factor per second where the motors set no limit.
@@ -32,7 +32,7 @@ pub(crate) struct Way<'a> {
     period_s: f64,
 }
 
-impl<'a> Way<'a> {
+impl<'a> PathToRest<'a> {
     /// Creates the path to rest with this slope of feed hold.
     pub(crate) fn new(running: &'a Profile, now_s: f64, hold_slope: f64, period_s: f64) -> Self {
         Self {
@@ -71,10 +71,10 @@ impl<'a> Way<'a> {
     /// Returns true if the motion can stop within the running profile and the queued ones, after a cycle with
     /// this factor.
     fn allows(&self, waiting: &mut ProfileConsumer, factor: f64) -> bool {
-        factor == 0.0 || with_waiting(waiting, |known| self.is_way_to_rest(known, factor))
+        factor == 0.0 || with_waiting(waiting, |known| self.is_path_to_rest(known, factor))
     }
 
-    fn is_way_to_rest(&self, known: [&[Box<Profile>]; 2], factor: f64) -> bool {
+    fn is_path_to_rest(&self, known: [&[Box<Profile>]; 2], factor: f64) -> bool {
         let is_paced = matches!(self.running.law, Law::Paced { .. });
         self.is_free(known, factor) || is_paced && self.allows_paced(known, factor)
     }
@@ -103,13 +103,13 @@ impl<'a> Way<'a> {
     }
 
     /// Returns the time kept in reserve at the end of the known profiles, s.
-    fn left_s(&self, factor: f64) -> f64 {
+    fn reserve_s(&self, factor: f64) -> f64 {
         (LATE_PERIODS * factor + REST_PERIODS) * self.period_s
     }
 
     /// Returns true if the motion can stop with a factor that falls evenly.
     fn allows_even(&self, known: [&[Box<Profile>]; 2], factor: f64) -> bool {
-        let needed_s = factor * factor / (2.0 * self.slope) + self.left_s(factor);
+        let needed_s = factor * factor / (2.0 * self.slope) + self.reserve_s(factor);
         let running_s = self.running.duration_s - self.next_s(factor);
         running_s + self.waiting_s(known) >= needed_s
     }
@@ -136,7 +136,7 @@ impl<'a> Way<'a> {
         let second = second.get(..PACED_MAX - first.len()).unwrap_or(second);
         let waiting_s: f64 = first.iter().chain(second).map(|next| next.duration_s).sum();
         let mut end_s = self.running.duration_s + waiting_s;
-        let mut fall = Fall::new(self.slope, self.period_s, self.left_s(factor));
+        let mut fall = FactorFall::new(self.slope, self.period_s, self.reserve_s(factor));
         let known = second
             .iter()
             .rev()
@@ -180,17 +180,17 @@ fn with_waiting(waiting: &mut ProfileConsumer, look: impl FnOnce([&[Box<Profile>
 pub(crate) fn is_known(waiting: &mut ProfileConsumer, factor: f64, hold_slope: f64, period_s: f64) -> bool {
     with_waiting(waiting, |[first, second]| {
         first.split_first().is_some_and(|(running, first)| {
-            Way::new(running, 0.0, hold_slope, period_s).is_free([first, second], factor)
+            PathToRest::new(running, 0.0, hold_slope, period_s).is_free([first, second], factor)
         })
     })
 }
 
 /// Returns true if the motion can stop within the queued profiles, to which it switches at this time of the
 /// first profile.
-pub(crate) fn may_go_over(waiting: &mut ProfileConsumer, factor: f64, at_s: f64, period_s: f64) -> bool {
+pub(crate) fn may_switch_over(waiting: &mut ProfileConsumer, factor: f64, at_s: f64, period_s: f64) -> bool {
     with_waiting(waiting, |[first, second]| {
         first.split_first().is_some_and(|(running, first)| {
-            Way::new(running, at_s, f64::INFINITY, period_s).is_way_to_rest([first, second], factor)
+            PathToRest::new(running, at_s, f64::INFINITY, period_s).is_path_to_rest([first, second], factor)
         })
     })
 }
@@ -198,7 +198,7 @@ pub(crate) fn may_go_over(waiting: &mut ProfileConsumer, factor: f64, at_s: f64,
 /// The square of the factor, from the end of the known profiles backwards in parts of at least a servo period. Within a
 /// part of duration d it falls by `2 s d`, where s is the least fall of this part and its neighbours: a servo cycle may
 /// touch two.
-struct Fall {
+struct FactorFall {
     slope: f64,
     period_s: f64,
     left_s: f64,
@@ -209,7 +209,7 @@ struct Fall {
     open: (f64, SlewRoom),
 }
 
-impl Fall {
+impl FactorFall {
     fn new(slope: f64, period_s: f64, left_s: f64) -> Self {
         Self {
             slope,

@@ -78,7 +78,7 @@ impl SimulatedSpindle {
 
     /// Ends the lock after a finished or abandoned thread: the spindle rests, or brakes from its speed. It is
     /// oriented again if it has returned to its starting angle.
-    fn let_go(&mut self, brakes: bool) {
+    fn release(&mut self, brakes: bool) {
         if self.lock.take().is_none() {
             return;
         }
@@ -193,7 +193,7 @@ impl Spindle for SimulatedSpindle {
                 self.rpm = turned / self.period_s * 60.0;
                 self.angle_deg = (lock.from_deg + 360.0 * revolutions).rem_euclid(360.0);
             }
-            ThreadStep::End { brakes } => self.let_go(brakes),
+            ThreadStep::End { brakes } => self.release(brakes),
         }
     }
 

@@ -7,13 +7,13 @@ use tandem_model::{AXES_MAX, Axis, AxisSet, AxisVector};
 /// The motors that have turned back in the running profile.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct SkipRun {
-    turned: [Option<Turned>; AXES_MAX],
+    turned: [Option<SkipReturn>; AXES_MAX],
 }
 
 /// The motion of a motor after its trigger: it decelerates to rest, then moves to the captured position. Times are
 /// profile times, s, so overrides and feed hold act as on any other motion.
 #[derive(Debug, Clone, Copy)]
-struct Turned {
+struct SkipReturn {
     at_s: f64,
     from: f64,
     velocity: f64,
@@ -22,7 +22,7 @@ struct Turned {
     back: MotorMove,
 }
 
-impl Turned {
+impl SkipReturn {
     fn stop(&self) -> f64 {
         self.from + self.velocity * self.braking_s / 2.0
     }
@@ -75,7 +75,7 @@ impl SkipRun {
         if !matches!(profile.law, Law::Skip { .. }) {
             return position;
         }
-        self.put_in(position, |turned| turned.position(t_s))
+        self.replace_turned(position, |turned| turned.position(t_s))
     }
 
     /// Returns the range that the motors of G00 and G31 leave for overrides and feed hold between two times
@@ -104,8 +104,8 @@ impl SkipRun {
     }
 
     /// Returns where all motors end.
-    pub(crate) fn end(&self, profile: &Profile) -> AxisVector {
-        self.put_in(profile.end(), |turned| turned.captured)
+    pub(crate) fn end_position(&self, profile: &Profile) -> AxisVector {
+        self.replace_turned(profile.end_position(), |turned| turned.captured)
     }
 
     /// Returns the motors that have captured a position.
@@ -136,7 +136,7 @@ impl SkipRun {
             return;
         };
         let velocity = moves[axis.index()].velocity_at(t_s);
-        let mut turned = Turned {
+        let mut turned = SkipReturn {
             at_s: t_s,
             from: profile.position(t_s)[axis],
             velocity,
@@ -148,7 +148,7 @@ impl SkipRun {
         self.turned[axis.index()] = Some(turned);
     }
 
-    fn put_in(&self, position: AxisVector, of_turned: impl Fn(&Turned) -> f64) -> AxisVector {
+    fn replace_turned(&self, position: AxisVector, of_turned: impl Fn(&SkipReturn) -> f64) -> AxisVector {
         let mut position = position;
         for (value, turned) in position.0.iter_mut().zip(&self.turned) {
             if let Some(turned) = turned {

@@ -92,14 +92,14 @@ pub(crate) struct SpindleLink {
     max_rpm: f64,
     /// The last command.
     target: (SpindleDirection, f64),
-    awaited: Option<Awaited>,
+    awaited: Option<SpindleWait>,
     /// True if a call of the device has panicked after a failure of the servo.
     has_failed: bool,
 }
 
 /// A pending [`Control::AwaitSpindle`](crate::Control).
 #[derive(Debug, Clone, Copy)]
-struct Awaited {
+struct SpindleWait {
     id: u64,
     within: f64,
 }
@@ -185,7 +185,7 @@ impl SpindleLink {
 
     /// Requests one report when the last command is reached.
     pub(crate) fn await_target(&mut self, id: u64, within: f64) {
-        self.awaited = Some(Awaited { id, within });
+        self.awaited = Some(SpindleWait { id, within });
     }
 
     /// Returns true if the spindle has reached the last command. A command that waits for the end of a thread
@@ -284,7 +284,7 @@ impl SpindleLink {
     }
 
     fn trouble(&self) -> Option<Fault> {
-        Fault::of_drive(self.motor, None, self.state.is_enabled, self.state.fault)
+        Fault::from_drive(self.motor, None, self.state.is_enabled, self.state.fault)
     }
 
     /// Returns the greatest change of a time base per second at which a motion that turns the spindle at this

@@ -16,10 +16,10 @@ impl Channel {
     pub(crate) fn take_splice(&mut self) {
         let Ok(splice) = self.splices.pop() else { return };
         let Some(place) = splice.at else {
-            self.give_up_splice();
+            self.abandon_splice();
             let rests = self.braking.is_none() && (self.current.is_none() || self.hold == Hold::AtRest);
             if rests {
-                self.give_up();
+                self.abandon_profile();
             }
             return self.settle(splice.profiles, rests);
         };
@@ -47,25 +47,25 @@ impl Channel {
     }
 
     /// Switches at the joint, with the profile time beyond it; returns false if the new plan is slower there.
-    pub(crate) fn go_over(&mut self, joint: Joint, beyond_s: f64) -> bool {
+    pub(crate) fn switch_over(&mut self, joint: Joint, beyond_s: f64) -> bool {
         let Some(mut splice) = self.splice.take() else {
             return false;
         };
         let factor = self.time.rate() * joint.ratio;
         let at_s = beyond_s * joint.ratio;
-        let taken =
-            factor <= 1.0 + ROUNDING && rest::may_go_over(&mut splice.profiles, factor, at_s, self.period_s);
+        let taken = factor <= 1.0 + ROUNDING
+            && rest::may_switch_over(&mut splice.profiles, factor, at_s, self.period_s);
         // a plan that may be switched to has a first profile
         if taken && let Ok(first) = splice.profiles.pop() {
             self.current = Some(first);
-            self.time.begin(factor.min(1.0), at_s);
+            self.time.start_profile(factor.min(1.0), at_s);
         }
         self.settle(splice.profiles, taken);
         taken
     }
 
     /// Discards the new plan.
-    pub(crate) fn give_up_splice(&mut self) {
+    pub(crate) fn abandon_splice(&mut self) {
         if let Some(splice) = self.splice.take() {
             self.settle(splice.profiles, false);
         }
@@ -80,6 +80,6 @@ impl Channel {
         };
         // the ring has room: one splice at a time
         let _ = self.unread.push(unread);
-        self.tell(Event::Spliced { taken });
+        self.report_event(Event::Spliced { taken });
     }
 }

@@ -6,10 +6,10 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::collections::VecDeque;
 
-use tandem_model::flow::{Feed, MultiBlock, Path, Segment, SegmentEnd, SegmentMotion, TapLeg};
+use tandem_model::flow::{MultiBlock, Path, Segment, SegmentEnd, SegmentFeed, SegmentMotion, TapLeg};
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::profile::{
-    ChainPlace, Law, Lead, MotorLimits, MotorMove, PathPlace, Profile, Ramped, Stretch,
+    ChainPlace, Law, Lead, MotorLimits, MotorMove, PathPlace, Profile, RampedMotion, Stretch,
 };
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, SimulatedSkip};
@@ -25,7 +25,7 @@ thread_local! {
 }
 
 /// The system's allocator, counting each call of this thread.
-struct Counting;
+struct CountingAllocator;
 
 fn count() {
     CALLS.with(|calls| calls.set(calls.get() + 1));
@@ -37,7 +37,7 @@ fn count() {
     unsafe_code,
     reason = "a global allocator can only be written with unsafe; it exists in this test only"
 )]
-unsafe impl GlobalAlloc for Counting {
+unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count();
         // SAFETY: the caller keeps the contract of `alloc`.
@@ -52,7 +52,7 @@ unsafe impl GlobalAlloc for Counting {
 }
 
 #[global_allocator]
-static ALLOCATOR: Counting = Counting;
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 const T: f64 = 0.001;
 
@@ -85,7 +85,7 @@ fn profile(n: u64) -> Profile {
     let ramp = UnitRamp::new(0.01, 0.01);
     let law = match n % 3 {
         0 => Law::Ramped {
-            block: Ramped {
+            block: RampedMotion {
                 path: Path::Line {
                     from,
                     to,
@@ -156,12 +156,12 @@ fn paced() -> Vec<Profile> {
                     to,
                     length: 2.0_f64.sqrt(),
                 },
-                feed: Feed {
+                feed: SegmentFeed {
                     feedrate_mm_min: 12_000.0,
                     ta_ms: 20.0,
                     td_ms: 20.0,
                     ts_ms: 0.0,
-                    ..Feed::default()
+                    ..SegmentFeed::default()
                 },
             },
             end: SegmentEnd::Continuous,
@@ -203,11 +203,11 @@ fn a_g500_chain_with_holds_and_overrides_neither_allocates_nor_frees() {
 
 /// Loses every frame from a cycle on, then comes back with a fault in a drive, which goes when it is cleared.
 #[derive(Debug, Default)]
-struct Failing {
+struct FailingBus {
     cycles: u32,
 }
 
-impl DriveBus for Failing {
+impl DriveBus for FailingBus {
     fn exchange(&mut self, commands: &[Command], feedback: &mut [Feedback]) -> CycleResult {
         self.cycles += 1;
         if (20..30).contains(&self.cycles) {
@@ -227,7 +227,7 @@ impl DriveBus for Failing {
 #[test]
 fn a_lost_bus_a_drive_fault_and_a_reset_neither_allocate_nor_free() {
     let hardware = Hardware {
-        bus: Box::new(Failing::default()),
+        bus: Box::new(FailingBus::default()),
         at_start: vec![Feedback::following(0.0); AXES_MAX],
         spindles: vec![],
     };
@@ -334,7 +334,7 @@ fn chain_and_skip() -> [(Law, f64); 4] {
     };
     let (back, moves) = (y_alone(-2.5), y_alone(1.0));
     let ramped = |path: &Path, begun_s, next: Option<&Path>, plan_s, ends_s| Law::Ramped {
-        block: Ramped {
+        block: RampedMotion {
             path: path.clone(),
             speed,
             start: ramp,
@@ -483,12 +483,12 @@ fn either_way(planner: &mut Planner) -> VecDeque<Profile> {
             to: at(from_x + 20.0),
             length: 20.0,
         },
-        feed: Feed {
+        feed: SegmentFeed {
             feedrate_mm_min: 6000.0,
             ta_ms: 50.0,
             td_ms: 50.0,
             ts_ms: 0.0,
-            ..Feed::default()
+            ..SegmentFeed::default()
         },
     };
     let (from, to) = (at(0.0), at(1.0));

@@ -15,11 +15,11 @@ use rcgen::{
 };
 use tandem_gateway::{Role, certificate_entry};
 
-use super::token::{DAY_S, add_entry, is_known, tell};
-use super::{EXIT_FOUND, EXIT_OK, Ran, complain, say};
+use super::token::{DAY_S, add_entry, is_known, record_in_journal};
+use super::{CommandResult, EXIT_FOUND, EXIT_OK, complain, print_line};
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct CertArguments {
     #[command(subcommand)]
     what: What,
 }
@@ -69,14 +69,14 @@ struct Client {
     days: u64,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
+pub(super) fn run(arguments: &CertArguments) -> CommandResult {
     match &arguments.what {
         What::New(new) => of_machine(new),
         What::Client(client) => of_client(client),
     }
 }
 
-fn of_machine(new: &New) -> Ran {
+fn of_machine(new: &New) -> CommandResult {
     let name = host_name();
     let mut names = names_of_this_computer(&name)?;
     names.extend(new.host.iter().cloned());
@@ -84,11 +84,11 @@ fn of_machine(new: &New) -> Ran {
     let (cert, key) = (new.out.join("cert.pem"), new.out.join("key.pem"));
     write_new(&key, &made.key, 0o600)?;
     write_new(&cert, &made.cert, 0o644)?;
-    tell(
+    record_in_journal(
         new.config.as_deref(),
         &format!("tandem cert new: {}", cert.display()),
     );
-    say(format!(
+    print_line(format!(
         "Certificate {} and key {} are written, for {}.\n\
          Write into the configuration:\n\n[tls]\ncert_file = \"{}\"\nkey_file = \"{}\"\n\n\
          Clients verify the machine with {}. The certificate is valid for {} days.",
@@ -103,7 +103,7 @@ fn of_machine(new: &New) -> Ran {
     Ok(EXIT_OK)
 }
 
-fn of_client(client: &Client) -> Ran {
+fn of_client(client: &Client) -> CommandResult {
     let (name, file) = (&client.name, &client.file);
     let role = Role::of_name(&client.role).with_context(|| format!("there is no role {}", client.role))?;
     if is_known(file, name)? {
@@ -124,8 +124,8 @@ fn of_client(client: &Client) -> Ran {
     write_new(&cert, &made.cert, 0o644)?;
     add_entry(file, &entry)?;
     let command = format!("tandem cert client {name} --role {}", client.role);
-    tell(client.config.as_deref(), &command);
-    say(format!(
+    record_in_journal(client.config.as_deref(), &command);
+    print_line(format!(
         "Certificate {} and key {} are written, for {name}. The entry is in {}; a running runtime with this \
          token file reads it within 5 s.",
         cert.display(),
@@ -135,14 +135,19 @@ fn of_client(client: &Client) -> Ran {
     Ok(EXIT_OK)
 }
 
-struct Made {
+struct IssuedCertificate {
     cert: String,
     key: String,
     der: Vec<u8>,
 }
 
 /// Creates a self-signed certificate that can authenticate only itself.
-fn make(name: &str, names: &[String], days: u64, purpose: ExtendedKeyUsagePurpose) -> anyhow::Result<Made> {
+fn make(
+    name: &str,
+    names: &[String],
+    days: u64,
+    purpose: ExtendedKeyUsagePurpose,
+) -> anyhow::Result<IssuedCertificate> {
     let key = KeyPair::generate()?;
     let mut params =
         CertificateParams::new(names.to_vec()).context("a name is not valid in a certificate")?;
@@ -156,7 +161,7 @@ fn make(name: &str, names: &[String], days: u64, purpose: ExtendedKeyUsagePurpos
     params.not_before = now - time::Duration::days(1);
     params.not_after = now + time::Duration::seconds(i64::try_from(days * DAY_S).unwrap_or(i64::MAX));
     let certificate = params.self_signed(&key)?;
-    Ok(Made {
+    Ok(IssuedCertificate {
         cert: certificate.pem(),
         key: key.serialize_pem(),
         der: certificate.der().to_vec(),

@@ -19,14 +19,15 @@ use tandem_runtime::{ConfiguredSystem, Machine};
 use tandem_syntax::diagnostics::{FEEDRATE_OPEN, STOPS_IF, WRONG_IN_SOME};
 use tandem_syntax::{NcProgram, parse};
 
-use super::findings::{Findings, as_json, as_sarif};
+use super::findings::{FileFindings, as_json, as_sarif};
 use super::server_ends::Servable;
 use super::{
-    EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, Ran, complain, find_subprogram, read_config, read_program, say,
+    CommandResult, EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, complain, find_subprogram, print_line, read_config,
+    read_program,
 };
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct CheckArguments {
     /// NC programs; - is standard input, whose subprograms are searched for in the current folder
     #[arg(required_unless_present = "config")]
     files: Vec<PathBuf>,
@@ -35,7 +36,7 @@ pub struct Arguments {
     dialect: Option<&'static Dialect>,
     /// Text for people, json for editors, sarif (2.1.0) for code hosts and other tools
     #[arg(long, value_enum, default_value = "text")]
-    format: Format,
+    format: CheckFormat,
     /// Without programs: checks this configuration and the files that it names, as serve does; with programs: checks
     /// them against it
     #[arg(long, value_name = "FILE")]
@@ -47,15 +48,15 @@ pub struct Arguments {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Format {
+enum CheckFormat {
     Text,
     Json,
     Sarif,
 }
 
-impl Format {
+impl CheckFormat {
     /// Returns all findings as one JSON value; `None` if they are printed file by file.
-    fn write(self, all: &[Findings], is_whole: bool, dialect: &Dialect) -> Option<serde_json::Value> {
+    fn write(self, all: &[FileFindings], is_whole: bool, dialect: &Dialect) -> Option<serde_json::Value> {
         match self {
             Self::Text => None,
             Self::Json => Some(as_json(all)),
@@ -64,7 +65,7 @@ impl Format {
     }
 }
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
+pub(super) fn run(arguments: &CheckArguments) -> CommandResult {
     let machine = match &arguments.config {
         None => None,
         Some(path) if arguments.files.is_empty() => {
@@ -75,9 +76,9 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
             lines.extend(served.map(|served| format!("  {served}")));
             let text = lines.join("\n");
             match arguments.format.write(&[], true, dialects::nj()) {
-                None => say(text),
+                None => print_line(text),
                 Some(nothing) => {
-                    say(nothing);
+                    print_line(nothing);
                     complain(text);
                 }
             }
@@ -106,7 +107,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
                 let dialect = dialect_of(system);
                 for findings in check_text(path, &text, dialect, machine.as_ref(), system) {
                     errors |= findings.has_errors();
-                    if arguments.format == Format::Text {
+                    if arguments.format == CheckFormat::Text {
                         findings.print();
                     }
                     files.push(findings);
@@ -119,7 +120,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         }
     }
     if let Some(all) = arguments.format.write(&files, !unreadable, dialect_of(named)) {
-        say(all);
+        print_line(all);
     }
     Ok(match (unreadable, errors) {
         (true, _) => EXIT_UNREADABLE,
@@ -137,7 +138,7 @@ pub(super) fn check_text(
     dialect: &'static Dialect,
     machine: Option<&Machine>,
     named: Option<&ConfiguredSystem>,
-) -> Vec<Findings> {
+) -> Vec<FileFindings> {
     let (tree, parsed) = parse(text, (dialect.grammar)());
     let tree = Arc::new(tree);
     let systems = machine.map_or(&[][..], |machine| &machine.coordinate_systems);
@@ -153,7 +154,7 @@ pub(super) fn check_stored(
     program: &StoredProgram,
     machine: &Machine,
     settings: &CoordinateSystemSettings,
-) -> Vec<Findings> {
+) -> Vec<FileFindings> {
     let parsed = (&program.tree, program.parsed.clone());
     check_tree(path, parsed, program.dialect, Some((machine, settings)), false)
 }
@@ -164,8 +165,8 @@ fn check_tree(
     dialect: &'static Dialect,
     of: Option<(&Machine, &CoordinateSystemSettings)>,
     calculates: bool,
-) -> Vec<Findings> {
-    let programs = Beside {
+) -> Vec<FileFindings> {
+    let programs = ProgramSearch {
         caller: path,
         data_dir: of.and_then(|(machine, _)| machine.data_dir.as_deref()),
         dialect,
@@ -183,7 +184,9 @@ fn check_tree(
         programs: Some(&programs),
         m_codes_with_settings: m_codes.as_ref(),
         calculates,
-        ..of.map_or_else(CheckContext::default, |(_, settings)| CheckContext::of(settings))
+        ..of.map_or_else(CheckContext::default, |(_, settings)| {
+            CheckContext::from_settings(settings)
+        })
     };
     let mut check = check(tree, dialect, &context);
     let mut called = std::mem::take(&mut check.called);
@@ -219,7 +222,7 @@ fn check_tree(
         };
         add_findings(&trial, &mut check, &mut called);
     }
-    let main = Findings::new(path, tree.source(), check, parsed);
+    let main = FileFindings::new(path, tree.source(), check, parsed);
     all_findings(main, called, read)
 }
 
@@ -255,10 +258,10 @@ fn add_findings(trial: &Trial<'_>, main: &mut Check, called: &mut BTreeMap<u16, 
 
 /// Returns the findings of a program, and of each called program that has any.
 fn all_findings(
-    main: Findings,
+    main: FileFindings,
     called: BTreeMap<u16, Check>,
-    mut read: BTreeMap<u16, Option<Called>>,
-) -> Vec<Findings> {
+    mut read: BTreeMap<u16, Option<CalledProgram>>,
+) -> Vec<FileFindings> {
     let mut all = vec![main];
     for (number, check) in called {
         let Some(Some(called)) = read.remove(&number) else {
@@ -266,7 +269,7 @@ fn all_findings(
         };
         if !(check.diagnostics.is_empty() && called.parsed.is_empty()) {
             let source = called.tree.source();
-            all.push(Findings::new(&called.path, source, check, called.parsed));
+            all.push(FileFindings::new(&called.path, source, check, called.parsed));
         }
     }
     all
@@ -294,26 +297,26 @@ fn check_m_codes(
 
 /// Programs that may be called, from the folder of the file and from the data folder. Each is read once.
 #[derive(Debug)]
-struct Beside<'a> {
+struct ProgramSearch<'a> {
     caller: &'a Path,
     data_dir: Option<&'a Path>,
     dialect: &'static Dialect,
-    read: RefCell<BTreeMap<u16, Option<Called>>>,
+    read: RefCell<BTreeMap<u16, Option<CalledProgram>>>,
 }
 
 #[derive(Debug)]
-struct Called {
+struct CalledProgram {
     path: PathBuf,
     tree: Arc<NcProgram>,
     parsed: Vec<Diagnostic>,
 }
 
-impl Beside<'_> {
-    fn read(&self, number: u16) -> Option<Called> {
+impl ProgramSearch<'_> {
+    fn read(&self, number: u16) -> Option<CalledProgram> {
         let path = find_subprogram(number, self.caller, self.data_dir)?;
         let text = read_program(&path).ok()?;
         let (tree, parsed) = parse(text, (self.dialect.grammar)());
-        Some(Called {
+        Some(CalledProgram {
             path,
             tree: Arc::new(tree),
             parsed,
@@ -321,7 +324,7 @@ impl Beside<'_> {
     }
 }
 
-impl Programs for Beside<'_> {
+impl Programs for ProgramSearch<'_> {
     fn find(&self, number: u16) -> Option<Arc<NcProgram>> {
         let mut read = self.read.borrow_mut();
         let called = read.entry(number).or_insert_with(|| self.read(number));

@@ -10,11 +10,11 @@ use tandem_model::limits::PROGRAM_NUMBER_MAX;
 use tandem_runtime::program_store::{header, program_number};
 use tandem_syntax::Header;
 
-use super::findings::Findings;
-use super::{EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, Ran, complain, read_program, shown};
+use super::findings::FileFindings;
+use super::{CommandResult, EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, complain, read_program, shown};
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct CompileArguments {
     /// NC programs; the header is derived from a file name that is a number; - is standard input
     #[arg(required = true)]
     files: Vec<PathBuf>,
@@ -32,7 +32,7 @@ pub struct Arguments {
     dialect: &'static Dialect,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
+pub(super) fn run(arguments: &CompileArguments) -> CommandResult {
     arguments.check()?;
     let mut code = EXIT_OK;
     for path in &arguments.files {
@@ -44,9 +44,9 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     Ok(code)
 }
 
-fn compile(path: &Path, arguments: &Arguments) -> Ran {
+fn compile(path: &Path, arguments: &CompileArguments) -> CommandResult {
     let (tree, check) = check_source(read_program(path)?, arguments.dialect, &CheckContext::default());
-    let findings = Findings::new(path, tree.source(), check, Vec::new());
+    let findings = FileFindings::new(path, tree.source(), check, Vec::new());
     if findings.has_errors() {
         complain(findings.text());
         complain(format!("{}: not compiled; correct the errors first", shown(path)));
@@ -54,7 +54,7 @@ fn compile(path: &Path, arguments: &Arguments) -> Ran {
     }
     let code = tandem_syntax::compile(&tree, arguments.header(path), arguments.dialect);
     match &arguments.out_dir {
-        None => super::say(code.trim_end_matches('\n')),
+        None => super::print_line(code.trim_end_matches('\n')),
         Some(folder) => {
             let file = result(path, folder);
             std::fs::create_dir_all(folder)
@@ -76,7 +76,7 @@ fn is_same_file(one: &Path, other: &Path) -> bool {
     matches!((one.canonicalize(), other.canonicalize()), (Ok(one), Ok(other)) if one == other)
 }
 
-impl Arguments {
+impl CompileArguments {
     /// Checks the arguments before anything is written.
     fn check(&self) -> anyhow::Result<()> {
         if self.files.len() > 1 {

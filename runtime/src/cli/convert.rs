@@ -9,10 +9,12 @@ use tandem_interp::dialects::convert::{Settings, Source, convert};
 use tandem_model::settings::NcOptions;
 use tandem_syntax::is_wide;
 
-use super::{EXIT_FOUND, EXIT_OK, Ran, complain, notice_unwritten, read_config, read_program, shown};
+use super::{
+    CommandResult, EXIT_FOUND, EXIT_OK, complain, notice_unwritten, read_config, read_program, shown,
+};
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct ConvertArguments {
     /// NC program; - is standard input
     file: PathBuf,
     /// Language of the program
@@ -44,7 +46,7 @@ enum To {
     Nj,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
+pub(super) fn run(arguments: &ConvertArguments) -> CommandResult {
     let To::Nj = arguments.to;
     let source = match arguments.from {
         From::Dgshape => Source::Dgshape,

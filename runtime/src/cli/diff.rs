@@ -11,14 +11,14 @@ use plc_api::types::CoordinateSystemNumber;
 use serde_json::json;
 use tandem_interp::{Dialect, dialects};
 
-use super::plot::{Drawing, Line, Stroke, View};
-use super::simulate::{Outcome, Plan, SimulationArguments};
-use super::{EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, Ran, read_config, say};
-use compare::{Comparison, Part, compare};
+use super::plot::{Drawing, PlotView, Stroke, ToolPathLine};
+use super::simulate::{Outcome, SimulationArguments, SimulationPlan};
+use super::{CommandResult, EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, print_line, read_config};
+use compare::{Comparison, ProgramPart, compare};
 use recorded::{Element, record};
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct DiffArguments {
     /// NC program; its subprograms are searched for in its folder, then in the programs of the data folder
     old: PathBuf,
     /// NC program to compare with it
@@ -47,8 +47,8 @@ pub struct Arguments {
     #[arg(long, value_name = "OUT.svg")]
     svg: Option<PathBuf>,
     /// View of the picture
-    #[arg(long, value_enum, default_value_t = View::Xy)]
-    plane: View,
+    #[arg(long, value_enum, default_value_t = PlotView::Xy)]
+    plane: PlotView,
 }
 
 /// A program and its recorded run.
@@ -58,7 +58,7 @@ struct Program<'a> {
     outcome: Outcome,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
+pub(super) fn run(arguments: &DiffArguments) -> CommandResult {
     let (_, machine) = read_config(arguments.config.as_deref())?;
     let assigned = |file| Some(machine.system_of_program(file)?.settings.number);
     let read = |file, other| {
@@ -81,19 +81,19 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         std::fs::write(path, svg).with_context(|| format!("cannot write {}", path.display()))?;
     }
     if arguments.json {
-        say(json!({
+        print_line(json!({
             "equal": is_equal, "old": old.to_json(), "new": new.to_json(), "differences": comparison.differences,
         }));
     } else {
         for difference in &comparison.differences {
-            say(difference);
+            print_line(difference);
         }
         for (name, alarm) in ["old", "new"]
             .iter()
             .zip(&alarms)
             .filter(|(_, alarm)| !alarm.is_empty())
         {
-            say(format!("{name}: {alarm}"));
+            print_line(format!("{name}: {alarm}"));
         }
         let [old_s, new_s] = [&old, &new].map(|program| program.outcome.cycle_time_s());
         let verdict = if is_equal {
@@ -101,7 +101,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         } else {
             "they differ"
         };
-        say(format!("{verdict}: old {old_s:.3} s, new {new_s:.3} s"));
+        print_line(format!("{verdict}: old {old_s:.3} s, new {new_s:.3} s"));
     }
     Ok(if is_equal { EXIT_OK } else { EXIT_FOUND })
 }
@@ -111,15 +111,16 @@ impl<'a> Program<'a> {
     fn read(
         file: &'a Path,
         cs: Option<CoordinateSystemNumber>,
-        arguments: &Arguments,
+        arguments: &DiffArguments,
     ) -> anyhow::Result<Option<Self>> {
-        let mut simulated = SimulationArguments::of(file, arguments.config.as_deref(), arguments.dialect);
+        let mut simulated =
+            SimulationArguments::for_file(file, arguments.config.as_deref(), arguments.dialect);
         simulated.cs = cs;
-        let plan = match Plan::read(&simulated, arguments.json)? {
+        let plan = match SimulationPlan::read(&simulated, arguments.json)? {
             Ok(plan) => plan,
             Err(diagnostics) => {
                 if arguments.json {
-                    say(json!({"file": file.display().to_string(), "diagnostics": diagnostics}));
+                    print_line(json!({"file": file.display().to_string(), "diagnostics": diagnostics}));
                 }
                 return Ok(None);
             }
@@ -142,12 +143,12 @@ impl<'a> Program<'a> {
 }
 
 /// Draws the common path, and over it the parts that only one program has.
-fn draw(arguments: &Arguments, programs: [&Program<'_>; 2], comparison: &Comparison) -> String {
-    let mut lines: Vec<Line> = Vec::new();
+fn draw(arguments: &DiffArguments, programs: [&Program<'_>; 2], comparison: &Comparison) -> String {
+    let mut lines: Vec<ToolPathLine> = Vec::new();
     let mut draw = |elements: &[Element], stroke: Stroke| {
-        let ways = elements.iter().filter_map(Element::way);
+        let ways = elements.iter().filter_map(Element::path_points);
         lines.extend(ways.map(|points| {
-            Line {
+            ToolPathLine {
                 stroke,
                 points: points
                     .into_iter()
@@ -158,7 +159,7 @@ fn draw(arguments: &Arguments, programs: [&Program<'_>; 2], comparison: &Compari
     };
     let [old, new] = programs;
     draw(&old.elements, Stroke::Both);
-    let of = |part: &Option<Part>| part.as_ref().map_or(0..0, |part| part.elements.clone());
+    let of = |part: &Option<ProgramPart>| part.as_ref().map_or(0..0, |part| part.elements.clone());
     for difference in comparison
         .differences
         .iter()

@@ -8,10 +8,10 @@ use tandem_runtime::Machine;
 use tandem_runtime::explain::{explain_here, nearest};
 use tandem_syntax::DIAGNOSTICS;
 
-use super::{EXIT_OK, Ran, read_config, say};
+use super::{CommandResult, EXIT_OK, print_line, read_config};
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct ExplainArguments {
     /// A diagnostic (E0101), an alarm (alarm 412), a code (G02), a word, function, keyword or variable of the language, a key
     /// or table of the configuration (machine.name, motor), or a rule (D31, M1b, H4); without it, all diagnostics with
     /// their titles
@@ -24,10 +24,10 @@ pub struct Arguments {
     config: Option<PathBuf>,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
+pub(super) fn run(arguments: &ExplainArguments) -> CommandResult {
     if arguments.what.is_empty() {
         for entry in DIAGNOSTICS {
-            say(format!("{}  {}", entry.code, entry.title));
+            print_line(format!("{}  {}", entry.code, entry.title));
         }
         return Ok(EXIT_OK);
     }
@@ -44,6 +44,6 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
             nearest(&what, arguments.dialect)
         );
     };
-    say(page);
+    print_line(page);
     Ok(EXIT_OK)
 }

@@ -14,7 +14,7 @@ use tandem_model::{Diagnostic, Severity};
 use tandem_runtime::program_store::locate;
 use tandem_syntax::DIAGNOSTICS;
 
-use super::{say, shown};
+use super::{print_line, shown};
 
 /// Characters that must be escaped in the path of a URI.
 const NOT_IN_A_PATH: &AsciiSet = &CONTROLS
@@ -35,7 +35,7 @@ const NOT_IN_A_PATH: &AsciiSet = &CONTROLS
     .add(b'}');
 
 /// Findings of one NC program.
-pub(super) struct Findings {
+pub(super) struct FileFindings {
     /// Name of the file for display.
     pub file: String,
     /// The text.
@@ -48,7 +48,7 @@ pub(super) struct Findings {
     pub programs: Vec<u16>,
 }
 
-impl Findings {
+impl FileFindings {
     /// Creates the findings of the file at this path.
     pub fn new(
         path: &Path,
@@ -114,7 +114,7 @@ impl Findings {
     /// Prints the findings, and the M codes and programs that the program uses.
     pub fn print(&self) {
         if let Some(text) = self.text().strip_suffix('\n') {
-            say(text);
+            print_line(text);
         }
         let found = &self.diagnostics;
         let errors = found.iter().filter(|found| found.is_error()).count();
@@ -125,7 +125,7 @@ impl Findings {
             none if none.is_empty() => "none".to_owned(),
             list => list,
         };
-        say(format!(
+        print_line(format!(
             "{}: {}, {}\n  M codes: {}; programs called: {}",
             self.file,
             counted(errors, "error"),
@@ -138,7 +138,7 @@ impl Findings {
     /// Prints the findings of a program in Structured Text, and the M codes that it serves.
     pub fn print_structured_text(&self) {
         if let Some(text) = self.text().strip_suffix('\n') {
-            say(text);
+            print_line(text);
         }
         let m_codes: Vec<_> = self.m_codes.iter().map(|m| format!("M{m:02}")).collect();
         let serves = if m_codes.is_empty() {
@@ -147,11 +147,11 @@ impl Findings {
             m_codes.join(" ")
         };
         match self.diagnostics.len() {
-            0 => say(format!(
+            0 => print_line(format!(
                 "{}: 0 errors\n  M codes that the program serves: {serves}",
                 self.file
             )),
-            errors => say(format!("{}: {}", self.file, counted(errors, "error"))),
+            errors => print_line(format!("{}: {}", self.file, counted(errors, "error"))),
         }
     }
 
@@ -192,13 +192,13 @@ impl Findings {
 }
 
 /// Returns all findings as one JSON object.
-pub(super) fn as_json(all: &[Findings]) -> Value {
-    let files: Vec<Value> = all.iter().map(Findings::to_json).collect();
+pub(super) fn as_json(all: &[FileFindings]) -> Value {
+    let files: Vec<Value> = all.iter().map(FileFindings::to_json).collect();
     json!({"files": files})
 }
 
 /// Returns all findings as a SARIF 2.1.0 log. `is_whole` is true if every file could be read.
-pub(super) fn as_sarif(all: &[Findings], is_whole: bool, dialect: &Dialect) -> Value {
+pub(super) fn as_sarif(all: &[FileFindings], is_whole: bool, dialect: &Dialect) -> Value {
     let rule = |entry: &&tandem_syntax::DiagnosticEntry| {
         let (explanation, example) = dialect.explained(entry);
         json!({
@@ -220,7 +220,7 @@ pub(super) fn as_sarif(all: &[Findings], is_whole: bool, dialect: &Dialect) -> V
             }},
             "columnKind": "unicodeCodePoints",
             "invocations": [{"executionSuccessful": is_whole}],
-            "results": all.iter().flat_map(Findings::results).collect::<Vec<_>>(),
+            "results": all.iter().flat_map(FileFindings::results).collect::<Vec<_>>(),
         }],
     })
 }

@@ -14,8 +14,8 @@ use futures_util::future::try_join_all;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use tandem_gateway::Usage;
 
-use super::{EXIT_FOUND, EXIT_OK, Ran, complain, say};
-use machine::{Counted, FleetMachine, Order};
+use super::{CommandResult, EXIT_FOUND, EXIT_OK, complain, print_line};
+use machine::{FleetCounters, FleetMachine, Order};
 
 /// Largest number of machines.
 const MACHINES_MAX: u64 = 1000;
@@ -29,7 +29,7 @@ const FILES_OF_MACHINE: u64 = 32;
 const AT_ONCE: usize = 8;
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct FleetArguments {
     /// Number of machines
     #[arg(long, value_name = "COUNT", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=MACHINES_MAX))]
     machines: u64,
@@ -50,7 +50,7 @@ pub struct Arguments {
     servo_late_ms: u64,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
+pub(super) fn run(arguments: &FleetArguments) -> CommandResult {
     super::log::start_with("error");
     allow_files(arguments.machines * FILES_OF_MACHINE + 256)?;
     tokio::runtime::Builder::new_multi_thread()
@@ -79,7 +79,7 @@ fn allow_files(wanted: u64) -> anyhow::Result<()> {
     Ok(setrlimit(Resource::Nofile, raised)?)
 }
 
-async fn fleet(arguments: &Arguments) -> anyhow::Result<u8> {
+async fn fleet(arguments: &FleetArguments) -> anyhow::Result<u8> {
     let folder = tempfile::tempdir()?;
     let order = Order {
         broker: &arguments.broker,
@@ -100,7 +100,7 @@ async fn fleet(arguments: &Arguments) -> anyhow::Result<u8> {
         complain("stopped before the end");
         return Ok(EXIT_FOUND);
     };
-    Ok(measured.tell(arguments))
+    Ok(measured.print_table(arguments))
 }
 
 /// Starts the machines, a few at a time, and prints the progress.
@@ -111,7 +111,7 @@ async fn start(order: &Order<'_>, count: u64) -> anyhow::Result<Vec<FleetMachine
     for some in numbers.chunks(AT_ONCE) {
         machines.extend(try_join_all(some.iter().map(|number| FleetMachine::start(order, *number))).await?);
         if told.elapsed() >= Duration::from_secs(2) {
-            say(format!("{} of {count} machines have started", machines.len()));
+            print_line(format!("{} of {count} machines have started", machines.len()));
             told = Instant::now();
         }
     }
@@ -120,26 +120,26 @@ async fn start(order: &Order<'_>, count: u64) -> anyhow::Result<Vec<FleetMachine
 
 /// Starts the programs at different times within the period of one M code, so that they do not run in step, and counts
 /// from then on.
-async fn measure(machines: &[FleetMachine], order: &Order<'_>) -> anyhow::Result<Measured> {
+async fn measure(machines: &[FleetMachine], order: &Order<'_>) -> anyhow::Result<FleetMeasurement> {
     let count = machines.len();
     let step = order.interval / u32::try_from(count)?;
     for machine in machines {
         machine.run().await?;
         tokio::time::sleep(step).await;
     }
-    say(format!("{count} machines run; measuring for {} s", order.run_s));
+    print_line(format!("{count} machines run; measuring for {} s", order.run_s));
     let (begun, usage) = (Instant::now(), Usage::now());
     for machine in machines {
         machine.begin_to_count();
     }
     tokio::time::sleep(Duration::from_secs(order.run_s.into())).await;
     let (took_s, now) = (begun.elapsed().as_secs_f64(), Usage::now());
-    let mut all = Counted::default();
+    let mut all = FleetCounters::default();
     for machine in machines {
         all.add(machine.counted().await?);
     }
     let cpu_s = now.cpu_s.zip(usage.cpu_s).map(|(now, before)| now - before);
-    Ok(Measured {
+    Ok(FleetMeasurement {
         machines: count,
         took_s,
         cpu_s,
@@ -149,17 +149,17 @@ async fn measure(machines: &[FleetMachine], order: &Order<'_>) -> anyhow::Result
 }
 
 /// Results of the measurement of a fleet.
-struct Measured {
+struct FleetMeasurement {
     machines: usize,
     took_s: f64,
     cpu_s: Option<f64>,
     resident_bytes: Option<u64>,
-    all: Counted,
+    all: FleetCounters,
 }
 
-impl Measured {
+impl FleetMeasurement {
     /// Prints the table. Returns the exit code of an error if a machine did not complete its work.
-    fn tell(mut self, arguments: &Arguments) -> u8 {
+    fn print_table(mut self, arguments: &FleetArguments) -> u8 {
         let (machines, took_s) = (self.machines as f64, self.took_s);
         let minutes = took_s / 60.0;
         let all = &mut self.all;
@@ -211,7 +211,7 @@ impl Measured {
             ("handlers that were lost", all.handlers_lost.to_string()),
         ];
         for (what, value) in lines {
-            say(format!("  {what:<26} {value}"));
+            print_line(format!("  {what:<26} {value}"));
         }
         if all.stopped > 0 || all.handlers_lost > 0 || m_codes == 0 {
             EXIT_FOUND

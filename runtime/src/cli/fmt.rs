@@ -9,14 +9,14 @@ use clap::Args;
 use tandem_interp::{Check, Dialect, dialects};
 use tempfile::NamedTempFile;
 
-use super::findings::Findings;
+use super::findings::FileFindings;
 use super::{
-    EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, Ran, STANDARD_INPUT, complain, notice_unwritten, read_program, say,
-    shown,
+    CommandResult, EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, STANDARD_INPUT, complain, notice_unwritten,
+    print_line, read_program, shown,
 };
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct FmtArguments {
     /// NC programs; - is standard input, which is written to standard output
     #[arg(required = true)]
     files: Vec<PathBuf>,
@@ -28,7 +28,7 @@ pub struct Arguments {
     dialect: &'static Dialect,
 }
 
-pub(super) fn run(arguments: &Arguments) -> u8 {
+pub(super) fn run(arguments: &FmtArguments) -> u8 {
     let mut code = EXIT_OK;
     for path in &arguments.files {
         code = code.max(lay_out(path, arguments).unwrap_or_else(|error| {
@@ -39,7 +39,7 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
     code
 }
 
-fn lay_out(path: &Path, arguments: &Arguments) -> Ran {
+fn lay_out(path: &Path, arguments: &FmtArguments) -> CommandResult {
     let text = read_program(path)?;
     anyhow::ensure!(
         !text.contains(char::REPLACEMENT_CHARACTER),
@@ -50,7 +50,7 @@ fn lay_out(path: &Path, arguments: &Arguments) -> Ran {
     let (result, code) = match tandem_syntax::format(&text, (arguments.dialect.grammar)()) {
         Ok(result) => (Some(result), EXIT_OK),
         Err(found) => {
-            let findings = Findings::new(path, &text.as_str().into(), Check::default(), found);
+            let findings = FileFindings::new(path, &text.as_str().into(), Check::default(), found);
             complain(findings.text());
             complain(format!("{}: not changed; correct the errors first", shown(path)));
             (None, EXIT_FOUND)
@@ -61,7 +61,7 @@ fn lay_out(path: &Path, arguments: &Arguments) -> Ran {
         let result = result.as_ref().unwrap_or(&text);
         notice_unwritten(io::stdout().lock().write_all(result.as_bytes()));
     } else if arguments.check && changed.is_some() {
-        say(shown(path));
+        print_line(shown(path));
         return Ok(EXIT_FOUND);
     } else if let Some(result) = changed {
         replace(path, result).with_context(|| format!("cannot write {}", shown(path)))?;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use clap::Args;
 
-use super::{EXIT_OK, Ran, say};
+use super::{CommandResult, EXIT_OK, print_line};
 
 /// The files, by their path in the folder. `{{...}}` is replaced.
 const FILES: [(&str, &str); 7] = [
@@ -113,7 +113,7 @@ const NEXT: &str = "Next, in this folder: cargo test; then tandem serve --config
      run.";
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct InitArguments {
     /// Folder to write; it must be new or empty
     dir: PathBuf,
     /// Checkout of Tandem whose plc-api and runtime the project uses; default: the checkout that contains the current
@@ -122,7 +122,7 @@ pub struct Arguments {
     checkout: Option<PathBuf>,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
+pub(super) fn run(arguments: &InitArguments) -> CommandResult {
     let dir = &arguments.dir;
     let cannot = |what: &Path| format!("cannot write {}", what.display());
     let checkout = find_checkout(arguments.checkout.as_deref())?;
@@ -169,11 +169,11 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         ),
     };
     if name != wanted {
-        say(format!(
+        print_line(format!(
             "The machine and its package are called {name}: a name has the letters a to z, digits and hyphens."
         ));
     }
-    say(format!(
+    print_line(format!(
         "{} holds a machine:\n{CONTENT}{crates}\n{NEXT}",
         dir.display()
     ));

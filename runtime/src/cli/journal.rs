@@ -7,9 +7,9 @@ use anyhow::Context;
 use clap::{Args, Subcommand};
 use plc_api::types::data::JournalFilter;
 use serde_json::{Map, Value};
-use tandem_runtime::audit::{self, LineFilter, Verified};
+use tandem_runtime::audit::{self, ChainVerification, LineFilter};
 
-use super::{EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, Ran, complain, read_config, say};
+use super::{CommandResult, EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, complain, print_line, read_config};
 
 /// Smallest number of digits to which a user may shorten a hash.
 const HASH_DIGITS_MIN: usize = 16;
@@ -21,13 +21,13 @@ const HASH_DIGITS: usize = 64;
 const NO_DETAILS: [&str; 7] = ["ts", "cs", "event", "boot_id", "n", "t_s", "hash"];
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct JournalArguments {
     #[command(subcommand)]
-    action: Action,
+    action: JournalAction,
 }
 
 #[derive(Args)]
-struct Place {
+struct JournalFolderArguments {
     /// Data folder, its journal folder, or a copy of one; default: the folder of the configuration
     folder: Option<PathBuf>,
     /// Configuration file; default: that of the demo machine
@@ -36,11 +36,11 @@ struct Place {
 }
 
 #[derive(Subcommand)]
-enum Action {
+enum JournalAction {
     /// Checks whether a line was changed, removed, inserted or moved since it was written; the machine may run
     Verify {
         #[command(flatten)]
-        place: Place,
+        place: JournalFolderArguments,
         /// Hash that an earlier verify printed, or at least its first 16 digits: it must still be in the chain
         #[arg(long, value_name = "HASH", value_parser = noted_hash)]
         head: Option<String>,
@@ -48,7 +48,7 @@ enum Action {
     /// Shows lines, oldest first; the machine may run
     Show {
         #[command(flatten)]
-        place: Place,
+        place: JournalFolderArguments,
         /// Shows lines from this time on: an age (2h, 30m), or a UTC time (2026-11-25, 2026-11-25T10:00)
         #[arg(long, value_name = "TIME")]
         since: Option<String>,
@@ -81,7 +81,7 @@ fn noted_hash(text: &str) -> Result<String, String> {
     })
 }
 
-impl Place {
+impl JournalFolderArguments {
     fn journal(&self) -> anyhow::Result<PathBuf> {
         if let Some(folder) = &self.folder {
             return Ok(audit::journal_folder(folder));
@@ -94,15 +94,15 @@ impl Place {
     }
 }
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
+pub(super) fn run(arguments: &JournalArguments) -> CommandResult {
     match &arguments.action {
-        Action::Verify { place, head } => {
+        JournalAction::Verify { place, head } => {
             let folder = place.journal()?;
             let shown = folder.display().to_string();
             let verified = audit::verify(&folder, head.as_deref());
             Ok(report(&shown, &verified.with_context(|| shown.clone())?))
         }
-        Action::Show {
+        JournalAction::Show {
             place,
             since,
             until,
@@ -125,13 +125,13 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     }
 }
 
-fn report(shown: &str, verified: &Verified) -> u8 {
+fn report(shown: &str, verified: &ChainVerification) -> u8 {
     for note in &verified.notes {
-        say(format!("note: {note}"));
+        print_line(format!("note: {note}"));
     }
     for found in &verified.breaks {
         let line = found.line.map_or(String::new(), |line| format!(":{line}"));
-        say(format!(
+        print_line(format!(
             "broken: {}{line}: {}; {}",
             found.path.display(),
             found.what,
@@ -139,7 +139,7 @@ fn report(shown: &str, verified: &Verified) -> u8 {
         ));
     }
     if verified.more > 0 {
-        say(format!("broken: {} further places", verified.more));
+        print_line(format!("broken: {} further places", verified.more));
     }
     let (first, last) = (
         verified.first.as_deref().unwrap_or("never"),
@@ -149,21 +149,21 @@ fn report(shown: &str, verified: &Verified) -> u8 {
         0 => String::new(),
         old => format!(", and {old} earlier lines that are not chained, from versions without a chain"),
     };
-    say(format!(
+    print_line(format!(
         "{shown}: {} lines of the chain{old}, from {first} to {last}.",
         verified.chained
     ));
     if let Some(head) = verified.head {
-        say(format!("head: {head}"));
+        print_line(format!("head: {head}"));
     }
     if verified.is_whole() {
-        say(
+        print_line(
             "The chain is intact. Keep the head in another place: verify --head shows later whether lines \
              have changed.",
         );
         return EXIT_OK;
     }
-    say(if verified.chained == 0 {
+    print_line(if verified.chained == 0 {
         "Nothing is chained."
     } else {
         "The chain is not intact."
@@ -171,19 +171,19 @@ fn report(shown: &str, verified: &Verified) -> u8 {
     EXIT_FOUND
 }
 
-fn show(folder: &std::path::Path, wanted: &JournalFilter, json: bool) -> Ran {
+fn show(folder: &std::path::Path, wanted: &JournalFilter, json: bool) -> CommandResult {
     let mut filter = LineFilter::new(wanted, SystemTime::now()).map_err(anyhow::Error::msg)?;
     if !json {
-        say(format!(
+        print_line(format!(
             "{:<24}  {:>2}  {:<12}  WHAT",
             "TIME (UTC)", "CS", "EVENT"
         ));
     }
     let mut show = |line: Value| {
         if json {
-            say(line);
+            print_line(line);
         } else {
-            say(row(&line));
+            print_line(row(&line));
         }
     };
     let searched = audit::search(folder, &mut filter, &mut show);

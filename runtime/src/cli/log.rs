@@ -21,35 +21,35 @@ pub(super) fn start_with(filter: &str) {
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_ansi(colours)
-        .with_writer(Lines { make, colours })
+        .with_writer(EscapingMakeWriter { make, colours })
         .init();
 }
 
 /// Writes each event as one line and escapes control characters in it: a line break in the id of a command must not
 /// begin a line that looks like one of the runtime. The subscriber passes each event in one `write`.
-struct Lines<M> {
+struct EscapingMakeWriter<M> {
     make: M,
     /// The subscriber writes colours, so escape sequences for colours are kept.
     colours: bool,
 }
 
-impl<'a, M: MakeWriter<'a>> MakeWriter<'a> for Lines<M> {
-    type Writer = Line<M::Writer>;
+impl<'a, M: MakeWriter<'a>> MakeWriter<'a> for EscapingMakeWriter<M> {
+    type Writer = EscapingWriter<M::Writer>;
 
     fn make_writer(&'a self) -> Self::Writer {
-        Line {
+        EscapingWriter {
             writer: self.make.make_writer(),
             colours: self.colours,
         }
     }
 }
 
-struct Line<W> {
+struct EscapingWriter<W> {
     writer: W,
     colours: bool,
 }
 
-impl<W: Write> Write for Line<W> {
+impl<W: Write> Write for EscapingWriter<W> {
     fn write(&mut self, event: &[u8]) -> io::Result<usize> {
         let text = String::from_utf8_lossy(event);
         let mut line = String::with_capacity(text.len() + 1);
@@ -94,9 +94,9 @@ mod tests {
     use super::*;
 
     #[derive(Clone, Default)]
-    struct Kept(Arc<Mutex<Vec<u8>>>);
+    struct CapturedLog(Arc<Mutex<Vec<u8>>>);
 
-    impl Write for Kept {
+    impl Write for CapturedLog {
         fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
             self.0.lock().unwrap().extend_from_slice(bytes);
             Ok(bytes.len())
@@ -109,11 +109,11 @@ mod tests {
 
     /// Returns the log text of an event with this text and field.
     fn logged(text: &str, colours: bool) -> String {
-        let kept = Kept::default();
+        let kept = CapturedLog::default();
         let writer = kept.clone();
         let subscriber = tracing_subscriber::fmt()
             .with_ansi(colours)
-            .with_writer(Lines {
+            .with_writer(EscapingMakeWriter {
                 make: move || writer.clone(),
                 colours,
             })

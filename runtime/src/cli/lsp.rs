@@ -18,10 +18,10 @@ use clap::Args;
 use tandem_interp::{Dialect, dialects};
 
 use self::setup::Setup;
-use super::{EXIT_FOUND, EXIT_OK, Ran};
+use super::{CommandResult, EXIT_FOUND, EXIT_OK};
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct LspArguments {
     /// Configuration of the machine that runs the programs; default: the nearest tandem.toml in the folder of a program
     /// or above
     #[arg(long, value_name = "FILE")]
@@ -34,7 +34,7 @@ pub struct Arguments {
     stdio: bool,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
+pub(super) fn run(arguments: &LspArguments) -> CommandResult {
     let command = std::env::current_exe().context("cannot find the path of this executable")?;
     let setup = Setup::new(arguments.config.clone(), arguments.dialect);
     let (connection, writer) = transport::stdio();

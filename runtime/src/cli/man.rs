@@ -4,15 +4,15 @@ use anyhow::Context;
 use clap::{Args, CommandFactory};
 use clap_mangen::Man;
 
-use super::{Cli, EXIT_OK, Ran, say};
+use super::{Cli, CommandResult, EXIT_OK, print_line};
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct ManArguments {
     /// Command whose page is printed, such as serve; default: the page of tandem itself
     command: Option<String>,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
+pub(super) fn run(arguments: &ManArguments) -> CommandResult {
     let mut tandem = Cli::command();
     tandem.build();
     let named = match &arguments.command {
@@ -22,6 +22,6 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     let mut page = Vec::new();
     let command = named.context("there is no such command; tandem -h lists all of them")?;
     Man::new(command.clone()).render(&mut page)?;
-    say(String::from_utf8_lossy(&page).trim_end());
+    print_line(String::from_utf8_lossy(&page).trim_end());
     Ok(EXIT_OK)
 }

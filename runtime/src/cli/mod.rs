@@ -45,7 +45,7 @@ const EXIT_FOUND: u8 = 1;
 const EXIT_UNREADABLE: u8 = 2;
 
 /// The exit code of a command; an error is printed, and the code is [`EXIT_UNREADABLE`].
-type Ran = anyhow::Result<u8>;
+type CommandResult = anyhow::Result<u8>;
 
 #[derive(Parser)]
 #[command(
@@ -60,53 +60,53 @@ struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
     #[command(flatten)]
-    serve: serve::Arguments,
+    serve: serve::ServeArguments,
 }
 
 #[derive(Subcommand)]
 enum Command {
     /// Starts the machine with its MQTT broker, REST, WebSocket and HMI (the default command of `tandem`)
-    Serve(serve::Arguments),
+    Serve(serve::ServeArguments),
     /// Reports all errors and warnings in NC programs, or in a configuration
-    Check(check::Arguments),
+    Check(check::CheckArguments),
     /// Formats NC programs (spacing and letter case only)
-    Fmt(fmt::Arguments),
+    Fmt(fmt::FmtArguments),
     /// Converts programs of other controls to dialect nj
-    Convert(convert::Arguments),
+    Convert(convert::ConvertArguments),
     /// Serves editors: diagnostics while you type, explanations, completion, formatting, and the run time of a program
-    Lsp(lsp::Arguments),
+    Lsp(lsp::LspArguments),
     /// Writes the intermediate code of NC programs
-    Compile(compile::Arguments),
+    Compile(compile::CompileArguments),
     /// Explains a diagnostic, an alarm, a code, a key of the configuration or a rule
-    Explain(explain::Arguments),
+    Explain(explain::ExplainArguments),
     /// Creates a project for a machine of your own: configuration, NC program, handlers and a test
-    Init(init::Arguments),
+    Init(init::InitArguments),
     /// Draws the tool path of an NC program
-    Plot(plot::Arguments),
+    Plot(plot::PlotArguments),
     /// Runs an NC program in simulated time
-    Simulate(simulate::Arguments),
+    Simulate(simulate::SimulateCommandArguments),
     /// Compares two NC programs by path, M codes and time
-    Diff(diff::Arguments),
+    Diff(diff::DiffArguments),
     /// Checks a sequence program in Structured Text, or runs it on a machine
-    St(st::Arguments),
+    St(st::StArguments),
     /// Runs many simulated machines at one broker, each with a handler and an HMI, and measures their performance
-    Fleet(fleet::Arguments),
+    Fleet(fleet::FleetArguments),
     /// Creates a certificate for TLS, for this machine or for a client
-    Cert(cert::Arguments),
+    Cert(cert::CertArguments),
     /// Inspects and repairs the stored data of a machine while the machine does not run
-    Store(store::Arguments),
+    Store(store::StoreArguments),
     /// Verifies and shows the journal: the commands of users and the events of the machine
-    Journal(journal::Arguments),
+    Journal(journal::JournalArguments),
     /// Creates a token for an HMI, a sequence program or another system
-    Token(token::Arguments),
+    Token(token::TokenArguments),
     /// Serves a machine over OPC UA (starts the separate program tandem-opcua)
-    Opcua(opcua::Arguments),
+    Opcua(opcua::OpcuaArguments),
     /// Prints the access rules of the token file for an external Mosquitto
-    MqttAcl(mqtt_acl::Arguments),
+    MqttAcl(mqtt_acl::MqttAclArguments),
     /// Prints the completion script of a shell
-    Completions(completions::Arguments),
+    Completions(completions::CompletionsArguments),
     /// Prints a manual page
-    Man(man::Arguments),
+    Man(man::ManArguments),
 }
 
 /// Runs the command of this process's arguments.
@@ -159,7 +159,7 @@ fn exit_code(code: u8) -> ExitCode {
 }
 
 /// Prints a line on standard output. A closed reader is no error; a full disk is one ([`exit_code`]).
-fn say(line: impl std::fmt::Display) {
+fn print_line(line: impl std::fmt::Display) {
     notice_unwritten(writeln!(std::io::stdout().lock(), "{line}"));
 }
 

@@ -7,16 +7,16 @@ use clap::Args;
 use tandem_gateway::mosquitto_acl;
 
 use super::server_ends::settings;
-use super::{EXIT_OK, Ran, read_config, say};
+use super::{CommandResult, EXIT_OK, print_line, read_config};
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct MqttAclArguments {
     /// Configuration file, for the machine's name, the topic prefix, the runtime's user and the token file
     #[arg(long, value_name = "FILE")]
     config: PathBuf,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
+pub(super) fn run(arguments: &MqttAclArguments) -> CommandResult {
     let (config, _) = read_config(Some(&arguments.config))?;
     let (settings, problems) = settings(&config);
     ensure!(problems.is_empty(), problems.join("\n"));
@@ -24,6 +24,6 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         "[http] token_file is not set: there are no users; run tandem token NAME --role ROLE --file FILE",
     )?;
     let root = settings.mqtt.root(&settings.machine);
-    say(mosquitto_acl(&root, settings.mqtt.username.as_deref(), tokens).trim_end());
+    print_line(mosquitto_acl(&root, settings.mqtt.username.as_deref(), tokens).trim_end());
     Ok(EXIT_OK)
 }

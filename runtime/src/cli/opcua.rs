@@ -8,20 +8,20 @@ use std::process::Command;
 use anyhow::{Context, bail};
 use clap::Args;
 
-use super::Ran;
+use super::CommandResult;
 
 const PROGRAM: &str = "tandem-opcua";
 
 #[derive(Args)]
 #[command(after_help = "tandem-opcua --help prints all options; the book has a page on OPC UA.")]
-pub struct Arguments {
+pub struct OpcuaArguments {
     /// Options of tandem-opcua, such as --connect and --listen, each with an address
     #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "OPTION")]
     options: Vec<OsString>,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
-    let program = beside_this().unwrap_or_else(|| PROGRAM.into());
+pub(super) fn run(arguments: &OpcuaArguments) -> CommandResult {
+    let program = find_in_own_folder().unwrap_or_else(|| PROGRAM.into());
     let mut command = Command::new(&program);
     command.args(&arguments.options);
     match end_as(command) {
@@ -35,7 +35,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
 }
 
 /// Returns the program in the folder of this executable.
-fn beside_this() -> Option<PathBuf> {
+fn find_in_own_folder() -> Option<PathBuf> {
     let beside = std::env::current_exe().ok()?.with_file_name(PROGRAM);
     let beside = beside.with_extension(std::env::consts::EXE_EXTENSION);
     beside.is_file().then_some(beside)

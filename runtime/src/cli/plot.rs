@@ -13,26 +13,26 @@ use tandem_model::profile::TimeBase;
 use tandem_model::{Axis, AxisVector};
 use tandem_runtime::simulation::OnCycle;
 
-use super::simulate::{Plan, SimulationArguments, Watch};
-use super::{EXIT_FOUND, EXIT_OK, Ran, complain};
+use super::simulate::{SimulationArguments, SimulationPlan, SimulationWatch};
+use super::{CommandResult, EXIT_FOUND, EXIT_OK, complain};
 pub(super) use drawing::Drawing;
 use polyline::{Point, Polyline};
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct PlotArguments {
     #[command(flatten)]
     simulation: SimulationArguments,
     /// Picture to write
     #[arg(short, long, value_name = "OUT.svg")]
     output: PathBuf,
     /// View of the picture
-    #[arg(long, value_enum, default_value_t = View::Xy)]
-    plane: View,
+    #[arg(long, value_enum, default_value_t = PlotView::Xy)]
+    plane: PlotView,
 }
 
 /// Direction from which the path is seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum View {
+pub(super) enum PlotView {
     /// From above: X to the right, Y up
     Xy,
     /// From the front: X to the right, Z up
@@ -43,7 +43,7 @@ pub(super) enum View {
     Iso,
 }
 
-impl View {
+impl PlotView {
     /// Projects a machine position into the picture, mm to the right and up.
     pub fn project(self, at: AxisVector) -> Point {
         if let Some(axes) = self.axes() {
@@ -65,8 +65,8 @@ impl View {
     }
 }
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
-    let Ok(plan) = Plan::read(&arguments.simulation, false)? else {
+pub(super) fn run(arguments: &PlotArguments) -> CommandResult {
+    let Ok(plan) = SimulationPlan::read(&arguments.simulation, false)? else {
         return Ok(EXIT_FOUND);
     };
     let sketch = Arc::new(Mutex::new(Sketch::new(arguments.plane)));
@@ -76,10 +76,10 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         let rapid = channel.time_base() == Some(TimeBase::Rapid);
         watched.lock().push(channel.setpoint(), rapid);
     });
-    let outcome = plan.simulate(Watch {
+    let outcome = plan.simulate(SimulationWatch {
         on_cycle: Some(on_cycle),
         every_cycle: true,
-        ..Watch::default()
+        ..SimulationWatch::default()
     })?;
     let lines = sketch.lock().take_lines();
     let name = arguments.simulation.file.file_name().unwrap_or_default();
@@ -101,7 +101,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
 
 /// A part of the tool path with one stroke.
 #[derive(Debug, PartialEq)]
-pub(super) struct Line {
+pub(super) struct ToolPathLine {
     pub stroke: Stroke,
     pub points: Vec<Point>,
 }
@@ -120,7 +120,7 @@ pub(super) enum Stroke {
 }
 
 impl Stroke {
-    fn of(rapid: bool) -> Self {
+    fn from_rapid(rapid: bool) -> Self {
         if rapid { Self::Rapid } else { Self::Feed }
     }
 
@@ -137,14 +137,14 @@ impl Stroke {
 
 /// The tool path drawn so far.
 struct Sketch {
-    view: View,
+    view: PlotView,
     rapid: bool,
     line: Polyline,
-    lines: Vec<Line>,
+    lines: Vec<ToolPathLine>,
 }
 
 impl Sketch {
-    fn new(view: View) -> Self {
+    fn new(view: PlotView) -> Self {
         Self {
             view,
             rapid: false,
@@ -155,8 +155,8 @@ impl Sketch {
 
     fn push(&mut self, setpoint: AxisVector, rapid: bool) {
         let point = self.view.project(setpoint);
-        if rapid != self.rapid && point != self.line.end() {
-            let from = self.line.end();
+        if rapid != self.rapid && point != self.line.end_point() {
+            let from = self.line.end_point();
             self.end_line(from);
             self.rapid = rapid;
         }
@@ -166,15 +166,15 @@ impl Sketch {
     fn end_line(&mut self, next_start: Point) {
         let points = std::mem::replace(&mut self.line, Polyline::new(next_start)).into_points();
         if points.len() > 1 {
-            self.lines.push(Line {
-                stroke: Stroke::of(self.rapid),
+            self.lines.push(ToolPathLine {
+                stroke: Stroke::from_rapid(self.rapid),
                 points,
             });
         }
     }
 
-    fn take_lines(&mut self) -> Vec<Line> {
-        self.end_line(self.line.end());
+    fn take_lines(&mut self) -> Vec<ToolPathLine> {
+        self.end_line(self.line.end_point());
         std::mem::take(&mut self.lines)
     }
 }
@@ -192,7 +192,7 @@ mod tests {
 
     #[test]
     fn rapid_and_feed_are_lines_of_their_own_that_meet() {
-        let mut sketch = Sketch::new(View::Xy);
+        let mut sketch = Sketch::new(PlotView::Xy);
         for (x, y, rapid) in [
             (1.0, 0.0, true),
             (2.0, 0.0, true),
@@ -202,11 +202,11 @@ mod tests {
             sketch.push(at(x, y), rapid);
         }
         let expected = [
-            Line {
+            ToolPathLine {
                 stroke: Stroke::Rapid,
                 points: vec![Point([0.0, 0.0]), Point([2.0, 0.0])],
             },
-            Line {
+            ToolPathLine {
                 stroke: Stroke::Feed,
                 points: vec![Point([2.0, 0.0]), Point([2.0, 3.0])],
             },
@@ -219,7 +219,7 @@ mod tests {
         let axis = |axis| {
             let mut at = AxisVector::ZERO;
             at[axis] = 1.0;
-            View::Iso.project(at)
+            PlotView::Iso.project(at)
         };
         for [first, second] in [[Axis::X, Axis::Z], [Axis::Y, Axis::Z]] {
             let (Point([ax, ay]), Point([bx, by])) = (axis(first), axis(second));

@@ -12,10 +12,10 @@ use tandem_runtime::{Config, ExternalBroker, Runtime, demo_sequence_program, ope
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use super::server_ends::Servable;
-use super::{EXIT_OK, Ran, say};
+use super::{CommandResult, EXIT_OK, print_line};
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct ServeArguments {
     /// Configuration file; without it, the built-in demo machine runs
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -33,7 +33,7 @@ pub struct Arguments {
     demo: bool,
 }
 
-impl Arguments {
+impl ServeArguments {
     /// Overrides settings of the configuration with the arguments.
     fn change(&self, config: &mut Config) -> anyhow::Result<()> {
         if let Some(listen) = &self.listen {
@@ -89,7 +89,7 @@ impl Arguments {
 /// Exit code after a stop because of an internal fault: a service manager starts the runtime again.
 const EXIT_FAULT: u8 = 70;
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
+pub(super) fn run(arguments: &ServeArguments) -> CommandResult {
     super::log::start();
     let servable = Servable::read(arguments.config.as_deref(), |config| arguments.change(config))?;
     let is_in_order = tokio::runtime::Builder::new_multi_thread()
@@ -102,7 +102,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
 }
 
 /// Returns false after a stop because of a fault.
-async fn serve(servable: Servable, arguments: &Arguments) -> anyhow::Result<bool> {
+async fn serve(servable: Servable, arguments: &ServeArguments) -> anyhow::Result<bool> {
     let mut signals = Signals::listen()?;
     let Servable { config, settings, .. } = servable;
     let is_demo = config.is_demo;
@@ -122,12 +122,12 @@ async fn serve(servable: Servable, arguments: &Arguments) -> anyhow::Result<bool
     let _memory = super::memory::give_back();
     announce(&settings, &gateway, is_demo);
     for address in taken {
-        say(format!(
+        print_line(format!(
             "{address} is in use by another program; the demo uses a free port instead."
         ));
     }
     let failed = until_stop(&runtime, &gateway, &mut signals).await;
-    say("Stopping: the axes decelerate along the path.");
+    print_line("Stopping: the axes decelerate along the path.");
     runtime.shutdown().await;
     if let Some(sequence) = sequence {
         sequence.abort();
@@ -147,8 +147,8 @@ async fn until_stop(runtime: &Runtime, gateway: &Gateway, signals: &mut Signals)
             }
         };
         match received {
-            Received::Stop => return None,
-            Received::HangUp => {
+            ProcessSignal::Stop => return None,
+            ProcessSignal::HangUp => {
                 tracing::warn!("SIGHUP: the token file is read again; SIGTERM stops the machine");
                 gateway.read_tokens_again();
             }
@@ -194,17 +194,17 @@ fn announce(settings: &GatewaySettings, gateway: &Gateway, is_demo: bool) {
         prefix => format!("{prefix}/"),
     };
     let machine = &settings.machine;
-    say(format!(
+    print_line(format!(
         "Tandem {} runs machine {machine}.\n  HMI    {http}/\n  REST   {http}/api/v1/machine\n  MQTT   {broker}  topics {prefix}tandem/v1/{machine}/#",
         env!("CARGO_PKG_VERSION")
     ));
     if is_demo {
         let system = format!("{http}/api/v1/cs/1");
-        say(format!(
+        print_line(format!(
             "\nTry it: open the HMI and press Start. Or:\n  curl -X POST {system}/load -H 'Content-Type: application/json' -d '{{\"program\": 1}}'\n  curl -X POST {system}/start\n  curl {system}/state\nFor the part transfer load 3 in coordinate system 1 and 20 in 2, and start both."
         ));
     }
-    say("Ctrl-C stops it.");
+    print_line("Ctrl-C stops it.");
 }
 
 /// Signals, received from the start: an early signal must not kill the process without an orderly stop.
@@ -214,7 +214,7 @@ pub(super) struct Signals {
     hang_up: Signal,
 }
 
-pub(super) enum Received {
+pub(super) enum ProcessSignal {
     /// Ctrl-C or SIGTERM: an orderly stop.
     Stop,
     /// SIGHUP: reads files again, as other servers do. A closed terminal sends it too, and must not stop a machine.
@@ -230,11 +230,11 @@ impl Signals {
         })
     }
 
-    pub(super) async fn received(&mut self) -> Received {
+    pub(super) async fn received(&mut self) -> ProcessSignal {
         tokio::select! {
-            _ = self.interrupt.recv() => Received::Stop,
-            _ = self.terminate.recv() => Received::Stop,
-            _ = self.hang_up.recv() => Received::HangUp,
+            _ = self.interrupt.recv() => ProcessSignal::Stop,
+            _ = self.terminate.recv() => ProcessSignal::Stop,
+            _ = self.hang_up.recv() => ProcessSignal::HangUp,
         }
     }
 }

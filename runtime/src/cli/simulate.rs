@@ -26,13 +26,15 @@ use tandem_model::limits::{PROGRAM_NUMBER_MAX, SUBPROGRAM_MIN};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_runtime::journal::{Journal, Line};
 use tandem_runtime::program_store::{StoredProgram, program_number};
-use tandem_runtime::simulation::{self, OnCycle, OnPlan, Planned, SimulationOptions};
-use tandem_runtime::{ConfiguredSystem, Machine, Runtime, Unhandled};
+use tandem_runtime::simulation::{self, OnCycle, OnPlan, PlannedMotion, SimulationOptions};
+use tandem_runtime::{ConfiguredSystem, Machine, Runtime, UnhandledReaction};
 use tandem_syntax::Address;
 
 use super::check::check_stored;
-use super::{EXIT_FOUND, EXIT_OK, Ran, find_subprogram, read_config, read_program, say, shown};
-use recorder::{Recorder, Trace};
+use super::{
+    CommandResult, EXIT_FOUND, EXIT_OK, find_subprogram, print_line, read_config, read_program, shown,
+};
+use recorder::{CsvTrace, Recorder};
 pub(super) use report::Outcome;
 
 /// Program number for a file whose name is not a number.
@@ -42,7 +44,7 @@ const MAIN_PROGRAM: u16 = 1;
 const MAX_TIME_S: f64 = 86_400.0;
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct SimulateCommandArguments {
     #[command(flatten)]
     simulation: SimulationArguments,
     /// Prints one JSON object instead of text
@@ -98,7 +100,7 @@ pub(super) struct SimulationArguments {
 
 impl SimulationArguments {
     /// Returns the arguments for a program without inputs, at 100 percent override.
-    pub fn of(file: &Path, config: Option<&Path>, dialect: Option<&'static Dialect>) -> Self {
+    pub fn for_file(file: &Path, config: Option<&Path>, dialect: Option<&'static Dialect>) -> Self {
         Self {
             file: file.to_owned(),
             config: config.map(Path::to_owned),
@@ -122,20 +124,20 @@ fn parse_with(text: &str) -> Result<(CoordinateSystemNumber, PathBuf), String> {
 }
 
 /// A program that one coordinate system runs.
-struct Job {
+struct SimulationJob {
     cs: CoordinateSystemNumber,
     program: u16,
 }
 
 /// Called with each line of the journal.
-pub(super) type Heard = Box<dyn FnMut(&Line) + Send>;
+pub(super) type JournalCallback = Box<dyn FnMut(&Line) + Send>;
 
 /// Called with the planned motion.
-pub(super) type Watcher = Box<dyn FnMut(Planned<'_>) + Send>;
+pub(super) type Watcher = Box<dyn FnMut(PlannedMotion<'_>) + Send>;
 
 /// Output files and callbacks of a simulation.
 #[derive(Default)]
-pub(super) struct Watch<'a> {
+pub(super) struct SimulationWatch<'a> {
     /// File for the events, one JSON object a line.
     pub events: Option<&'a Path>,
     /// File for the blocks, one JSON object a line.
@@ -145,30 +147,30 @@ pub(super) struct Watch<'a> {
     pub every_cycle: bool,
     pub on_plan: Option<Watcher>,
     /// Called with each line of the journal.
-    pub on_line: Option<Heard>,
+    pub on_line: Option<JournalCallback>,
 }
 
 /// Programs to simulate, read and checked.
-pub(super) struct Plan {
+pub(super) struct SimulationPlan {
     arguments: SimulationArguments,
     machine: Machine,
-    jobs: Vec<Job>,
+    jobs: Vec<SimulationJob>,
     programs: BTreeMap<u16, StoredProgram>,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
-    let plan = match Plan::read(&arguments.simulation, arguments.json)? {
+pub(super) fn run(arguments: &SimulateCommandArguments) -> CommandResult {
+    let plan = match SimulationPlan::read(&arguments.simulation, arguments.json)? {
         Ok(plan) => plan,
         Err(diagnostics) => {
             if arguments.json {
-                say(json!({"outcome": "errors", "diagnostics": diagnostics}));
+                print_line(json!({"outcome": "errors", "diagnostics": diagnostics}));
             }
             return Ok(EXIT_FOUND);
         }
     };
     let outcome = traced(arguments, plan)?;
     if arguments.json {
-        say(json!(outcome));
+        print_line(json!(outcome));
     } else {
         outcome.print();
     }
@@ -179,7 +181,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     })
 }
 
-fn traced(arguments: &Arguments, plan: Plan) -> anyhow::Result<Outcome> {
+fn traced(arguments: &SimulateCommandArguments, plan: SimulationPlan) -> anyhow::Result<Outcome> {
     let files = [
         ("--trace", &arguments.trace),
         ("--events", &arguments.events),
@@ -196,19 +198,19 @@ fn traced(arguments: &Arguments, plan: Plan) -> anyhow::Result<Outcome> {
     if arguments.trace_spindle && plan.first_system().1.spindle.is_none() {
         bail!("--trace-spindle: the coordinate system has no spindle; give it one in the configuration");
     }
-    let trace = Trace::new(arguments.trace.as_deref(), arguments.trace_spindle, &plan)?;
-    let outcome = plan.simulate(Watch {
+    let trace = CsvTrace::new(arguments.trace.as_deref(), arguments.trace_spindle, &plan)?;
+    let outcome = plan.simulate(SimulationWatch {
         events: arguments.events.as_deref(),
         steps: arguments.steps.as_deref(),
         on_cycle: trace.on_cycle(),
         every_cycle: trace.is_written(),
-        ..Watch::default()
+        ..SimulationWatch::default()
     })?;
     trace.finish()?;
     Ok(outcome)
 }
 
-impl Plan {
+impl SimulationPlan {
     /// Reads the configuration and the programs. With `json`, the errors of a program are only returned, not printed.
     pub fn read(arguments: &SimulationArguments, json: bool) -> anyhow::Result<Result<Self, Vec<Value>>> {
         let (mut config, mut machine) = read_config(arguments.config.as_deref())?;
@@ -220,7 +222,7 @@ impl Plan {
         }
         let assigned = machine.system_of_program(&arguments.file);
         let assigned = assigned.map(|system| system.settings.number);
-        machine.unhandled = Unhandled::AutoReset;
+        machine.unhandled = UnhandledReaction::AutoReset;
         machine.forget_locks();
         if config.is_demo {
             for system in &mut machine.coordinate_systems {
@@ -254,7 +256,7 @@ impl Plan {
     ///
     /// # Errors
     /// Fails if a file cannot be written or a command is rejected.
-    pub fn simulate(self, watch: Watch<'_>) -> anyhow::Result<Outcome> {
+    pub fn simulate(self, watch: SimulationWatch<'_>) -> anyhow::Result<Outcome> {
         let recorder = Recorder::new(&self, watch.events, watch.steps)?;
         let on_line = watch.on_line;
         let recorder = Arc::new(Mutex::new(recorder));
@@ -315,7 +317,7 @@ impl Plan {
             .find(|number| !self.programs.contains_key(number))
             .context("no program number is free")?;
         let rules = self.machine.text_rules_of(system.dialect);
-        self.jobs.push(Job { cs, program: number });
+        self.jobs.push(SimulationJob { cs, program: number });
         let mut left = vec![(number, file.to_owned())];
         while let Some((number, path)) = left.pop() {
             let text = read_program(&path)?;
@@ -372,10 +374,10 @@ fn on_plan(recorder: Arc<Mutex<Recorder>>, mut watcher: Option<Watcher>) -> OnPl
 }
 
 async fn simulate(
-    plan: Plan,
+    plan: SimulationPlan,
     recorder: Arc<Mutex<Recorder>>,
     options: SimulationOptions,
-    mut on_line: Option<Heard>,
+    mut on_line: Option<JournalCallback>,
 ) -> anyhow::Result<Outcome> {
     let sink = Arc::clone(&recorder);
     let journal = Journal::to_sink(Arc::new(std::sync::Mutex::new(move |line: &_| {

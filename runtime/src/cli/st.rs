@@ -9,12 +9,12 @@ use clap::Args;
 use plc_api::{MqttOptions, Plc, SequenceProgram, TlsFiles};
 use tandem_structured_text::Program;
 
-use super::findings::{Findings, as_json};
-use super::serve::{Received, Signals};
-use super::{EXIT_FOUND, EXIT_OK, Ran, complain, read_program, say, shown};
+use super::findings::{FileFindings, as_json};
+use super::serve::{ProcessSignal, Signals};
+use super::{CommandResult, EXIT_FOUND, EXIT_OK, complain, print_line, read_program, shown};
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct StArguments {
     /// Program in Structured Text of IEC 61131-3 (a subset: tandem explain ST012); - is standard input
     file: PathBuf,
     /// Only checks the program (default without --run)
@@ -52,16 +52,16 @@ pub struct Arguments {
     ca_file: Option<PathBuf>,
     /// Prints findings as text for people, or as JSON in the format of tandem check
     #[arg(long, value_enum, default_value = "text", conflicts_with = "run")]
-    format: Format,
+    format: StFormat,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Format {
+enum StFormat {
     Text,
     Json,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
+pub(super) fn run(arguments: &StArguments) -> CommandResult {
     let source = read_program(&arguments.file)?;
     let (program, findings) = compiled(&arguments.file, source);
     let is_right = program.is_some();
@@ -74,14 +74,14 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         return run_program(arguments, program);
     }
     match arguments.format {
-        Format::Json => say(as_json(&[findings])),
-        Format::Text => findings.print_structured_text(),
+        StFormat::Json => print_line(as_json(&[findings])),
+        StFormat::Text => findings.print_structured_text(),
     }
     Ok(if is_right { EXIT_OK } else { EXIT_FOUND })
 }
 
 /// Returns the program, if it has no errors, and the findings.
-fn compiled(path: &Path, source: String) -> (Option<Program>, Findings) {
+fn compiled(path: &Path, source: String) -> (Option<Program>, FileFindings) {
     let file = shown(path);
     let (program, diagnostics) = match Program::compile(&file, &source) {
         Ok(program) => (Some(program), Vec::new()),
@@ -95,7 +95,7 @@ fn compiled(path: &Path, source: String) -> (Option<Program>, Findings) {
     m_codes.sort_unstable();
     m_codes.dedup();
     let source = Arc::from(source);
-    let findings = Findings {
+    let findings = FileFindings {
         file,
         source,
         diagnostics,
@@ -105,7 +105,7 @@ fn compiled(path: &Path, source: String) -> (Option<Program>, Findings) {
     (program, findings)
 }
 
-fn run_program(arguments: &Arguments, program: Program) -> Ran {
+fn run_program(arguments: &StArguments, program: Program) -> CommandResult {
     let address = arguments.connect.as_deref().unwrap_or_default();
     let password = match &arguments.token_file {
         None => None,
@@ -141,7 +141,7 @@ fn run_program(arguments: &Arguments, program: Program) -> Ran {
 async fn serve(address: &str, options: MqttOptions, sequence: SequenceProgram) -> anyhow::Result<()> {
     let mut signals = Signals::listen()?;
     let plc = Plc::connect_with(address, options).await?;
-    say("The program runs. Ctrl-C ends it.");
+    print_line("The program runs. Ctrl-C ends it.");
     let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
     let mut stop = Some(stop);
     let mut running = Box::pin(sequence.run_until(&plc, stopped));
@@ -149,16 +149,16 @@ async fn serve(address: &str, options: MqttOptions, sequence: SequenceProgram) -
         tokio::select! {
             ended = &mut running => return Ok(ended?),
             received = signals.received() => match (received, stop.take()) {
-                (Received::HangUp, kept) => stop = kept,
-                (Received::Stop, Some(first)) => {
+                (ProcessSignal::HangUp, kept) => stop = kept,
+                (ProcessSignal::Stop, Some(first)) => {
                     // the receiver is the program, which is running
                     let _ = first.send(());
-                    say(
+                    print_line(
                         "The program accepts no further M code and ends after the pending ones. Ctrl-C ends \
                          it at once.",
                     );
                 }
-                (Received::Stop, None) => return Ok(()),
+                (ProcessSignal::Stop, None) => return Ok(()),
             },
         }
     }

@@ -8,29 +8,29 @@ use clap::{Args, Subcommand};
 use tandem_runtime::data_folder::DataFolder;
 
 use super::os_user::os_user;
-use super::{EXIT_FOUND, EXIT_OK, Ran, complain, read_config, say};
+use super::{CommandResult, EXIT_FOUND, EXIT_OK, complain, print_line, read_config};
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct StoreArguments {
     #[command(subcommand)]
-    action: Action,
+    action: StoreAction,
 }
 
 #[derive(Args)]
-struct Machine {
+struct MachineArguments {
     /// Configuration file; default: that of the demo machine
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
 }
 
 #[derive(Subcommand)]
-enum Action {
+enum StoreAction {
     /// Lists damaged data; changes nothing
-    Verify(Machine),
+    Verify(MachineArguments),
     /// Shows lost values and their values in the last good generation, and restores these with --yes
     Repair {
         #[command(flatten)]
-        machine: Machine,
+        machine: MachineArguments,
         /// Restores lost values from the last good generation, which is older than the lost values
         #[arg(long)]
         yes: bool,
@@ -41,7 +41,7 @@ enum Action {
     /// Writes all stored values as JSON
     Export {
         #[command(flatten)]
-        machine: Machine,
+        machine: MachineArguments,
         /// File to write; default: standard output
         #[arg(short, long, value_name = "FILE")]
         output: Option<PathBuf>,
@@ -49,22 +49,22 @@ enum Action {
     /// Imports the values of an exported file; all other values stay unchanged
     Import {
         #[command(flatten)]
-        machine: Machine,
+        machine: MachineArguments,
         /// File to import
         file: PathBuf,
     },
 }
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
+pub(super) fn run(arguments: &StoreArguments) -> CommandResult {
     match &arguments.action {
-        Action::Verify(machine) => Ok(verify(&open(machine)?)),
-        Action::Repair {
+        StoreAction::Verify(machine) => Ok(verify(&open(machine)?)),
+        StoreAction::Repair {
             machine,
             yes,
             program,
         } => repair(&mut open(machine)?, *yes, program),
-        Action::Export { machine, output } => export(&open(machine)?, output.as_ref()),
-        Action::Import { machine, file } => {
+        StoreAction::Export { machine, output } => export(&open(machine)?, output.as_ref()),
+        StoreAction::Import { machine, file } => {
             let shown = file.display();
             let text = fs::read_to_string(file).with_context(|| format!("cannot read {shown}"))?;
             let mut folder = open(machine)?;
@@ -72,13 +72,13 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
             let count = folder
                 .import(&text)
                 .with_context(|| format!("{shown} is not imported"))?;
-            say(format!("{count} values are imported from {shown}."));
+            print_line(format!("{count} values are imported from {shown}."));
             Ok(EXIT_OK)
         }
     }
 }
 
-fn open(machine: &Machine) -> anyhow::Result<DataFolder> {
+fn open(machine: &MachineArguments) -> anyhow::Result<DataFolder> {
     let (_, machine) = read_config(machine.config.as_deref())?;
     Ok(DataFolder::open(machine)?)
 }
@@ -93,60 +93,62 @@ fn record(folder: &DataFolder, command: &str) {
 fn verify(folder: &DataFolder) -> u8 {
     let findings = folder.verify();
     for note in &findings.notes {
-        say(format!("note: {note}"));
+        print_line(format!("note: {note}"));
     }
     for damage in &findings.damaged {
-        say(format!("damaged: {damage}"));
+        print_line(format!("damaged: {damage}"));
     }
     if findings.damaged.is_empty() {
-        say(format!("{}: nothing is damaged.", folder.path().display()));
+        print_line(format!("{}: nothing is damaged.", folder.path().display()));
         return EXIT_OK;
     }
-    say("tandem store repair lists the possible repairs.");
+    print_line("tandem store repair lists the possible repairs.");
     EXIT_FOUND
 }
 
-fn repair(folder: &mut DataFolder, yes: bool, programs: &[u16]) -> Ran {
+fn repair(folder: &mut DataFolder, yes: bool, programs: &[u16]) -> CommandResult {
     for number in programs {
         record(folder, &format!("tandem store repair --program {number}"));
         let taken = folder.accept_program(*number);
         taken.with_context(|| format!("the file of program {number} is not accepted"))?;
-        say(format!(
+        print_line(format!(
             "program {number} is accepted with its present text; check the program before it runs."
         ));
     }
     let (written, offers) = folder.offers();
     if offers.is_empty() {
-        say("No value is lost.");
+        print_line("No value is lost.");
     } else if yes {
         record(folder, "tandem store repair --yes");
         let left = folder.repair().context("there is no good generation")?;
-        say(
+        print_line(
             "Lost values are restored from the last good generation. They are older: check them before \
              anything moves.",
         );
         for what in &left {
-            say(format!(
+            print_line(format!(
                 "still lost: {what}; write this value again over REST or in the HMI"
             ));
         }
         return Ok(if left.is_empty() { EXIT_OK } else { EXIT_FOUND });
     } else {
         match &written {
-            Some(written) => say(format!(
+            Some(written) => print_line(format!(
                 "Lost values, with their values in the last good generation, of {written}:"
             )),
-            None => say("Lost values. There is no good generation:"),
+            None => print_line("Lost values. There is no good generation:"),
         }
         for offer in &offers {
             let older = offer.older.as_deref().unwrap_or("nothing");
-            say(format!("  {}: {older}", offer.what));
+            print_line(format!("  {}: {older}", offer.what));
         }
-        say("--yes restores the older values. A value can also be written again over REST or in the HMI.");
+        print_line(
+            "--yes restores the older values. A value can also be written again over REST or in the HMI.",
+        );
     }
     let damaged: Vec<String> = folder.verify().damaged;
     for damage in damaged.iter().filter(|damage| damage.starts_with("program ")) {
-        say(format!(
+        print_line(format!(
             "  {damage}; store the program again, or accept its present text with --program NUMBER"
         ));
     }
@@ -157,14 +159,14 @@ fn repair(folder: &mut DataFolder, yes: bool, programs: &[u16]) -> Ran {
     })
 }
 
-fn export(folder: &DataFolder, output: Option<&PathBuf>) -> Ran {
+fn export(folder: &DataFolder, output: Option<&PathBuf>) -> CommandResult {
     let text = folder.export();
     for offer in folder.offers().1 {
         complain(format!("{} is lost; it is exported as null", offer.what));
     }
     match output {
         Some(path) => fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?,
-        None => say(text.trim_end()),
+        None => print_line(text.trim_end()),
     }
     Ok(EXIT_OK)
 }

@@ -13,7 +13,7 @@ use tandem_gateway::{Role, Tokens, new_token, pin_entry};
 use tandem_runtime::data_folder::DataFolder;
 
 use super::os_user::os_user;
-use super::{EXIT_FOUND, EXIT_OK, Ran, complain, read_config, say};
+use super::{CommandResult, EXIT_FOUND, EXIT_OK, complain, print_line, read_config};
 
 /// Largest size of the line with a PIN, bytes.
 const PIN_LINE_MAX: u64 = 1024;
@@ -22,7 +22,7 @@ const PIN_LINE_MAX: u64 = 1024;
 pub(super) const DAY_S: u64 = 24 * 60 * 60;
 
 #[derive(Args)]
-pub struct Arguments {
+pub struct TokenArguments {
     /// Name of the user, also the user name on MQTT
     name: String,
     /// Rights of the user
@@ -43,7 +43,7 @@ pub struct Arguments {
     pin: bool,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Ran {
+pub(super) fn run(arguments: &TokenArguments) -> CommandResult {
     let name = &arguments.name;
     let role = Role::of_name(&arguments.role);
     let role = role.with_context(|| format!("there is no role {}", arguments.role))?;
@@ -55,7 +55,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     }
     let new = new_token(name, role, until).map_err(Error::msg)?;
     let Some(path) = &arguments.file else {
-        say(format!(
+        print_line(format!(
             "token: {}\nThe token is shown only once. Its entry for the token file:\n\n{}",
             new.token,
             new.entry.trim_end()
@@ -70,8 +70,8 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         return Ok(EXIT_FOUND);
     }
     add_entry(path, &new.entry)?;
-    tell(arguments.config.as_deref(), &command(arguments));
-    say(format!(
+    record_in_journal(arguments.config.as_deref(), &command(arguments));
+    print_line(format!(
         "token: {}\nThe token is shown only once. Its entry is in {shown}; a running runtime with this file \
          reads \
          the entry within 5 s.",
@@ -81,7 +81,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
 }
 
 /// Creates the entry of a person; the PIN is the first line of standard input.
-fn of_person(arguments: &Arguments, role: Role, until: Option<SystemTime>) -> Ran {
+fn of_person(arguments: &TokenArguments, role: Role, until: Option<SystemTime>) -> CommandResult {
     let name = &arguments.name;
     if let Some(path) = arguments.file.as_ref().filter(|_| io::stdin().is_terminal()) {
         complain(format!(
@@ -97,7 +97,7 @@ fn of_person(arguments: &Arguments, role: Role, until: Option<SystemTime>) -> Ra
         .context("cannot read the PIN")?;
     let entry = pin_entry(name, role, pin.trim_end_matches(['\r', '\n']), until).map_err(Error::msg)?;
     let Some(path) = &arguments.file else {
-        say(entry.trim_end());
+        print_line(entry.trim_end());
         return Ok(EXIT_OK);
     };
     if is_known(path, name)? {
@@ -108,8 +108,8 @@ fn of_person(arguments: &Arguments, role: Role, until: Option<SystemTime>) -> Ra
         return Ok(EXIT_FOUND);
     }
     add_entry(path, &entry)?;
-    tell(arguments.config.as_deref(), &command(arguments));
-    say(format!(
+    record_in_journal(arguments.config.as_deref(), &command(arguments));
+    print_line(format!(
         "{} has the entry of {name}; a running runtime with this token file reads it within 5 s.",
         path.display()
     ));
@@ -117,14 +117,14 @@ fn of_person(arguments: &Arguments, role: Role, until: Option<SystemTime>) -> Ra
 }
 
 /// Returns the command as shown in the journal.
-fn command(arguments: &Arguments) -> String {
-    let Arguments { name, role, pin, .. } = arguments;
+fn command(arguments: &TokenArguments) -> String {
+    let TokenArguments { name, role, pin, .. } = arguments;
     let pin = if *pin { " --pin" } else { "" };
     format!("tandem token {name} --role {role}{pin}")
 }
 
 /// Records a command that grants access in the journal of a machine, or prints why it was not recorded.
-pub(super) fn tell(config: Option<&Path>, command: &str) {
+pub(super) fn record_in_journal(config: Option<&Path>, command: &str) {
     let Some(path) = config else {
         complain("This command is in no journal: --config names the machine whose journal records it.");
         return;

@@ -19,7 +19,7 @@ use tandem_interp::{Dialect, dialects};
 use tandem_model::flow::Output;
 use tandem_model::settings::{CoordinateSystemSettings, MotorSettings, NcOptions, Tool, WorkOffsets};
 
-use crate::declared::Declared;
+use crate::declared::SourcedDeclaration;
 use crate::program_store::{ProgramStore, Signers, TextRules};
 
 /// M codes that the stock sequence program serves if there is a spindle.
@@ -61,7 +61,7 @@ pub struct Machine {
     /// Content of the file of the sequence side, if there is one.
     pub served: Option<Served>,
     /// Reaction to an output of an M code without settings if no handler is registered for it.
-    pub unhandled: Unhandled,
+    pub unhandled: UnhandledReaction,
     /// A program that waits for an output is held while the connection to the MQTT broker is lost.
     pub hold_on_bus_loss: bool,
     /// Signers whose programs may be loaded and called; empty: no signature is needed. A simulation does not check
@@ -116,7 +116,7 @@ impl CoordinateSystem {
     /// Returns true for an output that is issued when its block is interpreted. In a dialect whose M codes act before
     /// the motion of their block, this happens when the motion has reached the block; outputs in cutter compensation
     /// cannot wait for that.
-    pub fn is_put_out_at_once(
+    pub fn is_issued_at_once(
         &self,
         output: &Output,
         settings: Option<&MCodeSettings>,
@@ -151,7 +151,7 @@ pub struct MCodeSettings {
     /// Time of the output; default: that of the dialect.
     pub timing: Option<Timing>,
     /// Reaction if no handler is registered; default: that of M codes without settings.
-    pub unhandled: Option<Unhandled>,
+    pub unhandled: Option<UnhandledReaction>,
     /// Time limit of the reset, ms.
     pub timeout_ms: Option<u64>,
     /// Action for an output that was claimed when its handler was lost.
@@ -173,7 +173,7 @@ pub struct MCodeSettings {
 /// Reaction to an output for which no handler is registered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Unhandled {
+pub enum UnhandledReaction {
     /// Raises an alarm.
     #[default]
     Alarm,
@@ -241,22 +241,25 @@ impl Machine {
 
     /// Returns the declarations of M codes of a coordinate system, from the configuration and the file of the sequence
     /// side.
-    pub fn declared(&self, cs: CoordinateSystemNumber) -> Vec<Declared> {
+    pub fn declared(&self, cs: CoordinateSystemNumber) -> Vec<SourcedDeclaration> {
         let declared = self
             .m_codes
             .values()
             .filter_map(|settings| settings.declared.clone());
         let served = self.served.iter().flat_map(|served| &served.serves);
-        let served = served.filter(|one| one.is_in(cs)).map(|one| Declared {
+        let served = served.filter(|one| one.is_in(cs)).map(|one| SourcedDeclaration {
             by: one.by(),
             declaration: one.declaration(),
         });
-        declared.map(Declared::in_config).chain(served).collect()
+        declared
+            .map(SourcedDeclaration::in_config)
+            .chain(served)
+            .collect()
     }
 
     /// Returns the declarations of M codes of all coordinate systems, without duplicates.
-    pub fn declared_anywhere(&self) -> Vec<Declared> {
-        let mut all: Vec<Declared> = Vec::new();
+    pub fn declared_anywhere(&self) -> Vec<SourcedDeclaration> {
+        let mut all: Vec<SourcedDeclaration> = Vec::new();
         for system in &self.coordinate_systems {
             for one in self.declared(system.settings.number) {
                 if !all.contains(&one) {
@@ -291,7 +294,7 @@ impl Machine {
         self.served.as_ref().is_some_and(|served| {
             let mut served = served.serves.iter();
             !is_stock
-                && unhandled.unwrap_or(self.unhandled) == Unhandled::Alarm
+                && unhandled.unwrap_or(self.unhandled) == UnhandledReaction::Alarm
                 && !served.any(|one| one.m == m && one.is_in(cs))
         })
     }

@@ -42,7 +42,7 @@ pub use hmi::HmiConfig;
 pub use identification::IdentificationConfig;
 pub use input::{InputConfig, LockConfig, LockSourceConfig};
 pub use io::{IoConfig, IoPointConfig};
-pub use machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Stock, Unhandled};
+pub use machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Stock, UnhandledReaction};
 pub use programs::ProgramsConfig;
 pub use reference::{ConfigKey, ConfigWord};
 pub use variables::{PublishedConfig, VariablesConfig};
@@ -130,7 +130,7 @@ pub struct Config {
     #[serde(skip)]
     pub is_demo: bool,
     #[serde(skip)]
-    places: text::Places,
+    places: text::KeyPositions,
 }
 
 /// `[machine]`
@@ -411,7 +411,7 @@ pub struct MCodeConfig {
     /// Time of the output; default `after_motion`, in dialect dgshape `with_motion`.
     pub timing: Option<plc_api::types::output::Timing>,
     /// Reaction if no handler is registered; default `alarm`.
-    pub unhandled: Option<Unhandled>,
+    pub unhandled: Option<UnhandledReaction>,
     /// Time limit from the output to the reset; when it expires, an alarm is raised.
     #[schemars(range(min = 1, max = TIME_MAX_MS), extend("x-unit" = "ms"))]
     pub timeout_ms: Option<u64>,

@@ -23,7 +23,7 @@ use serde::Serialize;
 use tandem_model::limits::{COORDINATE_SYSTEMS_MAX, M_CODE_MAX, PROGRAM_NUMBER_MAX};
 use tandem_model::settings::{MotorSettings, Tool};
 
-use super::machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Unhandled};
+use super::machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, UnhandledReaction};
 use super::reference::range;
 use super::text::Problems;
 use super::{Config, ConfigError, CoordinateSystemConfig, MachineConfig, OnBusLoss, ToolConfig};
@@ -34,7 +34,7 @@ use crate::tables::TOOLS_MAX;
 const WAIT_STATE_MAX: usize = 64;
 
 /// A table of the configuration with its problems.
-struct Checked<'a, 'b> {
+struct TableCheck<'a, 'b> {
     problems: &'a mut Problems<'b>,
     /// Its path, such as `motor.0`.
     path: String,
@@ -42,7 +42,7 @@ struct Checked<'a, 'b> {
     name: String,
 }
 
-impl Checked<'_, '_> {
+impl TableCheck<'_, '_> {
     /// Adds a problem of a key.
     fn problem(&mut self, key: &str, text: impl Display) {
         let path = format!("{}.{key}", self.path);
@@ -82,7 +82,7 @@ impl Checked<'_, '_> {
     }
 }
 
-impl Checked<'_, '_> {
+impl TableCheck<'_, '_> {
     /// Returns the parameters of an M code by their letters.
     fn params(&mut self, params: &BTreeMap<String, ParamDeclaration>) -> DeclaredParams {
         let mut declared = DeclaredParams::new();
@@ -101,8 +101,8 @@ impl Checked<'_, '_> {
 }
 
 impl<'b> Problems<'b> {
-    fn of(&mut self, path: impl Into<String>, name: impl Into<String>) -> Checked<'_, 'b> {
-        Checked {
+    fn check_table(&mut self, path: impl Into<String>, name: impl Into<String>) -> TableCheck<'_, 'b> {
+        TableCheck {
             problems: self,
             path: path.into(),
             name: name.into(),
@@ -127,17 +127,18 @@ impl Config {
 
     /// Returns the machine, which is valid only if there are no problems.
     pub(super) fn resolve_into(&self, problems: &mut Problems<'_>) -> Machine {
-        self.machine.check(&mut problems.of("machine", "[machine] "));
-        self.mqtt.check(&mut problems.of("mqtt", "[mqtt] "));
+        self.machine
+            .check(&mut problems.check_table("machine", "[machine] "));
+        self.mqtt.check(&mut problems.check_table("mqtt", "[mqtt] "));
         self.input.check(&self.coordinate_system, problems);
         let identification = self.identification(problems);
         let io = self.io.declarations(problems);
         self.check_mtconnect(&io, problems);
         problems
-            .of("programs", "[programs] ")
+            .check_table("programs", "[programs] ")
             .check_ranges(&self.programs, &[]);
         problems
-            .of("handlers", "[handlers] ")
+            .check_table("handlers", "[handlers] ")
             .check_ranges(&self.handlers, &[]);
         let signers = self.signers(problems);
         let tools = self.tools(problems);
@@ -165,7 +166,7 @@ impl Config {
             handler_grace_s: self.handlers.grace_ms as f64 / 1000.0,
             published,
             served,
-            unhandled: Unhandled::Alarm,
+            unhandled: UnhandledReaction::Alarm,
             programs_bytes_max: self.programs.total_max_mib << 20,
             takes_mdi: self.programs.mdi.unwrap_or(signers.is_none()),
             jog_step_max: self.hmi.jog_step_max,
@@ -220,7 +221,7 @@ impl Config {
         let mut tools = BTreeMap::new();
         for (index, config) in self.tool.iter().enumerate() {
             let ToolConfig { id, radius, length } = *config;
-            let mut checked = problems.of(format!("tool.{index}"), format!("[[tool]] id = {id}: "));
+            let mut checked = problems.check_table(format!("tool.{index}"), format!("[[tool]] id = {id}: "));
             if id == 0 {
                 checked.problem("id", "tools count from 1");
             }
@@ -239,7 +240,7 @@ impl Config {
         let mut m_codes = BTreeMap::new();
         for (key, config) in &self.m_code {
             let path = format!("m_code.{key}");
-            let mut of_table = problems.of(path.as_str(), format!("[m_code.{key}]: "));
+            let mut of_table = problems.check_table(path.as_str(), format!("[m_code.{key}]: "));
             let Some(m) = key.parse::<u16>().ok().filter(|m| *m <= M_CODE_MAX) else {
                 of_table.problem("", format!("write an M code, 0 to {M_CODE_MAX}"));
                 continue;
@@ -252,7 +253,7 @@ impl Config {
                     format!("the runtime handles M{m:02} itself, so this table has no effect; remove it");
                 of_table.problem("", text);
             }
-            let mut checked = problems.of(path, format!("[m_code.{key}] "));
+            let mut checked = problems.check_table(path, format!("[m_code.{key}] "));
             checked.check_ranges(config, &[]);
             if let Some(word) = &config.wait_state
                 && (!(1..=WAIT_STATE_MAX).contains(&word.chars().count()) || word.contains(char::is_control))
@@ -312,7 +313,7 @@ impl Config {
         for (index, config) in self.coordinate_system.iter().enumerate() {
             let path = format!("coordinate_system.{index}");
             let name = format!("[[coordinate_system]] number = {}: ", config.number);
-            let mut checked = problems.of(path, name);
+            let mut checked = problems.check_table(path, name);
             if config.number == 0 {
                 checked.problem("number", "coordinate systems are numbered from 1");
             }
@@ -344,7 +345,7 @@ impl Config {
     fn programs(
         &self,
         config: &CoordinateSystemConfig,
-        checked: &mut Checked<'_, '_>,
+        checked: &mut TableCheck<'_, '_>,
     ) -> BTreeMap<u16, ProgramSource> {
         let mut programs = BTreeMap::new();
         for (key, path) in &config.programs {
@@ -392,7 +393,7 @@ fn read_served(path: &Path) -> Result<Served, String> {
 }
 
 impl MachineConfig {
-    fn check(&self, checked: &mut Checked<'_, '_>) {
+    fn check(&self, checked: &mut TableCheck<'_, '_>) {
         let name = &self.name;
         let good = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
         if name.is_empty() || name.len() > 32 || !name.chars().all(good) {
@@ -478,7 +479,7 @@ mod tests {
             (10_000.0, 0.0)
         );
         assert_eq!(system.open_outputs_max, 64);
-        assert_eq!(machine.unhandled, Unhandled::Alarm);
+        assert_eq!(machine.unhandled, UnhandledReaction::Alarm);
     }
 
     fn of_coordinate_systems(tables: &[&str]) -> Result<Machine, ConfigError> {

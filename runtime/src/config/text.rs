@@ -17,16 +17,16 @@ use super::{Config, ConfigError};
 const PROBLEMS_MAX: usize = 100;
 
 /// Line and column, from 1, of keys and tables by their paths, such as `motor.0.kind`.
-pub(super) type Places = BTreeMap<String, (u32, u32)>;
+pub(super) type KeyPositions = BTreeMap<String, (u32, u32)>;
 
 /// Problems of a configuration, each with its position if that is known.
 pub(super) struct Problems<'a> {
-    places: &'a Places,
+    places: &'a KeyPositions,
     found: Vec<(Option<(u32, u32)>, String)>,
 }
 
 impl<'a> Problems<'a> {
-    pub fn new(places: &'a Places) -> Self {
+    pub fn new(places: &'a KeyPositions) -> Self {
         let found = Vec::new();
         Self { places, found }
     }
@@ -75,8 +75,8 @@ pub(super) fn read(text: &str) -> Result<Config, ConfigError> {
     };
     let parsed = DeTable::parse(text).map_err(|error| alone(note(&error)))?;
     let mut tables = Spanned::new(parsed.span(), DeValue::Table(parsed.into_inner()));
-    let mut places = Places::new();
-    collect_places("", tables.get_ref(), &locate, &mut places);
+    let mut places = KeyPositions::new();
+    collect_positions("", tables.get_ref(), &locate, &mut places);
     let mut problems = Problems::new(&places);
     let (mut is_whole, mut taken_out) = (true, Vec::new());
     let config = loop {
@@ -113,11 +113,11 @@ pub(super) fn read(text: &str) -> Result<Config, ConfigError> {
     })
 }
 
-fn collect_places(
+fn collect_positions(
     path: &str,
     value: &DeValue<'_>,
     locate: &impl Fn(usize) -> (u32, u32),
-    places: &mut Places,
+    places: &mut KeyPositions,
 ) {
     let mut collect = |key: &str, start: usize, value: &Spanned<DeValue<'_>>| {
         let path = if path.is_empty() {
@@ -125,7 +125,7 @@ fn collect_places(
         } else {
             format!("{path}.{key}")
         };
-        collect_places(&path, value.get_ref(), locate, places);
+        collect_positions(&path, value.get_ref(), locate, places);
         places.insert(path, locate(start));
     };
     match value {

@@ -60,7 +60,7 @@ mod tests {
     use plc_api::{Execution, Plc};
 
     use crate::Config;
-    use crate::config::Unhandled;
+    use crate::config::UnhandledReaction;
     use crate::journal::{Event, Line};
     use crate::test::{Bench, kept_journal};
 
@@ -72,7 +72,7 @@ mod tests {
     ) -> Vec<Line> {
         let mut machine = Config::demo().resolve().unwrap();
         machine.hold_on_bus_loss = hold_on_bus_loss;
-        machine.unhandled = Unhandled::Wait;
+        machine.unhandled = UnhandledReaction::Wait;
         let (journal, lines) = kept_journal();
         let bench = Bench::on_machine(machine).journal(journal).subprogram(50, text);
         bench

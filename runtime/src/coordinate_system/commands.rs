@@ -12,20 +12,20 @@ use tandem_servo::Control;
 use super::CoordinateSystem;
 use super::conditions::RunStart;
 use super::line_search::LineEntry;
-use super::parts::Parts;
-use super::pending_commands::{Awaiting, Deferred};
-use super::run::{Kind, Run};
-use super::run_state::{Cause, End, JogStop, Phase, RunEvent};
+use super::parts::OrderedParts;
+use super::pending_commands::{Awaiting, DeferredCommand};
+use super::run::{ActiveRun, ActiveRunKind};
+use super::run_state::{Cause, EarlyEndCause, JogStop, Phase, RunEvent};
 use crate::journal::Event;
 use crate::program_store::StoredProgram;
 use plc_api::execution::{Situation, wire_name};
 
 /// Accepted command with the data that it needs.
 #[derive(Default)]
-pub(super) struct Prepared {
+pub(super) struct PreparedCommand {
     /// Note for the operator.
     note: String,
-    pub run: Option<Run>,
+    pub run: Option<ActiveRun>,
     /// The line at which the run begins, unless it is line 1.
     entry: Option<LineEntry>,
     /// The program to load or start.
@@ -33,35 +33,35 @@ pub(super) struct Prepared {
 }
 
 impl CoordinateSystem {
-    pub(super) fn command(&mut self, command: Deferred) {
+    pub(super) fn command(&mut self, command: DeferredCommand) {
         let verb = command.command.verb();
         if command.command.is_urgent() {
             if matches!(verb, Verb::Stop | Verb::Abort) {
                 self.commands.stopped_at = command.order;
             }
-            self.carry_out_command(command);
+            self.execute_command(command);
         } else if let Err(command) = self.commands.defer(command) {
             let text = "too many commands wait; send the command again";
             let refusal = Refusal::new(RefusalCode::Unavailable, text);
             command.refuse(&self.context, refusal);
         } else {
-            self.carry_out_deferred();
+            self.execute_deferred();
         }
         self.publish_changes();
     }
 
     /// Executes the deferred commands. Each is validated against the state that the commands before it have left.
-    pub(super) fn carry_out_deferred(&mut self) {
+    pub(super) fn execute_deferred(&mut self) {
         while !self.is_in_transition() {
             let Some(command) = self.commands.deferred.pop_front() else {
                 return;
             };
-            self.carry_out_command(command);
+            self.execute_command(command);
         }
     }
 
     /// Returns true if a command is pending, and no transition delays it.
-    pub(super) fn has_command_to_judge(&self) -> bool {
+    pub(super) fn has_ready_command(&self) -> bool {
         !self.commands.deferred.is_empty() && !self.is_in_transition()
     }
 
@@ -69,7 +69,7 @@ impl CoordinateSystem {
         self.state.transition().is_some() || self.commands.validation.is_some()
     }
 
-    fn carry_out_command(&mut self, command: Deferred) {
+    fn execute_command(&mut self, command: DeferredCommand) {
         // The same command may have arrived twice before the first was executed; hold, stop and abort may act twice.
         let said = self.context.shared.replied(&command.meta.memory);
         if let Some(said) = said.filter(|_| !command.command.is_urgent()) {
@@ -96,7 +96,7 @@ impl CoordinateSystem {
 
     /// Validates a command and executes it unless it is refused. `notes` inform the operator and refuse
     /// nothing.
-    pub(super) fn accept_command(&mut self, command: Deferred, notes: Vec<String>) {
+    pub(super) fn accept_command(&mut self, command: DeferredCommand, notes: Vec<String>) {
         let verb = command.command.verb();
         if self.needs_no_run(&command.command, &command.meta) {
             let done = self.context.reply(&command.meta, CommandStatus::Done, "ok", "");
@@ -105,13 +105,13 @@ impl CoordinateSystem {
         }
         let judged = match command.command {
             // the client that began the jog may end it in any state
-            Command::JogEnd { .. } => Ok(Prepared::default()),
+            Command::JogEnd { .. } => Ok(PreparedCommand::default()),
             _ => (self.remember_jog(&command))
-                .and_then(|()| self.commands.judge_order(verb, command.order))
+                .and_then(|()| self.commands.check_order(verb, command.order))
                 .and_then(|()| self.check_preconditions(verb, &command.meta))
                 .and_then(|()| self.prepare_command(&command.command, &command.meta)),
         };
-        let Prepared {
+        let PreparedCommand {
             note: text,
             run,
             entry,
@@ -124,7 +124,7 @@ impl CoordinateSystem {
                 return command.refuse(&self.context, refusal);
             }
         };
-        let Deferred {
+        let DeferredCommand {
             command,
             meta,
             wait,
@@ -135,7 +135,9 @@ impl CoordinateSystem {
         let note = texts.collect::<Vec<_>>().join("; ");
         self.note_command(verb, &meta, program.as_deref());
         self.give_up_parts(verb);
-        let run_id = run.as_ref().filter(|run| matches!(run.kind, Kind::Program));
+        let run_id = run
+            .as_ref()
+            .filter(|run| matches!(run.kind, ActiveRunKind::Program));
         let run_id = run_id.map(|run| run.id.clone());
         let accepted = self.context.reply_to(&meta, CommandStatus::Accepted, "ok", &note);
         let accepted = self
@@ -147,7 +149,7 @@ impl CoordinateSystem {
             let _ = reply.send(Ok(Answer::Command(accepted)));
         }
         if let (Command::Run(order), Some(run)) = (&command, &run) {
-            self.commands.parts = Some(Parts::new(*order, run, &meta));
+            self.commands.parts = Some(OrderedParts::new(*order, run, &meta));
         }
         self.commands.awaiting.push(Awaiting {
             meta,
@@ -170,7 +172,7 @@ impl CoordinateSystem {
             command_id: meta.command_id.clone(),
             client_id: meta.client_id.clone(),
             program: program.map(|program| program.number),
-            program_hash: program.map(|program| program.sum().to_owned()),
+            program_hash: program.map(|program| program.checksum().to_owned()),
         });
     }
 
@@ -195,21 +197,21 @@ impl CoordinateSystem {
         }
         self.authorize_by_lease(verb, meta)?;
         if verb == Verb::Reset {
-            self.judge_servo()?;
+            self.check_servo()?;
         }
-        self.situation().judge(verb)?;
-        self.judge_locks(verb)
+        self.situation().check_allowed(verb)?;
+        self.check_locks(verb)
     }
 
     /// Refuses commands that the interlock or the start lock prevents.
-    fn judge_locks(&self, verb: Verb) -> Result<(), Refusal> {
+    fn check_locks(&self, verb: Verb) -> Result<(), Refusal> {
         if verb.moves() {
-            self.judge_interlock()?;
+            self.check_interlock()?;
         }
-        self.judge_start_lock(verb)
+        self.check_start_lock(verb)
     }
 
-    pub(super) fn judge_start_lock(&self, verb: Verb) -> Result<(), Refusal> {
+    pub(super) fn check_start_lock(&self, verb: Verb) -> Result<(), Refusal> {
         let starts = matches!(verb, Verb::Start | Verb::Run | Verb::Mdi);
         if starts && let Some(why) = self.context.shared.stored_data.lock().text() {
             let text = format!("stored files do not fit together: {why}");
@@ -233,10 +235,10 @@ impl CoordinateSystem {
         let situation = self.situation();
         let mut allowed = situation.allowed();
         allowed.retain(|verb| {
-            self.judge_locks(*verb)
+            self.check_locks(*verb)
                 .and_then(|()| self.authorize_by_lease(*verb, meta))
                 .is_ok()
-                && (*verb != Verb::BackTrace || self.judge_back_trace(!self.state.retraces()).is_ok())
+                && (*verb != Verb::BackTrace || self.check_back_trace(!self.state.retraces()).is_ok())
         });
         Refusal {
             state: Some(situation.execution),
@@ -254,7 +256,7 @@ impl CoordinateSystem {
     }
 
     /// Records in the journal a refusal because the program is another one or is not signed.
-    fn record_refusal(&self, command: &Deferred, refusal: &Refusal) {
+    fn record_refusal(&self, command: &DeferredCommand, refusal: &Refusal) {
         let code = refusal.code;
         if !matches!(code, RefusalCode::NotSigned | RefusalCode::PreconditionFailed) {
             return;
@@ -275,36 +277,36 @@ impl CoordinateSystem {
 
     /// Performs the last checks of a command and collects the data that it needs. Nothing has changed if they refuse
     /// it.
-    fn prepare_command(&self, command: &Command, meta: &CommandMeta) -> Result<Prepared, Refusal> {
+    fn prepare_command(&self, command: &Command, meta: &CommandMeta) -> Result<PreparedCommand, Refusal> {
         let number = self.commands.program;
         if !matches!(
             command,
             Command::Load { .. } | Command::Start | Command::StartFrom(_) | Command::Run(_)
         ) {
             let main = self.main_program();
-            judge_program(meta, number, main.as_ref().map(|main| main.sum()))?;
+            check_expected_program(meta, number, main.as_ref().map(|main| main.checksum()))?;
         }
-        let of_run = |(note, run)| Prepared {
+        let of_run = |(note, run)| PreparedCommand {
             note,
             run,
-            ..Prepared::default()
+            ..PreparedCommand::default()
         };
         match command {
             Command::Load { program } => {
                 let main = self.context.stored(*program)?;
-                judge_program(meta, Some(*program), Some(main.sum()))?;
-                Ok(Prepared {
+                check_expected_program(meta, Some(*program), Some(main.checksum()))?;
+                Ok(PreparedCommand {
                     note: self.context.check_called(&main)?,
                     program: Some(main),
-                    ..Prepared::default()
+                    ..PreparedCommand::default()
                 })
             }
             Command::Start => self.prepare_start(self.next_run_id(), meta, None),
             Command::StartFrom(from) => self.prepare_start(self.next_run_id(), meta, Some(from)),
             Command::Run(order) => self.prepare_run(*order, meta),
             Command::BackTrace { on } => {
-                self.judge_back_trace(*on)?;
-                Ok(Prepared::default())
+                self.check_back_trace(*on)?;
+                Ok(PreparedCommand::default())
             }
             Command::Mdi { text, is_macro } => self.prepare_manual(text, *is_macro).map(of_run),
             Command::Home { axes } => self.prepare_home(axes).map(of_run),
@@ -317,21 +319,21 @@ impl CoordinateSystem {
                 let run = self.prepare_jog(*axis, *velocity, *distance, refresh_id)?;
                 Ok(of_run((String::new(), Some(run))))
             }
-            _ => Ok(Prepared::default()),
+            _ => Ok(PreparedCommand::default()),
         }
     }
 
     /// Prepares a run; its program is loaded again.
-    fn prepare_run(&self, order: RunOrder, meta: &CommandMeta) -> Result<Prepared, Refusal> {
+    fn prepare_run(&self, order: RunOrder, meta: &CommandMeta) -> Result<PreparedCommand, Refusal> {
         let number = order.program.or(self.commands.program).ok_or_else(|| {
             let text = "run is not allowed: no program is loaded; name a program";
             Refusal::new(RefusalCode::NotAllowed, text)
         })?;
         let main = self.context.stored(number)?;
-        judge_program(meta, Some(number), Some(main.sum()))?;
+        check_expected_program(meta, Some(number), Some(main.checksum()))?;
         let note = self.context.check_called(&main)?;
         let (run, entry) = self.new_program_run(self.next_run_id(), &main, None)?;
-        Ok(Prepared {
+        Ok(PreparedCommand {
             note,
             run: Some(run),
             entry,
@@ -348,14 +350,14 @@ impl CoordinateSystem {
         run_id: String,
         meta: &CommandMeta,
         from: Option<&LineStart>,
-    ) -> Result<Prepared, Refusal> {
+    ) -> Result<PreparedCommand, Refusal> {
         let number = self.commands.program;
         let main = self.context.stored(number.unwrap_or_default())?;
-        judge_program(meta, number, Some(main.sum()))?;
+        check_expected_program(meta, number, Some(main.checksum()))?;
         self.context.check_called(&main)?;
         self.context.check_loaded(main.number, &self.commands.texts)?;
         let (run, entry) = self.new_program_run(run_id, &main, from)?;
-        Ok(Prepared {
+        Ok(PreparedCommand {
             note: String::new(),
             run: Some(run),
             entry,
@@ -364,7 +366,7 @@ impl CoordinateSystem {
     }
 
     /// Executes a command. Returns true if its effect is reached at once.
-    fn take_effect(&mut self, command: &Command, run: Option<Run>, entry: Option<LineEntry>) -> bool {
+    fn take_effect(&mut self, command: &Command, run: Option<ActiveRun>, entry: Option<LineEntry>) -> bool {
         if let Some(run) = run {
             if matches!(command, Command::Run(_)) {
                 self.load(run.main.number);
@@ -387,14 +389,14 @@ impl CoordinateSystem {
                 self.go_back();
                 true
             }
-            Command::Stop => self.end_run(End::Stop),
-            Command::Abort => self.end_run(End::Abort),
-            Command::JogEnd { .. } => self.end_run(End::JogEnded(JogStop::Commanded)),
+            Command::Stop => self.end_run(EarlyEndCause::Stop),
+            Command::Abort => self.end_run(EarlyEndCause::Abort),
+            Command::JogEnd { .. } => self.end_run(EarlyEndCause::JogEnded(JogStop::Commanded)),
             Command::Reset => {
                 self.servo.control(Control::ResetDrives);
                 self.context.shared.clear_alarms(self.context.number);
                 let has_program = self.commands.program.is_some();
-                let is_done = self.end_run(End::Reset { has_program });
+                let is_done = self.end_run(EarlyEndCause::Reset { has_program });
                 self.go_to_head();
                 is_done
             }
@@ -414,18 +416,18 @@ impl CoordinateSystem {
         self.context.view.at_head(self.commands.program);
     }
 
-    pub(super) fn start(&mut self, mut run: Run, entry: Option<LineEntry>) {
+    pub(super) fn start(&mut self, mut run: ActiveRun, entry: Option<LineEntry>) {
         let number = run.main.number;
         let mut phase = Phase::Interpret;
-        if matches!(run.kind, Kind::Program) {
+        if matches!(run.kind, ActiveRunKind::Program) {
             self.commands.texts = self.context.texts_of(number);
         }
-        if let Kind::Jog(jog) = &run.kind {
+        if let ActiveRunKind::Jog(jog) = &run.kind {
             phase = self.start_jog(jog);
         } else if let Some(entry) = entry {
             run.arrival = Some(Box::new(self.begin_at_line(entry)));
         } else {
-            let goes_on = matches!(run.kind, Kind::Manual) && self.past.manual_goes_on;
+            let goes_on = matches!(run.kind, ActiveRunKind::Manual) && self.past.manual_goes_on;
             let tree = Arc::clone(&run.main.tree);
             self.pipeline.start(tree, number, self.servo.epoch(), goes_on);
             if run.restores.is_some() {
@@ -449,7 +451,7 @@ impl CoordinateSystem {
         let event = Event::Start {
             program: number,
             run_id: run.id.clone(),
-            program_hash: (number != 0).then(|| run.main.sum().to_owned()),
+            program_hash: (number != 0).then(|| run.main.checksum().to_owned()),
             from_line: run.arrival.as_ref().map(|arrival| arrival.target.line),
             parts: self.commands.parts.as_ref().map(|parts| parts.ordered),
             order: self
@@ -474,7 +476,11 @@ impl CoordinateSystem {
 }
 
 /// Refuses a command that expects another program.
-fn judge_program(meta: &CommandMeta, number: Option<u16>, hash: Option<&str>) -> Result<(), Refusal> {
+fn check_expected_program(
+    meta: &CommandMeta,
+    number: Option<u16>,
+    hash: Option<&str>,
+) -> Result<(), Refusal> {
     let Some(expected) = meta.expect.as_ref().and_then(|expect| expect.hash.as_ref()) else {
         return Ok(());
     };
@@ -483,7 +489,7 @@ fn judge_program(meta: &CommandMeta, number: Option<u16>, hash: Option<&str>) ->
         if_none_match: None,
     };
     match number {
-        Some(number) => condition.judge(number, hash),
+        Some(number) => condition.check_stored_hash(number, hash),
         None => Err(Refusal::new(
             RefusalCode::PreconditionFailed,
             "no program is loaded; load the expected program",

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::line_start::LineStart;
 use plc_api::types::message::Payload;
-use plc_api::types::state::{Captured, State};
+use plc_api::types::state::{CapturedPositions, State};
 use plc_api::types::topic::{CsTopic, Topic};
 use tandem_model::settings::{Tool, WorkOffsets};
 use tandem_model::variables::{COORDINATE_SYSTEM_VARIABLES, VariableArray};
@@ -17,7 +17,7 @@ use tandem_syntax::NcProgram;
 use super::View;
 use crate::config::CoordinateSystem as Configured;
 use crate::program_store::{StoredProgram, called_by};
-use crate::shared::Shared;
+use crate::shared::SharedState;
 
 /// A program with the programs that it may call, and all data that they read.
 #[derive(Debug)]
@@ -55,13 +55,13 @@ pub(crate) struct RunStart {
 
 impl Conditions {
     /// Collects the present conditions for a run from line 1.
-    pub fn now(shared: &Shared, view: &View, configured: &Configured, main: Arc<StoredProgram>) -> Self {
+    pub fn now(shared: &SharedState, view: &View, configured: &Configured, main: Arc<StoredProgram>) -> Self {
         Self::of_run(shared, view, configured, main, &shared.store.all(), None)
     }
 
     /// Collects the present conditions for a run with these programs, from a line or from line 1.
     pub fn of_run(
-        shared: &Shared,
+        shared: &SharedState,
         view: &View,
         configured: &Configured,
         main: Arc<StoredProgram>,
@@ -129,7 +129,7 @@ impl Conditions {
     fn digest(&self) -> u64 {
         let mut hasher = DefaultHasher::new();
         for (number, program) in &self.texts {
-            (number, program.sum()).hash(&mut hasher);
+            (number, program.checksum()).hash(&mut hasher);
         }
         let switches = (self.optional_skip, self.optional_stop, self.dry_run);
         (self.tool, switches).hash(&mut hasher);
@@ -148,7 +148,7 @@ impl Conditions {
 }
 
 /// Returns the state of a coordinate system.
-pub(crate) fn state_of(shared: &Shared, cs: CoordinateSystemNumber) -> Option<State> {
+pub(crate) fn state_of(shared: &SharedState, cs: CoordinateSystemNumber) -> Option<State> {
     match &shared.hub.read(&Topic::cs(cs, CsTopic::State))?.payload {
         Payload::State(state) => Some(state.clone()),
         _ => None,
@@ -156,11 +156,13 @@ pub(crate) fn state_of(shared: &Shared, cs: CoordinateSystemNumber) -> Option<St
 }
 
 /// Returns the values of `_CNC_CapturedPosition<n>`.
-fn captured(shared: &Shared, configured: &Configured) -> [f64; AXES_MAX] {
+fn captured(shared: &SharedState, configured: &Configured) -> [f64; AXES_MAX] {
     let cs = configured.settings.number;
     let mut values = [0.0; AXES_MAX];
     let last = shared.hub.read(&Topic::cs(cs, CsTopic::Captured));
-    if let Some(Payload::Captured(Captured { positions, .. })) = last.map(|last| last.payload.clone()) {
+    if let Some(Payload::Captured(CapturedPositions { positions, .. })) =
+        last.map(|last| last.payload.clone())
+    {
         for (value, position) in values.iter_mut().zip(positions) {
             *value = position;
         }

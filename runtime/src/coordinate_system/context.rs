@@ -17,13 +17,13 @@ use super::view::View;
 use crate::config::{CoordinateSystem as Configured, MCodeSettings};
 use crate::journal::Event;
 use crate::program_store::StoredProgram;
-use crate::shared::Shared;
+use crate::shared::SharedState;
 
 /// Number, settings and shared state of a coordinate system.
 pub(super) struct Context {
     pub number: CoordinateSystemNumber,
     pub configured: Configured,
-    pub shared: Arc<Shared>,
+    pub shared: Arc<SharedState>,
     pub view: Arc<View>,
     pub variables: Variables,
 }
@@ -89,7 +89,7 @@ impl Context {
         run_id: Option<&str>,
     ) -> CommandReply {
         let reply = CommandReply {
-            hash: program.map(|program| program.sum().to_owned()),
+            hash: program.map(|program| program.checksum().to_owned()),
             run_id: run_id.map(str::to_owned),
             ..reply
         };

@@ -8,9 +8,9 @@ use tandem_model::{AxisSet, AxisVector};
 
 use super::CoordinateSystem;
 use super::jog::{DISTANCE_MIN, REFRESH_S};
-use super::pending_commands::{Awaiting, Failure};
-use super::run::{Kind, Run};
-use super::run_state::{Cause, End, JogStop};
+use super::pending_commands::{Awaiting, CommandFailure};
+use super::run::{ActiveRun, ActiveRunKind};
+use super::run_state::{Cause, EarlyEndCause, JogStop};
 
 /// Resolution of a distance in a reply, in steps per unit: 1 nm. Reason: sums of floating-point numbers differ in the
 /// last digits.
@@ -30,13 +30,16 @@ pub(super) struct CutShort {
 impl CutShort {
     /// Returns `None` for a program, and for a jog without distance that its own client ends. `alarm` is the last
     /// alarm.
-    pub fn new(run: &Run, why: End, alarm: &str) -> Option<Self> {
+    pub fn new(run: &ActiveRun, why: EarlyEndCause, alarm: &str) -> Option<Self> {
         let distance = match &run.kind {
-            Kind::Program => return None,
-            Kind::Manual | Kind::Home => None,
-            Kind::Jog(jog) => jog.distance,
+            ActiveRunKind::Program => return None,
+            ActiveRunKind::Manual | ActiveRunKind::Home => None,
+            ActiveRunKind::Jog(jog) => jog.distance,
         };
-        let commanded = matches!(why, End::JogEnded(JogStop::Commanded | JogStop::NotRefreshed));
+        let commanded = matches!(
+            why,
+            EarlyEndCause::JogEnded(JogStop::Commanded | JogStop::NotRefreshed)
+        );
         if commanded && distance.is_none() {
             return None;
         }
@@ -51,21 +54,21 @@ impl CutShort {
 }
 
 /// Returns code and text of the reason why a run by hand was ended.
-fn reason_of(why: End, alarm: &str) -> (&'static str, String) {
+fn reason_of(why: EarlyEndCause, alarm: &str) -> (&'static str, String) {
     let (code, text) = match why {
-        End::Stop => ("stop", "a stop command ended the motion"),
-        End::Abort => ("aborted", "an abort command ended the motion"),
-        End::Reset { .. } => ("reset", "a reset ended the motion"),
-        End::Alarm => return ("alarm", format!("alarm {alarm}")),
-        End::JogEnded(JogStop::Commanded) => ("ended", "the end of the jog was commanded"),
-        End::JogEnded(JogStop::NotRefreshed) => {
+        EarlyEndCause::Stop => ("stop", "a stop command ended the motion"),
+        EarlyEndCause::Abort => ("aborted", "an abort command ended the motion"),
+        EarlyEndCause::Reset { .. } => ("reset", "a reset ended the motion"),
+        EarlyEndCause::Alarm => return ("alarm", format!("alarm {alarm}")),
+        EarlyEndCause::JogEnded(JogStop::Commanded) => ("ended", "the end of the jog was commanded"),
+        EarlyEndCause::JogEnded(JogStop::NotRefreshed) => {
             let ms = REFRESH_S * 1000.0;
             let text = format!(
                 "no refresh arrived within {ms} ms; repeat the jog more often, or move in steps of at most jog_step_max"
             );
             return ("not_refreshed", text);
         }
-        End::JogEnded(JogStop::Held(cause)) => match cause {
+        EarlyEndCause::JogEnded(JogStop::Held(cause)) => match cause {
             Cause::Operator | Cause::SingleBlock | Cause::WayBackEnded => ("hold", "a hold ended the motion"),
             Cause::Interlock => ("interlock", "the interlock was set"),
             Cause::BusLoss => ("bus_lost", "the connection to the MQTT broker was lost"),
@@ -87,28 +90,28 @@ impl CoordinateSystem {
     }
 
     /// Answers the commands of a run by hand that has reached its end.
-    pub(super) fn answer_completed_run(&mut self, run: &Run) {
+    pub(super) fn answer_completed_run(&mut self, run: &ActiveRun) {
         let failure = self.shortfall(run);
         self.answer_run_by_hand(failure.as_ref());
     }
 
-    fn answer_run_by_hand(&mut self, failure: Option<&Failure>) {
+    fn answer_run_by_hand(&mut self, failure: Option<&CommandFailure>) {
         self.publish_changes();
         self.commands.answer(&self.context, &Awaiting::is_of_run, failure);
     }
 
     /// Returns the goal that a completed run did not reach: the distance of a jog, or a touch.
-    fn shortfall(&self, run: &Run) -> Option<Failure> {
+    fn shortfall(&self, run: &ActiveRun) -> Option<CommandFailure> {
         match &run.kind {
-            Kind::Program | Kind::Home => None,
-            Kind::Jog(jog) => {
+            ActiveRunKind::Program | ActiveRunKind::Home => None,
+            ActiveRunKind::Jog(jog) => {
                 let distance = jog.distance?;
                 let covered = (jog.to[jog.axis] - run.from[jog.axis]).abs();
                 let reason = "the axis is at its soft limit; jog it the other way";
                 (distance - covered > DISTANCE_MIN)
                     .then(|| self.failure("limit", reason, run.from, Some(distance)))
             }
-            Kind::Manual => {
+            ActiveRunKind::Manual => {
                 let missed = run.missed_touch?;
                 let reason = format!(
                     "the G31 in line {} ended without a touch; check the probe and the searched position",
@@ -119,7 +122,13 @@ impl CoordinateSystem {
         }
     }
 
-    fn failure(&self, code: &'static str, reason: &str, from: AxisVector, distance: Option<f64>) -> Failure {
+    fn failure(
+        &self,
+        code: &'static str,
+        reason: &str,
+        from: AxisVector,
+        distance: Option<f64>,
+    ) -> CommandFailure {
         let at = self.pipeline.path.position().0;
         let settings = &self.context.configured.settings;
         let (mut moved, mut words) = (BTreeMap::new(), Vec::new());
@@ -140,7 +149,7 @@ impl CoordinateSystem {
         } else {
             words.join(", ")
         };
-        Failure {
+        CommandFailure {
             code,
             text: format!("the motion covered {words}: {reason}"),
             moved,

@@ -18,10 +18,10 @@ use tandem_model::alarm::{FAULT_LASTS, RUNTIME_FAULT, SERVO_FAILED};
 
 use super::CoordinateSystem;
 use super::mailbox::Envelope;
-use super::pending_commands::{Awaiting, Failure};
-use super::publish::Published;
+use super::pending_commands::{Awaiting, CommandFailure};
+use super::publish::PublishedValues;
 use super::replanning::Replanning;
-use super::run_state::End;
+use super::run_state::EarlyEndCause;
 use crate::journal::{Event, RaisedAlarm, RunEnd};
 
 impl CoordinateSystem {
@@ -38,7 +38,7 @@ impl CoordinateSystem {
         self.pipeline.renew(&configured.settings, configured.dialect, at);
         self.replanning = Replanning::default();
         let captured = self.published.captured;
-        self.published = Published::default();
+        self.published = PublishedValues::default();
         self.published.captured = captured;
         let origin = Some(self.context.view.executing()).filter(|at| self.run.is_some() && at.line > 0);
         let text = format!(
@@ -48,7 +48,7 @@ impl CoordinateSystem {
         );
         self.raise(RUNTIME_FAULT.number, text.clone(), origin);
         let is_stuck = |awaiting: &Awaiting| !awaiting.is_end();
-        let failure = Failure {
+        let failure = CommandFailure {
             code: "alarm",
             text,
             moved: BTreeMap::new(),
@@ -93,8 +93,8 @@ impl CoordinateSystem {
                 system
                     .outputs
                     .cancel_all(system.context.now(), CancelReason::Alarm);
-                system.end_parts_by(End::Alarm);
-                system.carry_out_effects();
+                system.end_parts_by(EarlyEndCause::Alarm);
+                system.apply_effects();
             },
             &mut Self::publish_given_up,
         ];
@@ -185,7 +185,7 @@ impl CoordinateSystem {
     }
 
     /// Refuses a reset after a failure of the servo.
-    pub(super) fn judge_servo(&self) -> Result<(), Refusal> {
+    pub(super) fn check_servo(&self) -> Result<(), Refusal> {
         if self.context.shared.servo.failure().is_none() {
             return Ok(());
         }

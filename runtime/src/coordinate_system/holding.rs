@@ -13,8 +13,8 @@ use tandem_interp::Modal;
 use tandem_model::alarm::{COMPENSATION_REFUSED, HANDLER_LOST, SERVO_LATE};
 use tandem_servo::Control;
 
-use super::run::Run;
-use super::run_state::{Cause, End, JogStop, Phase, RunEvent, Then};
+use super::run::ActiveRun;
+use super::run_state::{Cause, EarlyEndCause, JogStop, Phase, RunEvent, Then};
 use super::{CoordinateSystem, InputValues};
 use crate::journal::Event;
 
@@ -22,8 +22,8 @@ impl CoordinateSystem {
     /// Starts feed hold; a jog is ended. Returns true if there is nothing to wait for: no run is active, or it is at
     /// rest.
     pub(super) fn hold(&mut self, cause: Cause) -> bool {
-        if self.run.as_ref().is_some_and(Run::is_jog) {
-            return self.end_run(End::JogEnded(JogStop::Held(cause)));
+        if self.run.as_ref().is_some_and(ActiveRun::is_jog) {
+            return self.end_run(EarlyEndCause::JogEnded(JogStop::Held(cause)));
         }
         self.drive(RunEvent::Hold(cause));
         self.state.transition() != Some(Transition::Holding)
@@ -73,8 +73,8 @@ impl CoordinateSystem {
     }
 
     /// Continues the run after a hold, and does the work that the hold has delayed.
-    pub(super) fn go_on(&mut self) {
-        self.put_out_queued();
+    pub(super) fn resume_held_work(&mut self) {
+        self.issue_queued_outputs();
         self.hold_after_planned_block();
     }
 
@@ -93,9 +93,9 @@ impl CoordinateSystem {
     }
 
     /// Processes that a handler is online.
-    pub(super) fn welcome_handler(&mut self, handler_id: &str, presence: &HandlerPresence) {
-        self.inputs.interlock.come(handler_id);
-        self.inputs.start_lock.come(handler_id);
+    pub(super) fn on_handler_online(&mut self, handler_id: &str, presence: &HandlerPresence) {
+        self.inputs.interlock.mark_handler_online(handler_id);
+        self.inputs.start_lock.mark_handler_online(handler_id);
         let now = self.context.now();
         self.outputs.ledger.handler_online(now, handler_id, presence);
     }
@@ -112,7 +112,9 @@ impl CoordinateSystem {
             start_lock,
             ..
         } = &mut self.inputs;
-        if interlock.leave(handler_id, departure) | start_lock.leave(handler_id, departure) {
+        if interlock.mark_handler_offline(handler_id, departure)
+            | start_lock.mark_handler_offline(handler_id, departure)
+        {
             self.follow_interlock();
             self.publish_inputs();
         }
@@ -133,7 +135,7 @@ impl CoordinateSystem {
     }
 
     /// Refuses motion while the interlock is on.
-    pub(super) fn judge_interlock(&self) -> Result<(), Refusal> {
+    pub(super) fn check_interlock(&self) -> Result<(), Refusal> {
         if !self.inputs.interlock.is_on() {
             return Ok(());
         }
@@ -159,7 +161,7 @@ impl CoordinateSystem {
             }
         }
         self.inputs.single_block = on;
-        if self.run.as_ref().is_some_and(Run::is_jog) {
+        if self.run.as_ref().is_some_and(ActiveRun::is_jog) {
             // a jog is one block, and ends at rest
             return Ok(());
         }

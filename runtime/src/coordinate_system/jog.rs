@@ -8,10 +8,10 @@ use plc_api::types::request::{Refusal, RefusalCode};
 use tandem_model::Origin;
 
 use super::CoordinateSystem;
-use super::pending_commands::Deferred;
-use super::run::{Jog, Kind, Run};
-use super::run_state::{End, JogStop, Phase, Then};
-use crate::command_memory::{Asked, Recalled, memory_is_full};
+use super::pending_commands::DeferredCommand;
+use super::run::{ActiveRun, ActiveRunKind, Jog};
+use super::run_state::{EarlyEndCause, JogStop, Phase, Then};
+use crate::command_memory::{CommandContent, CommandLookup, memory_is_full};
 use crate::program_store::StoredProgram;
 
 /// Time from the last refresh to the stop of a jog, s: the client that commands it may be lost.
@@ -30,7 +30,7 @@ impl CoordinateSystem {
         velocity: f64,
         distance: Option<f64>,
         refresh_id: &str,
-    ) -> Result<Run, Refusal> {
+    ) -> Result<ActiveRun, Refusal> {
         let axis = self.axis_of(axis)?;
         let wrong = |text: String| Err(Refusal::new(RefusalCode::Invalid, text));
         if !velocity.is_finite() || velocity == 0.0 {
@@ -81,17 +81,17 @@ impl CoordinateSystem {
             self.context.configured.text_rules(),
             false,
         ));
-        Ok(self.new_run(Kind::Jog(jog), nothing, &self.context.shared.store.all()))
+        Ok(self.new_run(ActiveRunKind::Jog(jog), nothing, &self.context.shared.store.all()))
     }
 
     /// Remembers a command that begins a jog. Its refreshes are not remembered, because they would fill the memory.
-    pub(super) fn remember_jog(&self, command: &Deferred) -> Result<(), Refusal> {
+    pub(super) fn remember_jog(&self, command: &DeferredCommand) -> Result<(), Refusal> {
         if !matches!(command.command, Command::Jog { .. }) {
             return Ok(());
         }
-        let asked = Asked::command(self.context.number, &command.command, &command.meta.client_id);
+        let asked = CommandContent::command(self.context.number, &command.command, &command.meta.client_id);
         match self.context.shared.recall(&command.meta.memory, asked) {
-            Recalled::Full => Err(memory_is_full()),
+            CommandLookup::Full => Err(memory_is_full()),
             _ => Ok(()),
         }
     }
@@ -107,13 +107,13 @@ impl CoordinateSystem {
     /// Returns the jog with this name while it runs.
     fn running_jog(&mut self, refresh_id: &str) -> Option<&mut Jog> {
         match &mut self.run.as_mut()?.kind {
-            Kind::Jog(jog) if jog.refresh_id == refresh_id => Some(jog),
+            ActiveRunKind::Jog(jog) if jog.refresh_id == refresh_id => Some(jog),
             _ => None,
         }
     }
 
     /// Refuses a refresh under another lease, or one that is too old.
-    fn judge_refresh(&self, meta: &CommandMeta) -> Result<(), Refusal> {
+    fn authorize_refresh(&self, meta: &CommandMeta) -> Result<(), Refusal> {
         self.context.shared.check_not_after(meta.not_after.as_ref())?;
         self.authorize_by_lease(Verb::Jog, meta)
     }
@@ -122,14 +122,14 @@ impl CoordinateSystem {
     pub(super) fn needs_no_run(&mut self, command: &Command, meta: &CommandMeta) -> bool {
         let until_s = self.context.now_s() + REFRESH_S;
         match command {
-            Command::Jog { refresh_id, .. } if self.judge_refresh(meta).is_ok() => self
+            Command::Jog { refresh_id, .. } if self.authorize_refresh(meta).is_ok() => self
                 .running_jog(refresh_id)
                 .map(|jog| jog.until_s = jog.until_s.map(|_| until_s))
                 .is_some(),
             Command::JogEnd { refresh_id } if self.running_jog(refresh_id).is_none() => {
                 self.past
                     .jogs
-                    .end(&meta.memory.user, refresh_id, self.context.now_s());
+                    .mark_ended(&meta.memory.user, refresh_id, self.context.now_s());
                 true
             }
             _ => false,
@@ -139,7 +139,7 @@ impl CoordinateSystem {
     /// Returns the time at which the active jog stops unless it is refreshed.
     pub(super) fn jog_until_s(&self) -> Option<f64> {
         match &self.run.as_ref()?.kind {
-            Kind::Jog(jog) => jog.until_s,
+            ActiveRunKind::Jog(jog) => jog.until_s,
             _ => None,
         }
     }
@@ -147,7 +147,7 @@ impl CoordinateSystem {
     /// Stops a jog that is not refreshed, with the motor's highest deceleration.
     pub(super) fn expire_jog(&mut self, now_s: f64) {
         if self.jog_until_s().is_some_and(|until_s| until_s <= now_s + 1e-9) {
-            self.end_run(End::JogEnded(JogStop::NotRefreshed));
+            self.end_run(EarlyEndCause::JogEnded(JogStop::NotRefreshed));
         }
     }
 }

@@ -23,11 +23,11 @@ use crate::journal::{Event, LeaseChange};
 pub(super) struct ControlLease {
     cs: CoordinateSystemNumber,
     last_fence: u64,
-    held: Option<Held>,
+    held: Option<HeldLease>,
 }
 
 #[derive(Debug)]
-struct Held {
+struct HeldLease {
     lease: Lease,
     until_s: f64,
 }
@@ -54,7 +54,7 @@ impl ControlLease {
     }
 
     /// Takes the lease, or renews it if its fence is given.
-    fn take(&mut self, now: Now, take: &LeaseTake, client_id: &str) -> Result<Lease, Refusal> {
+    fn claim_lease(&mut self, now: Now, take: &LeaseTake, client_id: &str) -> Result<Lease, Refusal> {
         let holder = take.holder.as_deref().unwrap_or(client_id);
         if !(1..=LEASE_HOLDER_MAX).contains(&holder.chars().count()) {
             let text = format!("holder: write 1 to {LEASE_HOLDER_MAX} characters");
@@ -74,7 +74,7 @@ impl ControlLease {
             fence,
             expires_at: Timestamp::from_system_time(now.time + ttl),
         };
-        self.held = Some(Held {
+        self.held = Some(HeldLease {
             lease: lease.clone(),
             until_s: now.monotonic_s + ttl.as_secs_f64(),
         });
@@ -184,7 +184,7 @@ impl CoordinateSystem {
     ) -> Result<(Option<LeaseChange>, Option<Lease>), Refusal> {
         match request {
             LeaseRequest::Take(take) => {
-                let lease = self.lease.take(self.context.now(), take, client_id)?;
+                let lease = self.lease.claim_lease(self.context.now(), take, client_id)?;
                 Ok((take.fence.is_none().then_some(LeaseChange::Taken), Some(lease)))
             }
             LeaseRequest::Release(release) => {
@@ -232,7 +232,7 @@ mod tests {
         }
     }
 
-    fn take(fence: Option<u64>, ttl_ms: Option<u64>) -> LeaseTake {
+    fn lease_request(fence: Option<u64>, ttl_ms: Option<u64>) -> LeaseTake {
         LeaseTake {
             holder: None,
             ttl_ms,
@@ -251,17 +251,21 @@ mod tests {
     #[test]
     fn each_lease_has_a_larger_fence_and_a_renewal_keeps_its_own() {
         let mut lease = ControlLease::new(1, at(0.0));
-        let first = lease.take(at(0.0), &take(None, None), "a").unwrap();
+        let first = lease
+            .claim_lease(at(0.0), &lease_request(None, None), "a")
+            .unwrap();
         let renewed = lease
-            .take(at(10.0), &take(Some(first.fence), Some(1000)), "a")
+            .claim_lease(at(10.0), &lease_request(Some(first.fence), Some(1000)), "a")
             .unwrap();
         assert_eq!(renewed.fence, first.fence);
         assert_eq!(renewed.expires_at.0, "1970-01-01T00:16:51.000000Z");
         lease.release(first.fence).unwrap();
-        let second = lease.take(at(11.0), &take(None, None), "b").unwrap();
+        let second = lease
+            .claim_lease(at(11.0), &lease_request(None, None), "b")
+            .unwrap();
         assert!(second.fence > first.fence);
         let stale = lease
-            .take(at(11.0), &take(Some(first.fence), None), "a")
+            .claim_lease(at(11.0), &lease_request(Some(first.fence), None), "a")
             .unwrap_err();
         assert_eq!(stale.code, RefusalCode::LeaseLost);
         assert_eq!(
@@ -274,9 +278,11 @@ mod tests {
     #[test]
     fn a_fence_of_an_earlier_start_of_the_runtime_is_not_one_of_this() {
         let mut before = ControlLease::new(1, at(0.0));
-        let old = before.take(at(1.0), &take(None, None), "a").unwrap();
+        let old = before
+            .claim_lease(at(1.0), &lease_request(None, None), "a")
+            .unwrap();
         let mut now = ControlLease::new(1, at(5.0));
-        let new = now.take(at(6.0), &take(None, None), "b").unwrap();
+        let new = now.claim_lease(at(6.0), &lease_request(None, None), "b").unwrap();
         assert!(new.fence > old.fence);
         assert_eq!(
             now.authorize_fence(Some(old.fence), "start").unwrap_err().code,
@@ -287,10 +293,14 @@ mod tests {
     #[test]
     fn a_lease_ends_by_its_time_and_not_before() {
         let mut lease = ControlLease::new(1, at(0.0));
-        lease.take(at(0.0), &take(None, None), "a").unwrap();
+        lease
+            .claim_lease(at(0.0), &lease_request(None, None), "a")
+            .unwrap();
         assert_eq!(lease.until_s(), Some(30.0), "30 s if no ttl is given");
         assert_eq!(lease.expire(29.999), None);
-        let refusal = lease.take(at(29.0), &take(None, None), "b").unwrap_err();
+        let refusal = lease
+            .claim_lease(at(29.0), &lease_request(None, None), "b")
+            .unwrap_err();
         assert_eq!(refusal.code, RefusalCode::Busy);
         assert!(
             refusal.text.contains("a holds it until 1970-01-01T00:17:10"),
@@ -298,14 +308,20 @@ mod tests {
             refusal.text
         );
         assert_eq!(lease.expire(30.0).unwrap().holder, "a");
-        assert!(lease.take(at(30.0), &take(None, None), "b").is_ok());
+        assert!(
+            lease
+                .claim_lease(at(30.0), &lease_request(None, None), "b")
+                .is_ok()
+        );
     }
 
     #[test]
     fn its_time_and_the_name_of_its_holder_are_bounded() {
         let mut lease = ControlLease::new(1, at(0.0));
         for ttl_ms in [0, 999, 600_001, u64::MAX] {
-            let refusal = lease.take(at(0.0), &take(None, Some(ttl_ms)), "a").unwrap_err();
+            let refusal = lease
+                .claim_lease(at(0.0), &lease_request(None, Some(ttl_ms)), "a")
+                .unwrap_err();
             assert_eq!(refusal.code, RefusalCode::Invalid);
             assert!(refusal.text.contains("1000 to 600000"), "{}", refusal.text);
         }
@@ -315,11 +331,15 @@ mod tests {
                 ..LeaseTake::default()
             };
             assert_eq!(
-                lease.take(at(0.0), &named, "a").unwrap_err().code,
+                lease.claim_lease(at(0.0), &named, "a").unwrap_err().code,
                 RefusalCode::Invalid
             );
         }
-        assert!(lease.take(at(0.0), &take(None, Some(600_000)), "a").is_ok());
+        assert!(
+            lease
+                .claim_lease(at(0.0), &lease_request(None, Some(600_000)), "a")
+                .is_ok()
+        );
     }
 
     #[test]

@@ -12,7 +12,7 @@ use tandem_model::alarm::TOOL_DIFFERS;
 use super::CoordinateSystem;
 use super::conditions::Conditions;
 use super::line_search::{LineArrival, LineEntry, search};
-use super::run::{Kind, Run};
+use super::run::{ActiveRun, ActiveRunKind};
 use super::run_state::Then;
 use crate::program_store::StoredProgram;
 
@@ -24,7 +24,7 @@ impl CoordinateSystem {
         run_id: String,
         main: &Arc<StoredProgram>,
         from: Option<&LineStart>,
-    ) -> Result<(Run, Option<LineEntry>), Refusal> {
+    ) -> Result<(ActiveRun, Option<LineEntry>), Refusal> {
         let context = &self.context;
         let all = context.shared.store.all();
         let conditions = Conditions::of_run(
@@ -38,10 +38,10 @@ impl CoordinateSystem {
         let entry = from.map(|from| search(&context.shared, &conditions, from));
         let entry = entry.transpose()?;
         (context.shared.store).begin_run(context.number, &run_id, &conditions.texts)?;
-        let run = Run {
+        let run = ActiveRun {
             id: run_id,
             conditions: Some(Arc::new(conditions)),
-            ..self.new_run(Kind::Program, Arc::clone(main), &all)
+            ..self.new_run(ActiveRunKind::Program, Arc::clone(main), &all)
         };
         Ok((run, entry))
     }

@@ -20,9 +20,9 @@ use tandem_path::{PathStage, work_position};
 
 use super::conditions::Conditions;
 use super::{callers, published_modal, rest_refused};
-use crate::config::{MCodeSettings, Stock, Unhandled};
+use crate::config::{MCodeSettings, Stock, UnhandledReaction};
 use crate::sequence::stock;
-use crate::shared::Shared;
+use crate::shared::SharedState;
 
 /// Maximum number of blocks interpreted to reach a line. Reason: a loop may never end.
 const BLOCKS_MAX: u64 = 10_000_000;
@@ -142,7 +142,7 @@ pub(crate) fn line_state(
 /// given, or stops with an alarm before the line; also if the state at the line cannot be determined, or no
 /// run can begin in that state.
 pub(crate) fn search(
-    shared: &Shared,
+    shared: &SharedState,
     conditions: &Conditions,
     from: &LineStart,
 ) -> Result<LineEntry, Refusal> {
@@ -225,7 +225,7 @@ impl Why {
 }
 
 struct Search<'a> {
-    shared: &'a Shared,
+    shared: &'a SharedState,
     conditions: &'a Conditions,
     /// Program and index of the block.
     target: (u16, usize),
@@ -244,7 +244,7 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(shared: &'a Shared, conditions: &'a Conditions, target: (u16, usize)) -> Self {
+    fn new(shared: &'a SharedState, conditions: &'a Conditions, target: (u16, usize)) -> Self {
         let settings = &conditions.configured.settings;
         let mut interpreter = Interpreter::new(settings, conditions.configured.dialect);
         interpreter.start(Arc::clone(&conditions.main.tree), conditions.main.number);
@@ -287,7 +287,7 @@ impl<'a> Search<'a> {
             let done = match item {
                 None => return Ok(()),
                 Some(Item::Block(block)) => self.path.push(&block, &mut self.segments),
-                Some(Item::Output(output)) => self.put_out(output),
+                Some(Item::Output(output)) => self.simulate_output(output),
                 Some(item @ Item::Stop(_)) => self.rest(&item),
                 Some(Item::Warning(..)) => Ok(()),
                 Some(Item::NeedsStandstill(at)) => {
@@ -299,7 +299,7 @@ impl<'a> Search<'a> {
             self.segments.clear();
             done.map_err(Why::Alarm)?;
             if self.path.is_skipping() {
-                let line = self.place().line;
+                let line = self.last_block().line;
                 let why = format!("the skip input decides where the motion of line {line} ends");
                 return Err(Why::Unknown(why));
             }
@@ -348,7 +348,7 @@ impl<'a> Search<'a> {
     }
 
     /// Returns the block interpreted last.
-    fn place(&self) -> Origin {
+    fn last_block(&self) -> Origin {
         self.interpreter.call_stack().last().unwrap_or_default()
     }
 
@@ -356,11 +356,11 @@ impl<'a> Search<'a> {
         self.shared.machine.m_codes.get(&m).cloned().unwrap_or_default()
     }
 
-    fn put_out(&mut self, output: Output) -> Result<(), Alarm> {
+    fn simulate_output(&mut self, output: Output) -> Result<(), Alarm> {
         let configured = &self.conditions.configured;
         let settings = self.settings_of(output.m);
         let is_compensating = self.path.is_compensating();
-        if !configured.is_put_out_at_once(&output, Some(&settings), is_compensating) {
+        if !configured.is_issued_at_once(&output, Some(&settings), is_compensating) {
             self.rest(&Item::Output(output))?;
         }
         let selects = settings.stock == Some(Stock::SelectTool);
@@ -385,7 +385,7 @@ impl<'a> Search<'a> {
         }
         let is_stock = settings.stock.is_some() || (system.spindle.is_some() && stock::is_spindle_code(m));
         let unhandled = settings.unhandled.unwrap_or(self.shared.machine.unhandled);
-        !is_stock && unhandled == Unhandled::Wait
+        !is_stock && unhandled == UnhandledReaction::Wait
     }
 
     /// Stops at rest, which cutter compensation refuses.

@@ -19,9 +19,9 @@ use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalC
 use tandem_model::alarm::RUNTIME_FAULT;
 use tokio::sync::{Notify, Semaphore, TryAcquireError, oneshot};
 
-use super::preparation::Share;
+use super::preparation::TurnLimits;
 use super::{CoordinateSystem, View};
-use crate::shared::Shared;
+use crate::shared::SharedState;
 
 /// Maximum number of requests that wait for one coordinate system; a sender waits for room. Hold, stop and abort have a
 /// queue of the same size.
@@ -57,28 +57,28 @@ impl Envelope {
 pub(crate) struct Mailbox {
     pub number: CoordinateSystemNumber,
     pub view: Arc<View>,
-    shared: Arc<Shared>,
+    shared: Arc<SharedState>,
     /// The queue of hold, stop and abort, which pass all others, and the queue of all other requests.
     queues: [Queue; 2],
     count: AtomicU64,
-    work: Mutex<Work>,
+    work: Mutex<MailboxState>,
     /// Name of its work in reports of faults.
     task: String,
     /// Wakes the task.
     wake: Arc<Notify>,
 }
 
-struct Work {
+struct MailboxState {
     /// `None` after its end.
     system: Option<CoordinateSystem>,
-    condition: Condition,
+    condition: FaultCondition,
     /// Time at which the task next wakes without a request, seconds since the start.
     task_wakes_at_s: Option<f64>,
 }
 
 /// Condition of the coordinate system after internal faults.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Condition {
+enum FaultCondition {
     Sound,
     /// A fault has occurred, and a reset is still pending.
     Recovered,
@@ -96,7 +96,7 @@ impl std::fmt::Debug for Mailbox {
 
 impl Mailbox {
     /// Publishes the state of the coordinate system; [`Mailbox::run`] is its task.
-    pub fn new(shared: Arc<Shared>, mut system: CoordinateSystem) -> Self {
+    pub fn new(shared: Arc<SharedState>, mut system: CoordinateSystem) -> Self {
         system.publish_all();
         let wake = Arc::default();
         shared.wakes(Arc::clone(&wake));
@@ -108,9 +108,9 @@ impl Mailbox {
             queues: [Queue::new(), Queue::new()],
             count: AtomicU64::new(0),
             task,
-            work: Mutex::new(Work {
+            work: Mutex::new(MailboxState {
                 system: Some(system),
-                condition: Condition::Sound,
+                condition: FaultCondition::Sound,
                 task_wakes_at_s: None,
             }),
             wake,
@@ -172,7 +172,7 @@ impl Mailbox {
             reply,
         };
         queue.put(envelope).await;
-        self.work_if_free(Share::OF_CALLER);
+        self.work_if_free(TurnLimits::OF_CALLER);
         answer.await.ok()
     }
 
@@ -193,7 +193,7 @@ impl Mailbox {
     /// thread is at work, this is left to the next call.
     pub fn publish_spindle(&self) {
         if let Some(work) = self.work.try_lock()
-            && work.condition != Condition::GivenUp
+            && work.condition != FaultCondition::GivenUp
             && let Some(system) = &work.system
         {
             system.publish_spindle();
@@ -209,14 +209,14 @@ impl Mailbox {
     /// advances.
     pub fn turn_alone(&self) -> bool {
         let sent = self.shared.sent();
-        self.work_if_free(Share::OF_TASK) && self.shared.sent() == sent
+        self.work_if_free(TurnLimits::OF_TASK) && self.shared.sent() == sent
     }
 
     /// Works if no other thread is at work. If work remains, wakes the task and returns false: another thread may
     /// already have looked for requests for the last time.
-    fn work_if_free(&self, share: Share) -> bool {
+    fn work_if_free(&self, share: TurnLimits) -> bool {
         let work = self.work.try_lock();
-        let is_done = work.is_some_and(|work| self.work_beside_task(work, share));
+        let is_done = work.is_some_and(|work| self.work_for_task(work, share));
         if !is_done {
             self.wake.notify_one();
         }
@@ -224,7 +224,7 @@ impl Mailbox {
     }
 
     /// Works in place of the task. Returns false if work is left to the task.
-    fn work_beside_task(&self, mut work: MutexGuard<'_, Work>, share: Share) -> bool {
+    fn work_for_task(&self, mut work: MutexGuard<'_, MailboxState>, share: TurnLimits) -> bool {
         if self.queues.iter().any(Queue::begins_with_command) {
             return false;
         }
@@ -236,7 +236,7 @@ impl Mailbox {
     /// Runs the task of the coordinate system until the runtime closes.
     pub async fn run(&self) {
         // also when the task is dropped: no other task serves the coordinate system
-        let _ended = Ended(self);
+        let _ended = MailboxCloser(self);
         let clock = &self.shared.clock;
         loop {
             let left = self.work_as_task();
@@ -251,44 +251,44 @@ impl Mailbox {
         let system = self.work.lock().system.take();
         if let Some(system) = system {
             // the runtime closes even if this fails
-            let _ = catch_unwind(AssertUnwindSafe(|| system.end()));
+            let _ = catch_unwind(AssertUnwindSafe(|| system.shut_down()));
         }
     }
 
-    fn work_as_task(&self) -> Left {
+    fn work_as_task(&self) -> RemainingWork {
         let mut work = self.work.lock();
-        let left = self.work(&mut work, Share::OF_TASK);
+        let left = self.work(&mut work, TurnLimits::OF_TASK);
         work.task_wakes_at_s = left.due_s;
         left
     }
 
     /// Executes the next request and a turn. A panic of one coordinate system must stop neither the others nor the
     /// caller: it becomes an alarm.
-    fn work(&self, work: &mut Work, share: Share) -> Left {
+    fn work(&self, work: &mut MailboxState, share: TurnLimits) -> RemainingWork {
         let Some(system) = &mut work.system else {
-            return Left::default();
+            return RemainingWork::default();
         };
-        if work.condition == Condition::GivenUp {
+        if work.condition == FaultCondition::GivenUp {
             return self.work_given_up(system, share);
         }
         let mut aborts = false;
         let worked = catch_unwind(AssertUnwindSafe(|| {
             self.shared.supervisor.fault_point(&self.task);
-            if let Some(envelope) = self.queues.iter().find_map(|queue| queue.take(share)) {
+            if let Some(envelope) = self.queues.iter().find_map(|queue| queue.take_request(share)) {
                 aborts = envelope.is_abort();
                 system.handle(envelope);
             }
-            Left {
+            RemainingWork {
                 busy: system.turn(share),
                 due_s: system.next_deadline_s(),
             }
         }));
         match worked {
             Ok(left) => {
-                if work.condition == Condition::Recovered && system.has_recovered() {
-                    work.condition = Condition::Sound;
+                if work.condition == FaultCondition::Recovered && system.has_recovered() {
+                    work.condition = FaultCondition::Sound;
                 }
-                Left {
+                RemainingWork {
                     busy: left.busy || !self.queues.iter().all(Queue::is_empty),
                     ..left
                 }
@@ -297,7 +297,7 @@ impl Mailbox {
                 let why = panic_text(panicked.as_ref());
                 work.condition = contain(system, work.condition, aborts, why);
                 self.report(work.condition, why);
-                Left {
+                RemainingWork {
                     busy: true,
                     due_s: None,
                 }
@@ -305,27 +305,27 @@ impl Mailbox {
         }
     }
 
-    fn report(&self, condition: Condition, why: &str) {
+    fn report(&self, condition: FaultCondition, why: &str) {
         self.shared.supervisor.report(&FaultReport {
             task: self.task.clone(),
             consequence: match condition {
-                Condition::GivenUp => Consequence::CoordinateSystemNeedsRestart,
-                Condition::Sound | Condition::Recovered => Consequence::StopsCoordinateSystem,
+                FaultCondition::GivenUp => Consequence::CoordinateSystemNeedsRestart,
+                FaultCondition::Sound | FaultCondition::Recovered => Consequence::StopsCoordinateSystem,
             },
             text: why.to_owned(),
         });
     }
 
     /// Answers requests to a coordinate system that stays stopped.
-    fn work_given_up(&self, system: &mut CoordinateSystem, share: Share) -> Left {
+    fn work_given_up(&self, system: &mut CoordinateSystem, share: TurnLimits) -> RemainingWork {
         let worked = catch_unwind(AssertUnwindSafe(|| {
-            if let Some(envelope) = self.queues.iter().find_map(|queue| queue.take(share)) {
+            if let Some(envelope) = self.queues.iter().find_map(|queue| queue.take_request(share)) {
                 system.answer_given_up(envelope);
             }
             system.follow_servo_given_up()
         }));
         let is_backlogged = worked.unwrap_or(true);
-        Left {
+        RemainingWork {
             busy: !self.queues.iter().all(Queue::is_empty),
             due_s: is_backlogged.then(|| self.shared.clock.now_s() + RETRY_S),
         }
@@ -337,19 +337,19 @@ impl Mailbox {
 }
 
 /// Recovers after a panic: motion brakes, then the coordinate system is rebuilt, or given up if that fails too.
-fn contain(system: &mut CoordinateSystem, before: Condition, aborts: bool, why: &str) -> Condition {
+fn contain(system: &mut CoordinateSystem, before: FaultCondition, aborts: bool, why: &str) -> FaultCondition {
     system.brake_at_once(aborts);
-    if before == Condition::Sound && catch_unwind(AssertUnwindSafe(|| system.recover(why))).is_ok() {
-        return Condition::Recovered;
+    if before == FaultCondition::Sound && catch_unwind(AssertUnwindSafe(|| system.recover(why))).is_ok() {
+        return FaultCondition::Recovered;
     }
     system.give_up(why);
-    Condition::GivenUp
+    FaultCondition::GivenUp
 }
 
 /// Discards the coordinate system and its pending requests.
-struct Ended<'a>(&'a Mailbox);
+struct MailboxCloser<'a>(&'a Mailbox);
 
-impl Drop for Ended<'_> {
+impl Drop for MailboxCloser<'_> {
     fn drop(&mut self) {
         self.0.work.lock().system = None;
         self.0.close();
@@ -358,7 +358,7 @@ impl Drop for Ended<'_> {
 
 /// Work that is left.
 #[derive(Debug, Clone, Copy, Default)]
-struct Left {
+struct RemainingWork {
     /// True if there is more to do at once.
     busy: bool,
     /// Time of the next work, seconds since the start.
@@ -396,7 +396,7 @@ impl Queue {
     }
 
     /// Takes the first request, unless it is a command that is left to the task.
-    fn take(&self, share: Share) -> Option<Envelope> {
+    fn take_request(&self, share: TurnLimits) -> Option<Envelope> {
         if self.is_empty() {
             return None;
         }

@@ -14,7 +14,7 @@ use tandem_model::limits::MDI_BYTES_MAX;
 use tandem_model::{Axis, AxisSet};
 
 use super::CoordinateSystem;
-use super::run::{AtRest, Kind, Restores, Run, Steps};
+use super::run::{ActiveRun, ActiveRunKind, AtRest, Restores, SingleBlockState};
 use crate::program_store::StoredProgram;
 
 impl CoordinateSystem {
@@ -24,7 +24,7 @@ impl CoordinateSystem {
         &self,
         text: &str,
         is_macro: bool,
-    ) -> Result<(String, Option<Run>), Refusal> {
+    ) -> Result<(String, Option<ActiveRun>), Refusal> {
         if !self.context.shared.machine.takes_mdi {
             let text = "this machine runs signed programs only, and manual data input is not signed; write \
                         a signed \
@@ -39,7 +39,7 @@ impl CoordinateSystem {
             return Err(Refusal::new(RefusalCode::TooLarge, text));
         }
         // An input needs no M02 or M30.
-        let (note, mut run) = self.prepare_text(Kind::Manual, text, self.past.manual_goes_on)?;
+        let (note, mut run) = self.prepare_text(ActiveRunKind::Manual, text, self.past.manual_goes_on)?;
         if let Some(run) = run.as_mut().filter(|_| is_macro) {
             run.restores = Some(Box::new(Restores {
                 in_force: self.pipeline.in_force_at_rest(),
@@ -59,7 +59,12 @@ impl CoordinateSystem {
     }
 
     /// Prepares a run of a text, to which the end of the program is added.
-    fn prepare_text(&self, kind: Kind, text: &str, in_modal: bool) -> Result<(String, Option<Run>), Refusal> {
+    fn prepare_text(
+        &self,
+        kind: ActiveRunKind,
+        text: &str,
+        in_modal: bool,
+    ) -> Result<(String, Option<ActiveRun>), Refusal> {
         let end = self.context.configured.dialect.m_code(Role::End);
         let text = format!("{text}\n{}\n", end.map_or("", |code| code.code));
         let program = StoredProgram::manual(&text, self.context.configured.text_rules(), in_modal);
@@ -72,7 +77,7 @@ impl CoordinateSystem {
     }
 
     /// Prepares a run that moves motors to their first reference points: all at once, each independently.
-    pub(super) fn prepare_home(&self, axes: &[char]) -> Result<(String, Option<Run>), Refusal> {
+    pub(super) fn prepare_home(&self, axes: &[char]) -> Result<(String, Option<ActiveRun>), Refusal> {
         let dialect = self.context.configured.dialect;
         let named = axes.iter().map(|axis| self.axis_of(*axis));
         let mut axes: Vec<Axis> = named.collect::<Result<_, _>>()?;
@@ -90,7 +95,7 @@ impl CoordinateSystem {
         // The middle point is the present position: distance 0.
         let words: Vec<String> = axes.iter().map(|axis| format!("{}0", axis.letter())).collect();
         let text = format!("{} {}", dialect.home, words.join(" "));
-        self.prepare_text(Kind::Home, &text, false)
+        self.prepare_text(ActiveRunKind::Home, &text, false)
     }
 
     pub(super) fn axis_of(&self, letter: char) -> Result<Axis, Refusal> {
@@ -106,10 +111,10 @@ impl CoordinateSystem {
     /// Creates a run of a program, with the present texts of all programs that it may call.
     pub(super) fn new_run(
         &self,
-        kind: Kind,
+        kind: ActiveRunKind,
         main: Arc<StoredProgram>,
         all: &BTreeMap<u16, Arc<StoredProgram>>,
-    ) -> Run {
+    ) -> ActiveRun {
         let (mut programs, mut refused) = (BTreeMap::new(), self.context.shared.store.damaged());
         for (number, program) in all {
             match self.context.refuses(program) {
@@ -121,7 +126,7 @@ impl CoordinateSystem {
             // the validated text, even if the store now has another text
             programs.insert(main.number, Arc::clone(&main.tree));
         }
-        Run {
+        ActiveRun {
             id: self.next_run_id(),
             kind,
             main,
@@ -132,7 +137,7 @@ impl CoordinateSystem {
             from: self.pipeline.path.position().0,
             restores: None,
             missed_touch: None,
-            steps: Steps::default(),
+            steps: SingleBlockState::default(),
             at_rest: AtRest::default(),
             arrival: None,
         }

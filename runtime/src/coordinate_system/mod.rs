@@ -51,7 +51,7 @@ use tandem_servo::{ChannelHandle, Control, Event};
 
 use crate::config::CoordinateSystem as Configured;
 use crate::journal::{Event as Happened, RaisedAlarm, RunEnd};
-use crate::shared::Shared;
+use crate::shared::SharedState;
 use bus::Bus;
 pub(crate) use conditions::{Conditions, RunStart, state_of};
 use context::Context;
@@ -60,16 +60,16 @@ use lease::ControlLease;
 use mailbox::Envelope;
 pub(crate) use mailbox::Mailbox;
 use open_outputs::Outputs;
-use pending_commands::{Awaiting, Commands, Deferred};
+use pending_commands::{Awaiting, Commands, DeferredCommand};
 pub(crate) use pipeline::{Pipeline, callers};
-use preparation::Share;
+use preparation::TurnLimits;
 pub(crate) use preparation::rest_refused;
-use publish::Published;
+use publish::PublishedValues;
 pub(crate) use publish::published_modal;
 use replanning::Replanning;
 use rest::WrittenRest;
-use run::{Kind, PastRuns, Restores, Run};
-use run_state::{End, RunAction, RunEvent, RunState};
+use run::{ActiveRun, ActiveRunKind, PastRuns, Restores};
+use run_state::{EarlyEndCause, RunAction, RunEvent, RunState};
 use servo_link::ServoLink;
 pub(crate) use view::{Prediction, View};
 use watched_clients::WatchedClients;
@@ -82,7 +82,7 @@ pub(crate) struct CoordinateSystem {
     replanning: Replanning,
     state: RunState,
     /// The run to which the state belongs.
-    run: Option<Run>,
+    run: Option<ActiveRun>,
     /// A run by hand that was ended early, until the machine rests.
     cut_short: Option<CutShort>,
     /// State to restore when the machine rests after a macro.
@@ -93,7 +93,7 @@ pub(crate) struct CoordinateSystem {
     inputs: InputValues,
     outputs: Outputs,
     commands: Commands,
-    published: Published,
+    published: PublishedValues,
     lease: ControlLease,
 }
 
@@ -131,7 +131,7 @@ impl InputValues {
 
 impl CoordinateSystem {
     pub fn new(
-        shared: Arc<Shared>,
+        shared: Arc<SharedState>,
         configured: Configured,
         handle: ChannelHandle,
         first_state: (Execution, Option<Reason>),
@@ -179,21 +179,21 @@ impl CoordinateSystem {
             },
             outputs: Outputs::new(ledger),
             commands: Commands::default(),
-            published: Published::default(),
+            published: PublishedValues::default(),
         }
     }
 
     /// Ends the coordinate system when the runtime closes.
-    fn end(mut self) {
+    fn shut_down(mut self) {
         self.outputs
             .ledger
             .cancel_all(self.context.now(), CancelReason::Shutdown);
-        self.carry_out_effects();
+        self.apply_effects();
         self.note_published();
     }
 
     /// Executes one turn: servo reports, due times, preparation. Returns true if there is more to prepare.
-    fn turn(&mut self, share: Share) -> bool {
+    fn turn(&mut self, share: TurnLimits) -> bool {
         while let Some(event) = self.servo.next_event() {
             self.on_servo_event(event);
         }
@@ -206,18 +206,18 @@ impl CoordinateSystem {
         self.expire_jog(now.monotonic_s);
         self.expire_lease(now.monotonic_s);
         self.do_stock_work(now);
-        self.look_at_away(now);
+        self.expire_handler_waits(now);
         self.look_at_losses(now.monotonic_s);
         self.look_at_bus();
         self.look_at_clients(now.monotonic_s);
-        self.carry_out_effects();
+        self.apply_effects();
         self.expire_validation(now.monotonic_s);
         if share.commands {
-            self.carry_out_deferred();
+            self.execute_deferred();
         }
         self.begin_next_part();
         self.follow_override();
-        let busy = self.prepare(share) || self.has_command_to_judge() || self.part_is_due();
+        let busy = self.prepare(share) || self.has_ready_command() || self.part_is_due();
         self.hold_without_bus();
         self.publish_changes();
         self.publish_start_conditions();
@@ -336,7 +336,7 @@ impl CoordinateSystem {
             RunAction::HoldServo { in_phase: false } => self.servo.control(Control::Hold),
             RunAction::ResumeServo => self.servo.control(Control::Resume),
             RunAction::GoForward => self.go_forward(),
-            RunAction::GoOn => self.go_on(),
+            RunAction::GoOn => self.resume_held_work(),
             RunAction::BeginBlock => {
                 if let Some(run) = &mut self.run {
                     run.steps.in_block = false;
@@ -348,21 +348,21 @@ impl CoordinateSystem {
     }
 
     /// Ends the run, if any. Returns true if there is nothing to wait for.
-    fn end_run(&mut self, why: End) -> bool {
+    fn end_run(&mut self, why: EarlyEndCause) -> bool {
         let epoch = self.servo.epoch() + 1;
         self.drive(RunEvent::End { why, epoch });
         self.state.is_idle()
     }
 
     /// Cancels outputs at once; the state follows when the machine rests.
-    fn on_run_end(&mut self, why: End, epoch: u32) {
+    fn on_run_end(&mut self, why: EarlyEndCause, epoch: u32) {
         self.outputs.cancel_all(self.context.now(), why.cancel_reason());
         self.servo.stop(epoch, why.is_abort());
         // A jog changes nothing but the position.
         self.past.manual_goes_on &= self
             .run
             .as_ref()
-            .is_some_and(|run| matches!(run.kind, Kind::Jog(_)));
+            .is_some_and(|run| matches!(run.kind, ActiveRunKind::Jog(_)));
         self.context.view.update(|place| place.run = None);
         if let Some(mut run) = self.run.take() {
             self.restores = run.restores.take();
@@ -381,7 +381,7 @@ impl CoordinateSystem {
             (self.context.shared.store).end_run(self.context.number, &run.id);
         }
         self.end_parts_by(why);
-        self.carry_out_effects();
+        self.apply_effects();
     }
 
     fn on_servo_stopped(&mut self, epoch: u32, position: MachinePosition) {
@@ -392,9 +392,9 @@ impl CoordinateSystem {
     }
 
     /// Completes the end of a run when the machine rests.
-    fn on_rest_after_end(&mut self, why: End) {
+    fn on_rest_after_end(&mut self, why: EarlyEndCause) {
         let restores = self.restores.take();
-        if matches!(why, End::Reset { .. }) {
+        if matches!(why, EarlyEndCause::Reset { .. }) {
             self.pipeline.interpreter.reset();
             self.context
                 .view
@@ -438,9 +438,9 @@ impl CoordinateSystem {
     }
 
     fn stop_by_alarm(&mut self, alarm: RaisedAlarm) {
-        self.past.alarm = alarm.said();
+        self.past.alarm = alarm.display_text();
         self.context.record(Happened::Alarm(alarm));
-        self.end_run(End::Alarm);
+        self.end_run(EarlyEndCause::Alarm);
     }
 
     fn handle(&mut self, envelope: Envelope) {
@@ -457,7 +457,7 @@ impl CoordinateSystem {
         }
         let answer = match request {
             CoordinateSystemRequest::Command { command, meta, wait } => {
-                return self.command(Deferred {
+                return self.command(DeferredCommand {
                     order,
                     command,
                     meta,
@@ -467,10 +467,12 @@ impl CoordinateSystem {
             }
             CoordinateSystemRequest::Output(m, request) => self
                 .outputs
-                .carry_out(&self.context, m, request)
+                .execute_request(&self.context, m, request)
                 .map(Answer::Handshake),
             CoordinateSystemRequest::Lease { request, meta } => self.ask_lease(&request, &meta),
-            CoordinateSystemRequest::Heartbeat(id, beat) => self.hear_client(id, beat).map(|()| Answer::Done),
+            CoordinateSystemRequest::Heartbeat(id, beat) => {
+                self.receive_client_heartbeat(id, beat).map(|()| Answer::Done)
+            }
             CoordinateSystemRequest::RaiseAlarm(raise) => self.raise_asked(&raise),
             CoordinateSystemRequest::Input(input) => self.set_input(input).map(|()| Answer::Done),
             CoordinateSystemRequest::Spindle(command) => self
@@ -481,7 +483,7 @@ impl CoordinateSystem {
                 Ok(Answer::Done)
             }
             CoordinateSystemRequest::Handler(id, presence) => {
-                self.welcome_handler(&id, &presence);
+                self.on_handler_online(&id, &presence);
                 self.forget_start_conditions();
                 Ok(Answer::Done)
             }
@@ -503,7 +505,7 @@ impl CoordinateSystem {
                 Ok(Answer::Done)
             }
         };
-        self.carry_out_effects();
+        self.apply_effects();
         self.publish_changes();
         self.publish_start_conditions();
         // The caller may have left; the request is executed regardless.
@@ -512,7 +514,7 @@ impl CoordinateSystem {
 
     fn set_tool(&mut self, id: u16) {
         self.inputs.tool = Some(id);
-        self.pipeline.planner.bar_way_back();
+        self.pipeline.planner.forbid_retrace();
         self.publish_tool();
         if !self.state.is_running() {
             // while a run is active, the block that comes into force publishes it
@@ -541,7 +543,7 @@ impl CoordinateSystem {
                 let Self { inputs, context, .. } = self;
                 inputs
                     .start_lock
-                    .set(set, |id, instance| context.shared.judge_writer(id, instance))?;
+                    .set(set, |id, instance| context.shared.check_writer(id, instance))?;
             }
             Input::Override(change) => self.set_overrides(change)?,
             Input::SingleBlock(on) => self.set_single_block(on)?,
@@ -550,7 +552,7 @@ impl CoordinateSystem {
                 let Self { inputs, context, .. } = self;
                 inputs
                     .interlock
-                    .set(set, |id, instance| context.shared.judge_writer(id, instance))?;
+                    .set(set, |id, instance| context.shared.check_writer(id, instance))?;
                 self.follow_interlock();
             }
         }

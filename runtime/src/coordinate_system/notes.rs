@@ -10,7 +10,7 @@ use tandem_model::flow::Transform;
 
 /// State in force after segment `after_segment`.
 #[derive(Debug, Clone)]
-pub(crate) struct Change {
+pub(crate) struct StateAfterSegment {
     pub after_segment: u64,
     pub modal: Modal,
     pub transform: Transform,
@@ -21,8 +21,8 @@ pub(crate) struct Change {
 #[derive(Debug, Default)]
 pub(super) struct Notes {
     /// Changes with the numbers of motions that are not planned yet.
-    ahead: VecDeque<(u64, Change)>,
-    changes: VecDeque<Change>,
+    ahead: VecDeque<(u64, StateAfterSegment)>,
+    changes: VecDeque<StateAfterSegment>,
     /// The first motions of programmed blocks that are not planned yet.
     blocks_ahead: VecDeque<u64>,
     /// The first segments of planned blocks that have not begun.
@@ -32,7 +32,7 @@ pub(super) struct Notes {
 impl Notes {
     /// Notes a change with a motion. There is one change per motion: one that is replaced before the same motion never
     /// comes into force.
-    pub fn change(&mut self, motion: u64, change: Change) {
+    pub fn change(&mut self, motion: u64, change: StateAfterSegment) {
         self.ahead.pop_back_if(|(of, _)| *of == motion);
         self.ahead.push_back((motion, change));
     }
@@ -55,7 +55,7 @@ impl Notes {
             let after_segment = segment - 1;
             self.changes
                 .pop_back_if(|last| last.after_segment == after_segment);
-            self.changes.push_back(Change {
+            self.changes.push_back(StateAfterSegment {
                 after_segment,
                 ..change
             });
@@ -76,7 +76,7 @@ impl Notes {
 
     /// Takes the next change that applies before a segment begins to run, in order; with the highest number, every
     /// noted change.
-    pub fn changed_before(&mut self, segment: u64) -> Option<Change> {
+    pub fn changed_before(&mut self, segment: u64) -> Option<StateAfterSegment> {
         let planned = self.changes.pop_front_if(|change| change.after_segment < segment);
         planned.or_else(|| {
             let ahead = (segment == u64::MAX).then(|| self.ahead.pop_front());
@@ -85,7 +85,7 @@ impl Notes {
     }
 
     /// Returns all changes that are not reported yet.
-    pub fn changes(&self) -> impl Iterator<Item = &Change> {
+    pub fn changes(&self) -> impl Iterator<Item = &StateAfterSegment> {
         self.changes
             .iter()
             .chain(self.ahead.iter().map(|(_, change)| change))

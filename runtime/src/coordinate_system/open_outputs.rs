@@ -11,7 +11,7 @@ use plc_api::types::request::{OutputRequest, Refusal};
 use tandem_model::Origin;
 
 use super::context::Context;
-use super::run_state::{Awaited, Phase};
+use super::run_state::{AwaitedOutput, Phase};
 use crate::journal::{Event, ResetOutcome};
 
 /// The outputs of a coordinate system.
@@ -27,12 +27,12 @@ pub(super) struct Outputs {
     /// Outputs whose handler is expected back, with the end of the wait, seconds since the start.
     pub away: Vec<(u64, f64)>,
     /// Outputs whose loss of the owner is not reported yet.
-    losses: BTreeMap<u64, Loss>,
+    losses: BTreeMap<u64, OwnerLoss>,
 }
 
 /// Loss of the owner of an output.
 #[derive(Debug, Clone, PartialEq)]
-struct Loss {
+struct OwnerLoss {
     /// Time at which it is reported, unless the output is claimed before; seconds since the start.
     report_s: f64,
     handler_id: String,
@@ -70,7 +70,7 @@ impl Outputs {
     }
 
     /// Returns the output that a phase of the run waits for. `is_at_rest` is true if all motion before it has ended.
-    pub fn awaited(&self, phase: &Phase, is_at_rest: bool) -> Option<Awaited> {
+    pub fn awaited(&self, phase: &Phase, is_at_rest: bool) -> Option<AwaitedOutput> {
         let open = self.ledger.open();
         let awaited = match phase {
             Phase::Reset { seq } => self.ledger.get(*seq),
@@ -81,7 +81,7 @@ impl Outputs {
             Phase::LastOutputs => open.first(),
             _ => None,
         };
-        awaited.map(|open| Awaited {
+        awaited.map(|open| AwaitedOutput {
             seq: open.notice.seq,
             is_lost: open.lost && !self.losses.contains_key(&open.notice.seq),
         })
@@ -127,13 +127,13 @@ impl Outputs {
     }
 
     /// Executes a request about an output; an accepted change is written to the journal.
-    pub fn carry_out(
+    pub fn execute_request(
         &mut self,
         context: &Context,
         m: Option<u16>,
         request: OutputRequest,
     ) -> Result<HandshakeResult, Refusal> {
-        let result = self.ledger.carry_out(context.now(), m, &request)?;
+        let result = self.ledger.execute_request(context.now(), m, &request)?;
         if result.status == HandshakeStatus::Accepted
             && let Some(event) = self.event(request)
         {
@@ -196,7 +196,7 @@ impl Outputs {
             let said = self.ledger.get(seq).and_then(|output| output.redelivery);
             let goes_on = said.is_some_and(|said| said != Redelivery::Ask);
             let until_s = departure.until_s().filter(|_| goes_on);
-            let loss = Loss {
+            let loss = OwnerLoss {
                 report_s: until_s.unwrap_or(grace_end_s).max(grace_end_s),
                 handler_id: id.to_owned(),
             };
@@ -264,7 +264,7 @@ mod tests {
         outputs
     }
 
-    fn seq(awaited: Option<Awaited>) -> Option<u64> {
+    fn seq(awaited: Option<AwaitedOutput>) -> Option<u64> {
         awaited.map(|awaited| awaited.seq)
     }
 
@@ -313,16 +313,16 @@ mod tests {
         outputs.ledger.handler_online(now(), "gripper", &presence);
         outputs.ledger.claim(now(), None, &claim);
         let lost = |outputs: &Outputs| outputs.awaited(&Phase::LastOutputs, true);
-        assert_eq!(lost(&outputs), Some(Awaited { seq, is_lost: false }));
+        assert_eq!(lost(&outputs), Some(AwaitedOutput { seq, is_lost: false }));
         let departure = Departure::Unannounced { until_s: 2.0 };
         outputs.on_handler_left(now(), ("gripper", None), departure, 2.0);
         assert_eq!(
             (lost(&outputs), outputs.next_deadline_s()),
-            (Some(Awaited { seq, is_lost: false }), Some(2.0))
+            (Some(AwaitedOutput { seq, is_lost: false }), Some(2.0))
         );
         assert_eq!(outputs.take_losses(1.9), []);
         assert_eq!(outputs.take_losses(2.0).len(), 1);
-        assert_eq!(lost(&outputs), Some(Awaited { seq, is_lost: true }));
+        assert_eq!(lost(&outputs), Some(AwaitedOutput { seq, is_lost: true }));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Outputs (M codes passed to the sequence program) and their resets: from the interpreter to the ledger, and from the
 //! ledger to the subscribers.
 
-use plc_api::handshake::{Closed, Effect, Now, OutputSpec};
+use plc_api::handshake::{Effect, Now, OutputOutcome, OutputSpec};
 use plc_api::types::message::Payload;
 use plc_api::types::output::{OutputNotice, OutputState, Params, Reset, ResetResult, Timing};
 use plc_api::types::request::{OutputRequest, Refusal, RefusalCode};
@@ -14,7 +14,7 @@ use tandem_servo::Control;
 use super::CoordinateSystem;
 use super::open_outputs::{SpindleGoal, StockWork, origin};
 use super::run_state::{Phase, RunEvent, Then};
-use crate::config::Unhandled;
+use crate::config::UnhandledReaction;
 use crate::journal::Event;
 use crate::sequence::stock::{self, StockAction};
 
@@ -29,23 +29,23 @@ impl CoordinateSystem {
     }
 
     /// Returns true for an output that is issued when its block is interpreted.
-    pub(super) fn is_put_out_at_once(&self, output: &Output) -> bool {
+    pub(super) fn is_issued_at_once(&self, output: &Output) -> bool {
         let settings = self.context.m_code(output.m);
         let is_compensating = self.pipeline.is_compensating();
-        (self.context.configured).is_put_out_at_once(output, settings, is_compensating)
+        (self.context.configured).is_issued_at_once(output, settings, is_compensating)
     }
 
     /// Issues an output at a standstill, and continues with or without the reset.
-    pub(super) fn put_out_at_standstill(&mut self, output: Output) -> bool {
+    pub(super) fn issue_at_standstill(&mut self, output: Output) -> bool {
         match self.timing(&output) {
-            Timing::AfterMotion => self.put_out_after_motion(output),
-            Timing::WithMotion => self.put_out_with_motion(output),
+            Timing::AfterMotion => self.issue_after_motion(output),
+            Timing::WithMotion => self.issue_with_motion(output),
         }
     }
 
     /// Issues an output at a standstill; returns false if it must wait for the reset of the same M number (D32), or for
     /// room.
-    pub(super) fn put_out_after_motion(&mut self, output: Output) -> bool {
+    pub(super) fn issue_after_motion(&mut self, output: Output) -> bool {
         let since_s = self.context.now_s();
         self.context.view.update(|place| {
             place.executing = output.origin;
@@ -57,12 +57,12 @@ impl CoordinateSystem {
         };
         self.outputs.ledger.put_out(self.context.now(), seq);
         self.drive(RunEvent::Phase(Phase::Reset { seq }));
-        self.carry_out_effects();
+        self.apply_effects();
         true
     }
 
     /// Issues an output while motion continues; returns false if it must wait (D32).
-    pub(super) fn put_out_with_motion(&mut self, output: Output) -> bool {
+    pub(super) fn issue_with_motion(&mut self, output: Output) -> bool {
         let Some(seq) = self.enqueue(output, Timing::WithMotion) else {
             // No motion follows soon: the withheld motion stops here.
             let phase = match self.pipeline.flush() {
@@ -76,25 +76,25 @@ impl CoordinateSystem {
         if self.state.is_running() || self.leaves_thread() {
             self.outputs.ledger.put_out(self.context.now(), seq);
         }
-        self.carry_out_effects();
+        self.apply_effects();
         true
     }
 
     /// Issues an output that had to wait; returns false if it must still wait.
-    pub(super) fn put_out_if_room(&mut self, output: Output, held: bool) -> bool {
+    pub(super) fn issue_if_room(&mut self, output: Output, held: bool) -> bool {
         if self.timing(&output) == Timing::WithMotion {
             self.drive(RunEvent::Phase(Phase::Interpret));
-            return self.put_out_with_motion(output);
+            return self.issue_with_motion(output);
         }
-        !held && self.put_out_after_motion(output)
+        !held && self.issue_after_motion(output)
     }
 
     /// Issues the outputs that a hold has delayed.
-    pub(super) fn put_out_queued(&mut self) {
+    pub(super) fn issue_queued_outputs(&mut self) {
         for seq in self.outputs.queued() {
             self.outputs.ledger.put_out(self.context.now(), seq);
         }
-        self.carry_out_effects();
+        self.apply_effects();
     }
 
     /// Updates from the ledger which output the run waits for.
@@ -132,7 +132,7 @@ impl CoordinateSystem {
     }
 
     /// Publishes and executes the effects of the ledger's last changes, until none is left.
-    pub(super) fn carry_out_effects(&mut self) {
+    pub(super) fn apply_effects(&mut self) {
         loop {
             self.look_at_outputs();
             let effects: Vec<Effect> = self.outputs.ledger.take_effects().collect();
@@ -141,7 +141,7 @@ impl CoordinateSystem {
             }
             self.before_effects(&effects);
             for effect in effects {
-                self.carry_out(effect);
+                self.apply_effect(effect);
                 self.look_at_outputs();
             }
         }
@@ -169,7 +169,7 @@ impl CoordinateSystem {
         }
     }
 
-    fn carry_out(&mut self, effect: Effect) {
+    fn apply_effect(&mut self, effect: Effect) {
         match effect {
             Effect::PendingChanged => {
                 self.context
@@ -225,7 +225,7 @@ impl CoordinateSystem {
     }
 
     /// Ends the wait for handlers that have not returned within their time limit.
-    pub(super) fn look_at_away(&mut self, now: Now) {
+    pub(super) fn expire_handler_waits(&mut self, now: Now) {
         for (seq, m) in self.outputs.take_overdue(now.monotonic_s) {
             self.look_for_handler(seq, m);
         }
@@ -242,11 +242,11 @@ impl CoordinateSystem {
                 .unhandled
                 .unwrap_or(self.context.shared.machine.unhandled)
             {
-                Unhandled::Wait => {}
-                Unhandled::AutoReset => {
+                UnhandledReaction::Wait => {}
+                UnhandledReaction::AutoReset => {
                     self.start_stock_work(notice.seq, StockAction::Nothing, settings.simulated_s);
                 }
-                Unhandled::Alarm => {
+                UnhandledReaction::Alarm => {
                     self.fail_unhandled(notice, &format!("M{:02} has no handler", notice.m));
                 }
             },
@@ -350,7 +350,7 @@ impl CoordinateSystem {
             }
         };
         for seq in waiting {
-            self.outputs.ledger.note_wait(seq, Some(&text));
+            self.outputs.ledger.set_wait_text(seq, Some(&text));
         }
     }
 
@@ -381,16 +381,16 @@ impl CoordinateSystem {
             // an output whose reset is rejected has been closed meanwhile
             let _ = self
                 .outputs
-                .carry_out(&self.context, None, OutputRequest::Reset(reset));
-            self.carry_out_effects();
+                .execute_request(&self.context, None, OutputRequest::Reset(reset));
+            self.apply_effects();
         }
     }
 
-    fn on_closed(&mut self, seq: u64, m: u16, how: Closed) {
+    fn on_closed(&mut self, seq: u64, m: u16, how: OutputOutcome) {
         let origin = self.outputs.made.remove(&seq).map(|(_, origin)| origin);
         let since_s = self.outputs.since_s.remove(&seq);
         match how {
-            Closed::Reset => {
+            OutputOutcome::Reset => {
                 if let Some(since_s) = since_s {
                     let took_s = self.context.now_s() - since_s;
                     self.context
@@ -398,9 +398,9 @@ impl CoordinateSystem {
                         .note_m_code_wait(self.context.number, m, took_s);
                 }
             }
-            Closed::Cancelled(_) => {}
-            Closed::Failed { alarm } => self.raise(alarm.number, alarm.text, origin),
-            Closed::TimedOut => {
+            OutputOutcome::Cancelled(_) => {}
+            OutputOutcome::Failed { alarm } => self.raise(alarm.number, alarm.text, origin),
+            OutputOutcome::TimedOut => {
                 let timeout_ms = (self.context.m_code(m))
                     .and_then(|settings| settings.timeout_ms)
                     .unwrap_or_default();

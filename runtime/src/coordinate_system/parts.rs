@@ -9,8 +9,8 @@ use plc_api::types::run::{RunEndedHow, RunOrder};
 use plc_api::types::state::Execution;
 
 use super::CoordinateSystem;
-use super::run::Run;
-use super::run_state::End;
+use super::run::ActiveRun;
+use super::run_state::EarlyEndCause;
 use crate::journal::Event;
 use crate::order_key::OrderKey;
 use crate::program_store::shown_to_be_called_by;
@@ -20,7 +20,7 @@ const STORING_S: f64 = 0.01;
 
 /// Ordered parts and their progress.
 #[derive(Debug)]
-pub(super) struct Parts {
+pub(super) struct OrderedParts {
     /// Run to which all parts belong.
     pub run_id: String,
     /// Client and lease of the order.
@@ -37,11 +37,11 @@ pub(super) struct Parts {
     hashes: BTreeMap<u16, String>,
 }
 
-impl Parts {
-    pub fn new(order: RunOrder, run: &Run, meta: &CommandMeta) -> Self {
+impl OrderedParts {
+    pub fn new(order: RunOrder, run: &ActiveRun, meta: &CommandMeta) -> Self {
         let texts = run.texts();
         let shown = shown_to_be_called_by(texts, run.main.number);
-        let hash = |number: u16| Some((number, texts.get(&number)?.sum().to_owned()));
+        let hash = |number: u16| Some((number, texts.get(&number)?.checksum().to_owned()));
         Self {
             run_id: run.id.clone(),
             hashes: shown.into_iter().filter_map(hash).collect(),
@@ -59,7 +59,7 @@ impl Parts {
     }
 }
 
-impl Parts {
+impl OrderedParts {
     /// Returns the order that starts this run with its first part.
     pub fn order_of(&self, run_id: &str) -> Option<OrderKey> {
         (self.done == 0 && self.run_id == run_id).then(|| self.order.clone())
@@ -69,14 +69,14 @@ impl Parts {
 impl CoordinateSystem {
     /// Counts a completed part of a run, or the only one. Until the run has ended, the programs of its parts are not
     /// changed.
-    pub(super) fn count_part(&mut self, run: &Run) {
+    pub(super) fn count_part(&mut self, run: &ActiveRun) {
         let (cs, store) = (self.context.number, &self.context.shared.store);
         if let Some(parts) = &mut self.commands.parts {
             parts.done += 1;
             let texts = run.texts();
             for number in self.pipeline.interpreter.called() {
                 if let Some(text) = texts.get(&number) {
-                    let hash = || text.sum().to_owned();
+                    let hash = || text.checksum().to_owned();
                     parts.hashes.entry(number).or_insert_with(hash);
                 }
             }
@@ -89,10 +89,10 @@ impl CoordinateSystem {
     }
 
     /// Refuses a part whose programs differ from those of the parts before it.
-    fn judge_hashes(&self, parts: &Parts) -> Result<(), Refusal> {
+    fn check_part_hashes(&self, parts: &OrderedParts) -> Result<(), Refusal> {
         for (number, hash) in &parts.hashes {
             let now = self.context.shared.store.get(*number);
-            if now.is_none_or(|now| now.sum() != hash) {
+            if now.is_none_or(|now| now.checksum() != hash) {
                 let text = format!(
                     "program {number} was changed since the run began; order the remaining parts again"
                 );
@@ -105,7 +105,7 @@ impl CoordinateSystem {
     /// Returns true if no known condition delays the next part.
     pub(super) fn part_is_due(&self) -> bool {
         let parts = self.commands.parts.as_ref();
-        let is_due = |parts: &Parts| parts.waits_for.is_none() && parts.again_s.is_none();
+        let is_due = |parts: &OrderedParts| parts.waits_for.is_none() && parts.again_s.is_none();
         self.state.is_idle() && parts.is_some_and(is_due)
     }
 
@@ -124,7 +124,7 @@ impl CoordinateSystem {
         }
         let Some(parts) = &self.commands.parts else { return };
         let (meta, run_id) = (parts.meta.clone(), parts.run_id.clone());
-        let are_same = self.judge_hashes(parts);
+        let are_same = self.check_part_hashes(parts);
         if self.state.state_word() != (Execution::ProgramCompleted, None) {
             return self.end_parts(RunEndedHow::Replaced, "");
         }
@@ -188,12 +188,12 @@ impl CoordinateSystem {
     }
 
     /// Ends the order because its run, or the remaining parts, were ended early.
-    pub(super) fn end_parts_by(&mut self, why: End) {
+    pub(super) fn end_parts_by(&mut self, why: EarlyEndCause) {
         let how = match why {
-            End::Stop => RunEndedHow::Stopped,
-            End::Abort | End::JogEnded(_) => RunEndedHow::Aborted,
-            End::Reset { .. } => RunEndedHow::Reset,
-            End::Alarm => RunEndedHow::Alarm,
+            EarlyEndCause::Stop => RunEndedHow::Stopped,
+            EarlyEndCause::Abort | EarlyEndCause::JogEnded(_) => RunEndedHow::Aborted,
+            EarlyEndCause::Reset { .. } => RunEndedHow::Reset,
+            EarlyEndCause::Alarm => RunEndedHow::Alarm,
         };
         self.end_parts(how, "");
     }

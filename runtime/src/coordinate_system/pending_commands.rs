@@ -12,8 +12,8 @@ use tandem_syntax::diagnostics::HANDLER_REFUSES;
 use tokio::sync::oneshot;
 
 use super::context::Context;
-use super::parts::Parts;
-use super::programs::{Texts, place_of};
+use super::parts::OrderedParts;
+use super::programs::{Texts, program_prefix};
 use crate::program_store::StoredProgram;
 
 /// Maximum number of commands that wait for a transition to end. A further one is refused.
@@ -28,7 +28,7 @@ const TEXT_MAX: usize = 200;
 pub(super) type Reply = oneshot::Sender<Result<Answer, Refusal>>;
 
 /// Command that is still to be validated.
-pub(super) struct Deferred {
+pub(super) struct DeferredCommand {
     /// Sequence number among all requests to this coordinate system.
     pub order: u64,
     pub command: Command,
@@ -37,7 +37,7 @@ pub(super) struct Deferred {
     pub reply: Reply,
 }
 
-impl Deferred {
+impl DeferredCommand {
     /// Refuses the command.
     pub fn refuse(self, context: &Context, refusal: Refusal) {
         // The caller may have left; the reply is published, too.
@@ -80,7 +80,7 @@ impl Awaiting {
 
 /// Failure that prevented the effect of an accepted command.
 #[derive(Debug)]
-pub(super) struct Failure {
+pub(super) struct CommandFailure {
     /// Code in the reply.
     pub code: &'static str,
     /// Text for the operator.
@@ -91,18 +91,18 @@ pub(super) struct Failure {
 
 /// Load or start that waits for the answers of handlers.
 pub(super) struct Validation {
-    pub command: Deferred,
+    pub command: DeferredCommand,
     pub main: u16,
     pub texts: Texts,
     /// When the wait for answers ends, seconds since the start.
     pub deadline_s: f64,
-    pub asked: Vec<Asked>,
+    pub asked: Vec<MCodeValidation>,
     pub refusals: Vec<ProgramDiagnostic>,
     pub not_asked: usize,
 }
 
 /// One M code with its parameters.
-pub(super) struct Asked {
+pub(super) struct MCodeValidation {
     pub m: u16,
     pub request: Validate,
     /// Handlers whose answer is pending.
@@ -122,7 +122,7 @@ impl Validation {
         let why = result.text.as_deref().unwrap_or("no reason given");
         let why: String = why.chars().take(TEXT_MAX).collect();
         let (m, line) = (asked.m, asked.request.line);
-        let place = place_of(asked.request.program, self.main);
+        let place = program_prefix(asked.request.program, self.main);
         self.refusals.push(ProgramDiagnostic {
             code: HANDLER_REFUSES.code.to_owned(),
             severity: DiagnosticSeverity::Error,
@@ -176,7 +176,7 @@ impl Validation {
 #[derive(Default)]
 pub(super) struct Commands {
     /// Commands to be validated, in order.
-    pub deferred: VecDeque<Deferred>,
+    pub deferred: VecDeque<DeferredCommand>,
     pub awaiting: Vec<Awaiting>,
     /// Order of the last stop or abort, which has overtaken the waiting commands.
     pub stopped_at: u64,
@@ -191,7 +191,7 @@ pub(super) struct Commands {
     /// The program and those that it calls, with their text at the load.
     pub texts: Texts,
     /// Parts of the run that are still to be made.
-    pub parts: Option<Parts>,
+    pub parts: Option<OrderedParts>,
 }
 
 impl Commands {
@@ -199,7 +199,7 @@ impl Commands {
     ///
     /// # Errors
     /// Returns the command as an error if too many commands wait.
-    pub fn defer(&mut self, command: Deferred) -> Result<(), Box<Deferred>> {
+    pub fn defer(&mut self, command: DeferredCommand) -> Result<(), Box<DeferredCommand>> {
         if self.deferred.len() >= DEFERRED_MAX {
             return Err(Box::new(command));
         }
@@ -208,7 +208,7 @@ impl Commands {
     }
 
     /// Refuses a motion command that was sent before a stop or abort and overtaken by it.
-    pub fn judge_order(&self, verb: Verb, order: u64) -> Result<(), Refusal> {
+    pub fn check_order(&self, verb: Verb, order: u64) -> Result<(), Refusal> {
         if verb.moves() && order < self.stopped_at {
             let text = "a later stop or abort was executed before this command; send the command again";
             return Err(Refusal::new(RefusalCode::NotAllowed, text));
@@ -228,7 +228,7 @@ impl Commands {
         &mut self,
         context: &Context,
         is_it: &dyn Fn(&Awaiting) -> bool,
-        failure: Option<&Failure>,
+        failure: Option<&CommandFailure>,
     ) {
         let answered = self.awaiting.extract_if(.., |awaiting| is_it(awaiting));
         for awaiting in answered {
@@ -258,8 +258,8 @@ impl Commands {
 mod tests {
     use super::*;
 
-    fn command(order: u64) -> Deferred {
-        Deferred {
+    fn command(order: u64) -> DeferredCommand {
+        DeferredCommand {
             order,
             command: Command::Start,
             meta: CommandMeta::default(),
@@ -282,11 +282,11 @@ mod tests {
     #[test]
     fn what_was_to_move_before_a_stop_that_has_passed_it_is_refused() {
         let mut commands = Commands::default();
-        assert_eq!(commands.judge_order(Verb::Start, 4), Ok(()));
+        assert_eq!(commands.check_order(Verb::Start, 4), Ok(()));
         commands.stopped_at = 5;
-        let refusal = commands.judge_order(Verb::Start, 4).unwrap_err();
+        let refusal = commands.check_order(Verb::Start, 4).unwrap_err();
         assert_eq!(refusal.code, RefusalCode::NotAllowed);
-        assert_eq!(commands.judge_order(Verb::Reset, 4), Ok(()), "it moves nothing");
-        assert_eq!(commands.judge_order(Verb::Start, 6), Ok(()));
+        assert_eq!(commands.check_order(Verb::Reset, 4), Ok(()), "it moves nothing");
+        assert_eq!(commands.check_order(Verb::Start, 6), Ok(()));
     }
 }

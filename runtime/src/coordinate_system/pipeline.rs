@@ -16,8 +16,8 @@ use tandem_path::PathStage;
 use tandem_syntax::NcProgram;
 
 use super::line_search::{LineArrival, LineEntry};
-use super::notes::{Change, Notes};
-use crate::planned::{OnPlan, Planned};
+use super::notes::{Notes, StateAfterSegment};
+use crate::planned::{OnPlan, PlannedMotion};
 
 /// Stages of a coordinate system, and the profiles that are ready for the servo.
 #[derive(Debug)]
@@ -33,9 +33,9 @@ pub(crate) struct Pipeline {
     /// Changes and block starts ahead of the motion.
     notes: Notes,
     /// The change noted last.
-    last: Change,
+    last: StateAfterSegment,
     /// State in force for the running motion.
-    pub in_force: Change,
+    pub in_force: StateAfterSegment,
     /// The programmed block noted last, by the interpreter's count.
     noted_step: Option<u64>,
     /// True if the tool is in a thread after all profiles handed out so far have run.
@@ -49,7 +49,7 @@ pub(crate) struct Pipeline {
 pub(crate) struct InForce {
     modal: ModalState,
     path: PathStage,
-    change: Change,
+    change: StateAfterSegment,
 }
 
 /// Item that was not yet passed to the path stage.
@@ -66,7 +66,7 @@ impl Pipeline {
     pub fn new(settings: &CoordinateSystemSettings, dialect: &'static Dialect, at: MachinePosition) -> Self {
         let interpreter = Interpreter::new(settings, dialect);
         let path = PathStage::new(settings, at);
-        let last = Change {
+        let last = StateAfterSegment {
             after_segment: 0,
             modal: interpreter.modal().clone(),
             transform: *path.transform(),
@@ -173,11 +173,11 @@ impl Pipeline {
         let item = self.set_aside.pop_front()?;
         let mut planned = Ok(());
         if let Some(block) = &item.block {
-            self.note(&item.modal, &item.stack);
+            self.record_change(&item.modal, &item.stack);
             self.note_block(item.step);
             planned = self.block(block);
         }
-        self.note(&item.modal, &item.stack);
+        self.record_change(&item.modal, &item.stack);
         if planned.is_err() {
             self.set_aside.clear();
         }
@@ -222,8 +222,8 @@ impl Pipeline {
             self.notes.settle(segment.serial, first);
             self.planner.push(segment, &mut self.ready)?;
             if let Some(watched) = &self.watched {
-                tell_segment(watched, self.planner.last_segment(), segment);
-                tell_profiles(watched, self.ready.iter().skip(known));
+                report_segment(watched, self.planner.last_segment(), segment);
+                report_profiles(watched, self.ready.iter().skip(known));
             }
             Ok(())
         });
@@ -238,7 +238,7 @@ impl Pipeline {
         let known = self.ready.len();
         self.planner.flush(&mut self.ready);
         if let Some(watched) = &self.watched {
-            tell_profiles(watched, self.ready.iter().skip(known));
+            report_profiles(watched, self.ready.iter().skip(known));
         }
     }
 
@@ -251,15 +251,15 @@ impl Pipeline {
             return;
         }
         let (modal, stack) = (modal.clone(), callers(&self.interpreter).collect());
-        self.note(&modal, &stack);
+        self.record_change(&modal, &stack);
     }
 
-    fn note(&mut self, modal: &Modal, stack: &Arc<[CallSite]>) {
+    fn record_change(&mut self, modal: &Modal, stack: &Arc<[CallSite]>) {
         let transform = *self.path.transform();
         if *modal == self.last.modal && transform == self.last.transform && *stack == self.last.stack {
             return;
         }
-        self.last = Change {
+        self.last = StateAfterSegment {
             after_segment: self.next_segment() - 1,
             modal: modal.clone(),
             transform,
@@ -292,7 +292,7 @@ impl Pipeline {
     }
 
     /// Returns the next change that applies before a segment begins to run, in order.
-    pub fn changed_before(&mut self, segment: u64) -> Option<Change> {
+    pub fn changed_before(&mut self, segment: u64) -> Option<StateAfterSegment> {
         let change = self.notes.changed_before(segment)?;
         self.in_force = change.clone();
         Some(change)
@@ -345,7 +345,7 @@ impl Pipeline {
         self.restart(epoch, at, true);
         self.interpreter.restore(before.modal);
         self.path.restore_transform(at, &before.path);
-        self.in_force = Change {
+        self.in_force = StateAfterSegment {
             after_segment: self.planner.last_segment(),
             ..before.change
         };
@@ -356,7 +356,7 @@ impl Pipeline {
     pub fn start_from(&mut self, entry: LineEntry, epoch: u32) -> LineArrival {
         let LineEntry { interpreter, arrival } = entry;
         self.restart(epoch, self.path.position(), false);
-        self.in_force = Change {
+        self.in_force = StateAfterSegment {
             after_segment: self.next_segment() - 1,
             modal: interpreter.modal().clone(),
             transform: *arrival.path.transform(),
@@ -452,7 +452,7 @@ pub(crate) fn callers(interpreter: &Interpreter) -> impl Iterator<Item = CallSit
         })
 }
 
-fn tell_segment(
+fn report_segment(
     (on_plan, settings): &(OnPlan, Box<CoordinateSystemSettings>),
     number: u64,
     segment: &Segment,
@@ -461,7 +461,7 @@ fn tell_segment(
         SegmentMotion::Feed { path, feed } => speed_limit(settings, path, *feed).ok(),
         _ => None,
     };
-    let planned = Planned::Segment {
+    let planned = PlannedMotion::Segment {
         number,
         segment,
         speed_limit,
@@ -469,11 +469,11 @@ fn tell_segment(
     on_plan.call(settings.number, planned);
 }
 
-fn tell_profiles<'a>(
+fn report_profiles<'a>(
     (on_plan, settings): &(OnPlan, Box<CoordinateSystemSettings>),
     profiles: impl Iterator<Item = &'a Profile>,
 ) {
-    profiles.for_each(|profile| on_plan.call(settings.number, Planned::Profile(profile)));
+    profiles.for_each(|profile| on_plan.call(settings.number, PlannedMotion::Profile(profile)));
 }
 
 #[cfg(test)]
@@ -529,7 +529,7 @@ mod tests {
 
     /// Returns the first segment for which the condition holds, as reported to watchers after the whole program is
     /// planned.
-    fn in_force_from(text: &str, is_it: impl Fn(&Change) -> bool) -> Option<u64> {
+    fn in_force_from(text: &str, is_it: impl Fn(&StateAfterSegment) -> bool) -> Option<u64> {
         let mut found = None;
         with_program(text, |pipeline, inputs| {
             while !matches!(pipeline.next(inputs).unwrap(), Item::End(_)) {}
@@ -540,17 +540,18 @@ mod tests {
         found
     }
 
-    fn has_offset(change: &Change) -> bool {
+    fn has_offset(change: &StateAfterSegment) -> bool {
         change.transform.work_offset != AxisVector::ZERO
     }
 
     #[test]
     fn modal_state_changes_with_the_moving_block_despite_a_held_segment() {
         let text = "G90 G01 X10 F3000\nY10 F6000\nG54 G00 Z5\nM30\n";
-        let feedrate_is = |f: f64| move |change: &Change| (change.modal.feedrate_mm_min - f).abs() < 1e-9;
+        let feedrate_is =
+            |f: f64| move |change: &StateAfterSegment| (change.modal.feedrate_mm_min - f).abs() < 1e-9;
         assert_eq!(in_force_from(text, feedrate_is(3000.0)), Some(1));
         assert_eq!(in_force_from(text, feedrate_is(6000.0)), Some(2));
-        let rapid = |change: &Change| change.modal.groups().any(|group| group == ("01", "G00"));
+        let rapid = |change: &StateAfterSegment| change.modal.groups().any(|group| group == ("01", "G00"));
         assert_eq!(in_force_from(text, rapid), Some(3));
         assert_eq!(in_force_from(text, has_offset), Some(3));
     }

@@ -10,13 +10,13 @@ use tandem_model::{Alarm, Origin};
 use plc_api::types::state::Execution;
 
 use super::CoordinateSystem;
-use super::run::Kind;
+use super::run::ActiveRunKind;
 use super::run_state::{Phase, RunEvent, Then};
 use crate::journal::{Event, RunEnd};
 
 /// Limits of the work done in one turn.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Share {
+pub(super) struct TurnLimits {
     /// True if commands are executed. Reason: a load checks whole programs, and a caller must not wait for that.
     pub commands: bool,
     /// Maximum number of steps of the run: items taken from the interpreter, and their consequences.
@@ -25,9 +25,9 @@ pub(super) struct Share {
     blocks: u64,
 }
 
-impl Share {
+impl TurnLimits {
     /// Limits for the task, so that a command never waits long for it.
-    pub const OF_TASK: Share = Share {
+    pub const OF_TASK: TurnLimits = TurnLimits {
         commands: true,
         items: 256,
         blocks: 2 * STEPS_IN_CHAIN_MAX as u64,
@@ -35,7 +35,7 @@ impl Share {
 
     /// Limits for the immediate consequences of a request, since the caller has other work to do. Reason: an output
     /// takes 4 items.
-    pub const OF_CALLER: Share = Share {
+    pub const OF_CALLER: TurnLimits = TurnLimits {
         commands: false,
         items: 16,
         blocks: 64,
@@ -73,7 +73,7 @@ impl Then {
 
 impl CoordinateSystem {
     /// Prepares as much as possible, within the limits of `share`. Returns true if more can be done at once.
-    pub(super) fn prepare(&mut self, share: Share) -> bool {
+    pub(super) fn prepare(&mut self, share: TurnLimits) -> bool {
         if self.is_replanning() {
             self.hand_over();
             return false;
@@ -140,7 +140,7 @@ impl CoordinateSystem {
             }
             Phase::Room(output) => {
                 let output = *output;
-                self.put_out_if_room(output, held)
+                self.issue_if_room(output, held)
             }
             Phase::Paused(_) => false,
             Phase::LastOutputs => {
@@ -206,8 +206,8 @@ impl CoordinateSystem {
         match item {
             Ok(Item::Block(_)) => {}
             Ok(Item::Warning(origin, text)) => self.context.warn(PROGRAM_WARNING.number, origin, text),
-            Ok(Item::Output(output)) if self.is_put_out_at_once(&output) => {
-                self.put_out_with_motion(output);
+            Ok(Item::Output(output)) if self.is_issued_at_once(&output) => {
+                self.issue_with_motion(output);
             }
             Ok(Item::Output(output)) => self.stand_still_then(Then::Output(output)),
             Ok(Item::Stop(stop)) => self.stand_still_then(Then::Stop(stop)),
@@ -269,8 +269,8 @@ impl CoordinateSystem {
             Then::Interpret => {}
             Then::BlockEnd => self.on_block_ended(),
             Then::Output(output) => {
-                self.pipeline.planner.bar_way_back();
-                return self.put_out_at_standstill(output);
+                self.pipeline.planner.forbid_retrace();
+                return self.issue_at_standstill(output);
             }
             Then::Stop(stop) if stop.optional && !self.inputs.optional_stop => {}
             Then::Stop(stop) => {
@@ -315,19 +315,19 @@ impl CoordinateSystem {
         let Some(mut run) = self.run.take() else { return };
         self.context.view.update(|place| place.run = None);
         let into = match run.kind {
-            Kind::Program => Execution::ProgramCompleted,
-            Kind::Manual | Kind::Home | Kind::Jog(_) => Execution::Ready,
+            ActiveRunKind::Program => Execution::ProgramCompleted,
+            ActiveRunKind::Manual | ActiveRunKind::Home | ActiveRunKind::Jog(_) => Execution::Ready,
         };
         self.drive(RunEvent::Completed(into));
         self.past.jogs.remember(&run.kind, self.context.now_s());
-        self.past.manual_goes_on |= matches!(run.kind, Kind::Manual);
+        self.past.manual_goes_on |= matches!(run.kind, ActiveRunKind::Manual);
         if let Some(restores) = run.restores.take() {
             self.restore_after_macro(*restores);
         }
         self.publish_carried();
         let end = RunEnd::Completed { outcome: into };
         self.context.record(Event::End(end));
-        if matches!(run.kind, Kind::Program) {
+        if matches!(run.kind, ActiveRunKind::Program) {
             self.count_part(&run);
         }
         self.answer_completed_run(&run);

@@ -7,7 +7,7 @@ use plc_api::types::program::ProgramDiagnostic;
 use plc_api::types::request::{Refusal, RefusalCode};
 
 use super::context::Context;
-use crate::declared::{Declared, wrong_params};
+use crate::declared::{SourcedDeclaration, wrong_params};
 use crate::program_store::{StoredProgram, called_by, locate, shown_to_be_called_by};
 use crate::sequence::stock;
 
@@ -46,7 +46,7 @@ impl Context {
             }
             let here = program.check_in(&self.configured.settings);
             m_codes.extend(here.m_codes.iter().copied());
-            let place = place_of(program.number, number);
+            let place = program_prefix(program.number, number);
             let wrong = self.wrong_params(program, &here.m_codes);
             errors.extend(here.errors.iter().chain(&wrong).map(|found| ProgramDiagnostic {
                 message: format!("{place}{}", found.message),
@@ -55,7 +55,7 @@ impl Context {
         }
         if calls.len() > 1 {
             for (called, found) in main.check_called(&self.configured.settings, &all) {
-                let message = format!("{}{}", place_of(called, number), found.message);
+                let message = format!("{}{}", program_prefix(called, number), found.message);
                 let found = ProgramDiagnostic { message, ..found };
                 if !errors.contains(&found) {
                     errors.push(found);
@@ -89,7 +89,7 @@ impl Context {
     /// configuration.
     fn wrong_params(&self, program: &StoredProgram, m_codes: &[u16]) -> Vec<ProgramDiagnostic> {
         let each = m_codes.iter();
-        let declared: Vec<Declared> = each
+        let declared: Vec<SourcedDeclaration> = each
             .flat_map(|m| self.shared.declared_of(self.number, *m))
             .collect();
         let found = wrong_params(&program.tree, program.dialect, &declared);
@@ -161,7 +161,7 @@ impl Context {
 }
 
 /// Returns the prefix of a message about a program: for a called program, the program's number.
-pub(super) fn place_of(number: u16, main: u16) -> String {
+pub(super) fn program_prefix(number: u16, main: u16) -> String {
     if number == main {
         return String::new();
     }

@@ -8,7 +8,7 @@ use plc_api::types::Timestamp;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::question::Question;
 use plc_api::types::state::{
-    Captured, Execution, Modal, OptionalSkip, Reason, Spindle, State, Switch, Tool, WaitingOn,
+    CapturedPositions, Execution, Modal, OptionalSkip, Reason, Spindle, State, Switch, Tool, WaitingOn,
 };
 use plc_api::types::topic::{CsTopic, Topic};
 use tandem_model::profile::TimeBase;
@@ -22,7 +22,7 @@ use crate::program_store::StoredProgram;
 
 /// The values published last.
 #[derive(Debug, Default)]
-pub(super) struct Published {
+pub(super) struct PublishedValues {
     pub state: Option<Arc<Message>>,
     pub start: PublishedStart,
     /// Start of the present state of the output that the run waits for.
@@ -36,7 +36,7 @@ pub(super) struct Published {
     pub captured: [f64; AXES_MAX],
 }
 
-impl Published {
+impl PublishedValues {
     fn state(&self) -> Option<&State> {
         match &self.state.as_ref()?.payload {
             Payload::State(state) => Some(state),
@@ -68,7 +68,7 @@ impl CoordinateSystem {
             wait_state,
             waiting_on,
             program: self.commands.program,
-            hash: main.as_ref().map(|main| main.sum().to_owned()),
+            hash: main.as_ref().map(|main| main.checksum().to_owned()),
             o_number: main.and_then(|main| main.tree.number()),
             run_id: self.past.last_id.clone(),
             run_kind: self.run.as_ref().map(|run| run.kind.run_kind()),
@@ -201,7 +201,7 @@ impl CoordinateSystem {
 
     /// Publishes the rest position of the motors after a G31, and which of them captured that position (D41).
     pub(super) fn publish_captured(&mut self, position: MachinePosition, captured: AxisSet) {
-        let captured = Captured {
+        let captured = CapturedPositions {
             run_id: self.run.as_ref().map(|run| run.id.clone()),
             line: self.context.view.executing().line,
             ..self.captured_of(position, captured)
@@ -215,18 +215,18 @@ impl CoordinateSystem {
     }
 
     /// Returns the captured positions, ascending by motor number.
-    fn captured_of(&self, position: MachinePosition, captured: AxisSet) -> Captured {
+    fn captured_of(&self, position: MachinePosition, captured: AxisSet) -> CapturedPositions {
         let motors = &self.context.configured.settings.motors;
         let mut each: Vec<(u16, Axis)> = Axis::ALL
             .into_iter()
             .filter_map(|axis| Some((motors[axis.index()].as_ref()?.number, axis)))
             .collect();
         each.sort_unstable_by_key(|(number, _)| *number);
-        Captured {
+        CapturedPositions {
             motors: each.iter().map(|(number, _)| *number).collect(),
             positions: each.iter().map(|(_, axis)| position.0[*axis]).collect(),
             captured: each.iter().map(|(_, axis)| captured.contains(*axis)).collect(),
-            ..Captured::default()
+            ..CapturedPositions::default()
         }
     }
 

@@ -68,7 +68,10 @@ impl CoordinateSystem {
         self.pipeline.planner.set_feed_override(factor);
         let slew_s = self.context.configured.settings.override_slew_ms / 1000.0 * (before - factor).max(0.0);
         let ahead_s = self.replanning.ahead_s * before + slew_s * f64::midpoint(before, factor);
-        let place = self.run.as_ref().and(self.servo.place(ahead_s, &self.pipeline));
+        let place = self
+            .run
+            .as_ref()
+            .and(self.servo.point_ahead(ahead_s, &self.pipeline));
         let new = place.map(|place| (place, self.pipeline.planner.replan(place, false)));
         match new.filter(|(_, new)| new.can_begin()) {
             Some((place, mut new)) => {
@@ -128,7 +131,7 @@ impl CoordinateSystem {
         self.replanning.held_at = Some(at);
     }
 
-    pub(super) fn judge_back_trace(&self, on: bool) -> Result<(), Refusal> {
+    pub(super) fn check_back_trace(&self, on: bool) -> Result<(), Refusal> {
         let refused = |text: &str| Err(Refusal::new(RefusalCode::NotAllowed, text));
         if !on {
             return if self.state.retraces() {
@@ -140,7 +143,7 @@ impl CoordinateSystem {
         let has_way_back = self
             .replanning
             .held_at
-            .is_some_and(|at| self.pipeline.planner.has_way_back(at));
+            .is_some_and(|at| self.pipeline.planner.can_retrace(at));
         if !has_way_back {
             return refused(
                 "back trace cannot go back from here: it follows only motion with G500, and does not pass \

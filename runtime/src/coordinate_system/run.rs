@@ -18,9 +18,9 @@ use crate::command_memory::COMMAND_MEMORY;
 use crate::program_store::StoredProgram;
 
 /// Run of the loaded program, of manual data input, or of a motion by hand.
-pub(super) struct Run {
+pub(super) struct ActiveRun {
     pub id: String,
-    pub kind: Kind,
+    pub kind: ActiveRunKind,
     /// The main program; number 0 if there is none.
     pub main: Arc<StoredProgram>,
     pub programs: BTreeMap<u16, Arc<NcProgram>>,
@@ -36,7 +36,7 @@ pub(super) struct Run {
     pub restores: Option<Box<Restores>>,
     /// The first G31 that ended without a touch.
     pub missed_touch: Option<Origin>,
-    pub steps: Steps,
+    pub steps: SingleBlockState,
     pub at_rest: AtRest,
     /// Set until a run that begins at a line has arrived there.
     pub arrival: Option<Box<LineArrival>>,
@@ -52,9 +52,9 @@ pub(super) struct Restores {
 
 static NO_TEXTS: BTreeMap<u16, Arc<StoredProgram>> = BTreeMap::new();
 
-impl Run {
+impl ActiveRun {
     pub fn is_jog(&self) -> bool {
-        matches!(self.kind, Kind::Jog(_))
+        matches!(self.kind, ActiveRunKind::Jog(_))
     }
 
     /// Returns the program of the run and those that it may call; empty for a run by hand.
@@ -110,15 +110,15 @@ pub(super) struct Jogs {
 
 impl Jogs {
     /// Remembers an ended jog, so that a late refresh does not start it again.
-    pub fn remember(&mut self, ended: &Kind, now_s: f64) {
-        if let Kind::Jog(jog) = ended {
+    pub fn remember(&mut self, ended: &ActiveRunKind, now_s: f64) {
+        if let ActiveRunKind::Jog(jog) = ended {
             self.forget(now_s);
             self.ended.push_back((jog.refresh_id.clone(), now_s));
         }
     }
 
     /// Marks the jog with this name as ended, although it has not begun.
-    pub fn end(&mut self, user: &str, refresh_id: &str, now_s: f64) {
+    pub fn mark_ended(&mut self, user: &str, refresh_id: &str, now_s: f64) {
         self.forget(now_s);
         if self.has_ended(refresh_id, now_s) {
             return;
@@ -160,7 +160,7 @@ fn is_remembered(at_s: f64, now_s: f64) -> bool {
 
 /// Kind of a run.
 #[derive(Debug)]
-pub(super) enum Kind {
+pub(super) enum ActiveRunKind {
     /// The loaded program.
     Program,
     /// Manual data input.
@@ -169,14 +169,14 @@ pub(super) enum Kind {
     Jog(Jog),
 }
 
-impl Kind {
+impl ActiveRunKind {
     /// Returns the kind as published in the state.
     pub fn run_kind(&self) -> RunKind {
         match self {
-            Kind::Program => RunKind::Program,
-            Kind::Manual => RunKind::Mdi,
-            Kind::Home => RunKind::Home,
-            Kind::Jog(_) => RunKind::Jog,
+            ActiveRunKind::Program => RunKind::Program,
+            ActiveRunKind::Manual => RunKind::Mdi,
+            ActiveRunKind::Home => RunKind::Home,
+            ActiveRunKind::Jog(_) => RunKind::Jog,
         }
     }
 }
@@ -198,7 +198,7 @@ pub(super) struct Jog {
 
 /// Single block of one run.
 #[derive(Debug, Default)]
-pub(super) struct Steps {
+pub(super) struct SingleBlockState {
     /// True if items of a block have been taken, and the block has not ended.
     pub in_block: bool,
     /// Segments up to this one were planned before single block was switched on.
@@ -257,9 +257,9 @@ impl AtRest {
 mod tests {
     use super::*;
 
-    fn jog(refresh_id: &str) -> Kind {
+    fn jog(refresh_id: &str) -> ActiveRunKind {
         let machine = crate::Config::demo().resolve().unwrap();
-        Kind::Jog(Jog {
+        ActiveRunKind::Jog(Jog {
             refresh_id: refresh_id.to_owned(),
             axis: Axis::X,
             distance: None,
@@ -286,9 +286,9 @@ mod tests {
     #[test]
     fn ends_of_jogs_that_have_not_begun_are_bounded_for_each_user() {
         let mut jogs = Jogs::default();
-        jogs.end("anna", "a", 0.0);
+        jogs.mark_ended("anna", "a", 0.0);
         for n in 0..=ENDS_MAX {
-            jogs.end("bert", &n.to_string(), 0.0);
+            jogs.mark_ended("bert", &n.to_string(), 0.0);
         }
         assert!(
             jogs.has_ended("a", 0.0),
@@ -326,9 +326,9 @@ mod tests {
     #[test]
     fn only_the_end_of_a_jog_is_remembered() {
         for (ended, is_known) in [
-            (Kind::Program, false),
-            (Kind::Manual, false),
-            (Kind::Home, false),
+            (ActiveRunKind::Program, false),
+            (ActiveRunKind::Manual, false),
+            (ActiveRunKind::Home, false),
             (jog(""), true),
         ] {
             let mut jogs = Jogs::default();

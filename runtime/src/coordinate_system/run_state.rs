@@ -20,7 +20,7 @@ pub(super) enum RunState {
     Ending {
         /// The servo's epoch that begins at rest.
         epoch: u32,
-        why: End,
+        why: EarlyEndCause,
         /// State word and reason until the machine rests.
         from: StateWord,
     },
@@ -42,14 +42,14 @@ pub(super) enum Hold {
 pub(super) struct Progress {
     phase: Phase,
     /// The output whose reset the program needs before anything else happens.
-    awaited: Option<Awaited>,
+    awaited: Option<AwaitedOutput>,
     /// During a back trace: the segment with which it ends.
     back_to: Option<u64>,
 }
 
 /// An open output that the program waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Awaited {
+pub(super) struct AwaitedOutput {
     pub seq: u64,
     /// The handler that had claimed it is lost.
     pub is_lost: bool,
@@ -103,7 +103,7 @@ pub(super) enum Cause {
 
 /// Cause that ends a run early.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum End {
+pub(super) enum EarlyEndCause {
     /// The stop command.
     Stop,
     /// The abort command.
@@ -129,25 +129,27 @@ pub(super) enum JogStop {
     Held(Cause),
 }
 
-impl End {
+impl EarlyEndCause {
     /// Returns the reason with which its outputs are cancelled.
     pub fn cancel_reason(self) -> CancelReason {
         match self {
-            End::Stop => CancelReason::Stop,
-            End::Abort | End::JogEnded(_) => CancelReason::Abort,
-            End::Reset { .. } => CancelReason::Reset,
-            End::Alarm => CancelReason::Alarm,
+            EarlyEndCause::Stop => CancelReason::Stop,
+            EarlyEndCause::Abort | EarlyEndCause::JogEnded(_) => CancelReason::Abort,
+            EarlyEndCause::Reset { .. } => CancelReason::Reset,
+            EarlyEndCause::Alarm => CancelReason::Alarm,
         }
     }
 
     /// Returns the state word and reason at rest.
     pub fn at_rest(self) -> StateWord {
         match self {
-            End::Stop => (Execution::Stopped, Some(Reason::Stop)),
-            End::Abort => (Execution::Stopped, Some(Reason::Aborted)),
-            End::Alarm => (Execution::Stopped, Some(Reason::Alarm)),
-            End::Reset { has_program: false } => (Execution::Stopped, Some(Reason::NoProgram)),
-            End::Reset { has_program: true } | End::JogEnded(_) => (Execution::Ready, None),
+            EarlyEndCause::Stop => (Execution::Stopped, Some(Reason::Stop)),
+            EarlyEndCause::Abort => (Execution::Stopped, Some(Reason::Aborted)),
+            EarlyEndCause::Alarm => (Execution::Stopped, Some(Reason::Alarm)),
+            EarlyEndCause::Reset { has_program: false } => (Execution::Stopped, Some(Reason::NoProgram)),
+            EarlyEndCause::Reset { has_program: true } | EarlyEndCause::JogEnded(_) => {
+                (Execution::Ready, None)
+            }
         }
     }
 
@@ -158,7 +160,7 @@ impl End {
 
     fn transition(self) -> Transition {
         match self {
-            End::Reset { .. } => Transition::Resetting,
+            EarlyEndCause::Reset { .. } => Transition::Resetting,
             _ => Transition::Stopping,
         }
     }
@@ -178,11 +180,11 @@ pub(super) enum RunEvent {
     /// The motion goes back along the path, to the end of this segment.
     BackTrace { to: u64 },
     /// The run must end early; the servo rests with this epoch.
-    End { why: End, epoch: u32 },
+    End { why: EarlyEndCause, epoch: u32 },
     /// Preparation has reached this phase.
     Phase(Phase),
     /// The phase waits for this output.
-    Awaited(Option<Awaited>),
+    Awaited(Option<AwaitedOutput>),
     /// The servo has passed the end of a segment.
     Passed { segment: u64 },
     /// The servo rests under a hold. `behind_block` is true for a hold at the end of a block, armed by single block.
@@ -209,9 +211,9 @@ pub(super) enum RunAction {
     /// Single block applies from the next block on.
     BeginBlock,
     /// Outputs are cancelled, and the machine stops with this epoch.
-    End { why: End, epoch: u32 },
+    End { why: EarlyEndCause, epoch: u32 },
     /// The machine rests after the end of the run.
-    Ended(End),
+    Ended(EarlyEndCause),
 }
 
 impl Cause {
@@ -318,7 +320,7 @@ impl RunState {
     }
 
     /// Returns the output whose reset the program needs before anything else happens.
-    pub fn awaited(&self) -> Option<Awaited> {
+    pub fn awaited(&self) -> Option<AwaitedOutput> {
         self.progress()?.awaited
     }
 
@@ -376,14 +378,14 @@ impl RunState {
             (
                 state @ RunState::Idle(_),
                 RunEvent::End {
-                    why: End::Stop | End::Abort | End::JogEnded(_),
+                    why: EarlyEndCause::Stop | EarlyEndCause::Abort | EarlyEndCause::JogEnded(_),
                     ..
                 },
             )
             | (
                 state @ RunState::Ending { .. },
                 RunEvent::End {
-                    why: End::Stop | End::JogEnded(_),
+                    why: EarlyEndCause::Stop | EarlyEndCause::JogEnded(_),
                     ..
                 },
             ) => state,

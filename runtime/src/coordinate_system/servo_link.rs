@@ -107,7 +107,7 @@ impl ServoLink {
     }
 
     /// Returns a point of the planned motion, at least `ahead_s` of plan time ahead of the current position.
-    pub fn place(&self, ahead_s: f64, pipeline: &Pipeline) -> Option<PathPlace> {
+    pub fn point_ahead(&self, ahead_s: f64, pipeline: &Pipeline) -> Option<PathPlace> {
         let reading = self.handle.readings.read();
         let from = PathPlace {
             segment: reading.segment,

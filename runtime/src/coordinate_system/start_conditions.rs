@@ -12,7 +12,7 @@ use plc_api::types::topic::CsTopic;
 
 use super::CoordinateSystem;
 use super::view::Prediction;
-use crate::config::Unhandled;
+use crate::config::UnhandledReaction;
 use crate::program_store::StoredProgram;
 
 /// The conditions published last, with the inputs from which they were computed.
@@ -100,12 +100,12 @@ impl CoordinateSystem {
             (false, false) => StartObstacleKind::NoProgram,
             (false, true) => StartObstacleKind::Reset,
         };
-        refusing(kind, situation.judge(Verb::Start), String::new());
+        refusing(kind, situation.check_allowed(Verb::Start), String::new());
         let [interlock, start_lock] = [&self.inputs.interlock, &self.inputs.start_lock].map(LockInput::text);
-        refusing(StartObstacleKind::Interlock, self.judge_interlock(), interlock);
+        refusing(StartObstacleKind::Interlock, self.check_interlock(), interlock);
         refusing(
             StartObstacleKind::StartLock,
-            self.judge_start_lock(Verb::Start),
+            self.check_start_lock(Verb::Start),
             start_lock,
         );
         let leased = self.authorize_by_lease(Verb::Start, &CommandMeta::default());
@@ -148,7 +148,7 @@ impl CoordinateSystem {
         let raises = |m: &u16| {
             let of_code = self.context.m_code(*m).and_then(|settings| settings.unhandled);
             let unhandled = of_code.unwrap_or(self.context.shared.machine.unhandled);
-            unhandled == Unhandled::Alarm && !self.context.is_served(*m)
+            unhandled == UnhandledReaction::Alarm && !self.context.is_served(*m)
         };
         let mut m_codes: Vec<u16> = (self.context.texts_of(main.number).values())
             .flat_map(|program| program.check_in(settings).m_codes.clone())
@@ -174,7 +174,7 @@ impl CoordinateSystem {
     /// Returns the alarm in which the rehearsal of this program ends.
     fn predicted(&self, main: &StoredProgram) -> Option<StartObstacle> {
         let prediction = self.context.view.prediction()?;
-        (prediction.hash == main.sum()).then(|| prediction.obstacle.clone())
+        (prediction.hash == main.checksum()).then(|| prediction.obstacle.clone())
     }
 }
 

@@ -15,7 +15,7 @@ use tandem_interp::written_outputs;
 use tandem_model::alarm::PROGRAM_WARNING;
 
 use super::CoordinateSystem;
-use super::pending_commands::{Asked, Deferred, PATIENCE_S, Validation};
+use super::pending_commands::{DeferredCommand, MCodeValidation, PATIENCE_S, Validation};
 use super::programs::Texts;
 
 /// Maximum number of M codes with different parameters validated per load; the others are not validated, with a
@@ -29,7 +29,7 @@ type Validators = BTreeMap<u16, BTreeSet<String>>;
 impl CoordinateSystem {
     /// Delays a load while handlers check the parameters of its M codes, and a start if a program was rewritten since.
     /// Returns the command if no handler has to check it.
-    pub(super) fn validate_first(&mut self, command: Deferred) -> Option<Deferred> {
+    pub(super) fn validate_first(&mut self, command: DeferredCommand) -> Option<DeferredCommand> {
         let program = match command.command {
             Command::Load { program } => Some(program),
             Command::Run(order) => order.program.or(self.commands.program),
@@ -47,7 +47,7 @@ impl CoordinateSystem {
         if asked.is_empty() {
             return Some(command);
         }
-        for Asked { m, request, .. } in &asked {
+        for MCodeValidation { m, request, .. } in &asked {
             self.context
                 .publish(CsTopic::Validate(*m), Payload::Validate(request.clone()));
         }
@@ -64,7 +64,7 @@ impl CoordinateSystem {
     }
 
     /// Returns true for a command that is refused whatever handlers answer: it is refused at once.
-    fn is_refused(&self, command: &Deferred, main: u16) -> bool {
+    fn is_refused(&self, command: &DeferredCommand, main: u16) -> bool {
         let judged = self.check_preconditions(command.command.verb(), &command.meta);
         let main = judged.and_then(|()| self.context.stored(main));
         main.and_then(|main| self.context.check_called(&main)).is_err()
@@ -89,7 +89,7 @@ impl CoordinateSystem {
     }
 
     /// Returns each M code with each set of parameters once, at its first line, and the number of those left out.
-    fn what_to_ask(&mut self, texts: &Texts, validators: &Validators) -> (Vec<Asked>, usize) {
+    fn what_to_ask(&mut self, texts: &Texts, validators: &Validators) -> (Vec<MCodeValidation>, usize) {
         let (mut asked, mut known, mut not_asked) = (Vec::new(), BTreeSet::new(), 0);
         for (number, program) in texts {
             for output in written_outputs(&program.tree, program.dialect) {
@@ -105,7 +105,7 @@ impl CoordinateSystem {
                     continue;
                 }
                 self.commands.validations += 1;
-                asked.push(Asked {
+                asked.push(MCodeValidation {
                     m: output.m,
                     request: Validate {
                         request_id: format!("{}-{}", self.context.number, self.commands.validations),

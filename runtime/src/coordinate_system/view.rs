@@ -8,7 +8,7 @@ use std::time::Duration;
 use parking_lot::Mutex;
 use plc_api::types::heartbeat::Heartbeat;
 use plc_api::types::start::StartObstacle;
-use plc_api::types::state::{CallSite, Position, ProgramPlace};
+use plc_api::types::state::{CallSite, Position, ProgramLocation};
 use plc_api::types::trace::{Trace, TraceAxis, TraceQuery};
 use tandem_model::flow::Transform;
 use tandem_model::settings::CoordinateSystemSettings;
@@ -26,7 +26,7 @@ pub(crate) struct View {
     servo_period: Duration,
     readings: Arc<Readings>,
     trace: Arc<ServoTrace>,
-    place: Mutex<Place>,
+    place: Mutex<ProgramPosition>,
     published_line: AtomicU64,
     prediction: Mutex<Option<Arc<Prediction>>>,
 }
@@ -41,7 +41,7 @@ pub(crate) struct Prediction {
 
 /// Position in the program.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Place {
+pub(super) struct ProgramPosition {
     pub transform: Transform,
     pub stack: Arc<[CallSite]>,
     pub executing: Origin,
@@ -79,11 +79,11 @@ impl View {
         self.published_line.load(Ordering::Acquire)
     }
 
-    pub(super) fn update(&self, change: impl FnOnce(&mut Place)) {
+    pub(super) fn update(&self, change: impl FnOnce(&mut ProgramPosition)) {
         change(&mut self.place.lock());
     }
 
-    fn place(&self) -> Place {
+    fn program_position(&self) -> ProgramPosition {
         self.place.lock().clone()
     }
 
@@ -166,7 +166,7 @@ impl View {
     /// Returns the positions of the last servo cycle.
     pub fn position(&self) -> Position {
         let reading = self.readings.read();
-        let work = work_position(&self.place().transform, reading.commanded);
+        let work = work_position(&self.program_position().transform, reading.commanded);
         Position {
             machine: self.by_letter(reading.commanded.0),
             work: self.by_letter(work.0),
@@ -184,21 +184,21 @@ impl View {
     }
 
     /// Returns the position in the program.
-    pub fn program(&self, store: &ProgramStore) -> ProgramPlace {
-        let Place {
+    pub fn program(&self, store: &ProgramStore) -> ProgramLocation {
+        let ProgramPosition {
             stack,
             executing,
             interpreted_line,
             manual,
             ..
-        } = self.place();
+        } = self.program_position();
         let place = (executing != Origin::default()).then_some(executing.program);
         let program = match place {
             Some(0) => manual,
             numbered => numbered.and_then(|number| store.get(number)),
         };
         let number = place.filter(|number| *number != 0 || program.is_some());
-        ProgramPlace {
+        ProgramLocation {
             number,
             nest_level: u8::try_from(stack.len()).unwrap_or(u8::MAX),
             stack: stack.to_vec(),

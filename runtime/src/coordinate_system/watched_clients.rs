@@ -20,10 +20,10 @@ pub(super) const CLIENTS_MAX: usize = 64;
 
 /// Deadlines for the next heartbeat of each client. Pure: the time is a parameter.
 #[derive(Debug, Default)]
-pub(super) struct WatchedClients(BTreeMap<String, Watched>);
+pub(super) struct WatchedClients(BTreeMap<String, WatchedClient>);
 
 #[derive(Debug)]
-struct Watched {
+struct WatchedClient {
     beat: ClientHeartbeat,
     until_s: f64,
 }
@@ -33,7 +33,7 @@ impl WatchedClients {
     ///
     /// # Errors
     /// Returns an error if there are too many clients.
-    fn hear(&mut self, id: String, beat: ClientHeartbeat, now_s: f64) -> Result<(), Refusal> {
+    fn receive_heartbeat(&mut self, id: String, beat: ClientHeartbeat, now_s: f64) -> Result<(), Refusal> {
         if beat.ttl_ms == 0 {
             self.0.remove(&id);
             return Ok(());
@@ -46,7 +46,7 @@ impl WatchedClients {
             return Err(Refusal::new(RefusalCode::Unavailable, text));
         }
         let until_s = now_s + beat.ttl_ms as f64 / 1000.0;
-        self.0.insert(id, Watched { beat, until_s });
+        self.0.insert(id, WatchedClient { beat, until_s });
         Ok(())
     }
 
@@ -75,8 +75,14 @@ impl WatchedClients {
 }
 
 impl CoordinateSystem {
-    pub(super) fn hear_client(&mut self, id: String, beat: ClientHeartbeat) -> Result<(), Refusal> {
-        self.inputs.clients.hear(id, beat, self.context.now_s())
+    pub(super) fn receive_client_heartbeat(
+        &mut self,
+        id: String,
+        beat: ClientHeartbeat,
+    ) -> Result<(), Refusal> {
+        self.inputs
+            .clients
+            .receive_heartbeat(id, beat, self.context.now_s())
     }
 
     /// Holds the run if the heartbeat of a client is overdue.
@@ -107,7 +113,7 @@ mod tests {
         ClientHeartbeat { ttl_ms, cs: None }
     }
 
-    async fn say(plc: &Plc, id: &str, beat: ClientHeartbeat) -> Result<(), Refusal> {
+    async fn send_heartbeat(plc: &Plc, id: &str, beat: ClientHeartbeat) -> Result<(), Refusal> {
         plc.port().ask(typed::Heartbeat(id.to_owned(), beat)).await
     }
 
@@ -123,9 +129,9 @@ mod tests {
     #[test]
     fn a_client_is_lost_at_its_time_and_not_before_and_one_that_goes_never_is() {
         let mut clients = WatchedClients::default();
-        clients.hear("a".into(), beat(500), 1.0).unwrap();
-        clients.hear("b".into(), beat(200), 1.0).unwrap();
-        clients.hear("b".into(), beat(0), 1.1).unwrap();
+        clients.receive_heartbeat("a".into(), beat(500), 1.0).unwrap();
+        clients.receive_heartbeat("b".into(), beat(200), 1.0).unwrap();
+        clients.receive_heartbeat("b".into(), beat(0), 1.1).unwrap();
         assert_eq!(clients.until_s(), Some(1.5));
         assert_eq!(clients.lost(1.499), []);
         clients.excuse(1.499);
@@ -138,13 +144,13 @@ mod tests {
     fn of_too_many_clients_one_that_is_known_is_heard_and_another_is_refused() {
         let mut clients = WatchedClients::default();
         for n in 0..CLIENTS_MAX {
-            clients.hear(n.to_string(), beat(500), 0.0).unwrap();
+            clients.receive_heartbeat(n.to_string(), beat(500), 0.0).unwrap();
         }
-        assert!(clients.hear("0".into(), beat(500), 0.1).is_ok());
-        let refusal = clients.hear("x".into(), beat(500), 0.1).unwrap_err();
+        assert!(clients.receive_heartbeat("0".into(), beat(500), 0.1).is_ok());
+        let refusal = clients.receive_heartbeat("x".into(), beat(500), 0.1).unwrap_err();
         assert_eq!(refusal.code, RefusalCode::Unavailable);
-        clients.hear("0".into(), beat(0), 0.1).unwrap();
-        assert!(clients.hear("x".into(), beat(500), 0.1).is_ok());
+        clients.receive_heartbeat("0".into(), beat(0), 0.1).unwrap();
+        assert!(clients.receive_heartbeat("x".into(), beat(500), 0.1).is_ok());
     }
 
     #[test]
@@ -157,7 +163,7 @@ mod tests {
             let (plc, system) = (scene.plc(), scene.cs(1));
             start(plc, 1, 50).await;
             for _ in 0..5 {
-                say(plc, "panel", beat(200)).await.unwrap();
+                send_heartbeat(plc, "panel", beat(200)).await.unwrap();
                 plc.sleep(ms(190)).await;
             }
             assert_eq!(system.state().await.unwrap().execution, Execution::Active);
@@ -175,14 +181,14 @@ mod tests {
                 "{alarms:?}"
             );
             plc.sleep(ms(1000)).await;
-            say(plc, "panel", beat(200)).await.unwrap();
+            send_heartbeat(plc, "panel", beat(200)).await.unwrap();
             let held = system.state().await.unwrap();
             assert_eq!(
                 held.execution,
                 Execution::FeedHold,
                 "nothing resumes without a command"
             );
-            say(plc, "panel", beat(0)).await.unwrap();
+            send_heartbeat(plc, "panel", beat(0)).await.unwrap();
             system.resume().await.unwrap();
             system.wait_until(Execution::ProgramCompleted).await.unwrap();
         });
@@ -211,18 +217,18 @@ mod tests {
                 ttl_ms: 300,
                 cs: Some(1),
             };
-            say(plc, "cell-1", of_first).await.unwrap();
+            send_heartbeat(plc, "cell-1", of_first).await.unwrap();
             scene.cs(1).wait_until(Execution::ProgramStopped).await.unwrap();
             plc.sleep(ms(400)).await;
             let paused = scene.cs(1).state().await.unwrap();
             assert_eq!(paused.execution, Execution::ProgramStopped, "it already rests");
             scene.cs(1).resume().await.unwrap();
-            say(plc, "cell-1", of_first).await.unwrap();
+            send_heartbeat(plc, "cell-1", of_first).await.unwrap();
             let held = scene.cs(1).wait_until(Execution::FeedHold).await.unwrap();
             assert_eq!(held.reason, Some(Reason::ClientLost), "a dwell");
             let other = scene.cs(2).state().await.unwrap();
             assert_eq!(other.execution, Execution::Active);
-            let refusal = say(
+            let refusal = send_heartbeat(
                 plc,
                 "x",
                 ClientHeartbeat {
@@ -245,7 +251,7 @@ mod tests {
             let heartbeat = plc.heartbeat(ms(300)).await.unwrap();
             plc.sleep(ms(2000)).await;
             assert_eq!(system.state().await.unwrap().execution, Execution::Active);
-            heartbeat.end().await.unwrap();
+            heartbeat.release().await.unwrap();
             plc.sleep(ms(1000)).await;
             assert_eq!(
                 system.state().await.unwrap().execution,

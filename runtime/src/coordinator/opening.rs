@@ -17,20 +17,20 @@ use crate::config::{Machine, ProgramSource};
 use crate::coordinate_system::Mailbox;
 use crate::data_watch::{DataWatch, list, warn_changed, warn_once, warn_standing};
 use crate::disk::fs;
-use crate::disk::{Health, Lock, Part, make_folder, tighten, write_whole};
+use crate::disk::{DataFolderPart, Health, Lock, make_folder, tighten, write_whole};
 use crate::journal::Event;
 use crate::persistence::journal_file::JournalThread;
 use crate::persistence::journal_folder::{JOURNAL_FOLDER, Newest, newest};
 use crate::persistence::positions::{KeptPositions, POSITION, rest_positions};
 use crate::persistence::{
-    Condition, Image, InspectedStore, LastRuns, Restored, STARTED_FILE, STORE_FILE, Source,
+    Condition, Image, InspectedStore, LastRuns, RestoredState, STARTED_FILE, STORE_FILE, Source,
     StateWriterThread, Store, forget_outputs, page_name, pages, replay_last_runs, restore, restore_outputs,
 };
-use crate::program_store::signing::read_signature_beside;
+use crate::program_store::signing::read_program_signature;
 use crate::program_store::{
     Edit, EditKind, HeldBack, ProgramFindings, ProgramStore, StoredProgram, check_readable, read_text,
 };
-use crate::shared::Shared;
+use crate::shared::SharedState;
 use crate::stored_data::OpenQuestion;
 use crate::stored_data::inspection::Inspection;
 use crate::tables::{Tables, value_key};
@@ -67,7 +67,7 @@ impl Data {
         let Some(folder) = &machine.data_dir else {
             return Ok(None);
         };
-        let locked = make_folder(folder).and_then(|()| Lock::take(folder));
+        let locked = make_folder(folder).and_then(|()| Lock::acquire(folder));
         let lock = locked.map_err(|error| refused(folder, error))?;
         let mut inspection = Inspection::new(folder, &machine.name);
         if inspection.inspected.is_all_lost || inspection.holds_back(StoredDataPart::Store) {
@@ -87,7 +87,7 @@ impl Data {
             Ok((store, aside)) => (Some(store), aside),
             Err(error) if error.kind() == io::ErrorKind::ResourceBusy => return Err(refused(folder, error)),
             refused => {
-                health.note(Part::Store, &refused);
+                health.record_attempt(DataFolderPart::Store, &refused);
                 (None, None)
             }
         };
@@ -114,7 +114,7 @@ impl Data {
     }
 
     /// Restores the stored data and the additions from the journal, which are then stored as well.
-    pub fn restore(&mut self, tables: &Tables, io: &IoDeclarations) -> Restored {
+    pub fn restore(&mut self, tables: &Tables, io: &IoDeclarations) -> RestoredState {
         let mut restored = restore(tables, &self.image);
         restored.outputs = restore_outputs(io, &self.image);
         let lost = restored.outputs.iter().filter(|(_, last)| last.is_none());
@@ -130,7 +130,7 @@ impl Data {
         let change = change.beyond(&self.image);
         if let (false, Some(store)) = (change.is_empty(), &mut self.store) {
             let written = store.commit(&change);
-            self.health.note(Part::Store, &written);
+            self.health.record_attempt(DataFolderPart::Store, &written);
             match written {
                 Ok(()) => self.image.take_over(change),
                 Err(_) => self.store = None,
@@ -161,7 +161,7 @@ impl Data {
     /// Starts to store changes.
     pub fn keep(
         self,
-        shared: &Arc<Shared>,
+        shared: &Arc<SharedState>,
         mailboxes: &[Arc<Mailbox>],
         last_runs: LastRuns,
     ) -> Result<Keepers, StartError> {
@@ -319,7 +319,7 @@ impl Programs {
             let programs = folder.join("programs");
             let is_lost = !fs::exists(&programs).unwrap_or(true);
             let (found, opened) = store.open_folder(&programs, held);
-            health.note(Part::Programs, &opened);
+            health.record_attempt(DataFolderPart::Programs, &opened);
             findings = found;
             findings.lost =
                 (is_lost && fs::exists(folder.join(STARTED_FILE)).unwrap_or(false)).then_some(programs);
@@ -350,7 +350,7 @@ impl Programs {
 
 impl ProgramFindings {
     /// Reports the result to the operator.
-    pub(super) fn report(self, shared: &Shared) {
+    pub(super) fn report(self, shared: &SharedState) {
         if let Some(text) = list(&self.not_read) {
             warn_standing(shared, &NOT_READ, &text);
         }
@@ -399,20 +399,20 @@ fn put_program(
             if in_store && store.written_at(number).is_some_and(|stored| stored >= written) {
                 return Ok(None);
             }
-            (read_text(path)?, read_signature_beside(path)?)
+            (read_text(path)?, read_program_signature(path)?)
         }
     };
     let rules = store.rules_of(Some(dialect)).map_err(io::Error::other)?;
     let program = || StoredProgram::new(number, &text, rules).signed(signature, store.signers());
     store.check_room(number, text.len())?;
-    let old = store.get(number).map(|program| program.sum().to_owned());
+    let old = store.get(number).map(|program| program.checksum().to_owned());
     let written = store.put(program());
-    health.note(Part::Programs, &written);
+    health.record_attempt(DataFolderPart::Programs, &written);
     let is_unchanged = written.as_ref().is_ok_and(|check| check.unchanged);
     if written.is_err() {
         store.keep(program());
     }
-    let new = store.get(number).map(|program| program.sum().to_owned());
+    let new = store.get(number).map(|program| program.checksum().to_owned());
     let what = EditKind::Configuration;
     Ok((!is_unchanged).then_some(Edit {
         program: number,

@@ -17,13 +17,13 @@ use crate::test::Bench;
 
 /// State writer that inspects a run while one of its lines is written ahead, before any client can have received it.
 #[derive(Debug, Default)]
-struct Look {
+struct ViewProbe {
     view: OnceLock<Arc<View>>,
     /// Numbers of the lines, and at each the number of the last published line.
     seen: Mutex<Vec<(u64, u64)>>,
 }
 
-impl WriteAhead for Look {
+impl WriteAhead for ViewProbe {
     fn write(&self, n: u64, _: &Line, _: SystemTime) -> io::Result<()> {
         if let Some(view) = self.view.get() {
             self.seen.lock().push((n, view.published_line()));
@@ -40,13 +40,13 @@ impl WriteAhead for Look {
 
 #[test]
 fn the_line_of_an_output_does_not_count_as_published_before_the_output_is() {
-    let look = Arc::<Look>::default();
+    let look = Arc::<ViewProbe>::default();
     let (lines, _kept) = sync_channel(1000);
     let journal = Journal::to_disk(JournalWriter {
         lines,
         lost: Arc::default(),
         last: Arc::<AtomicU64>::default(),
-        ahead: Some(Arc::<Look>::clone(&look)),
+        ahead: Some(Arc::<ViewProbe>::clone(&look)),
     });
     let machine = Config::demo().resolve().unwrap();
     let bench = Bench::on_machine(machine).subprogram(50, "M03\nM05\nM03\nM30\n");

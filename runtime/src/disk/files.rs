@@ -98,13 +98,13 @@ const PIECE_BYTES: usize = 64 << 10;
 
 /// A file that is being written under a temporary name. It is removed if dropped before [`Unfinished::finish`].
 #[derive(Debug)]
-pub(crate) struct Unfinished {
+pub(crate) struct UnfinishedFile {
     file: File,
     /// `None` after it has received its final name.
     path: Option<PathBuf>,
 }
 
-impl Unfinished {
+impl UnfinishedFile {
     /// Writes a file next to `path`; it is on disk when this returns.
     ///
     /// # Errors
@@ -159,7 +159,7 @@ impl Unfinished {
     }
 }
 
-impl Drop for Unfinished {
+impl Drop for UnfinishedFile {
     fn drop(&mut self) {
         if let Some(path) = &self.path {
             // if it cannot be removed now, the next start removes it
@@ -173,7 +173,7 @@ impl Drop for Unfinished {
 /// # Errors
 /// Returns an error if the disk operation fails; the old file then remains.
 pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    Unfinished::write(path, bytes)?.finish(path)
+    UnfinishedFile::write(path, bytes)?.finish(path)
 }
 
 /// Replaces a file as a whole with the output of `write`, piece by piece.
@@ -184,7 +184,7 @@ pub(crate) fn write_whole_by(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> io::Result<()> {
-    Unfinished::write_by(path, write)?.finish(path)
+    UnfinishedFile::write_by(path, write)?.finish(path)
 }
 
 /// Writes the names in a folder to disk.
@@ -215,7 +215,7 @@ impl Lock {
     ///
     /// # Errors
     /// Returns an error if another process has locked it.
-    pub fn take(folder: &Path) -> io::Result<Option<Self>> {
+    pub fn acquire(folder: &Path) -> io::Result<Option<Self>> {
         let options = &mut OpenOptions::new();
         let opened = open_regular(&folder.join("lock"), options.write(true).create(true));
         let Ok(file) = opened else { return Ok(None) };
@@ -254,7 +254,7 @@ impl Identity {
     ///
     /// # Errors
     /// Returns an error if the operating system refuses.
-    pub fn of(file: &File) -> io::Result<Self> {
+    pub fn from_file(file: &File) -> io::Result<Self> {
         let metadata = file.metadata()?;
         Ok(Self(metadata.dev(), metadata.ino()))
     }
@@ -295,7 +295,7 @@ mod tests {
     #[test]
     fn what_is_not_finished_is_removed() {
         let folder = tempfile::tempdir().unwrap();
-        drop(Unfinished::write(&folder.path().join("a"), b"half").unwrap());
+        drop(UnfinishedFile::write(&folder.path().join("a"), b"half").unwrap());
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 

@@ -40,7 +40,7 @@ pub(crate) type PartGenerations = BTreeMap<StoredPart, u64>;
 /// Kind of file to which a sealed line belongs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Kind {
+pub(crate) enum SealedFileKind {
     /// A record of the store.
     Store,
     StoreSums,
@@ -57,7 +57,7 @@ pub(crate) enum Kind {
 /// Identification of a sealed line.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Seal {
-    pub kind: Kind,
+    pub kind: SealedFileKind,
     /// Name of the machine.
     pub machine: String,
     pub generation: u64,
@@ -108,11 +108,11 @@ impl Generations {
     /// Adopts the generation of a line that was read.
     pub fn learn_own(&self, seal: &Seal) {
         let part = match seal.kind {
-            Kind::Store | Kind::StoreSums => StoredPart::Store,
-            Kind::ProgramSums => StoredPart::Programs,
-            Kind::Folders => StoredPart::Folders,
-            Kind::Anchor => StoredPart::Journal,
-            Kind::Journal | Kind::Ahead | Kind::Question => return,
+            SealedFileKind::Store | SealedFileKind::StoreSums => StoredPart::Store,
+            SealedFileKind::ProgramSums => StoredPart::Programs,
+            SealedFileKind::Folders => StoredPart::Folders,
+            SealedFileKind::Anchor => StoredPart::Journal,
+            SealedFileKind::Journal | SealedFileKind::Ahead | SealedFileKind::Question => return,
         };
         self.learn(&[(part, seal.generation)].into());
     }
@@ -141,7 +141,7 @@ impl Generations {
     }
 
     /// Returns the seal of a line of this generation.
-    pub fn seal(&self, kind: Kind, generation: u64) -> Seal {
+    pub fn seal(&self, kind: SealedFileKind, generation: u64) -> Seal {
         Seal {
             kind,
             machine: self.machine.clone(),
@@ -151,7 +151,7 @@ impl Generations {
     }
 
     /// Returns the seal of a line that records no generations of other parts.
-    pub fn plain_seal(&self, kind: Kind) -> Seal {
+    pub fn plain_seal(&self, kind: SealedFileKind) -> Seal {
         Seal {
             known: PartGenerations::new(),
             ..self.seal(kind, self.last())
@@ -169,17 +169,17 @@ mod tests {
         generations.learn(&[(StoredPart::Store, 7), (StoredPart::Journal, 9)].into());
         let first = generations.next();
         assert_eq!(first, 10, "greater than all generations that were read");
-        let seal = generations.seal(Kind::ProgramSums, first);
+        let seal = generations.seal(SealedFileKind::ProgramSums, first);
         assert_eq!(
             seal.known,
             [(StoredPart::Store, 7), (StoredPart::Journal, 9)].into(),
             "programs are not on disk yet"
         );
         generations.note_on_disk(StoredPart::Programs, first);
-        let next = generations.seal(Kind::StoreSums, generations.next());
+        let next = generations.seal(SealedFileKind::StoreSums, generations.next());
         assert_eq!(next.known[&StoredPart::Programs], 10);
         assert_eq!(
-            generations.plain_seal(Kind::Journal).known,
+            generations.plain_seal(SealedFileKind::Journal).known,
             PartGenerations::new()
         );
     }

@@ -10,21 +10,25 @@ use tandem_model::alarm::{AlarmEntry, JOURNAL_FAILED, PROGRAMS_FAILED, STORE_FAI
 
 /// Part of the stored data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Part {
+pub(crate) enum DataFolderPart {
     Store,
     Journal,
     Programs,
 }
 
-impl Part {
-    pub const ALL: [Part; 3] = [Part::Store, Part::Journal, Part::Programs];
+impl DataFolderPart {
+    pub const ALL: [DataFolderPart; 3] = [
+        DataFolderPart::Store,
+        DataFolderPart::Journal,
+        DataFolderPart::Programs,
+    ];
 
     /// Returns the alarm that is active while it cannot be written.
     pub fn alarm(self) -> &'static AlarmEntry {
         match self {
-            Part::Store => &STORE_FAILED,
-            Part::Journal => &JOURNAL_FAILED,
-            Part::Programs => &PROGRAMS_FAILED,
+            DataFolderPart::Store => &STORE_FAILED,
+            DataFolderPart::Journal => &JOURNAL_FAILED,
+            DataFolderPart::Programs => &PROGRAMS_FAILED,
         }
     }
 }
@@ -32,14 +36,14 @@ impl Part {
 /// Reason why each part cannot be written, according to its last attempt.
 #[derive(Debug, Default)]
 pub(crate) struct Health {
-    faults: Mutex<BTreeMap<Part, String>>,
+    faults: Mutex<BTreeMap<DataFolderPart, String>>,
     /// Supervisor of the writing threads and of all others.
     pub supervisor: Supervisor,
 }
 
 impl Health {
     /// Records the result of an attempt to write; the log reports the first failure and the first success after it.
-    pub fn note<T, E: Display>(&self, part: Part, attempt: &Result<T, E>) {
+    pub fn record_attempt<T, E: Display>(&self, part: DataFolderPart, attempt: &Result<T, E>) {
         let mut faults = self.faults.lock();
         match attempt {
             Ok(_) => {
@@ -58,7 +62,7 @@ impl Health {
     }
 
     /// Returns why a part cannot be written; `None` if its last attempt succeeded.
-    pub fn fault(&self, part: Part) -> Option<String> {
+    pub fn fault(&self, part: DataFolderPart) -> Option<String> {
         self.faults.lock().get(&part).cloned()
     }
 }

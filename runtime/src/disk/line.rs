@@ -6,7 +6,7 @@
 use plc_api::execution::wire_name;
 use serde_json::Value;
 
-use super::generations::{Kind, SEAL, Seal};
+use super::generations::{SEAL, Seal, SealedFileKind};
 
 /// Text before and after the checksum.
 const SUM: (&str, &str) = (",\"crc\":\"", "\"}");
@@ -34,7 +34,7 @@ pub(crate) fn seal_in_place(buffer: &mut [u8], end: usize) -> Option<usize> {
 
 /// Content of a line.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Read {
+pub(crate) enum LineContent {
     /// The written object, without the checksum.
     Whole(Value),
     /// The line is damaged, or was never written by a runtime.
@@ -58,10 +58,12 @@ fn open(line: &[u8]) -> Option<(Value, Option<Seal>)> {
 
 /// Reads a line of the journal without its end. Lines of earlier versions have no seal, and those before 0.2 neither
 /// number nor checksum.
-pub(crate) fn read(kind: Kind, line: &[u8]) -> Read {
+pub(crate) fn read(kind: SealedFileKind, line: &[u8]) -> LineContent {
     match open(line) {
-        Some((value, seal)) if seal.as_ref().is_none_or(|seal| seal.kind == kind) => Read::Whole(value),
-        _ => Read::Damaged,
+        Some((value, seal)) if seal.as_ref().is_none_or(|seal| seal.kind == kind) => {
+            LineContent::Whole(value)
+        }
+        _ => LineContent::Damaged,
     }
 }
 
@@ -77,7 +79,7 @@ pub(crate) enum Unusable {
 ///
 /// # Errors
 /// Returns an error if it is damaged, or of another kind.
-pub(crate) fn read_sealed(kind: Kind, line: &[u8]) -> Result<(Value, Seal), Unusable> {
+pub(crate) fn read_sealed(kind: SealedFileKind, line: &[u8]) -> Result<(Value, Seal), Unusable> {
     match open(line) {
         None => Err(Unusable::Damaged),
         Some((_, None)) => Err(Unusable::Foreign(
@@ -108,13 +110,16 @@ mod tests {
         let object = json!({"event": "output", "m": 100, "n": 7});
         let text = seal(&object.to_string());
         let line = text.strip_suffix('\n').unwrap().as_bytes();
-        assert_eq!(read(Kind::Journal, line), Read::Whole(object.clone()));
+        assert_eq!(
+            read(SealedFileKind::Journal, line),
+            LineContent::Whole(object.clone())
+        );
         for place in 0..line.len() * 8 {
             let mut flipped = line.to_vec();
             flipped[place / 8] ^= 1 << (place % 8);
             assert_eq!(
-                read(Kind::Journal, &flipped),
-                Read::Damaged,
+                read(SealedFileKind::Journal, &flipped),
+                LineContent::Damaged,
                 "{}",
                 String::from_utf8_lossy(&flipped)
             );
@@ -131,30 +136,33 @@ mod tests {
     fn a_line_of_another_kind_and_one_without_a_seal_are_not_read_as_sealed() {
         let generations = Generations::new("mill");
         let mut line = json!({"n": 7});
-        generations.seal(Kind::Anchor, 3).put(&mut line);
+        generations.seal(SealedFileKind::Anchor, 3).put(&mut line);
         let text = seal(&line.to_string());
         let line = text.trim_end().as_bytes();
-        let (value, read_seal) = read_sealed(Kind::Anchor, line).unwrap();
+        let (value, read_seal) = read_sealed(SealedFileKind::Anchor, line).unwrap();
         assert_eq!((value, read_seal.generation), (json!({"n": 7}), 3));
-        let other = read_sealed(Kind::StoreSums, line);
+        let other = read_sealed(SealedFileKind::StoreSums, line);
         assert_eq!(
             other,
             Err(Unusable::Foreign("it contains lines of anchor".to_owned()))
         );
-        assert_eq!(read(Kind::Journal, line), Read::Damaged);
+        assert_eq!(read(SealedFileKind::Journal, line), LineContent::Damaged);
         let unsealed = seal("{\"n\":7}");
         assert!(matches!(
-            read_sealed(Kind::Anchor, unsealed.trim_end().as_bytes()),
+            read_sealed(SealedFileKind::Anchor, unsealed.trim_end().as_bytes()),
             Err(Unusable::Foreign(_))
         ));
-        assert_eq!(read_sealed(Kind::Anchor, &line[1..]), Err(Unusable::Damaged));
+        assert_eq!(
+            read_sealed(SealedFileKind::Anchor, &line[1..]),
+            Err(Unusable::Damaged)
+        );
     }
 
     #[test]
     fn a_line_of_an_older_version_is_read_and_what_is_none_is_not() {
         assert_eq!(
-            read(Kind::Journal, b"{\"event\":\"boot\"}"),
-            Read::Whole(json!({"event": "boot"}))
+            read(SealedFileKind::Journal, b"{\"event\":\"boot\"}"),
+            LineContent::Whole(json!({"event": "boot"}))
         );
         for damaged in [
             &b"{\"n\":7}"[..],
@@ -164,7 +172,7 @@ mod tests {
             b"{\"crc\":\"00000000\"}",
             b"null",
         ] {
-            assert_eq!(read(Kind::Journal, damaged), Read::Damaged);
+            assert_eq!(read(SealedFileKind::Journal, damaged), LineContent::Damaged);
         }
     }
 }

@@ -18,7 +18,7 @@ use rustix::fs::{Access, StatVfs};
 
 pub(crate) use std::fs::{Permissions, TryLockError, create_dir, read, read_to_string, write};
 
-use file::Simulated;
+use file::SimulatedFile;
 use memory::{Mount, on};
 
 /// Folder of the disk in memory.
@@ -28,7 +28,7 @@ pub(crate) const ROOT: &str = "/simulated";
 #[derive(Debug)]
 pub(crate) enum File {
     Real(std::fs::File),
-    Simulated(Simulated),
+    Simulated(SimulatedFile),
 }
 
 impl File {
@@ -169,9 +169,9 @@ impl OpenOptions {
 
     pub fn open(&self, path: impl AsRef<Path>) -> io::Result<File> {
         let path = path.as_ref();
-        match Mount::of(path) {
+        match Mount::for_path(path) {
             None => self.real.open(path).map(File::Real),
-            Some(mount) => Simulated::open(mount, path, self).map(File::Simulated),
+            Some(mount) => SimulatedFile::open(mount, path, self).map(File::Simulated),
         }
     }
 }
@@ -411,7 +411,7 @@ pub(crate) fn set_permissions(path: impl AsRef<Path>, permissions: Permissions) 
 }
 
 pub(crate) fn access(path: &Path, access: Access) -> rustix::io::Result<()> {
-    match Mount::of(path) {
+    match Mount::for_path(path) {
         None => rustix::fs::access(path, access),
         Some(_) => Ok(()),
     }
@@ -419,14 +419,14 @@ pub(crate) fn access(path: &Path, access: Access) -> rustix::io::Result<()> {
 
 pub(crate) fn statvfs(path: &Path) -> rustix::io::Result<StatVfs> {
     let real = || {
-        rustix::fs::statvfs(if Mount::of(path).is_some() {
+        rustix::fs::statvfs(if Mount::for_path(path).is_some() {
             Path::new("/")
         } else {
             path
         })
     };
     let mut said = real()?;
-    if let Some(mount) = Mount::of(path) {
+    if let Some(mount) = Mount::for_path(path) {
         said.f_bavail = if mount.is_full() { 0 } else { u64::MAX >> 32 };
         said.f_blocks = u64::MAX >> 32;
         said.f_frsize = 1;
@@ -438,7 +438,7 @@ pub(crate) fn statvfs(path: &Path) -> rustix::io::Result<StatVfs> {
 #[derive(Debug)]
 pub(crate) enum FileBackend {
     Real(redb::backends::FileBackend),
-    Simulated(Simulated),
+    Simulated(SimulatedFile),
 }
 
 impl FileBackend {

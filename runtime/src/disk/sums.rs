@@ -14,7 +14,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::files::{Identity, open_regular, read_regular, write_whole};
 use super::fs::{File, OpenOptions};
-use super::generations::{Generations, Kind, Seal, StoredPart};
+use super::generations::{Generations, Seal, SealedFileKind, StoredPart};
 use super::line::{Unusable, number, read_sealed, seal};
 
 /// Size in bytes up to which lines are always added. A longer file is rewritten without superseded entries when it has
@@ -29,15 +29,15 @@ const GROWTH_MAX: u64 = 2;
 const READ_MAX: u64 = 16 << 20;
 
 /// Returns the checksum of some bytes, in hexadecimal digits: SHA-256.
-pub(crate) fn sum_of(bytes: &[u8]) -> String {
+pub(crate) fn checksum_hex(bytes: &[u8]) -> String {
     hex::encode(Sha256::digest(bytes))
 }
 
 /// Computes the checksum of bytes in parts.
 #[derive(Debug, Default)]
-pub(crate) struct SumOfParts(Sha256);
+pub(crate) struct ChecksumHasher(Sha256);
 
-impl SumOfParts {
+impl ChecksumHasher {
     /// Adds the next bytes.
     pub fn add(&mut self, bytes: &[u8]) {
         self.0.update(bytes);
@@ -50,11 +50,11 @@ impl SumOfParts {
 }
 
 /// Changes of checksums by name; `None` if the value is no longer stored.
-pub(crate) type SumChange = BTreeMap<String, Option<String>>;
+pub(crate) type ChecksumChange = BTreeMap<String, Option<String>>;
 
 /// Content of a checksum file.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub(crate) struct Sums {
+pub(crate) struct Checksums {
     /// The file exists and has at least one line.
     pub is_there: bool,
     /// Number of the newest line.
@@ -69,9 +69,9 @@ pub(crate) struct Sums {
     pub by_name: BTreeMap<String, Option<String>>,
 }
 
-impl Sums {
+impl Checksums {
     /// Reads a file. Unreadable content is skipped.
-    pub fn read(path: &Path, kind: Kind) -> Self {
+    pub fn read(path: &Path, kind: SealedFileKind) -> Self {
         let mut sums = Self::default();
         let bytes = match read_regular(path, READ_MAX) {
             Ok(bytes) => bytes,
@@ -103,7 +103,7 @@ impl Sums {
             // maximum size of its copy, including a damaged line end
             copy_bytes = if is_copy { 0 } else { line.len() + 2 };
             damaged_bytes = 0;
-            sums.take(&whole);
+            sums.add_line(&whole);
             sums.seal = Some(seal);
         }
         if damaged_bytes > copy_bytes {
@@ -122,7 +122,7 @@ impl Sums {
         Some(self.foreign.clone().unwrap_or_else(|| fault.to_owned()))
     }
 
-    fn take(&mut self, line: &Value) {
+    fn add_line(&mut self, line: &Value) {
         self.last = self.last.max(number(line));
         for (name, sum) in line["sums"].as_object().into_iter().flatten() {
             match sum.as_str() {
@@ -149,7 +149,7 @@ fn twice(number: u64, after: u64, sums: &impl serde::Serialize, of_line: &Seal) 
 /// Seals the lines of a file.
 #[derive(Debug, Clone)]
 pub(crate) struct Sealer {
-    pub kind: Kind,
+    pub kind: SealedFileKind,
     /// Part to which the file belongs.
     pub part: StoredPart,
     pub generations: Arc<Generations>,
@@ -164,7 +164,7 @@ impl Sealer {
 
 /// An open checksum file.
 #[derive(Debug)]
-pub(crate) struct SumFile {
+pub(crate) struct ChecksumFile {
     sealer: Sealer,
     path: PathBuf,
     file: File,
@@ -176,23 +176,23 @@ pub(crate) struct SumFile {
     by_name: BTreeMap<String, String>,
 }
 
-impl SumFile {
+impl ChecksumFile {
     /// Rewrites the file with these checksums.
     ///
     /// # Errors
     /// Returns an error if the disk operation fails.
-    pub fn begin(
+    pub fn create(
         path: &Path,
         sealer: Sealer,
         last: u64,
         by_name: BTreeMap<String, String>,
     ) -> io::Result<Self> {
         let generation = sealer.generations.next();
-        Self::begin_at(path, sealer, last, generation, by_name)
+        Self::create_at(path, sealer, last, generation, by_name)
     }
 
     /// As [`SumFile::begin`], with this generation.
-    pub fn begin_at(
+    pub fn create_at(
         path: &Path,
         sealer: Sealer,
         last: u64,
@@ -207,7 +207,7 @@ impl SumFile {
         Ok(Self {
             sealer,
             path: path.to_owned(),
-            identity: Identity::of(&file)?,
+            identity: Identity::from_file(&file)?,
             file,
             bytes: text.len() as u64,
             begun_bytes: text.len() as u64,
@@ -238,7 +238,7 @@ impl SumFile {
     ///
     /// # Errors
     /// Returns an error if the disk operation fails.
-    pub fn add(&mut self, number: u64, change: SumChange) -> io::Result<()> {
+    pub fn add(&mut self, number: u64, change: ChecksumChange) -> io::Result<()> {
         let generation = self.sealer.generations.next();
         self.add_at(number, generation, change)
     }
@@ -247,7 +247,7 @@ impl SumFile {
     ///
     /// # Errors
     /// Returns an error if the disk operation fails.
-    pub fn add_at(&mut self, number: u64, generation: u64, change: SumChange) -> io::Result<()> {
+    pub fn add_at(&mut self, number: u64, generation: u64, change: ChecksumChange) -> io::Result<()> {
         self.check()?;
         let last = number.max(self.last + 1);
         let of_line = self.sealer.generations.seal(self.sealer.kind, generation);
@@ -255,7 +255,7 @@ impl SumFile {
         if self.bytes > BYTES_MAX.max(self.begun_bytes * GROWTH_MAX) {
             let mut by_name = self.by_name.clone();
             apply(&mut by_name, change);
-            *self = Self::begin_at(&self.path, self.sealer.clone(), last, generation, by_name)?;
+            *self = Self::create_at(&self.path, self.sealer.clone(), last, generation, by_name)?;
             return Ok(());
         }
         let written = self
@@ -281,7 +281,7 @@ impl SumFile {
     }
 }
 
-fn apply(by_name: &mut BTreeMap<String, String>, change: SumChange) {
+fn apply(by_name: &mut BTreeMap<String, String>, change: ChecksumChange) {
     for (name, sum) in change {
         match sum {
             Some(sum) => by_name.insert(name, sum),
@@ -296,24 +296,24 @@ mod tests {
 
     fn sealer() -> Sealer {
         Sealer {
-            kind: Kind::ProgramSums,
+            kind: SealedFileKind::ProgramSums,
             part: StoredPart::Programs,
             generations: Arc::new(Generations::new("mill")),
         }
     }
 
-    fn read(path: &Path) -> Sums {
-        Sums::read(path, Kind::ProgramSums)
+    fn read(path: &Path) -> Checksums {
+        Checksums::read(path, SealedFileKind::ProgramSums)
     }
 
-    fn change(sums: &[(&str, Option<&str>)]) -> SumChange {
+    fn change(sums: &[(&str, Option<&str>)]) -> ChecksumChange {
         let owned = sums
             .iter()
             .map(|(name, sum)| ((*name).to_owned(), sum.map(str::to_owned)));
         owned.collect()
     }
 
-    fn known(sums: &Sums) -> Vec<(&str, Option<&str>)> {
+    fn known(sums: &Checksums) -> Vec<(&str, Option<&str>)> {
         let all = sums.by_name.iter();
         all.map(|(name, sum)| (name.as_str(), sum.as_deref())).collect()
     }
@@ -322,8 +322,9 @@ mod tests {
     fn sums_are_read_as_they_were_added() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sums");
-        assert_eq!(read(&path), Sums::default());
-        let mut file = SumFile::begin(&path, sealer(), 7, [("a".to_owned(), "1".to_owned())].into()).unwrap();
+        assert_eq!(read(&path), Checksums::default());
+        let mut file =
+            ChecksumFile::create(&path, sealer(), 7, [("a".to_owned(), "1".to_owned())].into()).unwrap();
         file.add(0, change(&[("b", Some("2")), ("c", Some("3"))]))
             .unwrap();
         file.add(12, change(&[("a", None), ("c", Some("4"))])).unwrap();
@@ -337,7 +338,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sums");
         let many = (0..10_000).map(|number| (format!("run/{number}"), "0123456789abcdef".repeat(4)));
-        let mut file = SumFile::begin(&path, sealer(), 1, many.collect()).unwrap();
+        let mut file = ChecksumFile::create(&path, sealer(), 1, many.collect()).unwrap();
         let identity = file.identity;
         assert!(file.bytes > BYTES_MAX, "{}", file.bytes);
         for round in 0..100 {
@@ -351,7 +352,8 @@ mod tests {
     fn behind_a_damaged_line_names_are_known_and_earlier_sums_are_not() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sums");
-        let mut file = SumFile::begin(&path, sealer(), 1, [("a".to_owned(), "1".to_owned())].into()).unwrap();
+        let mut file =
+            ChecksumFile::create(&path, sealer(), 1, [("a".to_owned(), "1".to_owned())].into()).unwrap();
         file.add(2, change(&[("a", Some("2"))])).unwrap();
         file.add(3, change(&[("b", Some("3"))])).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
@@ -366,7 +368,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sums");
         let mut file =
-            SumFile::begin(&path, sealer(), 1, [("J".to_owned(), "1*".to_owned())].into()).unwrap();
+            ChecksumFile::create(&path, sealer(), 1, [("J".to_owned(), "1*".to_owned())].into()).unwrap();
         file.add(2, change(&[("J", Some("2*")), ("b", Some("2"))]))
             .unwrap();
         file.add(9, change(&[("b", None), ("*", Some("3"))])).unwrap();
@@ -384,8 +386,8 @@ mod tests {
     fn a_file_of_another_kind_names_no_sums_and_says_what_it_is() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sums");
-        SumFile::begin(&path, sealer(), 1, [("a".to_owned(), "1".to_owned())].into()).unwrap();
-        let sums = Sums::read(&path, Kind::StoreSums);
+        ChecksumFile::create(&path, sealer(), 1, [("a".to_owned(), "1".to_owned())].into()).unwrap();
+        let sums = Checksums::read(&path, SealedFileKind::StoreSums);
         assert_eq!((known(&sums), sums.last), (vec![], 0));
         assert_eq!(sums.fault().unwrap(), "it contains lines of program_sums");
         std::fs::write(&path, seal("{\"n\":1,\"sums\":{\"a\":\"1\"}}")).unwrap();
@@ -397,7 +399,7 @@ mod tests {
     fn the_file_is_written_anew_before_it_grows_large() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sums");
-        let mut file = SumFile::begin(&path, sealer(), 1, BTreeMap::new()).unwrap();
+        let mut file = ChecksumFile::create(&path, sealer(), 1, BTreeMap::new()).unwrap();
         for n in 0..500 {
             let name = "x".repeat(2000);
             file.add(0, [(name, Some(n.to_string()))].into()).unwrap();
@@ -410,7 +412,7 @@ mod tests {
     fn a_file_that_was_removed_is_not_written_on() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sums");
-        let mut file = SumFile::begin(&path, sealer(), 1, BTreeMap::new()).unwrap();
+        let mut file = ChecksumFile::create(&path, sealer(), 1, BTreeMap::new()).unwrap();
         std::fs::remove_file(&path).unwrap();
         assert!(file.add(0, change(&[("a", Some("1"))])).is_err());
     }

@@ -48,7 +48,7 @@ fn presence(instance: &str, online: bool) -> HandlerPresence {
     }
 }
 
-async fn say(port: &Arc<dyn Port>, presence: HandlerPresence) {
+async fn send_presence(port: &Arc<dyn Port>, presence: HandlerPresence) {
     port.ask(typed::Handler("cell".into(), presence)).await.unwrap();
 }
 
@@ -88,7 +88,7 @@ async fn watch_levels(port: &Arc<dyn Port>) {
 /// `cell` is online, has closed clamp and vice and cleared its levels, and the program moves.
 async fn under_way(scene: &Scene) -> Arc<dyn Port> {
     let port = Arc::clone(scene.plc().port());
-    say(&port, presence("a", true)).await;
+    send_presence(&port, presence("a", true)).await;
     clear_levels(&port, "cell", Some("a")).await;
     for name in ["clamp", "vice"] {
         port.ask(write(name, true, "a")).await.unwrap();
@@ -119,7 +119,7 @@ async fn state(scene: &Scene) -> State {
 fn orderly() -> [(&'static str, Option<HandlerPresence>, HandlerPresence); 2] {
     let leaves = HandlerPresence {
         returns_within_ms: Some(10_000),
-        ..HandlerPresence::gone(Some("a".to_owned()))
+        ..HandlerPresence::offline(Some("a".to_owned()))
     };
     let next = HandlerPresence {
         take_over: false,
@@ -137,12 +137,12 @@ fn a_closed_clamp_and_a_run_outlast_an_update_and_a_take_over() {
         with_plant(async move |scene, _| {
             let port = under_way(scene).await;
             if let Some(leaves) = leaves {
-                say(&port, leaves).await;
-                say(&port, HandlerPresence::gone(Some("a".to_owned()))).await;
+                send_presence(&port, leaves).await;
+                send_presence(&port, HandlerPresence::offline(Some("a".to_owned()))).await;
                 scene.plc().sleep(Duration::from_millis(9900)).await;
             }
             assert_eq!(clamped(scene.plc()).await, CLOSED, "{way}");
-            say(&port, next).await;
+            send_presence(&port, next).await;
             scene.plc().sleep(Duration::from_secs(20)).await;
             assert_eq!(clamped(scene.plc()).await, CLOSED, "{way}");
             assert_eq!(state(scene).await.execution, Execution::Active, "{way}");
@@ -179,7 +179,7 @@ fn sets(instance: Option<&str>) -> [Request; 3] {
 fn a_superseded_instance_writes_no_output_and_no_level() {
     with_plant(async |scene, _| {
         let port = under_way(scene).await;
-        say(&port, presence("b", true)).await;
+        send_presence(&port, presence("b", true)).await;
         for (instance, says) in [
             (Some("a"), "is in use by instance b"),
             (None, "name the instance"),
@@ -205,12 +205,12 @@ fn handler_with_announced_return_that_stays_offline_is_lost_then() {
     let [(_, leaves, _), _] = orderly();
     with_plant(async move |scene, _| {
         let port = under_way(scene).await;
-        say(&port, leaves.unwrap()).await;
+        send_presence(&port, leaves.unwrap()).await;
         scene.plc().sleep(Duration::from_millis(10_001)).await;
         assert_eq!(clamped(scene.plc()).await, [(false, true), (true, true)]);
         let held = scene.cs(1).wait_until(Execution::Interrupted).await.unwrap();
         assert_eq!(held.reason, Some(Reason::Interlock));
-        say(&port, presence("b", true)).await;
+        send_presence(&port, presence("b", true)).await;
         port.ask(write("clamp", true, "b")).await.unwrap();
         assert_eq!(clamped(scene.plc()).await, [(true, false), (true, true)]);
     });
@@ -221,10 +221,10 @@ fn closed_clamp_survives_loss_shorter_than_grace_and_new_instance() {
     for (away_ms, instance) in [(200, "a"), (1900, "b")] {
         with_plant(async move |scene, _| {
             let port = under_way(scene).await;
-            say(&port, HandlerPresence::gone(Some("a".to_owned()))).await;
+            send_presence(&port, HandlerPresence::offline(Some("a".to_owned()))).await;
             scene.plc().sleep(Duration::from_millis(away_ms)).await;
             assert_eq!(clamped(scene.plc()).await, CLOSED);
-            say(&port, presence(instance, true)).await;
+            send_presence(&port, presence(instance, true)).await;
             scene.plc().sleep(Duration::from_secs(10)).await;
             assert_eq!(clamped(scene.plc()).await, CLOSED, "{instance}");
         });
@@ -235,7 +235,7 @@ fn closed_clamp_survives_loss_shorter_than_grace_and_new_instance() {
 fn after_the_grace_an_output_has_its_on_loss_and_keep_keeps() {
     with_plant(async |scene, _| {
         let port = under_way(scene).await;
-        say(&port, HandlerPresence::gone(Some("a".to_owned()))).await;
+        send_presence(&port, HandlerPresence::offline(Some("a".to_owned()))).await;
         scene.plc().sleep(Duration::from_millis(1999)).await;
         assert_eq!(clamped(scene.plc()).await, CLOSED);
         scene.plc().sleep(Duration::from_millis(2)).await;
@@ -247,7 +247,7 @@ fn after_the_grace_an_output_has_its_on_loss_and_keep_keeps() {
 fn an_unannounced_loss_sets_a_source_with_on_loss_on_at_once() {
     with_plant(async |scene, _| {
         let port = under_way(scene).await;
-        say(&port, HandlerPresence::gone(Some("a".to_owned()))).await;
+        send_presence(&port, HandlerPresence::offline(Some("a".to_owned()))).await;
         let inputs = scene.cs(1).interlock().await.unwrap();
         assert!(inputs.value && inputs.sources[0].lost, "{inputs:?}");
         let held = scene.cs(1).wait_until(Execution::Interrupted).await.unwrap();
@@ -266,7 +266,7 @@ fn an_instance_that_does_not_confirm_that_it_lives_is_an_unannounced_loss() {
         let refused = port.ask(typed::Handler("cell".into(), next.clone())).await;
         assert_eq!(refused.unwrap_err().code, RefusalCode::HandlerTaken);
         scene.plc().sleep(Duration::from_millis(2100)).await;
-        say(&port, next).await;
+        send_presence(&port, next).await;
         assert!(
             scene.cs(1).interlock().await.unwrap().value,
             "the door was not watched"
@@ -286,11 +286,11 @@ async fn run(scene: &Scene, text: &str) {
 /// Starts a program that reaches M77 after one second, and loses the handler of M77 half a second before.
 async fn lose_before_m77(scene: &Scene) -> Arc<dyn Port> {
     let port = Arc::clone(scene.plc().port());
-    say(&port, presence("a", true)).await;
+    send_presence(&port, presence("a", true)).await;
     watch_levels(&port).await;
     run(scene, "G04 P1000\nM77\nM30\n").await;
     scene.plc().sleep(Duration::from_millis(500)).await;
-    say(&port, HandlerPresence::gone(Some("a".to_owned()))).await;
+    send_presence(&port, HandlerPresence::offline(Some("a".to_owned()))).await;
     port
 }
 
@@ -336,7 +336,7 @@ fn an_m_code_goes_to_a_handler_that_is_back_within_the_grace() {
     with_plant(async |scene, _| {
         let port = lose_before_m77(scene).await;
         scene.plc().sleep(Duration::from_millis(1900)).await;
-        say(&port, presence("b", true)).await;
+        send_presence(&port, presence("b", true)).await;
         scene.plc().sleep(Duration::from_secs(10)).await;
         assert_eq!(state(scene).await.execution, Execution::Wait);
         claim(scene, "b").await;
@@ -357,14 +357,14 @@ fn claimed_m_code_reported_lost_after_grace_unless_claimed_again() {
                 redelivery: Some(redelivery),
                 ..presence(instance, true)
             };
-            say(&port, said("a")).await;
+            send_presence(&port, said("a")).await;
             watch_levels(&port).await;
             run(scene, "M77\nM30\n").await;
             claim(scene, "a").await;
-            say(&port, HandlerPresence::gone(Some("a".to_owned()))).await;
+            send_presence(&port, HandlerPresence::offline(Some("a".to_owned()))).await;
             scene.plc().sleep(Duration::from_secs(1)).await;
             assert_eq!(state(scene).await.reason, None);
-            say(&port, said("b")).await;
+            send_presence(&port, said("b")).await;
             if redelivery == Redelivery::Redo {
                 claim(scene, "b").await;
             }
@@ -382,7 +382,7 @@ fn the_journal_names_the_owner_of_each_change_of_an_output() {
     let bench = Bench::on_machine(machine()).journal(journal);
     let play = bench.play(async |scene, _| {
         let port = Arc::clone(scene.plc().port());
-        say(&port, presence("a", true)).await;
+        send_presence(&port, presence("a", true)).await;
         let anyone = IoSet {
             value: true.into(),
             ..IoSet::default()

@@ -166,7 +166,7 @@ fn of_programs() -> Vec<(Event, &'static str)> {
 }
 
 fn of_runs() -> Vec<(Event, &'static str)> {
-    let captured = Captured {
+    let captured = CapturedPositions {
         run_id: Some("1-1".to_owned()),
         line: 5,
         motors: vec![1, 3],

@@ -13,7 +13,7 @@ use super::Line;
 
 /// Message to the thread that writes to disk.
 #[derive(Debug)]
-pub(crate) enum Message {
+pub(crate) enum JournalMessage {
     /// A line.
     Line {
         /// Its number, which increases across all starts of the runtime.
@@ -54,7 +54,7 @@ pub(crate) trait WriteAhead: std::fmt::Debug + Send + Sync {
 /// Handle of the thread that writes to disk. A clone is another handle of the same journal.
 #[derive(Debug, Clone)]
 pub(crate) struct JournalWriter {
-    pub lines: SyncSender<Message>,
+    pub lines: SyncSender<JournalMessage>,
     /// Number of lines dropped because the queue was full.
     pub lost: Arc<AtomicU64>,
     /// Number of the last line.
@@ -82,13 +82,13 @@ impl JournalWriter {
             if line.event.closes_outputs() {
                 ahead.close(&line);
             }
-            if line.event.is_heard_of()
+            if line.event.may_be_published_early()
                 && let Err(error) = ahead.write(n, &line, time)
             {
                 tracing::debug!("line {n} of the journal is not written ahead: {error}");
             }
         }
-        let message = Message::Line {
+        let message = JournalMessage::Line {
             n,
             line,
             time,

@@ -23,7 +23,9 @@ use serde_json::Value;
 
 use super::positions::MotorPositions;
 use crate::disk::fs::{File, FileExt as _, OpenOptions};
-use crate::disk::{Generations, Kind, Seal, number, open_regular, read_regular, read_sealed, seal_in_place};
+use crate::disk::{
+    Generations, Seal, SealedFileKind, number, open_regular, read_regular, read_sealed, seal_in_place,
+};
 use crate::journal::{Event, Line, WriteAhead};
 
 /// Name of the ring's file in the journal's folder.
@@ -60,13 +62,13 @@ impl Ahead {
     ///
     /// # Errors
     /// Returns an error if the disk operation fails.
-    pub fn begin(folder: &Path, boot_id: BootId, generations: &Generations) -> io::Result<Self> {
+    pub fn create(folder: &Path, boot_id: BootId, generations: &Generations) -> io::Result<Self> {
         let path = folder.join(AHEAD_FILE);
         let file = open_regular(&path, OpenOptions::new().write(true).create(true).truncate(false))?;
         // the slots after the ring stay until the axes rest or move; each names the start that wrote it
         file.write_all_at(&vec![b'\n'; SLOT_BYTES * usize::try_from(SLOTS).unwrap_or(0)], 0)?;
         let open = Mutex::default();
-        let seal = serde_json::to_string(&generations.plain_seal(Kind::Ahead))?;
+        let seal = serde_json::to_string(&generations.plain_seal(SealedFileKind::Ahead))?;
         Ok(Self {
             file,
             boot_id,
@@ -174,7 +176,7 @@ fn slots(folder: &Path) -> Vec<(Value, Seal)> {
     bytes
         .chunks(SLOT_BYTES)
         .filter_map(|slot| slot.split(|byte| *byte == b'\n').next())
-        .filter_map(|line| read_sealed(Kind::Ahead, line).ok())
+        .filter_map(|line| read_sealed(SealedFileKind::Ahead, line).ok())
         .collect()
 }
 
@@ -217,7 +219,7 @@ mod tests {
     fn lines_written_ahead_recovered_by_number_and_new_start_clears_them() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(recover(folder.path(), ""), Vec::<Value>::new());
-        let ahead = Ahead::begin(folder.path(), BootId("b1".to_owned()), &Generations::default()).unwrap();
+        let ahead = Ahead::create(folder.path(), BootId("b1".to_owned()), &Generations::default()).unwrap();
         let numbers = [SLOTS - 1, SLOTS, SLOTS + 1, 2 * SLOTS];
         for n in numbers {
             ahead.write(n, &line(n), UNIX_EPOCH).unwrap();
@@ -227,7 +229,7 @@ mod tests {
         assert_eq!(Line::from_json(&found[2]), Some(line(1024)));
         assert_eq!(found[2]["boot_id"], "b1");
         assert_eq!(found[2]["ts"], "1970-01-01T00:00:00.000000Z");
-        Ahead::begin(folder.path(), BootId("b2".to_owned()), &Generations::default()).unwrap();
+        Ahead::create(folder.path(), BootId("b2".to_owned()), &Generations::default()).unwrap();
         assert_eq!(recover(folder.path(), ""), Vec::<Value>::new());
     }
 
@@ -242,7 +244,7 @@ mod tests {
     #[test]
     fn the_line_of_an_output_says_which_outputs_before_it_are_open() {
         let folder = tempfile::tempdir().unwrap();
-        let ahead = Ahead::begin(folder.path(), BootId("b1".to_owned()), &Generations::default()).unwrap();
+        let ahead = Ahead::create(folder.path(), BootId("b1".to_owned()), &Generations::default()).unwrap();
         let reset = |seq| Line {
             event: Event::Reset {
                 seq,
@@ -281,7 +283,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let begin = |boot: &str| {
             let boot = BootId(boot.to_owned());
-            Ahead::begin(folder.path(), boot, &Generations::new("mill")).unwrap()
+            Ahead::create(folder.path(), boot, &Generations::new("mill")).unwrap()
         };
         let ahead = begin("b1");
         let at = MotorPositions::from([(7, 0.1 + 0.2), (1024, -123.456_789)]);
@@ -306,7 +308,7 @@ mod tests {
     #[test]
     fn a_line_that_has_no_room_is_refused_and_a_damaged_slot_is_none() {
         let folder = tempfile::tempdir().unwrap();
-        let ahead = Ahead::begin(folder.path(), BootId("b1".to_owned()), &Generations::default()).unwrap();
+        let ahead = Ahead::create(folder.path(), BootId("b1".to_owned()), &Generations::default()).unwrap();
         let long = Line {
             event: Event::Start {
                 program: 1,

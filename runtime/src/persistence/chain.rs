@@ -14,7 +14,8 @@ use sha2::{Digest as _, Sha256};
 
 use crate::disk::fs;
 use crate::disk::{
-    Generations, Kind, Read, Seal, StoredPart, number, read, read_regular, read_sealed, seal, write_whole,
+    Generations, LineContent, Seal, SealedFileKind, StoredPart, number, read, read_regular, read_sealed,
+    seal, write_whole,
 };
 
 /// Name of the anchor file in the journal's folder.
@@ -73,7 +74,7 @@ pub(super) fn link(before: Hash, object: &str) -> (String, Hash) {
 
 /// A line of a journal as read.
 #[derive(Debug, PartialEq)]
-pub(super) enum Entry<'a> {
+pub(super) enum ParsedJournalLine<'a> {
     /// A line of the chain: its value, the hashed bytes, and the hash.
     Linked(Value, &'a [u8], Hash),
     /// An intact line of a version without a chain.
@@ -83,9 +84,9 @@ pub(super) enum Entry<'a> {
 }
 
 /// Parses a line without its line end.
-pub(super) fn entry(line: &[u8]) -> Entry<'_> {
-    let Read::Whole(value) = read(Kind::Journal, line) else {
-        return Entry::Damaged;
+pub(super) fn entry(line: &[u8]) -> ParsedJournalLine<'_> {
+    let LineContent::Whole(value) = read(SealedFileKind::Journal, line) else {
+        return ParsedJournalLine::Damaged;
     };
     let linked = || {
         let (open, tail) = line.split_at_checked(line.len().checked_sub(SUM_BYTES + 9 + 64 + 1)?)?;
@@ -95,14 +96,14 @@ pub(super) fn entry(line: &[u8]) -> Entry<'_> {
         is_closed.then_some((open, hash))
     };
     match linked() {
-        Some((open, hash)) => Entry::Linked(value, open, hash),
-        None => Entry::Unlinked(value),
+        Some((open, hash)) => ParsedJournalLine::Linked(value, open, hash),
+        None => ParsedJournalLine::Unlinked(value),
     }
 }
 
 /// Content of a line of the chain itself, which marks the beginning of a file or of the chain.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Mark {
+pub(super) struct ChainMark {
     /// Number of the file.
     pub file: u64,
     /// The hash before the line; `None` if the chain begins here.
@@ -111,7 +112,7 @@ pub(super) struct Mark {
     pub why: Option<String>,
 }
 
-impl Mark {
+impl ChainMark {
     /// Returns the event of the line.
     pub fn to_json(&self) -> Value {
         let mut event = json!({"event": "chain", "file": self.file});
@@ -126,7 +127,7 @@ impl Mark {
     }
 
     /// Parses the mark of a line; returns `None` for any other line.
-    pub fn of(line: &Value) -> Option<Self> {
+    pub fn from_line(line: &Value) -> Option<Self> {
         let before = match line["prev"].as_str() {
             Some(text) => Some(Hash::parse(text)?),
             None if line["begins"] == true => None,
@@ -199,7 +200,7 @@ impl Anchor {
             })
         };
         let line = bytes.strip_suffix(b"\n");
-        let sealed = line.and_then(|line| read_sealed(Kind::Anchor, line).ok());
+        let sealed = line.and_then(|line| read_sealed(SealedFileKind::Anchor, line).ok());
         match sealed.and_then(|(line, seal)| Some((of_line(&line)?, seal))) {
             Some((anchor, seal)) => (AnchorRead::There(anchor), Some(seal)),
             None => (AnchorRead::Damaged, None),
@@ -212,7 +213,9 @@ impl Anchor {
             "file": self.file, "first": self.first, "hash": self.hash.to_string(), "n": self.n,
         });
         let generation = generations.next();
-        generations.seal(Kind::Anchor, generation).put(&mut line);
+        generations
+            .seal(SealedFileKind::Anchor, generation)
+            .put(&mut line);
         write_whole(&folder.join(ANCHOR_FILE), seal(&line.to_string()).as_bytes())?;
         generations.note_on_disk(StoredPart::Journal, generation);
         Ok(())
@@ -276,7 +279,7 @@ pub(super) fn next_line(reader: &mut impl BufRead, line: &mut Vec<u8>) -> io::Re
 }
 
 /// Returns the path of the file of this age in a journal's folder.
-pub(crate) fn place(folder: &Path, age: usize) -> PathBuf {
+pub(crate) fn journal_file_path(folder: &Path, age: usize) -> PathBuf {
     folder.join(match age {
         0 => "journal.jsonl".to_owned(),
         age => format!("journal.{age}.jsonl"),
@@ -301,16 +304,16 @@ mod tests {
         assert_eq!(first.len() as u64, object.len() as u64 + LINK_BYTES);
         let (second, _) = link(hash, &object);
         assert_ne!(first, second);
-        let Entry::Linked(value, open, read) = entry(first.trim_end().as_bytes()) else {
+        let ParsedJournalLine::Linked(value, open, read) = entry(first.trim_end().as_bytes()) else {
             panic!("{first}");
         };
         assert_eq!((read, Hash::ORIGIN.then(open)), (hash, hash));
         assert_eq!(value["event"], "boot");
         assert_eq!(
             entry(b"{\"event\":\"boot\"}"),
-            Entry::Unlinked(json!({"event": "boot"}))
+            ParsedJournalLine::Unlinked(json!({"event": "boot"}))
         );
-        assert_eq!(entry(b"{\"event\":\"bo"), Entry::Damaged);
+        assert_eq!(entry(b"{\"event\":\"bo"), ParsedJournalLine::Damaged);
     }
 
     #[test]

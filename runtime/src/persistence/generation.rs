@@ -7,14 +7,14 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use plc_api::types::Timestamp;
-use plc_api::types::data::Number;
+use plc_api::types::data::JsonNumber;
 use serde::Deserialize;
 use serde_json::{Map, Value};
 use tandem_model::lost::is_lost;
 
 use super::image::{Image, PAGE_VARIABLES, Page, page_name};
 use crate::clock::time_of_day;
-use crate::disk::{SumOfParts, read_regular, sum_of, write_whole_by};
+use crate::disk::{ChecksumHasher, checksum_hex, read_regular, write_whole_by};
 
 /// Name of the last good generation in the data folder.
 pub(crate) const GENERATION_FILE: &str = "state.last-good.json";
@@ -26,7 +26,7 @@ const BYTES_MAX: u64 = 256 << 20;
 const FORM: u32 = 1;
 
 #[derive(Debug, Deserialize)]
-struct Document {
+struct GenerationDocument {
     tandem_store: u32,
     written: Timestamp,
     /// Values by name; null for a lost value.
@@ -49,8 +49,8 @@ fn invalid(text: impl Into<String>) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, text.into())
 }
 
-fn sum(values: &Map<String, Value>) -> String {
-    sum_of(serde_json::to_string(values).unwrap_or_default().as_bytes())
+fn checksum_values(values: &Map<String, Value>) -> String {
+    checksum_hex(serde_json::to_string(values).unwrap_or_default().as_bytes())
 }
 
 impl Generation {
@@ -70,7 +70,7 @@ impl Generation {
             out,
             "{{\"tandem_store\":{FORM},\"written\":\"{written}\",\"values\":{{"
         )?;
-        let mut sum = SumOfParts::default();
+        let mut sum = ChecksumHasher::default();
         sum.add(b"{");
         for (number, name) in names.iter().enumerate() {
             let payload = image.values.get(&**name).map_or(&[][..], Vec::as_slice);
@@ -124,7 +124,8 @@ impl Generation {
     /// # Errors
     /// Returns an error if the text is not such a document, or if its checksum does not match.
     pub fn of_text(text: &str, needs_sum: bool) -> io::Result<Self> {
-        let document: Document = serde_json::from_str(text).map_err(|error| invalid(error.to_string()))?;
+        let document: GenerationDocument =
+            serde_json::from_str(text).map_err(|error| invalid(error.to_string()))?;
         if document.tandem_store != FORM {
             let text = format!(
                 "the document has form {}; this version reads form {FORM}",
@@ -133,7 +134,7 @@ impl Generation {
             return Err(invalid(text));
         }
         let is_whole = match &document.sum {
-            Some(noted) => *noted == sum(&document.values),
+            Some(noted) => *noted == checksum_values(&document.values),
             None => !needs_sum,
         };
         if !is_whole {
@@ -174,13 +175,13 @@ fn to_json(image: &Image, name: &str, payload: &[u8]) -> Value {
         if is_lost(value) {
             return Value::Null;
         }
-        serde_json::to_value(Number(value)).unwrap_or_default()
+        serde_json::to_value(JsonNumber(value)).unwrap_or_default()
     };
     Value::Array(page.0.iter().map(number).collect())
 }
 
 fn page_of(value: &Value) -> Option<Page> {
-    let numbers: Vec<Option<Number>> = Vec::deserialize(value).ok()?;
+    let numbers: Vec<Option<JsonNumber>> = Vec::deserialize(value).ok()?;
     let bits = numbers.into_iter().map(|number| match number {
         Some(number) => number.0.to_bits(),
         None => tandem_model::lost::LOST.to_bits(),

@@ -48,7 +48,7 @@ pub(crate) struct Page(pub [u64; PAGE_VARIABLES]);
 
 impl Page {
     /// Returns a page of an array; entries after the end of the array are zero.
-    pub fn of(array: &VariableArray, place: u16) -> Self {
+    pub fn from_array(array: &VariableArray, place: u16) -> Self {
         let first = usize::from(place) * PAGE_VARIABLES;
         let bits = |index| array.get(first + index).map_or(0, f64::to_bits);
         Self(std::array::from_fn(bits))
@@ -225,7 +225,7 @@ mod tests {
         }
         assert_eq!(pages(&array), 3);
         for place in 0..pages(&array) {
-            let page = Page::of(&array, place);
+            let page = Page::from_array(&array, place);
             Page::from_bytes(&page.to_bytes()).unwrap().set(&other, place);
         }
         let bits = |array: &VariableArray, number| array.get(number).map(f64::to_bits);

@@ -19,7 +19,7 @@ use super::generation::{GENERATION_FILE, Generation};
 use super::image::{Image, PRODUCTION_KEY, Page, RUN_KEYS, RUN_LINES_KEY};
 use super::record::{self, CACHE_BYTES, CHANGE, OLD_VALUES, OLD_VARIABLES, RECORDS, SEAL};
 use crate::disk::fs;
-use crate::disk::{Kind, Seal, Sums, read_regular};
+use crate::disk::{Checksums, Seal, SealedFileKind, read_regular};
 
 /// Name of the store in the data folder, and of its checksum file.
 pub(crate) const STORE_FILE: &str = "state.redb";
@@ -77,7 +77,10 @@ pub(crate) fn inspect_expected_store(folder: &Path, is_known: bool) -> Inspected
         .map(|bytes| read_database(bytes));
     let of_store = content.as_ref().and_then(|content| content.as_ref().ok());
     let of_store = of_store.and_then(|content| content.seal.as_ref());
-    let sums = of_same_machine(Sums::read(&folder.join(SUMS_FILE), Kind::StoreSums), of_store);
+    let sums = of_same_machine(
+        Checksums::read(&folder.join(SUMS_FILE), SealedFileKind::StoreSums),
+        of_store,
+    );
     let was_started = is_known
         || [STARTED_FILE, GENERATION_FILE]
             .iter()
@@ -172,7 +175,7 @@ fn believed(condition: Condition, image: Image, last: u64) -> InspectedStore {
     }
 }
 
-fn of_nothing(how: &str, sums: &Sums, was_started: bool) -> InspectedStore {
+fn of_nothing(how: &str, sums: &Checksums, was_started: bool) -> InspectedStore {
     if sums.is_there || sums.is_damaged || was_started {
         return damaged(how, &[], sums);
     }
@@ -180,19 +183,19 @@ fn of_nothing(how: &str, sums: &Sums, was_started: bool) -> InspectedStore {
 }
 
 /// Ignores checksums of a different machine than that of an intact store.
-fn of_same_machine(sums: Sums, of_store: Option<&Seal>) -> Sums {
+fn of_same_machine(sums: Checksums, of_store: Option<&Seal>) -> Checksums {
     match (&sums.seal, of_store) {
-        (Some(of_sums), Some(of_store)) if of_sums.machine != of_store.machine => Sums {
+        (Some(of_sums), Some(of_store)) if of_sums.machine != of_store.machine => Checksums {
             is_there: true,
             is_damaged: true,
             foreign: Some(format!("the file belongs to machine {}", of_sums.machine)),
-            ..Sums::default()
+            ..Checksums::default()
         },
         _ => sums,
     }
 }
 
-fn of_content(content: Content, bytes: &[u8], sums: &Sums, was_started: bool) -> InspectedStore {
+fn of_content(content: Content, bytes: &[u8], sums: &Checksums, was_started: bool) -> InspectedStore {
     let is_missing = |name: &&String| !content.image.has(name);
     if content.is_without_sums && !sums.is_there {
         return believed(Condition::WithoutSums, content.image, 0);
@@ -219,7 +222,7 @@ fn of_content(content: Content, bytes: &[u8], sums: &Sums, was_started: bool) ->
 }
 
 /// Returns the trusted rest of a damaged store.
-fn damaged(how: &str, bytes: &[u8], sums: &Sums) -> InspectedStore {
+fn damaged(how: &str, bytes: &[u8], sums: &Checksums) -> InspectedStore {
     let mut found: BTreeMap<&str, Vec<&[u8]>> = BTreeMap::new();
     for (name, payload) in record::scan(bytes) {
         found.entry(name).or_default().push(payload);
@@ -248,7 +251,7 @@ fn damaged(how: &str, bytes: &[u8], sums: &Sums) -> InspectedStore {
         let vouched = noted.and_then(|sum| {
             candidates
                 .copied()
-                .find(|payload| record::sum_of_record(name, payload) == sum)
+                .find(|payload| record::record_checksum_hex(name, payload) == sum)
         });
         if !vouched.is_some_and(|payload| inspected.image.take_record(name, payload)) {
             inspected.image.lose(name);
@@ -309,7 +312,7 @@ fn read_tables(database: &Database) -> Result<Content, String> {
             content.last = last.ok_or("the last change has no number")?;
         } else if name == SEAL {
             let seal: Seal = serde_json::from_slice(payload).map_err(|error| text(&error))?;
-            if seal.kind != Kind::Store {
+            if seal.kind != SealedFileKind::Store {
                 return Err("the seal is of another kind".to_owned());
             }
             content.seal = Some(seal);

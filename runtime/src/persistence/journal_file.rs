@@ -16,8 +16,8 @@ use super::ahead::{Ahead, OPEN, recover, recover_rests};
 use super::journal_folder::{COMMAND_LINE, FILE_BYTES_MAX, Files, Newest, Object, Own, newest};
 use super::replay::REPLAYED_LINES_MAX;
 use crate::clock::time_of_day;
-use crate::disk::{Generations, Health, Part, number, tighten};
-use crate::journal::{JournalWriter, Line, Message, WriteAhead};
+use crate::disk::{DataFolderPart, Generations, Health, number, tighten};
+use crate::journal::{JournalMessage, JournalWriter, Line, WriteAhead};
 use crate::threads::{self, Thread};
 
 /// Time without lines after which the thread checks that its file still exists, and tries a failed disk
@@ -38,11 +38,11 @@ fn object(boot_id: &BootId, n: u64, line: &Line, time: SystemTime) -> Object {
     json["boot_id"] = json!(boot_id);
     json["n"] = json!(n);
     json["ts"] = json!(Timestamp::from_system_time(time));
-    Object::of(&json)
+    Object::from_json(&json)
 }
 
 /// A journal opened for writing. Lines that only the ring contained are already in its files.
-struct Begun {
+struct OpenedJournal {
     newest: Newest,
     own: Own,
     files: io::Result<Files>,
@@ -54,10 +54,10 @@ fn as_written(line: &Value) -> Object {
     if let Some(fields) = line.as_object_mut() {
         fields.remove(OPEN);
     }
-    Object::of(&line)
+    Object::from_json(&line)
 }
 
-fn begin(folder: &Path, boot_id: BootId, generations: Arc<Generations>) -> Begun {
+fn open_journal(folder: &Path, boot_id: BootId, generations: Arc<Generations>) -> OpenedJournal {
     let mut newest = newest(folder, 0, REPLAYED_LINES_MAX);
     let missing = newest.missing(recover(folder, generations.machine()));
     let objects: Vec<Object> = missing.iter().map(as_written).collect();
@@ -76,7 +76,7 @@ fn begin(folder: &Path, boot_id: BootId, generations: Arc<Generations>) -> Begun
         Ok(files)
     });
     newest.why_anew = files.as_ref().ok().and_then(|files| files.why_anew.clone());
-    Begun { newest, own, files }
+    OpenedJournal { newest, own, files }
 }
 
 /// Writes a line into the journal of a machine that does not run.
@@ -84,7 +84,7 @@ fn begin(folder: &Path, boot_id: BootId, generations: Arc<Generations>) -> Begun
 /// # Errors
 /// Returns an error if the disk operation fails.
 pub(crate) fn append_line(folder: &Path, generations: Arc<Generations>, line: &Line) -> io::Result<()> {
-    let Begun { own, files, .. } = begin(folder, BootId(COMMAND_LINE.to_owned()), generations);
+    let OpenedJournal { own, files, .. } = open_journal(folder, BootId(COMMAND_LINE.to_owned()), generations);
     let mut files = files?;
     let n = own.last.fetch_add(1, Ordering::Relaxed) + 1;
     files.append(&[object(&own.boot_id, n, line, time_of_day())])?;
@@ -112,12 +112,12 @@ impl JournalThread {
         health: Arc<Health>,
     ) -> io::Result<(Self, Newest)> {
         tighten(folder);
-        let Begun { newest, own, files } = begin(folder, boot_id, generations);
+        let OpenedJournal { newest, own, files } = open_journal(folder, boot_id, generations);
         let opened = files.and_then(|files| {
-            let ahead = Ahead::begin(folder, own.boot_id.clone(), &own.generations)?;
+            let ahead = Ahead::create(folder, own.boot_id.clone(), &own.generations)?;
             Ok((files, ahead))
         });
-        health.note(Part::Journal, &opened);
+        health.record_attempt(DataFolderPart::Journal, &opened);
         let (files, ahead) = opened.ok().unzip();
         let supervisor = health.supervisor.clone();
         let (lines, inbox) = sync_channel(WAITING_MAX);
@@ -127,7 +127,7 @@ impl JournalThread {
             last: Arc::clone(&own.last),
             ahead: ahead.map(|ahead| Arc::new(ahead) as Arc<dyn WriteAhead>),
         };
-        let work = Work {
+        let work = JournalWork {
             own,
             folder: folder.to_owned(),
             files,
@@ -150,7 +150,7 @@ impl JournalThread {
 impl Drop for JournalThread {
     fn drop(&mut self) {
         // A thread that has already ended is joined, too.
-        let _ = self.writer.lines.send(Message::Close);
+        let _ = self.writer.lines.send(JournalMessage::Close);
         if let Some(thread) = self.thread.take() {
             thread.join();
         }
@@ -158,20 +158,20 @@ impl Drop for JournalThread {
 }
 
 /// Data of the thread.
-struct Work {
+struct JournalWork {
     own: Own,
     folder: PathBuf,
     /// `None` after a failure, until the files are open again.
     files: Option<Files>,
     health: Arc<Health>,
     lost: Arc<AtomicU64>,
-    inbox: Receiver<Message>,
+    inbox: Receiver<JournalMessage>,
     /// Time of the last round that did something.
     #[cfg(test)]
     worked: Instant,
 }
 
-impl threads::Work for Work {
+impl threads::Work for JournalWork {
     /// Also limited without a line, because the disk may have failed, or the folder may have been removed.
     fn patience(&self) -> Duration {
         RETRY
@@ -185,7 +185,7 @@ impl threads::Work for Work {
     fn round(&mut self, patience: Duration) -> bool {
         let (batch, open) = match self.inbox.recv_timeout(patience) {
             Ok(first) => {
-                if let Message::Line { handed_over, .. } = &first
+                if let JournalMessage::Line { handed_over, .. } = &first
                     && !patience.is_zero()
                 {
                     std::thread::sleep(rest(handed_over.elapsed()));
@@ -214,12 +214,12 @@ impl threads::Work for Work {
         if written.is_err() {
             self.files = None;
         }
-        self.health.note(Part::Journal, &written);
+        self.health.record_attempt(DataFolderPart::Journal, &written);
         open
     }
 }
 
-impl Work {
+impl JournalWork {
     /// The number of lines that could not be written earlier is a separate line.
     fn write(&mut self, mut batch: Vec<Object>) -> io::Result<()> {
         let files = match &mut self.files {
@@ -257,13 +257,13 @@ fn rest(age: Duration) -> Duration {
 ///
 /// The thread sleeps in between instead of waiting for the next line, so that only the first line has to wake
 /// it.
-fn gather(boot_id: &BootId, first: Message, inbox: &Receiver<Message>) -> (Vec<Object>, bool) {
+fn gather(boot_id: &BootId, first: JournalMessage, inbox: &Receiver<JournalMessage>) -> (Vec<Object>, bool) {
     let mut next = Some(first);
     let mut batch = Vec::new();
     while let Some(message) = next {
         match message {
-            Message::Line { n, line, time, .. } => batch.push(object(boot_id, n, &line, time)),
-            Message::Close => return (batch, false),
+            JournalMessage::Line { n, line, time, .. } => batch.push(object(boot_id, n, &line, time)),
+            JournalMessage::Close => return (batch, false),
         }
         next = (batch.len() < WAITING_MAX)
             .then(|| inbox.try_recv().ok())
@@ -318,14 +318,14 @@ mod tests {
         JournalThread::start(folder, BootId("b1".to_owned()), Arc::default(), Arc::default()).unwrap()
     }
 
-    fn work(folder: &Path) -> Work {
+    fn work(folder: &Path) -> JournalWork {
         let own = Own {
             boot_id: BootId("b1".to_owned()),
             started: Instant::now(),
             last: Arc::default(),
             generations: Arc::default(),
         };
-        Work {
+        JournalWork {
             own,
             folder: folder.to_owned(),
             files: None,
@@ -372,7 +372,7 @@ mod tests {
         let (batch, open) = gather(&boot_id, inbox.recv().unwrap(), &inbox);
         let objects = |numbers: &[(usize, usize)]| -> Vec<Object> {
             let kept = numbers.iter().map(|(number, n)| kept(*number, *n));
-            kept.map(|line| Object::of(&line)).collect()
+            kept.map(|line| Object::from_json(&line)).collect()
         };
         let first = objects(&[(1, 0), (2, 1), (3, 2), (4, 3)]);
         assert_eq!((batch, open), (first, true));
@@ -385,7 +385,7 @@ mod tests {
         assert_eq!(told, (&json!("lost"), &json!(2), 8));
         assert_eq!(writer.lost.load(Ordering::Relaxed), 0);
         write(&writer, 6);
-        writer.lines.send(Message::Close).unwrap();
+        writer.lines.send(JournalMessage::Close).unwrap();
         let last = gather(&boot_id, inbox.recv().unwrap(), &inbox);
         assert_eq!(last, (objects(&[(9, 6)]), false));
     }
@@ -419,7 +419,7 @@ mod tests {
         let (thread, newest) =
             JournalThread::start(&no_folder, boot_id, Arc::default(), Arc::clone(&health)).unwrap();
         assert_eq!(newest.lines, Vec::<Value>::new());
-        assert!(health.fault(Part::Journal).is_some());
+        assert!(health.fault(DataFolderPart::Journal).is_some());
         write(&thread.writer(), 1);
     }
 
@@ -441,7 +441,7 @@ mod tests {
         thread.writer().write(started(1), SystemTime::UNIX_EPOCH);
         drop(thread);
         // as after a kill
-        let ahead = Ahead::begin(folder.path(), BootId("b1".to_owned()), &Generations::default()).unwrap();
+        let ahead = Ahead::create(folder.path(), BootId("b1".to_owned()), &Generations::default()).unwrap();
         for n in 1..4 {
             ahead.write(n + 1, &started(n), SystemTime::UNIX_EPOCH).unwrap();
         }
@@ -466,7 +466,7 @@ mod tests {
     fn removed_journal_is_created_again_with_count_of_missing_lines() {
         let folder = tempfile::tempdir().unwrap();
         let mut work = work(&folder.path().join("journal"));
-        let line = || vec![Object::of(&kept(1, 1))];
+        let line = || vec![Object::from_json(&kept(1, 1))];
         work.write(line()).unwrap();
         fs::remove_dir_all(&work.folder).unwrap();
         assert!(work.write(line()).is_err());

@@ -16,14 +16,14 @@ use serde_json::{Value, json};
 use tokio::time::Instant;
 
 use super::ahead::Rest;
-use super::chain::{LINK_BYTES, Mark, link, place, tidy_up};
+use super::chain::{ChainMark, LINK_BYTES, journal_file_path, link, tidy_up};
 use super::positions::RestPositions;
-use super::resume::{Head, Resumed, resume};
+use super::resume::{ChainContinuation, Head, resume};
 use crate::clock::time_of_day;
 use crate::disk::fs::{self, File, OpenOptions};
 use crate::disk::{
-    Generations, Identity, Kind, PartGenerations, Read, StoredPart, make_folder_in, number, open_regular,
-    read, read_regular, sync_folder, tighten,
+    Generations, Identity, LineContent, PartGenerations, SealedFileKind, StoredPart, make_folder_in, number,
+    open_regular, read, read_regular, sync_folder, tighten,
 };
 
 /// The folder of the journal in `data_dir`.
@@ -120,7 +120,7 @@ pub(crate) fn newest(folder: &Path, from: usize, count: usize) -> Newest {
         if newest.lines.len() >= wanted {
             break;
         }
-        let path = place(folder, age);
+        let path = journal_file_path(folder, age);
         let bytes = match read_regular(&path, FILE_READ_MAX) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
@@ -136,9 +136,9 @@ pub(crate) fn newest(folder: &Path, from: usize, count: usize) -> Newest {
             if newest.lines.len() >= wanted {
                 break;
             }
-            match read(Kind::Journal, line) {
-                Read::Whole(line) => newest.lines.push(line),
-                Read::Damaged => *newest.damaged.entry(path.clone()).or_default() += 1,
+            match read(SealedFileKind::Journal, line) {
+                LineContent::Whole(line) => newest.lines.push(line),
+                LineContent::Damaged => *newest.damaged.entry(path.clone()).or_default() += 1,
             }
         }
     }
@@ -156,7 +156,7 @@ pub(super) struct Object {
 
 impl Object {
     /// Creates the line from a JSON object with its number.
-    pub fn of(line: &Value) -> Self {
+    pub fn from_json(line: &Value) -> Self {
         Self {
             n: number(line),
             text: line.to_string(),
@@ -183,7 +183,7 @@ impl Own {
         event["n"] = json!(self.last.fetch_add(1, Ordering::Relaxed) + 1);
         event["t_s"] = json!(self.started.elapsed().as_secs_f64());
         event["ts"] = json!(Timestamp::from_system_time(time_of_day()));
-        Object::of(&event)
+        Object::from_json(&event)
     }
 }
 
@@ -209,18 +209,18 @@ impl Files {
     /// Opens the files. A missing folder is created, but not its parents: if they were removed, an error is more useful
     /// than new ones. If the chain cannot continue, a new one begins with a line that states the reason.
     pub(super) fn open(folder: &Path, bytes_max: u64, own: Own) -> io::Result<Self> {
-        make_folder_in(folder).map_err(|error| of(folder, &error))?;
+        make_folder_in(folder).map_err(|error| name_file_in_error(folder, &error))?;
         for age in 0..FILES_MAX {
-            tighten(&place(folder, age));
+            tighten(&journal_file_path(folder, age));
         }
-        tidy_up(folder).map_err(|error| of(folder, &error))?;
-        let path = place(folder, 0);
-        let (newest, bytes, is_cut) = open_whole(&path).map_err(|error| of(&path, &error))?;
-        let Resumed {
+        tidy_up(folder).map_err(|error| name_file_in_error(folder, &error))?;
+        let path = journal_file_path(folder, 0);
+        let (newest, bytes, is_cut) = open_whole(&path).map_err(|error| name_file_in_error(&path, &error))?;
+        let ChainContinuation {
             head,
             mark,
             may_lack_lines,
-        } = resume(folder, is_cut).map_err(|error| of(&path, &error))?;
+        } = resume(folder, is_cut).map_err(|error| name_file_in_error(&path, &error))?;
         let mut files = Self {
             folder: folder.to_owned(),
             newest,
@@ -235,29 +235,29 @@ impl Files {
         };
         // also with a mark: lines found later were then written after the anchor
         let begun = files.anchor().and_then(|()| match &mark {
-            Some(mark) => files.begin(mark),
+            Some(mark) => files.write_mark(mark),
             None => Ok(()),
         });
-        begun.map_err(|error| of(&path, &error))?;
+        begun.map_err(|error| name_file_in_error(&path, &error))?;
         files.why_anew = mark.filter(|_| may_lack_lines).and_then(|mark| mark.why);
         Ok(files)
     }
 
     /// Begins a file or a chain.
-    fn begin(&mut self, mark: &Mark) -> io::Result<()> {
+    fn write_mark(&mut self, mark: &ChainMark) -> io::Result<()> {
         let line = self.own.line(mark.to_json());
         self.write(&[line])
     }
 
     /// Writes lines; they are on disk when this returns.
     pub(super) fn append(&mut self, lines: &[Object]) -> io::Result<()> {
-        let path = place(&self.folder, 0);
+        let path = journal_file_path(&self.folder, 0);
         let appended = self.append_to(&path, lines);
-        appended.map_err(|error| of(&path, &error))
+        appended.map_err(|error| name_file_in_error(&path, &error))
     }
 
     fn append_to(&mut self, path: &Path, lines: &[Object]) -> io::Result<()> {
-        Identity::of(&self.newest)?.check(path)?;
+        Identity::from_file(&self.newest)?.check(path)?;
         if lines.is_empty() {
             return Ok(());
         }
@@ -271,7 +271,7 @@ impl Files {
 
     /// Returns the seal of a line, as its first field.
     fn seal(&self) -> io::Result<String> {
-        let seal = self.own.generations.plain_seal(Kind::Journal);
+        let seal = self.own.generations.plain_seal(SealedFileKind::Journal);
         Ok(format!("\"seal\":{},", serde_json::to_string(&seal)?))
     }
 
@@ -319,7 +319,7 @@ impl Files {
     }
 
     fn begin_file(&mut self) -> io::Result<()> {
-        let mark = Mark {
+        let mark = ChainMark {
             file: self.head.file + 1,
             before: Some(self.head.hash),
             why: None,
@@ -330,12 +330,15 @@ impl Files {
         self.head.first = self.head.first.max(mark.file.saturating_sub(kept));
         self.anchor()?;
         for age in (0..FILES_MAX - 1).rev() {
-            match fs::rename(place(&self.folder, age), place(&self.folder, age + 1)) {
+            match fs::rename(
+                journal_file_path(&self.folder, age),
+                journal_file_path(&self.folder, age + 1),
+            ) {
                 Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
                 _ => {}
             }
         }
-        (self.newest, self.bytes, _) = open_whole(&place(&self.folder, 0))?;
+        (self.newest, self.bytes, _) = open_whole(&journal_file_path(&self.folder, 0))?;
         sync_folder(&self.folder)?;
         let line = self.own.line(mark.to_json());
         self.write(&[line])
@@ -343,7 +346,7 @@ impl Files {
 }
 
 /// Creates an error that names its file.
-fn of(path: &Path, error: &io::Error) -> io::Error {
+fn name_file_in_error(path: &Path, error: &io::Error) -> io::Error {
     io::Error::new(error.kind(), format!("{}: {error}", path.display()))
 }
 
@@ -380,7 +383,7 @@ mod tests {
     }
 
     fn line(n: usize) -> Object {
-        Object::of(&json!({"n": n, "text": "0123456789"}))
+        Object::from_json(&json!({"n": n, "text": "0123456789"}))
     }
 
     /// Returns the numbers of the lines, except for those of the chain itself.
@@ -443,7 +446,7 @@ mod tests {
     fn a_line_that_was_cut_short_is_taken_away() {
         let folder = tempfile::tempdir().unwrap();
         let old = seal("{\"n\":1}") + &seal("{\"n\":2}");
-        fs::write(place(folder.path(), 0), format!("{old}{{\"n\"")).unwrap();
+        fs::write(journal_file_path(folder.path(), 0), format!("{old}{{\"n\"")).unwrap();
         open(folder.path(), 1000).append(&[line(3)]).unwrap();
         assert_eq!(numbers(&newest(folder.path(), 0, 9).lines), [1, 2, 3]);
     }

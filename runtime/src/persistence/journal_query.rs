@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use super::chain::{Ending, Entry, entry};
+use super::chain::{Ending, ParsedJournalLine, entry};
 use super::journal_reader::{open, read_lines};
 use crate::journal::LineFilter;
 
@@ -29,7 +29,7 @@ pub fn search(folder: &Path, filter: &mut LineFilter, each: &mut dyn FnMut(Value
     left_out.unreadable = read_lines(
         open(folder)?,
         &mut |_, ending, line| match (ending, entry(line)) {
-            (Ending::Whole, Entry::Linked(value, ..) | Entry::Unlinked(value)) => {
+            (Ending::Whole, ParsedJournalLine::Linked(value, ..) | ParsedJournalLine::Unlinked(value)) => {
                 if filter.takes(&value) {
                     each(value);
                 }

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use std::thread::sleep;
 use std::time::Duration;
 
-use super::chain::{Ending, next_line, place};
+use super::chain::{Ending, journal_file_path, next_line};
 use super::journal_folder::{FILES_MAX, Newest};
 use crate::disk::fs::{self, File, OpenOptions};
-use crate::disk::{Identity, Kind, Read, open_regular, read};
+use crate::disk::{Identity, LineContent, SealedFileKind, open_regular, read};
 
 /// Maximum number of attempts to open files that a runtime renames in the meantime.
 pub(super) const TRIES_MAX: usize = 10;
@@ -20,11 +20,11 @@ const BETWEEN_TRIES: Duration = Duration::from_millis(5);
 const REST_OF_LINE: Duration = Duration::from_millis(50);
 
 /// A file of the journal, with the result of opening it.
-pub(super) type Opened = (PathBuf, io::Result<File>);
+pub(super) type OpenedJournalFile = (PathBuf, io::Result<File>);
 
 /// Location of a line.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Place {
+pub(super) struct LineLocation {
     pub path: PathBuf,
     /// Line number, from 1.
     pub line: u64,
@@ -32,13 +32,13 @@ pub(super) struct Place {
 
 /// Passes each line of a journal's files to `each`; returns the files that cannot be read, with the reason.
 pub(super) fn read_lines(
-    files: Vec<Opened>,
-    each: &mut dyn FnMut(&Place, Ending, &[u8]),
+    files: Vec<OpenedJournalFile>,
+    each: &mut dyn FnMut(&LineLocation, Ending, &[u8]),
 ) -> Vec<(PathBuf, io::Error)> {
     let mut unreadable = Vec::new();
     for (path, file) in files {
         let read = file.and_then(|file| {
-            let mut place = Place {
+            let mut place = LineLocation {
                 path: path.clone(),
                 line: 0,
             };
@@ -51,7 +51,11 @@ pub(super) fn read_lines(
     unreadable
 }
 
-fn read_file(file: File, place: &mut Place, each: &mut dyn FnMut(&Place, Ending, &[u8])) -> io::Result<()> {
+fn read_file(
+    file: File,
+    place: &mut LineLocation,
+    each: &mut dyn FnMut(&LineLocation, Ending, &[u8]),
+) -> io::Result<()> {
     let (mut reader, mut line, mut rest) = (BufReader::new(file), Vec::new(), Vec::new());
     while let Some(mut ending) = next_line(&mut reader, &mut line)? {
         if ending == Ending::Cut {
@@ -71,10 +75,10 @@ fn read_file(file: File, place: &mut Place, each: &mut dyn FnMut(&Place, Ending,
 pub(crate) fn damage(folder: &Path) -> Newest {
     let mut found = Newest::default();
     let Ok(files) = open(folder) else { return found };
-    let mut each = |place: &Place, ending: Ending, line: &[u8]| {
+    let mut each = |place: &LineLocation, ending: Ending, line: &[u8]| {
         // the last line may still be incomplete
         let is_damaged = match ending {
-            Ending::Whole => matches!(read(Kind::Journal, line), Read::Damaged),
+            Ending::Whole => matches!(read(SealedFileKind::Journal, line), LineContent::Damaged),
             Ending::TooLong => true,
             Ending::Cut => false,
         };
@@ -90,7 +94,7 @@ pub(crate) fn damage(folder: &Path) -> Newest {
 
 /// Returns the ages of the existing files.
 fn ages(folder: &Path) -> Vec<usize> {
-    let is_there = |age: &usize| fs::symlink_metadata(place(folder, *age)).is_ok();
+    let is_there = |age: &usize| fs::symlink_metadata(journal_file_path(folder, *age)).is_ok();
     (0..FILES_MAX).filter(is_there).collect()
 }
 
@@ -99,7 +103,7 @@ fn ages(folder: &Path) -> Vec<usize> {
 ///
 /// # Errors
 /// Returns an error if the folder does not exist.
-pub(super) fn open(folder: &Path) -> io::Result<Vec<Opened>> {
+pub(super) fn open(folder: &Path) -> io::Result<Vec<OpenedJournalFile>> {
     fs::read_dir(folder)?;
     let mut opened = Vec::new();
     for _ in 0..TRIES_MAX {
@@ -107,14 +111,14 @@ pub(super) fn open(folder: &Path) -> io::Result<Vec<Opened>> {
         opened = (0..FILES_MAX)
             .rev()
             .filter(|age| there.contains(age))
-            .map(|age| place(folder, age))
+            .map(|age| journal_file_path(folder, age))
             .map(|path| {
                 let file = open_regular(&path, OpenOptions::new().read(true));
                 (path, file)
             })
             .collect();
-        let has_its_name = |(path, file): &Opened| match file {
-            Ok(file) => Identity::of(file).is_ok_and(|opened| opened.check(path).is_ok()),
+        let has_its_name = |(path, file): &OpenedJournalFile| match file {
+            Ok(file) => Identity::from_file(file).is_ok_and(|opened| opened.check(path).is_ok()),
             Err(error) => error.kind() != io::ErrorKind::NotFound,
         };
         let is_without_gap = there.iter().copied().eq(0..there.len());

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use super::chain::{Anchor, AnchorRead, Ending, Entry, Hash, Mark, entry};
-use super::journal_reader::{Opened, Place, TRIES_MAX, open, read_lines};
+use super::chain::{Anchor, AnchorRead, ChainMark, Ending, Hash, ParsedJournalLine, entry};
+use super::journal_reader::{LineLocation, OpenedJournalFile, TRIES_MAX, open, read_lines};
 
 /// Maximum number of breaks that are listed; further ones are counted.
 const BREAKS_MAX: usize = 100;
@@ -16,7 +16,7 @@ const COMPARE: &str = "compare with a copy of the journal, and find out who coul
 
 /// Result of verifying the chain of a journal.
 #[derive(Debug, Default)]
-pub struct Verified {
+pub struct ChainVerification {
     /// Lines of the chain.
     pub chained: u64,
     /// Lines before the chain, of versions without a chain.
@@ -53,21 +53,21 @@ pub struct Break {
 ///
 /// # Errors
 /// Returns an error if the folder does not exist.
-pub fn verify(folder: &Path, noted: Option<&str>) -> io::Result<Verified> {
-    let Snapshot { anchor, first, files } = Snapshot::take(folder)?;
+pub fn verify(folder: &Path, noted: Option<&str>) -> io::Result<ChainVerification> {
+    let Snapshot { anchor, first, files } = Snapshot::from_folder(folder)?;
     let mut walk = Walk {
         anchor: anchor.there().cloned(),
         first,
         noted: noted.map(str::to_ascii_lowercase),
-        before: Before::Nothing,
+        before: Predecessor::Nothing,
         file: None,
-        at: Place {
+        at: LineLocation {
             path: folder.to_owned(),
             line: 0,
         },
         has_anchored: false,
         has_noted: false,
-        found: Verified::default(),
+        found: ChainVerification::default(),
     };
     let unreadable = read_lines(files, &mut |place, ending, line| walk.line(place, ending, line));
     for (path, error) in unreadable {
@@ -78,7 +78,7 @@ pub fn verify(folder: &Path, noted: Option<&str>) -> io::Result<Verified> {
             advice: "check its access rights and the disk",
         });
     }
-    walk.end(folder, &anchor);
+    walk.check_end(folder, &anchor);
     Ok(walk.found)
 }
 
@@ -89,11 +89,11 @@ struct Snapshot {
     /// Number of the oldest file that must exist, read after the files were opened: rotation may have removed others in
     /// the meantime.
     first: Option<u64>,
-    files: Vec<Opened>,
+    files: Vec<OpenedJournalFile>,
 }
 
 impl Snapshot {
-    fn take(folder: &Path) -> io::Result<Self> {
+    fn from_folder(folder: &Path) -> io::Result<Self> {
         let mut tries = 0;
         loop {
             let (anchor, files, after) = (Anchor::read(folder), open(folder)?, Anchor::read(folder));
@@ -108,7 +108,7 @@ impl Snapshot {
     }
 }
 
-impl Verified {
+impl ChainVerification {
     /// Returns true if there is a chain and it has no break.
     pub fn is_whole(&self) -> bool {
         self.breaks.is_empty() && self.chained > 0
@@ -125,7 +125,7 @@ impl Verified {
 
 /// The expected predecessor of the next line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Before {
+enum Predecessor {
     /// No line of the chain was read yet.
     Nothing,
     Line(Hash),
@@ -139,17 +139,17 @@ struct Walk {
     /// Number of the oldest file that must exist.
     first: Option<u64>,
     noted: Option<String>,
-    before: Before,
+    before: Predecessor,
     /// Number of the file.
     file: Option<u64>,
-    at: Place,
+    at: LineLocation,
     has_anchored: bool,
     has_noted: bool,
-    found: Verified,
+    found: ChainVerification,
 }
 
 impl Walk {
-    fn line(&mut self, place: &Place, ending: Ending, line: &[u8]) {
+    fn line(&mut self, place: &LineLocation, ending: Ending, line: &[u8]) {
         self.at.clone_from(place);
         match (ending, entry(line)) {
             (Ending::Cut, _) => {
@@ -157,31 +157,31 @@ impl Walk {
                     "the last line is cut short",
                     "a power failure or a person has cut the line; the next start removes it",
                 );
-                self.before = Before::Unknown;
+                self.before = Predecessor::Unknown;
             }
-            (Ending::TooLong, _) | (_, Entry::Damaged) => {
+            (Ending::TooLong, _) | (_, ParsedJournalLine::Damaged) => {
                 self.broken("the line is damaged", COMPARE);
-                self.before = Before::Unknown;
+                self.before = Predecessor::Unknown;
             }
-            (_, Entry::Unlinked(value)) if self.before == Before::Nothing => {
+            (_, ParsedJournalLine::Unlinked(value)) if self.before == Predecessor::Nothing => {
                 self.found.not_chained += 1;
                 self.time(&value);
             }
-            (_, Entry::Unlinked(value)) => {
+            (_, ParsedJournalLine::Unlinked(value)) => {
                 self.broken(
                     "the line has no hash: it was inserted, or a version without a chain wrote it",
                     COMPARE,
                 );
                 self.time(&value);
             }
-            (_, Entry::Linked(value, open, hash)) => self.linked(&value, open, hash),
+            (_, ParsedJournalLine::Linked(value, open, hash)) => self.linked(&value, open, hash),
         }
     }
 
     fn linked(&mut self, value: &Value, open: &[u8], hash: Hash) {
         self.found.chained += 1;
         self.time(value);
-        match Mark::of(value) {
+        match ChainMark::from_line(value) {
             Some(mark) => {
                 if mark.base().then(open) != hash {
                     self.broken("the line was changed", COMPARE);
@@ -190,15 +190,15 @@ impl Walk {
                 self.file = Some(mark.file);
             }
             None => match self.before {
-                Before::Nothing => self.broken("lines before this one are missing", COMPARE),
-                Before::Line(before) if before.then(open) != hash => self.broken(
+                Predecessor::Nothing => self.broken("lines before this one are missing", COMPARE),
+                Predecessor::Line(before) if before.then(open) != hash => self.broken(
                     "the line does not follow the one before it: one of them was changed, or lines were removed, inserted or moved",
                     COMPARE,
                 ),
-                Before::Line(_) | Before::Unknown => {}
+                Predecessor::Line(_) | Predecessor::Unknown => {}
             },
         }
-        self.before = Before::Line(hash);
+        self.before = Predecessor::Line(hash);
         self.found.head = Some(hash);
         self.has_anchored |= self.anchor.as_ref().is_some_and(|anchor| anchor.hash == hash);
         let is_noted = |noted: &String| hash.to_string().starts_with(noted.as_str());
@@ -206,9 +206,9 @@ impl Walk {
     }
 
     /// Processes the beginning of a file or of the chain.
-    fn mark(&mut self, mark: &Mark) {
+    fn mark(&mut self, mark: &ChainMark) {
         let why = mark.why.as_deref().unwrap_or("there was no journal");
-        let is_first = self.before == Before::Nothing;
+        let is_first = self.before == Predecessor::Nothing;
         match mark.before {
             None if is_first && mark.file == 1 => {
                 if mark.why.is_some() {
@@ -246,7 +246,7 @@ impl Walk {
                         self.file.unwrap_or_default()
                     );
                     self.broken(&what, COMPARE);
-                } else if matches!(self.before, Before::Line(last) if last != before) {
+                } else if matches!(self.before, Predecessor::Line(last) if last != before) {
                     self.broken(
                         "lines at the end of the file before this one are missing or were changed",
                         COMPARE,
@@ -271,7 +271,7 @@ impl Walk {
         });
     }
 
-    fn end(&mut self, folder: &Path, read: &AnchorRead) {
+    fn check_end(&mut self, folder: &Path, read: &AnchorRead) {
         let has_chain = self.found.chained > 0;
         match read {
             AnchorRead::There(anchor) if anchor.hash != Hash::ORIGIN && !self.has_anchored => {

@@ -37,6 +37,6 @@ pub(crate) use inspected_store::{
     Condition, InspectedStore, STARTED_FILE, STORE_FILE, inspect_expected_store, inspect_store,
 };
 pub(crate) use replay::replay_last_runs;
-pub(crate) use restore::{Restored, forget_outputs, restore, restore_outputs};
+pub(crate) use restore::{RestoredState, forget_outputs, restore, restore_outputs};
 pub(crate) use state_writer::{Source, StateWriter, StateWriterThread};
 pub(crate) use store::Store;

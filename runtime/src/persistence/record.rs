@@ -30,7 +30,7 @@ const SUM_BYTES: usize = 8;
 const NAME_MAX: usize = 256;
 const PAYLOAD_MAX: usize = 16 << 20;
 
-fn sum(name: &str, payload: &[u8]) -> [u8; SUM_BYTES] {
+fn checksum_record(name: &str, payload: &[u8]) -> [u8; SUM_BYTES] {
     let mut digest = Sha256::new();
     digest.update((name.len() as u64).to_le_bytes());
     digest.update(name);
@@ -41,8 +41,8 @@ fn sum(name: &str, payload: &[u8]) -> [u8; SUM_BYTES] {
 }
 
 /// Returns the checksum of a record, in hexadecimal digits.
-pub(super) fn sum_of_record(name: &str, payload: &[u8]) -> String {
-    hex::encode(sum(name, payload))
+pub(super) fn record_checksum_hex(name: &str, payload: &[u8]) -> String {
+    hex::encode(checksum_record(name, payload))
 }
 
 /// Returns the bytes of a record.
@@ -52,12 +52,12 @@ pub(super) fn write(name: &str, payload: &[u8]) -> Vec<u8> {
     bytes.extend((payload.len() as u64).to_le_bytes());
     bytes.extend(name.as_bytes());
     bytes.extend(payload);
-    bytes.extend(sum(name, payload));
+    bytes.extend(checksum_record(name, payload));
     bytes
 }
 
 /// Reads the record at the beginning of the bytes: its name, its content and its length.
-fn begin(bytes: &[u8]) -> Option<(&str, &[u8], usize)> {
+fn parse_record(bytes: &[u8]) -> Option<(&str, &[u8], usize)> {
     let rest = bytes.strip_prefix(&MAGIC)?;
     let (name_len, rest) = rest.split_first_chunk::<8>()?;
     let (payload_len, rest) = rest.split_first_chunk::<8>()?;
@@ -69,14 +69,14 @@ fn begin(bytes: &[u8]) -> Option<(&str, &[u8], usize)> {
     let (name, rest) = rest.split_at_checked(name_len)?;
     let (payload, rest) = rest.split_at_checked(payload_len)?;
     let name = std::str::from_utf8(name).ok()?;
-    let is_whole = rest.first_chunk() == Some(&sum(name, payload));
+    let is_whole = rest.first_chunk() == Some(&checksum_record(name, payload));
     let length = bytes.len() - rest.len() + SUM_BYTES;
     is_whole.then_some((name, payload, length))
 }
 
 /// Returns the content of a record; `None` if the record is damaged or has another name.
 pub(super) fn read<'a>(name: &str, bytes: &'a [u8]) -> Option<&'a [u8]> {
-    let (found, payload, length) = begin(bytes)?;
+    let (found, payload, length) = parse_record(bytes)?;
     (found == name && length == bytes.len()).then_some(payload)
 }
 
@@ -88,7 +88,7 @@ pub(super) fn scan(bytes: &[u8]) -> Vec<(&str, &[u8])> {
             break;
         };
         at += next;
-        match begin(&bytes[at..]) {
+        match parse_record(&bytes[at..]) {
             Some((name, payload, length)) => {
                 found.push((name, payload));
                 at += length;

@@ -63,7 +63,7 @@ fn replay(cs: CoordinateSystemNumber, kept: Option<&KeptRun>, journal: &[Value])
         if let Some((run_id, program)) = of_run
             && run.as_ref().map(|run| (&run.boot_id, &run.run_id)) != Some((&boot_id, &run_id))
         {
-            run = Some(begun(boot_id.clone(), run_id, program, ts.clone()));
+            run = Some(start_run(boot_id.clone(), run_id, program, ts.clone()));
         }
         if let Some(run) = run.as_mut().filter(|run| run.boot_id == boot_id) {
             // resets whose lines were lost
@@ -89,7 +89,7 @@ fn waiting(mut run: LastRun) -> LastRun {
 }
 
 /// Creates a run at its start.
-fn begun(boot_id: BootId, run_id: String, program: Option<u16>, at: Timestamp) -> LastRun {
+fn start_run(boot_id: BootId, run_id: String, program: Option<u16>, at: Timestamp) -> LastRun {
     LastRun {
         boot_id,
         run_id,

@@ -16,14 +16,14 @@ use serde::de::DeserializeOwned;
 use tandem_model::lost::LOST;
 
 use super::image::{Image, KeptRun, LastRuns, PRODUCTION_KEY, Page, RUN_KEYS, RUN_LINES_KEY};
-use crate::runs::{BegunRun, KeptRuns, LinesIncluded};
+use crate::runs::{ActiveRunRecord, KeptRuns, LinesIncluded};
 use crate::tables::{
-    Kept, KeptOffset, KeptValues, LOST_VALUE, Tables, keep, tool_key, value_key, work_offset_key,
+    KeptOffset, KeptValues, LOST_VALUE, StoredSetting, Tables, keep, tool_key, value_key, work_offset_key,
 };
 
 /// Stored data that belongs to no table.
 #[derive(Debug, Default)]
-pub(crate) struct Restored {
+pub(crate) struct RestoredState {
     /// Tool in the spindle by coordinate system; `None` if it is lost.
     pub tools_in_spindle: BTreeMap<CoordinateSystemNumber, Option<u16>>,
     /// The last runs, of an earlier start of the runtime.
@@ -39,15 +39,15 @@ pub(crate) struct Restored {
 const OUTPUT_KEYS: &str = "io/out/";
 
 /// Result of reading a stored value.
-enum Read<T> {
+enum StoredReading<T> {
     Never,
     Lost,
     Value(T),
 }
 
 /// Fills the tables, which hold the configured values, with the stored values.
-pub(crate) fn restore(tables: &Tables, image: &Image) -> Restored {
-    let mut restored = Restored::default();
+pub(crate) fn restore(tables: &Tables, image: &Image) -> RestoredState {
+    let mut restored = RestoredState::default();
     for ((area, place), page) in &image.pages {
         restore_page(tables, *area, *place, page);
     }
@@ -56,20 +56,20 @@ pub(crate) fn restore(tables: &Tables, image: &Image) -> Restored {
     for cs in tables.coordinate_systems() {
         restore_work_offsets(tables, cs, image);
         match read::<u16>(image, &value_key("tool", cs)) {
-            Read::Never => {}
-            Read::Lost => {
+            StoredReading::Never => {}
+            StoredReading::Lost => {
                 restored.tools_in_spindle.insert(cs, None);
             }
-            Read::Value(id) => {
+            StoredReading::Value(id) => {
                 restored.tools_in_spindle.insert(cs, Some(id));
             }
         }
         match read::<KeptRun>(image, &value_key("last_run", cs)) {
-            Read::Never => {}
-            Read::Lost => {
+            StoredReading::Never => {}
+            StoredReading::Lost => {
                 restored.lost_runs.insert(cs);
             }
-            Read::Value(last_run) => {
+            StoredReading::Value(last_run) => {
                 restored.last_runs.insert(cs, last_run);
             }
         }
@@ -82,9 +82,9 @@ pub(crate) fn restore_outputs(io: &IoDeclarations, image: &Image) -> BTreeMap<Io
     let points = io.points().map(|(point, _)| point);
     let kept = points.filter(|point| io.keeps_last(point)).filter_map(|point| {
         let last = match read::<Option<IoValue>>(image, &point.to_string()) {
-            Read::Never | Read::Value(None) => return None,
-            Read::Lost => None,
-            Read::Value(last) => last,
+            StoredReading::Never | StoredReading::Value(None) => return None,
+            StoredReading::Lost => None,
+            StoredReading::Value(last) => last,
         };
         Some((point, last))
     });
@@ -109,26 +109,29 @@ pub(crate) fn forget_outputs(io: &IoDeclarations, image: &Image) -> KeptValues {
 /// Restores the runs. A damaged run is only omitted from the history.
 fn restore_runs(tables: &Tables, image: &Image) -> KeptRuns {
     let value = |key: &str| match read(image, key) {
-        Read::Value(kept) => Some(kept),
-        Read::Never | Read::Lost => None,
+        StoredReading::Value(kept) => Some(kept),
+        StoredReading::Never | StoredReading::Lost => None,
     };
     let open = tables.coordinate_systems();
-    let open = open.filter_map(
-        |cs| match read::<Option<BegunRun>>(image, &value_key("open_run", cs)) {
-            Read::Value(run) => run,
-            Read::Never | Read::Lost => None,
-        },
-    );
+    let open =
+        open.filter_map(
+            |cs| match read::<Option<ActiveRunRecord>>(image, &value_key("open_run", cs)) {
+                StoredReading::Value(run) => run,
+                StoredReading::Never | StoredReading::Lost => None,
+            },
+        );
     let production = match read::<Vec<Production>>(image, PRODUCTION_KEY) {
-        Read::Value(production) => production,
-        Read::Never | Read::Lost => Vec::new(),
+        StoredReading::Value(production) => production,
+        StoredReading::Never | StoredReading::Lost => Vec::new(),
     };
     let ended = image.values.keys().filter(|name| name.starts_with(RUN_KEYS));
     let lines = match read::<LinesIncluded>(image, RUN_LINES_KEY) {
-        Read::Value(lines) => lines,
-        Read::Never if !image.has(PRODUCTION_KEY) => LinesIncluded::new(),
+        StoredReading::Value(lines) => lines,
+        StoredReading::Never if !image.has(PRODUCTION_KEY) => LinesIncluded::new(),
         // the included lines are unknown: nothing is counted twice
-        Read::Never | Read::Lost => tables.coordinate_systems().map(|cs| (cs, u64::MAX)).collect(),
+        StoredReading::Never | StoredReading::Lost => {
+            tables.coordinate_systems().map(|cs| (cs, u64::MAX)).collect()
+        }
     };
     KeptRuns {
         lines,
@@ -154,10 +157,10 @@ fn restore_tools(tables: &Tables, image: &Image) {
         .keys()
         .filter_map(|name| name.strip_prefix("tool_data/")?.parse().ok());
     for id in ids {
-        let now = match read::<Kept<Option<ToolData>>>(image, &tool_key(id)) {
-            Read::Never => continue,
-            Read::Lost => Some(lost_tool(id)),
-            Read::Value(kept) => newer(kept.configured, kept.now, configured.get(&id).copied()),
+        let now = match read::<StoredSetting<Option<ToolData>>>(image, &tool_key(id)) {
+            StoredReading::Never => continue,
+            StoredReading::Lost => Some(lost_tool(id)),
+            StoredReading::Value(kept) => newer(kept.configured, kept.now, configured.get(&id).copied()),
         };
         match now {
             Some(tool) => tools.insert(id, tool),
@@ -177,10 +180,10 @@ fn lost_tool(id: u16) -> ToolData {
 
 fn restore_work_offsets(tables: &Tables, cs: CoordinateSystemNumber, image: &Image) {
     for (name, axes) in &tables.configured_work_offsets(cs).work_offsets {
-        let kept = match read::<Kept<KeptOffset>>(image, &work_offset_key(cs, name)) {
-            Read::Never => continue,
-            Read::Lost => None,
-            Read::Value(kept) => Some(kept),
+        let kept = match read::<StoredSetting<KeptOffset>>(image, &work_offset_key(cs, name)) {
+            StoredReading::Never => continue,
+            StoredReading::Lost => None,
+            StoredReading::Value(kept) => Some(kept),
         };
         let values = axes.iter().map(|(letter, configured)| {
             let value = match &kept {
@@ -196,16 +199,16 @@ fn restore_work_offsets(tables: &Tables, cs: CoordinateSystemNumber, image: &Ima
     }
 }
 
-fn read<T: DeserializeOwned>(image: &Image, key: &str) -> Read<T> {
+fn read<T: DeserializeOwned>(image: &Image, key: &str) -> StoredReading<T> {
     match image.values.get(key) {
-        None => Read::Never,
-        Some(bytes) if bytes == LOST_VALUE => Read::Lost,
+        None => StoredReading::Never,
+        Some(bytes) if bytes == LOST_VALUE => StoredReading::Lost,
         Some(bytes) => serde_json::from_slice(bytes).map_or_else(
             |error| {
                 tracing::warn!("{key} was written by another version ({error}) and is treated as lost");
-                Read::Lost
+                StoredReading::Lost
             },
-            Read::Value,
+            StoredReading::Value,
         ),
     }
 }
@@ -231,12 +234,12 @@ impl Image {
     /// Takes over a value of a version that kept each table as one value.
     pub(super) fn take_old(&mut self, name: &str, bytes: &[u8]) {
         if name == "tools" {
-            match serde_json::from_slice::<Kept<ToolTable>>(bytes) {
+            match serde_json::from_slice::<StoredSetting<ToolTable>>(bytes) {
                 Ok(kept) => self.take_old_tools(&kept),
                 Err(error) => tracing::warn!("the tool table cannot be restored: {error}"),
             }
         } else if let Some(cs) = name.strip_prefix("work_offsets/").and_then(|cs| cs.parse().ok()) {
-            match serde_json::from_slice::<Kept<WorkOffsetTable>>(bytes) {
+            match serde_json::from_slice::<StoredSetting<WorkOffsetTable>>(bytes) {
                 Ok(kept) => self.take_old_work_offsets(cs, &kept),
                 Err(error) => tracing::warn!("{name} cannot be restored: {error}"),
             }
@@ -245,11 +248,11 @@ impl Image {
         }
     }
 
-    fn take_old_tools(&mut self, kept: &Kept<ToolTable>) {
+    fn take_old_tools(&mut self, kept: &StoredSetting<ToolTable>) {
         let (configured, now) = (by_id(&kept.configured), by_id(&kept.now));
         let ids: BTreeSet<u16> = configured.keys().chain(now.keys()).copied().collect();
         for id in ids {
-            let kept = Kept {
+            let kept = StoredSetting {
                 configured: configured.get(&id).copied(),
                 now: now.get(&id).copied(),
             };
@@ -257,14 +260,14 @@ impl Image {
         }
     }
 
-    fn take_old_work_offsets(&mut self, cs: CoordinateSystemNumber, kept: &Kept<WorkOffsetTable>) {
+    fn take_old_work_offsets(&mut self, cs: CoordinateSystemNumber, kept: &StoredSetting<WorkOffsetTable>) {
         let known = |table: &WorkOffsetTable, name: &str| -> KeptOffset {
             let axes = table.work_offsets.get(name).into_iter().flatten();
             axes.map(|(letter, value)| (letter.clone(), Some(*value)))
                 .collect()
         };
         for name in kept.now.work_offsets.keys() {
-            let kept = Kept {
+            let kept = StoredSetting {
                 configured: known(&kept.configured, name),
                 now: known(&kept.now, name),
             };
@@ -377,7 +380,7 @@ mod tests {
             radius: 0.5,
             length,
         };
-        let kept = Kept {
+        let kept = StoredSetting {
             configured: ToolTable {
                 tools: vec![tool(901, 1.0)],
             },
@@ -397,7 +400,7 @@ mod tests {
                 work_offsets: [("G55".to_owned(), axes)].into(),
             }
         };
-        let kept = Kept {
+        let kept = StoredSetting {
             configured: offset(0.0),
             now: offset(7.5),
         };

@@ -4,7 +4,9 @@
 use std::io::{self, BufReader};
 use std::path::Path;
 
-use super::chain::{Anchor, AnchorRead, Ending, Entry, Hash, Mark, entry, next_line, place};
+use super::chain::{
+    Anchor, AnchorRead, ChainMark, Ending, Hash, ParsedJournalLine, entry, journal_file_path, next_line,
+};
 use crate::disk::fs::OpenOptions;
 use crate::disk::{number, open_regular};
 
@@ -35,10 +37,10 @@ impl Head {
 
 /// Continuation of the chain.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) struct Resumed {
+pub(super) struct ChainContinuation {
     pub head: Head,
     /// The line with which the file or the chain begins; `None` if the file continues.
-    pub mark: Option<Mark>,
+    pub mark: Option<ChainMark>,
     /// Previously written lines may be missing.
     pub may_lack_lines: bool,
 }
@@ -62,7 +64,7 @@ struct Scan {
 }
 
 impl Scan {
-    fn of(path: &Path, sought: Option<Hash>) -> io::Result<Self> {
+    fn from_file(path: &Path, sought: Option<Hash>) -> io::Result<Self> {
         let mut scan = Self {
             last: Last::None,
             file: None,
@@ -76,12 +78,12 @@ impl Scan {
         let (mut reader, mut line) = (BufReader::new(file), Vec::new());
         while let Some(ending) = next_line(&mut reader, &mut line)? {
             scan.last = match (ending, entry(&line)) {
-                (Ending::Whole, Entry::Linked(value, _, hash)) => {
-                    scan.file = Mark::of(&value).map(|mark| mark.file).or(scan.file);
+                (Ending::Whole, ParsedJournalLine::Linked(value, _, hash)) => {
+                    scan.file = ChainMark::from_line(&value).map(|mark| mark.file).or(scan.file);
                     scan.has_sought |= Some(hash) == sought;
                     Last::Linked(hash, number(&value))
                 }
-                (Ending::Whole, Entry::Unlinked(_)) => Last::Unlinked,
+                (Ending::Whole, ParsedJournalLine::Unlinked(_)) => Last::Unlinked,
                 _ => Last::Damaged,
             };
         }
@@ -93,13 +95,13 @@ impl Scan {
 ///
 /// # Errors
 /// Returns an error if the newest file cannot be read.
-pub(super) fn resume(folder: &Path, is_cut: bool) -> io::Result<Resumed> {
+pub(super) fn resume(folder: &Path, is_cut: bool) -> io::Result<ChainContinuation> {
     let read = Anchor::read(folder);
     let anchor = read.there();
     let sought = anchor.map(|anchor| anchor.hash);
-    let newest = Scan::of(&place(folder, 0), sought)?;
+    let newest = Scan::from_file(&journal_file_path(folder, 0), sought)?;
     // an unreadable older file is ignored
-    let older = Scan::of(&place(folder, 1), sought).unwrap_or(Scan {
+    let older = Scan::from_file(&journal_file_path(folder, 1), sought).unwrap_or(Scan {
         last: Last::Damaged,
         file: None,
         has_sought: false,
@@ -110,7 +112,7 @@ pub(super) fn resume(folder: &Path, is_cut: bool) -> io::Result<Resumed> {
     let known = anchor.map(|anchor| anchor.file);
     let after_older = older.file.filter(|_| is_new).map(|file| file + 1);
     let file = newest.file.or(after_older).or(known).unwrap_or(1);
-    let begins = |why: Option<String>| Mark {
+    let begins = |why: Option<String>| ChainMark {
         file,
         before: None,
         why,
@@ -131,7 +133,7 @@ pub(super) fn resume(folder: &Path, is_cut: bool) -> io::Result<Resumed> {
             anchor.n
         )))),
         (Last::None, AnchorRead::There(_)) => Some(begins(None)),
-        (Last::Linked(hash, _), AnchorRead::There(_)) => is_new.then_some(Mark {
+        (Last::Linked(hash, _), AnchorRead::There(_)) => is_new.then_some(ChainMark {
             file,
             before: Some(hash),
             why: None,
@@ -142,11 +144,11 @@ pub(super) fn resume(folder: &Path, is_cut: bool) -> io::Result<Resumed> {
         && !matches!((last, &read), (Last::Unlinked, AnchorRead::Missing))
         && mark.as_ref().is_some_and(|mark| mark.why.is_some());
     let (hash, n) = match (&mark, last) {
-        (None | Some(Mark { before: Some(_), .. }), Last::Linked(hash, n)) => (hash, n),
+        (None | Some(ChainMark { before: Some(_), .. }), Last::Linked(hash, n)) => (hash, n),
         _ => (Hash::ORIGIN, 0),
     };
     let first = anchor.map_or(file, |anchor| anchor.first.min(file));
-    Ok(Resumed {
+    Ok(ChainContinuation {
         head: Head { hash, n, file, first },
         mark,
         may_lack_lines,

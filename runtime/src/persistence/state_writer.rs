@@ -25,7 +25,7 @@ use super::positions::{position_key, positions};
 use super::store::Store;
 use crate::clock::Clock;
 use crate::coordinate_system::View;
-use crate::disk::{Generations, Health, Part};
+use crate::disk::{DataFolderPart, Generations, Health};
 use crate::runs::RunBook;
 use crate::tables::{KeptValues, Tables, keep, value_key};
 use crate::threads::{self, Thread};
@@ -41,7 +41,7 @@ const BEHIND_MAX_S: f64 = 0.1;
 
 type Done = oneshot::Sender<Result<(), String>>;
 
-enum Message {
+enum StateWriterMessage {
     /// Values to be written together with all changes, and the waiting caller.
     Write(KeptValues, Done),
     Close,
@@ -50,7 +50,7 @@ enum Message {
 /// Handle of the thread for its callers.
 #[derive(Debug, Clone)]
 pub(crate) struct StateWriter {
-    messages: Sender<Message>,
+    messages: Sender<StateWriterMessage>,
     /// In a simulated world the thread is a task, which works at once.
     #[cfg(test)]
     rounds: Option<threads::Rounds>,
@@ -82,7 +82,7 @@ impl StateWriter {
     fn send(&self, values: KeptValues) -> oneshot::Receiver<Result<(), String>> {
         let (done, written) = oneshot::channel();
         // A closed thread drops the message, and with it `done`.
-        let _ = self.messages.send(Message::Write(values, done));
+        let _ = self.messages.send(StateWriterMessage::Write(values, done));
         #[cfg(test)]
         if let Some(rounds) = &self.rounds {
             rounds.take_one();
@@ -111,7 +111,7 @@ impl StateWriterThread {
     pub fn start(folder: PathBuf, store: Option<Store>, kept: Image, source: Source) -> io::Result<Self> {
         let (messages, inbox) = channel();
         let supervisor = source.health.supervisor.clone();
-        let work = Work {
+        let work = StateWriterWork {
             folder,
             store,
             generation: GenerationPace::default(),
@@ -142,7 +142,7 @@ impl StateWriterThread {
 impl Drop for StateWriterThread {
     fn drop(&mut self) {
         // A thread that has already ended is joined, too.
-        let _ = self.writer.messages.send(Message::Close);
+        let _ = self.writer.messages.send(StateWriterMessage::Close);
         if let Some(thread) = self.thread.take() {
             thread.join();
         }
@@ -288,7 +288,7 @@ fn taken_over(before: &LastRun, reason: Option<Reason>) -> Option<LastRun> {
 fn changed_pages(area: u8, array: &VariableArray, kept: &Image, change: &mut Image) {
     const NEVER_SET: Page = Page([0; super::image::PAGE_VARIABLES]);
     for place in 0..pages(array) {
-        let page = Page::of(array, place);
+        let page = Page::from_array(array, place);
         if *kept.pages.get(&(area, place)).unwrap_or(&NEVER_SET) != page {
             change.pages.insert((area, place), page);
         }
@@ -331,7 +331,7 @@ impl GenerationPace {
     }
 }
 
-struct Work {
+struct StateWriterWork {
     folder: PathBuf,
     /// `None` after a failure, until the store is open again.
     store: Option<Store>,
@@ -340,10 +340,10 @@ struct Work {
     last_runs: LastRuns,
     source: Source,
     pace: Pace,
-    inbox: Receiver<Message>,
+    inbox: Receiver<StateWriterMessage>,
 }
 
-impl threads::Work for Work {
+impl threads::Work for StateWriterWork {
     fn patience(&self) -> Duration {
         self.pace.wait(self.source.clock.now_s())
     }
@@ -353,11 +353,11 @@ impl threads::Work for Work {
         // All values received in the meantime are written by the same commit.
         while open {
             match self.inbox.recv_timeout(std::mem::take(&mut patience)) {
-                Ok(Message::Write(more, done)) => {
+                Ok(StateWriterMessage::Write(more, done)) => {
                     values.extend(more);
                     waiting.push(done);
                 }
-                Ok(Message::Close) | Err(RecvTimeoutError::Disconnected) => open = false,
+                Ok(StateWriterMessage::Close) | Err(RecvTimeoutError::Disconnected) => open = false,
                 Err(RecvTimeoutError::Timeout) => break,
             }
         }
@@ -371,7 +371,7 @@ impl threads::Work for Work {
     }
 }
 
-impl Work {
+impl StateWriterWork {
     /// Performs one check, and commits the changes found.
     fn turn(&mut self, values: KeptValues) -> Result<(), String> {
         let looked_s = self.source.clock.now_s();
@@ -383,7 +383,7 @@ impl Work {
         let behind_s = self.pace.on_commit(looked_s, self.source.clock.now_s());
         let path = self.folder.join(STORE_FILE);
         let written = written.map_err(|error| format!("{}: {error}", path.display()));
-        self.source.health.note(Part::Store, &written);
+        self.source.health.record_attempt(DataFolderPart::Store, &written);
         written?;
         self.kept.take_over(change);
         self.last_runs = last_runs;

@@ -12,8 +12,8 @@ use super::inspected_store::{Condition, InspectedStore, STORE_FILE, SUMS_FILE};
 use super::record::{self, CACHE_BYTES, CHANGE, OLD_VALUES, OLD_VARIABLES, RECORDS, SEAL};
 use crate::disk::fs::{self, FileBackend, OpenOptions};
 use crate::disk::{
-    Generations, Identity, Kind, Sealer, StoredPart, SumChange, SumFile, UNFINISHED, in_use, open_regular,
-    sync_folder, tighten,
+    ChecksumChange, ChecksumFile, Generations, Identity, SealedFileKind, Sealer, StoredPart, UNFINISHED,
+    in_use, open_regular, sync_folder, tighten,
 };
 
 /// Maximum number of damaged stores kept as evidence; the oldest are removed.
@@ -25,20 +25,20 @@ pub(crate) struct Store {
     database: Database,
     path: PathBuf,
     identity: Identity,
-    sums: SumFile,
+    sums: ChecksumFile,
     /// Number of the last change.
     last: u64,
     generations: Arc<Generations>,
 }
 
 /// Number of a change, and the seal of its record.
-struct Change<'a> {
+struct ChangeRecord<'a> {
     number: u64,
     generation: u64,
     generations: &'a Generations,
 }
 
-impl<'a> Change<'a> {
+impl<'a> ChangeRecord<'a> {
     fn new(number: u64, generations: &'a Generations) -> Self {
         Self {
             number,
@@ -48,7 +48,7 @@ impl<'a> Change<'a> {
     }
 
     fn records(&self) -> io::Result<[(String, Vec<u8>); 2]> {
-        let seal = self.generations.seal(Kind::Store, self.generation);
+        let seal = self.generations.seal(SealedFileKind::Store, self.generation);
         Ok([
             (CHANGE.to_owned(), self.number.to_string().into_bytes()),
             (SEAL.to_owned(), serde_json::to_vec(&seal)?),
@@ -74,7 +74,7 @@ impl Store {
         if inspected.condition != Condition::Whole {
             last += 1;
         }
-        let change = || Change::new(last, generations);
+        let change = || ChangeRecord::new(last, generations);
         let mut aside = None;
         match inspected.condition {
             Condition::Damaged(_) => aside = Some(replace(folder, &path, &inspected.image, &change())?),
@@ -90,13 +90,19 @@ impl Store {
             write_all(&database, &inspected.image, &change())?;
         }
         let sealer = Sealer {
-            kind: Kind::StoreSums,
+            kind: SealedFileKind::StoreSums,
             part: StoredPart::Store,
             generations: Arc::clone(generations),
         };
         // generation of the change in the store: the data on disk are not newer yet
         let (sums_path, generation) = (folder.join(SUMS_FILE), inspected.generation());
-        let sums = SumFile::begin_at(&sums_path, sealer, last, generation, sums_of(&inspected.image))?;
+        let sums = ChecksumFile::create_at(
+            &sums_path,
+            sealer,
+            last,
+            generation,
+            record_checksums(&inspected.image),
+        )?;
         let mut store = Self {
             database,
             path,
@@ -131,9 +137,9 @@ impl Store {
     pub fn commit(&mut self, change: &Image) -> io::Result<()> {
         self.check()?;
         let (number, generations) = (self.last + 1, Arc::clone(&self.generations));
-        let of_change = Change::new(number, &generations);
+        let of_change = ChangeRecord::new(number, &generations);
         let before = write_all(&self.database, change, &of_change)?;
-        let sums: SumChange = sums_of(change)
+        let sums: ChecksumChange = record_checksums(change)
             .into_iter()
             .map(|(name, sum)| (name, Some(sum)))
             .collect();
@@ -151,14 +157,14 @@ impl Store {
 }
 
 /// Records before a change, by name.
-type Before = Vec<(String, Option<Vec<u8>>)>;
+type PreviousRecords = Vec<(String, Option<Vec<u8>>)>;
 
 /// Returns the checksum of each record of an image.
-fn sums_of(image: &Image) -> BTreeMap<String, String> {
+fn record_checksums(image: &Image) -> BTreeMap<String, String> {
     let records = image.records();
     records
         .map(|(name, payload)| {
-            let sum = record::sum_of_record(&name, &payload);
+            let sum = record::record_checksum_hex(&name, &payload);
             (name, sum)
         })
         .collect()
@@ -166,8 +172,12 @@ fn sums_of(image: &Image) -> BTreeMap<String, String> {
 
 /// Writes an image as one change, and returns the previous content of its names; `None` for a name that did
 /// not exist.
-fn write_all(database: &Database, image: &Image, of_change: &Change<'_>) -> io::Result<Before> {
-    let mut before = Before::new();
+fn write_all(
+    database: &Database,
+    image: &Image,
+    of_change: &ChangeRecord<'_>,
+) -> io::Result<PreviousRecords> {
+    let mut before = PreviousRecords::new();
     let writing = database.begin_write().map_err(io::Error::other)?;
     {
         let mut records = writing.open_table(RECORDS).map_err(io::Error::other)?;
@@ -187,7 +197,7 @@ fn write_all(database: &Database, image: &Image, of_change: &Change<'_>) -> io::
 }
 
 /// Undoes a change.
-fn put_back(database: &Database, before: &Before) -> io::Result<()> {
+fn put_back(database: &Database, before: &PreviousRecords) -> io::Result<()> {
     let writing = database.begin_write().map_err(io::Error::other)?;
     {
         let mut records = writing.open_table(RECORDS).map_err(io::Error::other)?;
@@ -223,7 +233,7 @@ fn open_database(path: &Path) -> io::Result<Database> {
 }
 
 /// Creates a store of an image under a temporary name.
-fn unfinished(folder: &Path, image: &Image, of_change: &Change<'_>) -> io::Result<PathBuf> {
+fn unfinished(folder: &Path, image: &Image, of_change: &ChangeRecord<'_>) -> io::Result<PathBuf> {
     let new = folder.join(format!("{STORE_FILE}{UNFINISHED}"));
     match fs::remove_file(&new) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
@@ -234,7 +244,7 @@ fn unfinished(folder: &Path, image: &Image, of_change: &Change<'_>) -> io::Resul
 }
 
 /// Replaces a damaged store by a new one with the remaining values, and keeps the damaged one aside.
-fn replace(folder: &Path, path: &Path, image: &Image, of_change: &Change<'_>) -> io::Result<PathBuf> {
+fn replace(folder: &Path, path: &Path, image: &Image, of_change: &ChangeRecord<'_>) -> io::Result<PathBuf> {
     let new = unfinished(folder, image, of_change)?;
     let aside = evidence(folder);
     let is_file = fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_file());

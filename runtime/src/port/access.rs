@@ -4,7 +4,7 @@ use parking_lot::Mutex;
 use plc_api::server::{AccessKind, AccessNote};
 
 use crate::journal::Event;
-use crate::shared::Shared;
+use crate::shared::SharedState;
 
 /// Number of refusals recorded at once, and seconds for each further one. Reason: 1500 lines a day are 0.4 MB of the 32
 /// MB of the journal.
@@ -35,7 +35,7 @@ struct Bucket {
 
 impl Bucket {
     /// Takes room for a line. Returns `None` if there is none, else the number of lines left out before it.
-    fn take(&mut self, now_s: f64, burst: f64, seconds: f64) -> Option<u64> {
+    fn reserve_line(&mut self, now_s: f64, burst: f64, seconds: f64) -> Option<u64> {
         self.used = (self.used - (now_s - self.at_s).max(0.0) / seconds).max(0.0);
         self.at_s = now_s;
         if self.used + 1.0 > burst {
@@ -49,12 +49,14 @@ impl Bucket {
 
 impl AccessLines {
     /// Writes the line if there is room for it.
-    pub fn record(&self, shared: &Shared, note: AccessNote) {
+    pub fn record(&self, shared: &SharedState, note: AccessNote) {
         let now_s = shared.clock.now_s();
         let left_out = match note.what {
-            AccessKind::Login => self.logins.lock().take(now_s, LOGIN_BURST, LOGIN_SECONDS),
+            AccessKind::Login => self.logins.lock().reserve_line(now_s, LOGIN_BURST, LOGIN_SECONDS),
             AccessKind::LoginRefused | AccessKind::Forbidden => {
-                self.refused.lock().take(now_s, REFUSED_BURST, REFUSED_SECONDS)
+                self.refused
+                    .lock()
+                    .reserve_line(now_s, REFUSED_BURST, REFUSED_SECONDS)
             }
         };
         let Some(left_out) = left_out else { return };
@@ -82,11 +84,15 @@ mod tests {
         for n in 0..100_000 {
             // 1000 a second
             let now_s = f64::from(n) / 1000.0;
-            written += u64::from(bucket.take(now_s, REFUSED_BURST, REFUSED_SECONDS).is_some());
+            written += u64::from(
+                bucket
+                    .reserve_line(now_s, REFUSED_BURST, REFUSED_SECONDS)
+                    .is_some(),
+            );
         }
         assert_eq!(written, 21, "20 at once, and 1 after a minute");
-        let left_out = bucket.take(200.0, REFUSED_BURST, REFUSED_SECONDS);
+        let left_out = bucket.reserve_line(200.0, REFUSED_BURST, REFUSED_SECONDS);
         assert!(left_out.is_some_and(|left_out| left_out > 39_000), "{left_out:?}");
-        assert_eq!(bucket.take(1e6, REFUSED_BURST, REFUSED_SECONDS), Some(0));
+        assert_eq!(bucket.reserve_line(1e6, REFUSED_BURST, REFUSED_SECONDS), Some(0));
     }
 }

@@ -7,13 +7,13 @@ use plc_api::wire::rest;
 use plc_api::wire::right::Right;
 
 use crate::journal::Event;
-use crate::shared::Shared;
+use crate::shared::SharedState;
 
 /// Maximum length of a request's content, in characters; the rest is left out.
 const SAID_MAX: usize = 200;
 
 /// Writes the audit line of a request.
-pub(super) fn record(shared: &Shared, origin: Origin, request: &Request) {
+pub(super) fn record(shared: &SharedState, origin: Origin, request: &Request) {
     let (name, said) = named(request);
     let event = Event::Request {
         user: origin.user,
@@ -27,7 +27,7 @@ pub(super) fn record(shared: &Shared, origin: Origin, request: &Request) {
 }
 
 /// Writes the audit line for a client in this process, if no other line names it. In simulated time there are no users.
-pub(super) fn record_edit(shared: &Shared, client: Option<&str>, request: &Request) {
+pub(super) fn record_edit(shared: &SharedState, client: Option<&str>, request: &Request) {
     if shared.clock.is_simulated() || !is_edit(request) {
         return;
     }

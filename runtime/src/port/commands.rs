@@ -12,7 +12,7 @@ use plc_api::types::run::RunOrder;
 use plc_api::types::topic::Topic;
 
 use super::RuntimePort;
-use crate::command_memory::{Asked, Recalled, memory_is_full};
+use crate::command_memory::{CommandContent, CommandLookup, memory_is_full};
 use crate::order_key::OrderKey;
 
 impl RuntimePort {
@@ -24,7 +24,7 @@ impl RuntimePort {
         wait: bool,
         user: String,
     ) -> Result<Answer, Refusal> {
-        let asked = Asked::command(cs, &command, &meta.client_id);
+        let asked = CommandContent::command(cs, &command, &meta.client_id);
         meta.memory = asked.key(user, &meta.command_id);
         meta.not_after = meta.not_after.filter(|_| !command.brings_to_rest());
         if let Some(reply) = self.replied_before(&command, &meta, cs, asked)?
@@ -54,11 +54,11 @@ impl RuntimePort {
         command: &Command,
         meta: &CommandMeta,
         cs: CoordinateSystemNumber,
-        asked: Asked,
+        asked: CommandContent,
     ) -> Result<Option<CommandReply>, Refusal> {
         if let Command::Run(order) = command {
             check_command(&meta.client_id, &meta.command_id)?;
-            if self.shared.look_up(&meta.memory, &asked) == Recalled::New
+            if self.shared.look_up(&meta.memory, &asked) == CommandLookup::New
                 && let Some(ordered) = self.ordered_before(cs, *order, meta)?
             {
                 return Ok(Some(ordered));
@@ -98,7 +98,7 @@ impl RuntimePort {
         };
         if !is_same {
             let words = format!("the order of run {run_id}");
-            return self.reply_again(Recalled::OtherCommand(words), meta, Some(cs));
+            return self.reply_again(CommandLookup::OtherCommand(words), meta, Some(cs));
         }
         let text = format!("this order already started run {run_id}; GET /runs/{run_id} shows its progress");
         let reply = self
@@ -109,7 +109,7 @@ impl RuntimePort {
             hash,
             ..reply
         };
-        self.reply_again(Recalled::Again(Some(reply)), meta, Some(cs))
+        self.reply_again(CommandLookup::Again(Some(reply)), meta, Some(cs))
     }
 
     pub(super) async fn lease(
@@ -119,7 +119,7 @@ impl RuntimePort {
         mut meta: CommandMeta,
         user: String,
     ) -> Result<Answer, Refusal> {
-        let asked = Asked::new(format!("the lease of coordinate system {cs}"), &(cs, &request));
+        let asked = CommandContent::new(format!("the lease of coordinate system {cs}"), &(cs, &request));
         meta.memory = asked.key(user, &meta.command_id);
         if let Some(reply) = self.replied_again(&meta, Some(cs), asked)? {
             return Ok(Answer::Command(reply));
@@ -140,7 +140,7 @@ impl RuntimePort {
         &self,
         meta: &CommandMeta,
         cs: Option<CoordinateSystemNumber>,
-        asked: Asked,
+        asked: CommandContent,
     ) -> Result<Option<CommandReply>, Refusal> {
         check_command(&meta.client_id, &meta.command_id)?;
         self.reply_again(self.shared.recall(&meta.memory, asked), meta, cs)
@@ -148,15 +148,15 @@ impl RuntimePort {
 
     fn reply_again(
         &self,
-        recalled: Recalled,
+        recalled: CommandLookup,
         meta: &CommandMeta,
         cs: Option<CoordinateSystemNumber>,
     ) -> Result<Option<CommandReply>, Refusal> {
         let refused = |refusal| (self.shared.rejection(cs, meta, &refusal), Err(refusal));
         let (reply, answer) = match recalled {
-            Recalled::New | Recalled::Again(None) => return Ok(None),
-            Recalled::Again(Some(reply)) => (reply.clone(), Ok(Some(reply))),
-            Recalled::OtherCommand(words) => {
+            CommandLookup::New | CommandLookup::Again(None) => return Ok(None),
+            CommandLookup::Again(Some(reply)) => (reply.clone(), Ok(Some(reply))),
+            CommandLookup::OtherCommand(words) => {
                 let text = format!(
                     "command_id \"{:.64}\" belongs to another command: {words}; use a new command_id for \
                      each command",
@@ -164,7 +164,7 @@ impl RuntimePort {
                 );
                 refused(Refusal::new(RefusalCode::CommandIdReused, text))
             }
-            Recalled::Full => refused(memory_is_full()),
+            CommandLookup::Full => refused(memory_is_full()),
         };
         let topic = Topic::Reply(meta.client_id.clone());
         self.shared.publish(topic, Payload::Reply(reply));

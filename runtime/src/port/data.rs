@@ -12,12 +12,12 @@ use plc_api::types::topic::Topic;
 
 use super::RuntimePort;
 use super::sender::Sender;
-use crate::command_memory::Asked;
+use crate::command_memory::CommandContent;
 use crate::journal::LineFilter;
 use crate::persistence::StateWriter;
 use crate::persistence::journal_folder::{JOURNAL_FOLDER, newest};
 use crate::persistence::journal_query::newest_of;
-use crate::shared::Shared;
+use crate::shared::SharedState;
 use crate::tables::{KeptValues, Tables, Values, keep};
 
 impl RuntimePort {
@@ -46,12 +46,12 @@ impl RuntimePort {
         let folder = folder.join(JOURNAL_FOLDER);
         let (from, count) = (from as usize, count as usize);
         if filter == JournalFilter::default() {
-            let read = move |_: &Shared| Ok(newest(&folder, from, count).lines);
+            let read = move |_: &SharedState| Ok(newest(&folder, from, count).lines);
             return self.on_disk(read).await.map(Answer::Journal);
         }
         let filter = LineFilter::new(&filter, self.shared.clock.wall());
         let mut filter = filter.map_err(|text| Refusal::new(RefusalCode::Invalid, text))?;
-        let read = move |_: &Shared| Ok(newest_of(&folder, &mut filter, from, count));
+        let read = move |_: &SharedState| Ok(newest_of(&folder, &mut filter, from, count));
         self.on_disk(read).await.map(Answer::Journal)
     }
 
@@ -61,7 +61,7 @@ impl RuntimePort {
         changed: impl FnOnce(&Tables) -> Result<Values, Refusal> + Send + 'static,
     ) -> Result<Answer, Refusal> {
         let writer = self.writer.clone();
-        let keep_and_set = move |shared: &Shared| {
+        let keep_and_set = move |shared: &SharedState| {
             let keep = |values| match &writer {
                 Some(writer) => writer.write(values).map_err(|text| unkept(&text)),
                 None => Ok(()),
@@ -162,7 +162,7 @@ impl RuntimePort {
             return write().map(|()| Answer::Done);
         };
         let mut meta = meta.limited(sender.not_after);
-        let asked = Asked::new("variable/set".to_owned(), &(area, from, values));
+        let asked = CommandContent::new("variable/set".to_owned(), &(area, from, values));
         meta.memory = asked.key(sender.user, &meta.command_id);
         if let Some(reply) = self.replied_again(&meta, area.coordinate_system(), asked)? {
             return Ok(Answer::Command(reply));

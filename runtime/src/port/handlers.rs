@@ -1,6 +1,6 @@
 //! Handlers that come online, replace another instance, or leave.
 
-use plc_api::handler_registry::{Reach, Registered};
+use plc_api::handler_registry::{PresenceEffect, Reach};
 use plc_api::types::handler::{Departure, HandlerResult};
 use plc_api::types::output::HandlerPresence;
 use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal};
@@ -19,22 +19,25 @@ impl RuntimePort {
             Ok(changed) => changed,
             Err(refusal) => {
                 if let Some(asked) = self.shared.asked_handler(&id) {
-                    self.shared.tell_handler(&id, HandlerResult::confirm(Some(asked)));
+                    self.shared
+                        .publish_handler_result(&id, HandlerResult::confirm(Some(asked)));
                 }
                 let result = HandlerResult::refused(presence.instance, &refusal);
-                self.shared.tell_handler(&id, result);
+                self.shared.publish_handler_result(&id, result);
                 return Err(refusal);
             }
         };
         match changed {
-            Registered::Nothing => return Ok(Answer::Done),
-            Registered::Refreshed => {
+            PresenceEffect::Nothing => return Ok(Answer::Done),
+            PresenceEffect::Refreshed => {
                 let result = HandlerResult::accepted(presence.instance);
-                self.shared.tell_handler(&id, result);
+                self.shared.publish_handler_result(&id, result);
                 return Ok(Answer::Done);
             }
-            Registered::Offline(departure) => self.handler_left(&id, presence.instance, departure).await?,
-            Registered::Online {
+            PresenceEffect::Offline(departure) => {
+                self.handler_left(&id, presence.instance, departure).await?
+            }
+            PresenceEffect::Online {
                 took_over,
                 has_returned,
                 ..
@@ -43,17 +46,18 @@ impl RuntimePort {
                     let old = displaced.presence.instance;
                     self.handler_left(&id, old.clone(), displaced.departure).await?;
                     let result = HandlerResult::taken_over(old, displaced.text);
-                    self.shared.tell_handler(&id, result);
+                    self.shared.publish_handler_result(&id, result);
                 }
-                self.shared.welcome_io(&id);
+                self.shared.end_io_absence(&id);
                 let instance = presence.instance.clone();
                 self.pass_to_all(CoordinateSystemRequest::Handler(id.clone(), presence))
                     .await?;
                 self.shared
-                    .tell_handler(&id, HandlerResult::accepted(instance.clone()));
+                    .publish_handler_result(&id, HandlerResult::accepted(instance.clone()));
                 if has_returned {
                     // it may not have noticed that it was lost, and its outputs have the values for a loss
-                    self.shared.tell_handler(&id, HandlerResult::confirm(instance));
+                    self.shared
+                        .publish_handler_result(&id, HandlerResult::confirm(instance));
                 }
             }
         }

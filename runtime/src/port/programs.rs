@@ -14,10 +14,10 @@ use tokio::sync::{Semaphore, oneshot};
 
 use super::RuntimePort;
 use crate::config::CoordinateSystem;
-use crate::disk::Part;
+use crate::disk::DataFolderPart;
 use crate::journal::Event;
-use crate::program_store::{Changed, Edit, EditKind, StoredProgram, called_by, signing};
-use crate::shared::Shared;
+use crate::program_store::{ChangeResult, Edit, EditKind, StoredProgram, called_by, signing};
+use crate::shared::SharedState;
 use crate::threads::lower_priority;
 
 // The stages do not depend on the interface, nor the interface on the stages: both must state the same value.
@@ -50,7 +50,7 @@ impl RuntimePort {
         let program = self.stored(number)?;
         Ok(Answer::Program(ProgramText {
             text: program.text().to_owned(),
-            hash: program.sum().to_owned(),
+            hash: program.checksum().to_owned(),
         }))
     }
 
@@ -67,11 +67,11 @@ impl RuntimePort {
         let signature = signature.map(|text| {
             let refusal =
                 "the signature must be 64 bytes in Base64, as from openssl pkeyutl -sign -rawin | base64 -w0";
-            signing::of_text(&text).ok_or_else(|| Refusal::new(RefusalCode::Invalid, refusal))
+            signing::decode_signature(&text).ok_or_else(|| Refusal::new(RefusalCode::Invalid, refusal))
         });
         let signature = signature.transpose()?;
         self.refuse_while_running(number)?;
-        let store = move |shared: &Shared| {
+        let store = move |shared: &SharedState| {
             let store = &shared.store;
             let program = StoredProgram::new(number, &text, rules).signed(signature, store.signers());
             noted(shared, store.store(program, &condition), |(_, edit)| {
@@ -90,7 +90,7 @@ impl RuntimePort {
         condition: ProgramCondition,
     ) -> Result<Answer, Refusal> {
         self.refuse_while_running(number)?;
-        let remove = move |shared: &Shared| {
+        let remove = move |shared: &SharedState| {
             let removed = shared.store.remove(number, &condition);
             noted(shared, removed, Option::is_some)
         };
@@ -164,7 +164,7 @@ impl RuntimePort {
         let ProgramFolder { folder } = folder
             .checked()
             .map_err(|why| Refusal::new(RefusalCode::Invalid, why))?;
-        let put = move |shared: &Shared| shared.store.put_in_folder(number, &folder);
+        let put = move |shared: &SharedState| shared.store.put_in_folder(number, &folder);
         if self.on_disk(put).await? {
             return Ok(Answer::Done);
         }
@@ -240,11 +240,15 @@ async fn in_background<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'sta
 }
 
 /// Notes the health of the disk after a write.
-fn noted<T>(shared: &Shared, changed: Changed<T>, is_written: impl Fn(&T) -> bool) -> Changed<T> {
+fn noted<T>(
+    shared: &SharedState,
+    changed: ChangeResult<T>,
+    is_written: impl Fn(&T) -> bool,
+) -> ChangeResult<T> {
     match &changed {
-        Ok(Ok(done)) if is_written(done) => shared.note(Part::Programs, Ok(()))?,
+        Ok(Ok(done)) if is_written(done) => shared.record_attempt(DataFolderPart::Programs, Ok(()))?,
         Ok(_) => {}
-        Err(_) => return shared.note(Part::Programs, changed),
+        Err(_) => return shared.record_attempt(DataFolderPart::Programs, changed),
     }
     changed
 }

@@ -24,7 +24,7 @@ impl Sender {
     }
 
     /// Returns the sender that a server end has identified.
-    pub fn of(origin: &Origin) -> Self {
+    pub fn from_origin(origin: &Origin) -> Self {
         let user = match (&origin.user, origin.from, origin.over) {
             (Some(user), ..) => format!("user {user}"),
             (None, Some(host), _) => format!("host {host}"),

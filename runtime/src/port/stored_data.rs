@@ -8,7 +8,7 @@ use plc_api::types::stored_data::{StoredDataDecision, StoredDataFault};
 use super::RuntimePort;
 use crate::journal::Event;
 use crate::persistence::{Image, restore};
-use crate::shared::Shared;
+use crate::shared::SharedState;
 use crate::stored_data::OpenQuestion;
 use crate::stored_data::inspection::held_values;
 use crate::tables::Tables;
@@ -41,7 +41,7 @@ impl RuntimePort {
     /// Accepts the withheld data: values for the lost ones, programs, and folders.
     async fn take_held_back(&self, open: &OpenQuestion) -> Result<(), Refusal> {
         let (folder, fault) = (open.folder().to_owned(), open.fault_of_store());
-        let read = move |_: &Shared| {
+        let read = move |_: &SharedState| {
             let Some(fault) = fault else { return Ok(None) };
             match held_values(&folder) {
                 // if the question was damaged, it is unknown whether values are withheld

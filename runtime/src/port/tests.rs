@@ -6,7 +6,7 @@ use plc_api::types::output::HandledCode;
 use plc_api::types::output::HandlerPresence;
 use plc_api::types::question::ValidateResult;
 use plc_api::types::request::{Input, typed};
-use plc_api::types::state::{LockSet, ProgramPlace};
+use plc_api::types::state::{LockSet, ProgramLocation};
 
 use super::*;
 mod memory;
@@ -346,9 +346,9 @@ fn program_position_is_the_head_of_the_program_after_load_and_reset() {
                 other => panic!("{other:?}"),
             }
         };
-        let head = |number| ProgramPlace {
+        let head = |number| ProgramLocation {
             number: Some(number),
-            ..ProgramPlace::default()
+            ..ProgramLocation::default()
         };
         assert_eq!(place().await, head(50));
         port.ask(start("1")).await.unwrap();
@@ -439,7 +439,7 @@ fn p10_source_of_a_handler_that_did_not_notice_its_loss_is_written_again() {
         plc.sleep(Duration::from_millis(200)).await;
         let of_handler = runtime.port();
         let presence = of_handler.ask(typed::Handlers).await.unwrap()["door"].clone();
-        let gone = HandlerPresence::gone(presence.instance.clone());
+        let gone = HandlerPresence::offline(presence.instance.clone());
         scene
             .cs(1)
             .set_interlock_source("door", false, "closed")

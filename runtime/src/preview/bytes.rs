@@ -4,7 +4,7 @@ use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::planned::{PATH_HEADER_BYTES, PathIdentity, PathQuery};
 
 use super::chunk::{Chunk, LEVELS, PROGRAMS_MAX, TOLERANCES_MM, Vertex, single};
-use super::plan::{Content, Plan};
+use super::plan::{Plan, PlanContent};
 
 /// First bytes of a path.
 const MAGIC: [u8; 4] = *b"TPTH";
@@ -21,7 +21,7 @@ const ENTRY: usize = 48;
 /// The requested part of the path.
 pub(super) fn encode(
     plan: &Plan,
-    content: &Content,
+    content: &PlanContent,
     identity: &PathIdentity,
     cs: CoordinateSystemNumber,
     query: &PathQuery,
@@ -36,7 +36,7 @@ pub(super) fn encode(
     let part = &all[from..all.len().min(from.saturating_add(count))];
     let lines = |chunk: &Chunk| (finest..LEVELS).map(|level| chunk.len(level)).sum::<usize>();
     let vertices: usize = part.iter().map(|chunk| lines(chunk)).sum();
-    let mut out = Writer(Vec::with_capacity(1024 + all.len() * ENTRY + vertices * VERTEX));
+    let mut out = ByteWriter(Vec::with_capacity(1024 + all.len() * ENTRY + vertices * VERTEX));
     header(&mut out, plan, content, identity, cs, [finest, from, part.len()]);
     for chunk in all {
         out.floats(&chunk.low);
@@ -55,9 +55,9 @@ pub(super) fn encode(
 }
 
 fn header(
-    out: &mut Writer,
+    out: &mut ByteWriter,
     plan: &Plan,
-    content: &Content,
+    content: &PlanContent,
     identity: &PathIdentity,
     cs: CoordinateSystemNumber,
     [finest, from, count]: [usize; 3],
@@ -100,7 +100,7 @@ fn header(
     out.u32(depends.map_or(0, |depends| {
         word_of(content, depends.program, depends.line) as usize
     }));
-    out.hash(plan.conditions.main.sum());
+    out.hash(plan.conditions.main.checksum());
     out.u16(u16::try_from(content.palette.len()).unwrap_or_default());
     out.u16(u16::try_from(why.len()).unwrap_or_default());
     for program in &content.palette {
@@ -113,14 +113,14 @@ fn header(
     out.0.resize(length, 0);
 }
 
-fn word_of(content: &Content, program: u16, line: u32) -> u32 {
+fn word_of(content: &PlanContent, program: u16, line: u32) -> u32 {
     let place = content.palette.iter().position(|number| *number == program);
     line | u32::try_from(place.unwrap_or(PROGRAMS_MAX)).unwrap_or_default() << 26
 }
 
-struct Writer(Vec<u8>);
+struct ByteWriter(Vec<u8>);
 
-impl Writer {
+impl ByteWriter {
     fn u16(&mut self, value: u16) {
         self.0.extend(value.to_le_bytes());
     }

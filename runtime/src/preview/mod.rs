@@ -41,8 +41,8 @@ use tokio::sync::watch;
 use crate::config::CoordinateSystem as Configured;
 use crate::coordinate_system::{Conditions, Prediction, RunStart, View, line_search, state_of};
 use crate::program_store::StoredProgram;
-use crate::shared::Shared;
-use plan::{Content, Moment, Plan};
+use crate::shared::SharedState;
+use plan::{Plan, PlanContent, RunMoment};
 use slots::{PlanOrder, PlanUse, Slots};
 
 /// Interval at which the thread checks for changes.
@@ -79,7 +79,7 @@ pub(crate) struct Previews {
 
 #[derive(Debug)]
 struct Inner {
-    shared: Arc<Shared>,
+    shared: Arc<SharedState>,
     systems: Vec<(Configured, Arc<View>)>,
     slots: Mutex<BTreeMap<CoordinateSystemNumber, Slots>>,
     /// Wakes the thread.
@@ -96,7 +96,7 @@ struct FoundPlan {
 }
 
 impl FoundPlan {
-    fn identity(&self, content: &Content) -> PathIdentity {
+    fn identity(&self, content: &PlanContent) -> PathIdentity {
         PathIdentity {
             run_id: self.run.as_ref().map(|run| run.run_id.clone()),
             plan: self.plan.identity(content),
@@ -106,7 +106,7 @@ impl FoundPlan {
 
 impl Previews {
     /// Creates the plans on demand in the requesting thread: for simulated time.
-    pub fn on_demand(shared: &Arc<Shared>, views: impl Iterator<Item = Arc<View>>) -> Self {
+    pub fn on_demand(shared: &Arc<SharedState>, views: impl Iterator<Item = Arc<View>>) -> Self {
         let systems = shared.machine.coordinate_systems.iter().cloned().zip(views);
         let inner = Inner {
             shared: Arc::clone(shared),
@@ -183,7 +183,7 @@ impl Previews {
     }
 
     /// Publishes the time left of all running programs once a second.
-    pub fn tell_time_left(&self) -> impl Future<Output = ()> + use<> {
+    pub fn run_time_left_publisher(&self) -> impl Future<Output = ()> + use<> {
         let supervisor = self.inner.shared.supervisor.clone();
         let inner = Arc::clone(&self.inner);
         supervisor.restarted("publisher of the time left", move || {
@@ -223,7 +223,7 @@ impl Previews {
             let program = state.program.and_then(|number| inner.shared.store.get(number));
             let none = "no program is loaded; load a program first";
             let program = program.ok_or_else(|| Refusal::new(RefusalCode::NotFound, none))?;
-            inner.judge(cs, &program)?;
+            inner.validate_program(cs, &program)?;
             let conditions = inner.conditions(cs, &program);
             let conditions = conditions.ok_or_else(|| Refusal::new(RefusalCode::NotFound, none))?;
             let entry = line_search::search(&inner.shared, &conditions, &from)?;
@@ -239,7 +239,7 @@ impl Previews {
         let inner = &self.inner;
         let cs = cs.or_else(|| inner.where_loaded(program.number));
         let cs = cs.unwrap_or_else(|| inner.configured_for(program.number));
-        inner.judge(cs, &program)?;
+        inner.validate_program(cs, &program)?;
         if self.thread.is_none() {
             inner.make_if_needed(cs, &program);
         }
@@ -309,7 +309,7 @@ impl Inner {
         system.map_or(0, |configured| configured.settings.number)
     }
 
-    fn judge(&self, cs: CoordinateSystemNumber, program: &StoredProgram) -> Result<(), Refusal> {
+    fn validate_program(&self, cs: CoordinateSystemNumber, program: &StoredProgram) -> Result<(), Refusal> {
         let Some((configured, _)) = self.system(cs) else {
             let text = format!("there is no coordinate system {cs}");
             return Err(Refusal::new(RefusalCode::NotFound, text));
@@ -345,7 +345,7 @@ impl Inner {
         let (segment, executing, since_s) = view.segment();
         let at = view.commanded().0;
         let elapsed_s = self.shared.clock.now_s() - since_s;
-        let moment = Moment {
+        let moment = RunMoment {
             segment,
             executing,
             elapsed_s,
@@ -491,7 +491,7 @@ impl Inner {
             let Some(program) = program.filter(|_| !is_running(&state)) else {
                 continue;
             };
-            if self.judge(cs, &program).is_err() {
+            if self.validate_program(cs, &program).is_err() {
                 continue;
             }
             let slots = self.slots.lock();
@@ -544,7 +544,7 @@ impl Inner {
         let prediction = plan.and_then(|plan| {
             let content = plan.content();
             (content.outcome == RehearsalOutcome::Alarm).then(|| Prediction {
-                hash: plan.conditions.main.sum().to_owned(),
+                hash: plan.conditions.main.checksum().to_owned(),
                 obstacle: StartObstacle {
                     refuses: false,
                     at: content.at,
@@ -590,7 +590,7 @@ struct PlanInProgress<'a> {
 
 impl<'a> PlanInProgress<'a> {
     fn begin(inner: &'a Inner, cs: CoordinateSystemNumber, which: PlanUse, plan: &'a Arc<Plan>) -> Self {
-        inner.slots.lock().entry(cs).or_default().begin(which, plan);
+        inner.slots.lock().entry(cs).or_default().begin_plan(which, plan);
         Self {
             inner,
             cs,
@@ -605,7 +605,7 @@ impl Drop for PlanInProgress<'_> {
     fn drop(&mut self) {
         let mut all = self.inner.slots.lock();
         let slots = all.entry(self.cs).or_default();
-        slots.end(self.which, self.plan, self.began.elapsed());
+        slots.end_plan(self.which, self.plan, self.began.elapsed());
     }
 }
 
@@ -617,7 +617,7 @@ fn is_running(state: &State) -> bool {
     )
 }
 
-fn overrides_of(shared: &Shared, cs: CoordinateSystemNumber) -> Overrides {
+fn overrides_of(shared: &SharedState, cs: CoordinateSystemNumber) -> Overrides {
     match shared
         .hub
         .read(&Topic::cs(cs, CsTopic::Override))

@@ -7,17 +7,17 @@ use std::sync::{Arc, OnceLock};
 
 use parking_lot::Mutex;
 use plc_api::types::planned::{
-    PathIdentity, PlanIdentity, PlannedPlace, RehearsalOutcome, RehearsedMCode, RunTimeDependence,
+    PathIdentity, PlanIdentity, PlannedLocation, RehearsalOutcome, RehearsedMCode, RunTimeDependence,
 };
 
 use tandem_model::variables::VariableArray;
 use tandem_model::{Origin, Variables};
 
 use crate::coordinate_system::Conditions;
-use crate::disk::sum_of;
+use crate::disk::checksum_hex;
 
 use super::chunk::{Chunk, distance_squared, share_along};
-use super::tracer::{AxisTrace, Mark, Times};
+use super::tracer::{AxisTrace, PlanMark, Times};
 
 /// One array of all variables.
 type ArrayOf = fn(&Variables) -> &VariableArray;
@@ -30,14 +30,14 @@ pub(super) struct Plan {
     pub variables: Variables,
     /// The plan is no longer needed.
     pub is_cancelled: AtomicBool,
-    content: Mutex<Arc<Content>>,
+    content: Mutex<Arc<PlanContent>>,
     /// Set when it is first reported.
     identity: OnceLock<PlanIdentity>,
 }
 
 /// Current position of a run.
 #[derive(Debug)]
-pub(super) struct Moment {
+pub(super) struct RunMoment {
     /// Segment, by its number in the run.
     pub segment: u64,
     /// The block that is executed.
@@ -54,19 +54,19 @@ pub(super) struct Moment {
 
 /// Planned content so far.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Content {
+pub(super) struct PlanContent {
     pub chunks: Vec<Arc<Chunk>>,
     /// Program numbers by their places in the words of vertices.
     pub palette: Vec<u16>,
     pub outcome: RehearsalOutcome,
     pub text: String,
-    pub at: Option<PlannedPlace>,
+    pub at: Option<PlannedLocation>,
     pub times: Times,
     pub depends: Option<RunTimeDependence>,
     pub m_codes: Vec<RehearsedMCode>,
     pub m_code_count: u64,
     pub axes: Vec<AxisTrace>,
-    pub marks: Vec<Mark>,
+    pub marks: Vec<PlanMark>,
     /// The path has more vertices than are kept.
     pub is_cut: bool,
 }
@@ -139,7 +139,7 @@ impl Plan {
     /// Returns the identity of the conditions of the plan; all calls return the result of the first one. If
     /// the first call comes during planning, the identity covers all variables (none if the program reads
     /// none). After planning it covers only the variables that were read.
-    pub fn identity(&self, content: &Content) -> PlanIdentity {
+    pub fn identity(&self, content: &PlanContent) -> PlanIdentity {
         self.identity
             .get_or_init(|| self.identify(content.is_complete()))
             .clone()
@@ -157,7 +157,7 @@ impl Plan {
         } = &*self.conditions;
         let mut called = String::new();
         for (number, program) in texts.iter().filter(|(number, _)| **number != main.number) {
-            let _ = writeln!(called, "{number} {}", program.sum());
+            let _ = writeln!(called, "{number} {}", program.checksum());
         }
         let mut hasher = DefaultHasher::new();
         (key, position_key).hash(&mut hasher);
@@ -173,8 +173,8 @@ impl Plan {
             }
         }
         PlanIdentity {
-            hash: main.sum().to_owned(),
-            called: (!called.is_empty()).then(|| sum_of(called.as_bytes())),
+            hash: main.checksum().to_owned(),
+            called: (!called.is_empty()).then(|| checksum_hex(called.as_bytes())),
             inputs: format!("{:016x}", hasher.finish()),
         }
     }
@@ -187,17 +187,17 @@ impl Plan {
         self.is_cancelled.store(true, Ordering::Relaxed);
     }
 
-    pub fn content(&self) -> Arc<Content> {
+    pub fn content(&self) -> Arc<PlanContent> {
         Arc::clone(&self.content.lock())
     }
 
-    pub fn publish(&self, content: Content) {
+    pub fn publish(&self, content: PlanContent) {
         *self.content.lock() = Arc::new(content);
     }
 
     /// Returns a tag that differs for any other plan, for another run, and for a shorter part of the same
     /// plan.
-    pub fn tag(content: &Content, PathIdentity { run_id, plan }: &PathIdentity) -> String {
+    pub fn tag(content: &PlanContent, PathIdentity { run_id, plan }: &PathIdentity) -> String {
         let extent = match content.outcome {
             RehearsalOutcome::Planning => content.chunks.len().to_string(),
             _ => "all".to_owned(),
@@ -211,15 +211,16 @@ fn bits(array: &VariableArray, index: usize) -> Option<u64> {
     array.get(index).map(f64::to_bits)
 }
 
-impl Content {
+impl PlanContent {
     pub fn is_complete(&self) -> bool {
         self.outcome != RehearsalOutcome::Planning
     }
 
     /// Returns the planned time of the current moment of a run.
-    pub fn time_of(&self, now: &Moment) -> Times {
-        let waits =
-            |mark: &Mark| mark.waits && mark.segment == now.segment && mark.origin.line == now.executing.line;
+    pub fn time_of(&self, now: &RunMoment) -> Times {
+        let waits = |mark: &PlanMark| {
+            mark.waits && mark.segment == now.segment && mark.origin.line == now.executing.line
+        };
         let begun = self
             .marks
             .partition_point(|mark| mark.segment < now.segment || mark.segment == now.segment && !mark.waits);

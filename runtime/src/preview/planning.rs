@@ -5,7 +5,7 @@ use std::sync::Arc;
 use plc_api::types::data::VariableKind;
 use plc_api::types::line_start::LineStart;
 use plc_api::types::output::Timing;
-use plc_api::types::planned::{PlannedPlace, RehearsalOutcome, RehearsedMCode, RunTimeDependence};
+use plc_api::types::planned::{PlannedLocation, RehearsalOutcome, RehearsedMCode, RunTimeDependence};
 use plc_api::types::request::Refusal;
 use plc_api::types::state::SpindleDirection;
 use tandem_interp::Inputs;
@@ -14,14 +14,14 @@ use tandem_model::profile::Law;
 use tandem_model::settings::Tool;
 use tandem_model::{Alarm, AxisVector, MachinePosition, Origin};
 
-use super::plan::{Content, Plan};
+use super::plan::{Plan, PlanContent};
 use super::spindle::PlannedSpindle;
 use super::tracer::Tracer;
-use crate::config::{CoordinateSystem, MCodeSettings, Stock, Unhandled};
+use crate::config::{CoordinateSystem, MCodeSettings, Stock, UnhandledReaction};
 use crate::coordinate_system::{Pipeline, line_search, rest_refused};
 use crate::program_store::mentions_variables;
 use crate::sequence::stock;
-use crate::shared::Shared;
+use crate::shared::SharedState;
 
 /// Maximum number of items planned ahead. Reason: a program may repeat itself endlessly.
 const ITEMS_MAX: u64 = 20_000_000;
@@ -36,7 +36,7 @@ const M_CODES_MAX: usize = 1000;
 const ITEMS_PER_LOOK: u64 = 256;
 
 /// Reason why planning stops.
-enum Stop {
+enum PlanningEnd {
     Completed,
     Alarm(Alarm),
     /// The line at which the run begins is not reached.
@@ -46,7 +46,7 @@ enum Stop {
 }
 
 /// Plans the program; `on_change` is called repeatedly as the plan grows.
-pub(super) fn plan(shared: &Shared, plan: &Plan, is_wanted: &dyn Fn() -> bool, on_change: &dyn Fn()) {
+pub(super) fn plan(shared: &SharedState, plan: &Plan, is_wanted: &dyn Fn() -> bool, on_change: &dyn Fn()) {
     let conditions = &plan.conditions;
     let settings = &conditions.configured.settings;
     let mut pipeline = Pipeline::new(settings, conditions.configured.dialect, conditions.at);
@@ -60,7 +60,7 @@ pub(super) fn plan(shared: &Shared, plan: &Plan, is_wanted: &dyn Fn() -> bool, o
         plan,
         pipeline,
         tracer: Tracer::new(settings, conditions.main.number, conditions.at),
-        content: Content::default(),
+        content: PlanContent::default(),
         captured: conditions.captured,
         tool: conditions.tool,
         has_put_out: false,
@@ -68,16 +68,16 @@ pub(super) fn plan(shared: &Shared, plan: &Plan, is_wanted: &dyn Fn() -> bool, o
     };
     let entered = conditions.from.map_or(Ok(()), |from| planning.enter(&from));
     let stop = entered.map_or_else(|stop| stop, |()| planning.run(is_wanted, on_change));
-    planning.end(stop);
+    planning.complete_plan(stop);
     on_change();
 }
 
 struct Planning<'a> {
-    shared: &'a Shared,
+    shared: &'a SharedState,
     plan: &'a Plan,
     pipeline: Pipeline,
     tracer: Tracer,
-    content: Content,
+    content: PlanContent,
     captured: [f64; tandem_model::AXES_MAX],
     /// Number of the tool in the spindle; `None` if it is lost.
     tool: Option<u16>,
@@ -89,8 +89,9 @@ struct Planning<'a> {
 impl Planning<'_> {
     /// Enters the program at the line at which the run begins, as the run does: M codes required by its state, then the
     /// approach.
-    fn enter(&mut self, from: &LineStart) -> Result<(), Stop> {
-        let entry = line_search::search(self.shared, &self.plan.conditions, from).map_err(Stop::NoLine)?;
+    fn enter(&mut self, from: &LineStart) -> Result<(), PlanningEnd> {
+        let entry =
+            line_search::search(self.shared, &self.plan.conditions, from).map_err(PlanningEnd::NoLine)?;
         let mut arrival = self.pipeline.start_from(entry, 0);
         for (kind, index, value) in &arrival.variables {
             let array = match kind {
@@ -100,37 +101,37 @@ impl Planning<'_> {
             array.set(*index, *value);
         }
         for output in std::mem::take(&mut arrival.restore) {
-            self.put_out(&output).map_err(Stop::Alarm)?;
+            self.plan_output(&output).map_err(PlanningEnd::Alarm)?;
         }
         // a handler that selects another tool ends the run
         self.tool = arrival.tool;
-        self.pipeline.enter(arrival).map_err(Stop::Alarm)?;
+        self.pipeline.enter(arrival).map_err(PlanningEnd::Alarm)?;
         self.follow();
         // the approach has the location of the block to which it leads
         self.tracer.end_block();
         Ok(())
     }
 
-    fn run(&mut self, is_wanted: &dyn Fn() -> bool, on_change: &dyn Fn()) -> Stop {
+    fn run(&mut self, is_wanted: &dyn Fn() -> bool, on_change: &dyn Fn()) -> PlanningEnd {
         for items in 0..ITEMS_MAX {
             if items % ITEMS_PER_LOOK == 0 {
                 if self.plan.is_cancelled() || !is_wanted() {
-                    return Stop::Cancelled;
+                    return PlanningEnd::Cancelled;
                 }
                 if self.take_chunks() {
                     self.publish();
                     on_change();
                 }
             }
-            let item = self.next().and_then(|item| self.judge(item));
+            let item = self.next().and_then(|item| self.validate_item(item));
             let done = match item {
                 Ok(Item::Block(_) | Item::Warning(..)) => Ok(()),
-                Ok(Item::Output(output)) => self.put_out(&output),
+                Ok(Item::Output(output)) => self.plan_output(&output),
                 Ok(Item::Stop(_) | Item::NeedsStandstill(_)) => self.pipeline.flush(),
                 Ok(Item::End(_)) => {
                     let ended = self.pipeline.flush();
                     self.follow();
-                    return ended.map_or_else(Stop::Alarm, |()| Stop::Completed);
+                    return ended.map_or_else(PlanningEnd::Alarm, |()| PlanningEnd::Completed);
                 }
                 Err(alarm) => Err(alarm),
             };
@@ -139,13 +140,13 @@ impl Planning<'_> {
                 // motion handed out before the failed block runs to its end
                 let _ = self.pipeline.finish();
                 self.follow();
-                return Stop::Alarm(alarm);
+                return PlanningEnd::Alarm(alarm);
             }
             if self.tracer.times().total > TIME_MAX_S {
-                return Stop::TooLong;
+                return PlanningEnd::TooLong;
             }
         }
-        Stop::TooLong
+        PlanningEnd::TooLong
     }
 
     fn next(&mut self) -> Result<Item, Alarm> {
@@ -178,24 +179,24 @@ impl Planning<'_> {
 
     /// Checks that a program neither waits nor ends within cutter compensation, and that M codes have the declared
     /// parameters.
-    fn judge(&self, item: Item) -> Result<Item, Alarm> {
+    fn validate_item(&self, item: Item) -> Result<Item, Alarm> {
         let cs = self.plan.conditions.configured.settings.number;
         if let Item::Output(output) = &item
             && let Some(alarm) = self.shared.refused_output(cs, output)
         {
             return Err(alarm);
         }
-        let is_at_once = matches!(&item, Item::Output(output) if self.is_put_out_at_once(output));
+        let is_at_once = matches!(&item, Item::Output(output) if self.is_issued_at_once(output));
         match rest_refused(&item).filter(|_| self.pipeline.is_compensating() && !is_at_once) {
             Some(alarm) => Err(alarm),
             None => Ok(item),
         }
     }
 
-    fn is_put_out_at_once(&self, output: &Output) -> bool {
+    fn is_issued_at_once(&self, output: &Output) -> bool {
         let configured = &self.plan.conditions.configured;
         let settings = self.shared.machine.m_codes.get(&output.m);
-        configured.is_put_out_at_once(output, settings, self.pipeline.is_compensating())
+        configured.is_issued_at_once(output, settings, self.pipeline.is_compensating())
     }
 
     /// Lets the tracer follow the planned profiles.
@@ -231,11 +232,11 @@ impl Planning<'_> {
         }
     }
 
-    fn put_out(&mut self, output: &Output) -> Result<(), Alarm> {
+    fn plan_output(&mut self, output: &Output) -> Result<(), Alarm> {
         let configured = &self.plan.conditions.configured;
         let settings = self.shared.machine.m_codes.get(&output.m);
         let is_with_motion = configured.timing(output, settings) == Timing::WithMotion;
-        if !self.is_put_out_at_once(output) {
+        if !self.is_issued_at_once(output) {
             self.pipeline.flush()?;
             self.follow();
         }
@@ -353,19 +354,19 @@ impl Planning<'_> {
         self.plan.publish(self.content.clone());
     }
 
-    fn end(&mut self, stop: Stop) {
-        self.tracer.end();
+    fn complete_plan(&mut self, stop: PlanningEnd) {
+        self.tracer.finish_chunks();
         self.take_chunks();
         let last = self.tracer.marks.last().map(|mark| mark.origin);
         let (outcome, text, at) = match stop {
-            Stop::Cancelled => return,
-            Stop::Completed => (RehearsalOutcome::Completed, String::new(), None),
-            Stop::Alarm(alarm) => {
+            PlanningEnd::Cancelled => return,
+            PlanningEnd::Completed => (RehearsalOutcome::Completed, String::new(), None),
+            PlanningEnd::Alarm(alarm) => {
                 let text = format!("{}: {}", alarm.entry.title, alarm.text);
                 (RehearsalOutcome::Alarm, text, alarm.origin)
             }
-            Stop::NoLine(refusal) => (RehearsalOutcome::Alarm, refusal.text, None),
-            Stop::TooLong => {
+            PlanningEnd::NoLine(refusal) => (RehearsalOutcome::Alarm, refusal.text, None),
+            PlanningEnd::TooLong => {
                 let text = format!(
                     "planning ends here: a program of more than {ITEMS_MAX} blocks or a week may be endless"
                 );
@@ -374,13 +375,13 @@ impl Planning<'_> {
         };
         self.content.outcome = outcome;
         self.content.text = text;
-        self.content.at = at.map(|Origin { program, line, .. }| PlannedPlace { program, line });
+        self.content.at = at.map(|Origin { program, line, .. }| PlannedLocation { program, line });
         self.publish();
     }
 }
 
 /// Returns the time that a program waits for an M code; `None` if unknown.
-pub(super) fn wait_of(shared: &Shared, configured: &CoordinateSystem, m: u16) -> Option<f64> {
+pub(super) fn wait_of(shared: &SharedState, configured: &CoordinateSystem, m: u16) -> Option<f64> {
     let cs = configured.settings.number;
     if let Some(measured_s) = shared.m_code_wait(cs, m) {
         return Some(measured_s);
@@ -395,7 +396,7 @@ pub(super) fn wait_of(shared: &Shared, configured: &CoordinateSystem, m: u16) ->
     let unhandled = settings.and_then(|settings| settings.unhandled);
     let unhandled = unhandled.unwrap_or(shared.machine.unhandled);
     let has_spindle = configured.settings.spindle.is_some();
-    let is_at_once = unhandled == Unhandled::AutoReset || has_spindle && stock::is_spindle_code(m);
+    let is_at_once = unhandled == UnhandledReaction::AutoReset || has_spindle && stock::is_spindle_code(m);
     is_at_once.then_some(0.0)
 }
 

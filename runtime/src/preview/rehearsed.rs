@@ -6,13 +6,13 @@ use plc_api::types::planned::{
 use plc_api::types::state::Overrides;
 use tandem_model::settings::MotorSettings;
 
-use super::plan::{Content, Moment, Plan};
-use super::tracer::{AxisTrace, Mark, Peak, Times};
+use super::plan::{Plan, PlanContent, RunMoment};
+use super::tracer::{AxisTrace, PlanMark, PlannedPeak, Times};
 
 /// Maximum number of blocks with listed times.
 const LINES_MAX: usize = 2048;
 
-pub(super) fn rehearsal(plan: &Plan, content: &Content, identity: PathIdentity) -> Rehearsal {
+pub(super) fn rehearsal(plan: &Plan, content: &PlanContent, identity: PathIdentity) -> Rehearsal {
     let conditions = &plan.conditions;
     let settings = &conditions.configured.settings;
     let axis = |trace: &AxisTrace| {
@@ -30,7 +30,7 @@ pub(super) fn rehearsal(plan: &Plan, content: &Content, identity: PathIdentity) 
     Rehearsal {
         program: conditions.main.number,
         cs: settings.number,
-        hash: conditions.main.sum().to_owned(),
+        hash: conditions.main.checksum().to_owned(),
         revision: Plan::tag(content, &identity),
         run_id: identity.run_id,
         plan: identity.plan,
@@ -51,7 +51,7 @@ pub(super) fn rehearsal(plan: &Plan, content: &Content, identity: PathIdentity) 
     }
 }
 
-fn line_of(mark: &Mark) -> RehearsedLine {
+fn line_of(mark: &PlanMark) -> RehearsedLine {
     RehearsedLine {
         program: mark.origin.program,
         line: mark.origin.line,
@@ -60,7 +60,7 @@ fn line_of(mark: &Mark) -> RehearsedLine {
 }
 
 fn axis_of(trace: &AxisTrace, motor: &MotorSettings) -> RehearsedAxis {
-    let peak = |peak: Peak, limit| RehearsedPeak {
+    let peak = |peak: PlannedPeak, limit| RehearsedPeak {
         value: peak.value,
         limit,
         program: peak.origin.program,
@@ -80,7 +80,7 @@ fn axis_of(trace: &AxisTrace, motor: &MotorSettings) -> RehearsedAxis {
 const NOTHING_S: f64 = 1e-6;
 
 /// Returns the progress of a run at this moment.
-pub(super) fn run(content: &Content, now: &Moment, overrides: &Overrides) -> RehearsedRun {
+pub(super) fn run(content: &PlanContent, now: &RunMoment, overrides: &Overrides) -> RehearsedRun {
     let (at, end) = (content.time_of(now), content.times);
     let left = |from: f64, to: f64| (to - from).max(0.0);
     // at an override of 0 the machine rests, and the end time is unknown

@@ -1,7 +1,7 @@
 //! Reduces a polyline through many points in space and time to as few points as its tolerance allows.
 
 /// A point of the path, mm, and the time at which it is reached, s.
-pub(super) type Point = ([f64; 3], f64);
+pub(super) type PathPoint = ([f64; 3], f64);
 
 /// Tolerance of the time at which a point is reached, s. Reason: the display of a run's progress need not be
 /// more exact.
@@ -12,17 +12,17 @@ const LATE_S: f64 = 0.02;
 /// outside the cone begins the next line (the sleeve algorithm of Zhao and Saalfeld, with time as another
 /// direction).
 #[derive(Debug)]
-pub(super) struct Sleeve {
+pub(super) struct PathSimplifier {
     tolerance: f64,
-    from: Point,
-    end: Point,
-    cone: Option<Cone>,
+    from: PathPoint,
+    end: PathPoint,
+    cone: Option<SlopeCone>,
 }
 
 /// Range of slopes of the lines that pass all points so far, relative to the distance along the first
 /// direction.
 #[derive(Debug, Clone, Copy)]
-struct Cone {
+struct SlopeCone {
     along: [f64; 3],
     across: [[f64; 3]; 2],
     /// Lowest and highest slope across the line in both directions, and of time.
@@ -30,8 +30,8 @@ struct Cone {
     reach: f64,
 }
 
-impl Sleeve {
-    pub fn new(tolerance: f64, from: Point) -> Self {
+impl PathSimplifier {
+    pub fn new(tolerance: f64, from: PathPoint) -> Self {
         Self {
             tolerance,
             from,
@@ -41,21 +41,21 @@ impl Sleeve {
     }
 
     /// Returns the last added point.
-    pub fn end(&self) -> Point {
+    pub fn end_point(&self) -> PathPoint {
         self.end
     }
 
     /// Adds a point. If the current line cannot pass it, returns the end of that line.
-    pub fn push(&mut self, point: Point) -> Option<Point> {
+    pub fn push(&mut self, point: PathPoint) -> Option<PathPoint> {
         let mut given = None;
         match self.cone {
-            None => self.cone = Cone::to(self.from, point, self.tolerance),
+            None => self.cone = SlopeCone::to(self.from, point, self.tolerance),
             Some(cone) => {
                 self.cone = cone.narrowed(self.from, point, self.tolerance);
                 if self.cone.is_none() {
                     given = Some(self.end);
                     self.from = self.end;
-                    self.cone = Cone::to(self.from, point, self.tolerance);
+                    self.cone = SlopeCone::to(self.from, point, self.tolerance);
                 }
             }
         }
@@ -65,7 +65,7 @@ impl Sleeve {
 
     /// Ends the line at the last point, where the next line begins. Returns this point unless it is the
     /// beginning of the line.
-    pub fn cut(&mut self) -> Option<Point> {
+    pub fn cut(&mut self) -> Option<PathPoint> {
         let is_new = self.cone.is_some();
         self.from = self.end;
         self.cone = None;
@@ -79,9 +79,9 @@ impl Sleeve {
     }
 }
 
-impl Cone {
+impl SlopeCone {
     /// Returns `None` if the point is too near to define a direction.
-    fn to(from: Point, to: Point, tolerance: f64) -> Option<Self> {
+    fn to(from: PathPoint, to: PathPoint, tolerance: f64) -> Option<Self> {
         let way = minus(to.0, from.0);
         let reach = dot(way, way).sqrt();
         if reach <= tolerance {
@@ -103,7 +103,7 @@ impl Cone {
         cone.narrowed(from, to, tolerance)
     }
 
-    fn narrowed(self, from: Point, to: Point, tolerance: f64) -> Option<Self> {
+    fn narrowed(self, from: PathPoint, to: PathPoint, tolerance: f64) -> Option<Self> {
         let way = minus(to.0, from.0);
         let reach = dot(way, self.along);
         // the path turns back
@@ -157,10 +157,10 @@ mod tests {
 
     const TOLERANCE: f64 = 0.01;
 
-    fn through(points: impl IntoIterator<Item = Point>) -> Vec<Point> {
+    fn through(points: impl IntoIterator<Item = PathPoint>) -> Vec<PathPoint> {
         let mut points = points.into_iter();
         let first = points.next().unwrap();
-        let mut sleeve = Sleeve::new(TOLERANCE, first);
+        let mut sleeve = PathSimplifier::new(TOLERANCE, first);
         let mut given = vec![first];
         given.extend(points.filter_map(|point| sleeve.push(point)).collect::<Vec<_>>());
         given.extend(sleeve.cut());
@@ -200,7 +200,7 @@ mod tests {
 
     #[test]
     fn no_point_of_a_helix_is_farther_from_the_line_than_the_tolerance() {
-        let helix: Vec<Point> = (0..=20_000)
+        let helix: Vec<PathPoint> = (0..=20_000)
             .map(|i| {
                 let angle = f64::from(i) / 20_000.0 * 20.0;
                 ([20.0 * angle.cos(), 20.0 * angle.sin(), angle], angle)

@@ -11,11 +11,11 @@ use crate::program_store::StoredProgram;
 #[derive(Debug, Default)]
 pub(super) struct Slots {
     /// Plan of the run in progress.
-    running: Slot,
+    running: PlanSlot,
     /// Plan of the loaded program.
-    loaded: Slot,
+    loaded: PlanSlot,
     /// Plan of another program, the last requested one.
-    asked: Slot,
+    asked: PlanSlot,
 }
 
 /// Use of a plan in a coordinate system.
@@ -51,7 +51,7 @@ impl PlanOrder {
 }
 
 #[derive(Debug, Default)]
-struct Slot {
+struct PlanSlot {
     plan: Option<Arc<Plan>>,
     /// Plan to be made.
     wanted: Option<PlanOrder>,
@@ -59,7 +59,7 @@ struct Slot {
     took: Option<(Duration, Instant)>,
 }
 
-impl Slot {
+impl PlanSlot {
     /// Orders a plan; returns true if it was not ordered yet.
     fn want(&mut self, wanted: PlanOrder) -> bool {
         if self.wanted.as_ref().is_some_and(|known| known.is(&wanted)) {
@@ -79,7 +79,7 @@ impl Slot {
 }
 
 impl Slots {
-    fn slot_mut(&mut self, which: PlanUse) -> &mut Slot {
+    fn slot_mut(&mut self, which: PlanUse) -> &mut PlanSlot {
         match which {
             PlanUse::Running => &mut self.running,
             PlanUse::Loaded => &mut self.loaded,
@@ -142,12 +142,12 @@ impl Slots {
     }
 
     /// Begins planning.
-    pub fn begin(&mut self, which: PlanUse, plan: &Arc<Plan>) {
+    pub fn begin_plan(&mut self, which: PlanUse, plan: &Arc<Plan>) {
         self.slot_mut(which).plan = Some(Arc::clone(plan));
     }
 
     /// Ends planning; an incomplete plan is discarded.
-    pub fn end(&mut self, which: PlanUse, plan: &Arc<Plan>, took: Duration) {
+    pub fn end_plan(&mut self, which: PlanUse, plan: &Arc<Plan>, took: Duration) {
         self.slot_mut(which).took = Some((took, Instant::now()));
         if plan.content().is_complete() {
             return;

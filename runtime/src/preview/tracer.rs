@@ -5,7 +5,7 @@ use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
 use tandem_model::{Axis, AxisVector, MachinePosition, Origin};
 
 use super::chunk::{CHUNK_LINES, Chunk, Palette, Vertex, single};
-use super::sleeve::Sleeve;
+use super::sleeve::PathSimplifier;
 
 /// Maximum number of vertices of one path: some 50 MB with all levels. The picture ends there, the rehearsal continues.
 pub(super) const VERTICES_MAX: usize = 1 << 21;
@@ -48,7 +48,7 @@ impl Times {
 
 /// The beginning of a block, or the issue of an M code.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Mark {
+pub(super) struct PlanMark {
     /// Number of the segment in the run.
     pub segment: u64,
     pub origin: Origin,
@@ -59,7 +59,7 @@ pub(super) struct Mark {
 
 /// A maximum, and the block that causes it.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Peak {
+pub(super) struct PlannedPeak {
     pub value: f64,
     pub origin: Origin,
 }
@@ -70,13 +70,13 @@ pub(super) struct AxisTrace {
     pub axis: Axis,
     pub lowest: f64,
     pub highest: f64,
-    pub velocity: Peak,
-    pub acceleration: Peak,
+    pub velocity: PlannedPeak,
+    pub acceleration: PlannedPeak,
 }
 
 /// An axis with the drive that follows it.
 #[derive(Debug, Clone, Copy)]
-struct Followed {
+struct FollowedAxis {
     trace: AxisTrace,
     last: f64,
     velocity: f64,
@@ -88,15 +88,15 @@ struct Followed {
     timeout_s: f64,
 }
 
-impl Followed {
+impl FollowedAxis {
     fn new(axis: Axis, motor: &MotorSettings, at: f64, period_s: f64) -> Self {
         let lag_periods = (motor.lag_ms / 1000.0 / period_s).max(0.0);
         let trace = AxisTrace {
             axis,
             lowest: at,
             highest: at,
-            velocity: Peak::default(),
-            acceleration: Peak::default(),
+            velocity: PlannedPeak::default(),
+            acceleration: PlannedPeak::default(),
         };
         Self {
             trace,
@@ -127,7 +127,7 @@ impl Followed {
             (&mut trace.acceleration, acceleration),
         ] {
             if value.abs() > peak.value * (1.0 + 1e-6) {
-                *peak = Peak {
+                *peak = PlannedPeak {
                     value: value.abs(),
                     origin,
                 };
@@ -147,20 +147,20 @@ impl Followed {
 #[derive(Debug)]
 pub(super) struct Tracer {
     period_s: f64,
-    axes: Vec<Followed>,
+    axes: Vec<FollowedAxis>,
     times: Times,
     /// Profile time of the next setpoint; `None` if the machine rests.
     phase_s: Option<f64>,
     origin: Origin,
     base: TimeBase,
-    sleeve: Sleeve,
+    sleeve: PathSimplifier,
     at: AxisVector,
     pub palette: Palette,
     vertices: Vec<Vertex>,
     /// Full chunks, to be collected.
     pub chunks: Vec<Chunk>,
     vertex_count: usize,
-    pub marks: Vec<Mark>,
+    pub marks: Vec<PlanMark>,
     /// Blocks between two marks.
     stride: u32,
     unmarked: u32,
@@ -179,7 +179,7 @@ impl Tracer {
         let mut tracer = Self {
             period_s,
             axes: axes
-                .map(|(axis, motor)| Followed::new(axis, motor, at.0[axis], period_s))
+                .map(|(axis, motor)| FollowedAxis::new(axis, motor, at.0[axis], period_s))
                 .collect(),
             times: Times::default(),
             phase_s: None,
@@ -188,7 +188,7 @@ impl Tracer {
                 ..Origin::default()
             },
             base: TimeBase::Fixed,
-            sleeve: Sleeve::new(tolerance, (place(at.0), 0.0)),
+            sleeve: PathSimplifier::new(tolerance, (picture_position(at.0), 0.0)),
             at: at.0,
             palette: Palette::default(),
             vertices: Vec::new(),
@@ -198,7 +198,7 @@ impl Tracer {
             stride: 1,
             unmarked: 0,
         };
-        tracer.vertex((place(at.0), 0.0));
+        tracer.vertex((picture_position(at.0), 0.0));
         tracer
     }
 
@@ -218,7 +218,7 @@ impl Tracer {
     }
 
     /// Begins another block with this segment.
-    pub fn begin(&mut self, origin: Origin, segment: u64) {
+    pub fn begin_block(&mut self, origin: Origin, segment: u64) {
         if self.origin == origin && !self.marks.is_empty() {
             return;
         }
@@ -248,7 +248,7 @@ impl Tracer {
             self.stride *= 2;
         }
         let times = self.times;
-        self.marks.push(Mark {
+        self.marks.push(PlanMark {
             segment,
             origin,
             times,
@@ -266,7 +266,7 @@ impl Tracer {
 
     /// Follows a profile to its end.
     pub fn follow(&mut self, profile: &Profile) {
-        self.begin(profile.origin, profile.segment);
+        self.begin_block(profile.origin, profile.segment);
         let base = profile.law.time_base();
         if self.base != base {
             self.cut();
@@ -294,7 +294,7 @@ impl Tracer {
             k += 1.0;
         }
         if profile.exact_stop {
-            self.setpoint(profile.end(), 1.0);
+            self.setpoint(profile.end_position(), 1.0);
             self.come_into_position();
             self.phase_s = None;
         } else {
@@ -308,7 +308,7 @@ impl Tracer {
         }
         self.at = at;
         self.pass(periods);
-        if let Some(vertex) = self.sleeve.push((place(at), self.times.total)) {
+        if let Some(vertex) = self.sleeve.push((picture_position(at), self.times.total)) {
             self.vertex(vertex);
         }
     }
@@ -362,7 +362,7 @@ impl Tracer {
     /// Continues the path from here at the current time, after a rest.
     fn rested(&mut self) {
         self.cut();
-        let (at, since_s) = self.sleeve.end();
+        let (at, since_s) = self.sleeve.end_point();
         self.sleeve.rest(self.times.total);
         if self.times.total - since_s > 2.0 * self.period_s {
             self.vertex((at, self.times.total));
@@ -403,7 +403,7 @@ impl Tracer {
     }
 
     /// Ends the record: the remaining vertices become a chunk.
-    pub fn end(&mut self) {
+    pub fn finish_chunks(&mut self) {
         self.cut();
         let left = std::mem::take(&mut self.vertices);
         if left.len() > 1 || self.chunks.is_empty() {
@@ -413,6 +413,6 @@ impl Tracer {
 }
 
 /// Converts a machine position to a position in the picture.
-fn place(at: AxisVector) -> [f64; 3] {
+fn picture_position(at: AxisVector) -> [f64; 3] {
     Axis::ORTHOGONAL.map(|axis| at[axis])
 }

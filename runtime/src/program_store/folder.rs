@@ -14,8 +14,8 @@ use super::signing::{Signature, read_signature};
 use super::{PROGRAMS_MAX, no_room, program_number};
 use crate::disk::fs::{self, File, Metadata, MetadataExt as _};
 use crate::disk::{
-    Generations, Kind, Sealer, StoredPart, SumFile, Sums, UNFINISHED, Unfinished, make_folder_in,
-    read_regular, sum_of, sync_folder, tighten,
+    ChecksumFile, Checksums, Generations, SealedFileKind, Sealer, StoredPart, UNFINISHED, UnfinishedFile,
+    checksum_hex, make_folder_in, read_regular, sync_folder, tighten,
 };
 
 /// Name of the checksum file in the folder.
@@ -36,7 +36,7 @@ const OR: char = '|';
 
 /// State of a program's file.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Found {
+pub(crate) enum ProgramFileState {
     /// Unchanged since it was stored.
     Stored(Vec<u8>),
     /// Written or changed outside of the runtime: bytes, description, and the checksum stored before, if known.
@@ -47,8 +47,8 @@ pub(crate) enum Found {
 
 /// Result of scanning the folder.
 #[derive(Debug, Default)]
-pub(crate) struct Look {
-    pub programs: BTreeMap<u16, Found>,
+pub(crate) struct FolderScan {
+    pub programs: BTreeMap<u16, ProgramFileState>,
     pub signatures: BTreeMap<u16, Signature>,
     /// Dialects of the programs for which the dialect is recorded.
     pub dialects: BTreeMap<u16, String>,
@@ -71,17 +71,17 @@ fn time_of(metadata: &Metadata) -> String {
 
 /// Parsed record of a program.
 #[derive(Clone, Copy, PartialEq, Eq)]
-struct Mark<'a> {
+struct ProgramFileRecord<'a> {
     time: &'a str,
     sum: &'a str,
     dialect: Option<&'a str>,
 }
 
 /// Returns the records of the possible files, the newest first.
-fn marks(noted: &str) -> impl Iterator<Item = Mark<'_>> {
+fn marks(noted: &str) -> impl Iterator<Item = ProgramFileRecord<'_>> {
     noted.rsplit(OR).filter_map(|mark| {
         let mut parts = mark.split(' ');
-        Some(Mark {
+        Some(ProgramFileRecord {
             time: parts.next()?,
             sum: parts.next()?,
             dialect: parts.next(),
@@ -94,7 +94,7 @@ fn has_time(noted: &str, time: &str) -> bool {
 }
 
 /// Returns the checksum of the newest record.
-fn sum_in(noted: &str) -> Option<String> {
+fn newest_checksum(noted: &str) -> Option<String> {
     marks(noted).next().map(|mark| mark.sum.to_owned())
 }
 
@@ -112,8 +112,8 @@ fn signature_time(folder: &Path, number: u16) -> String {
 }
 
 /// Reads the checksum file of a folder.
-pub(crate) fn sums(folder: &Path) -> Sums {
-    Sums::read(&folder.join(SUMS_FILE), Kind::ProgramSums)
+pub(crate) fn read_checksums(folder: &Path) -> Checksums {
+    Checksums::read(&folder.join(SUMS_FILE), SealedFileKind::ProgramSums)
 }
 
 /// Scans all files of a folder without changing anything. `is_mixed`: the machine has several dialects, so that a
@@ -122,9 +122,9 @@ pub(crate) fn sums(folder: &Path) -> Sums {
 ///
 /// # Errors
 /// Returns an error if the folder cannot be read.
-pub(crate) fn look(folder: &Path, is_mixed: bool, bytes_max: usize) -> io::Result<Look> {
-    let sums = sums(folder);
-    let mut look = Look::default();
+pub(crate) fn scan_folder(folder: &Path, is_mixed: bool, bytes_max: usize) -> io::Result<FolderScan> {
+    let sums = read_checksums(folder);
+    let mut look = FolderScan::default();
     let mut paths: Vec<PathBuf> = fs::read_dir(folder)?
         .map(|entry| Ok(entry?.path()))
         .collect::<io::Result<_>>()?;
@@ -158,15 +158,15 @@ pub(crate) fn look(folder: &Path, is_mixed: bool, bytes_max: usize) -> io::Resul
             };
         let found = match (read, known) {
             (Ok(_), _) if is_lost => {
-                Found::Damaged("its checksum is damaged, and its dialect is unknown".to_owned())
+                ProgramFileState::Damaged("its checksum is damaged, and its dialect is unknown".to_owned())
             }
             (Ok((metadata, bytes)), known) => {
                 let noted = known.and_then(Option::as_deref);
                 let dialect = noted.and_then(|noted| dialect_in(noted, &time_of(&metadata)));
                 look.dialects.extend(dialect.map(|dialect| (number, dialect)));
-                judge(known, &metadata, bytes)
+                inspect_file(known, &metadata, bytes)
             }
-            (Err(error), Some(_)) => Found::Damaged(format!("the file cannot be read: {error}")),
+            (Err(error), Some(_)) => ProgramFileState::Damaged(format!("the file cannot be read: {error}")),
             (Err(error), None) => {
                 look.not_read
                     .push(format!("{}: {error}; move it away", path.display()));
@@ -175,7 +175,7 @@ pub(crate) fn look(folder: &Path, is_mixed: bool, bytes_max: usize) -> io::Resul
         };
         look.without_sum += usize::from(!sums.is_there);
         let found = match found {
-            Found::FromOutside(bytes, ..) if !sums.is_there => Found::Stored(bytes),
+            ProgramFileState::FromOutside(bytes, ..) if !sums.is_there => ProgramFileState::Stored(bytes),
             found => found,
         };
         look.programs.insert(number, found);
@@ -184,17 +184,17 @@ pub(crate) fn look(folder: &Path, is_mixed: bool, bytes_max: usize) -> io::Resul
         look.signatures
             .extend(signature.unwrap_or_default().map(|signature| (number, signature)));
     }
-    look.gone = gone(&sums, &look.programs);
+    look.gone = missing_programs(&sums, &look.programs);
     Ok(look)
 }
 
-impl Look {
+impl FolderScan {
     /// Marks every program as damaged until a person confirms it. A program that is already damaged keeps its reason,
     /// because no answer makes it usable.
     pub fn hold_back(&mut self) {
         for found in self.programs.values_mut() {
-            if !matches!(found, Found::Damaged(_)) {
-                *found = Found::Damaged(HOW_HELD_BACK.to_owned());
+            if !matches!(found, ProgramFileState::Damaged(_)) {
+                *found = ProgramFileState::Damaged(HOW_HELD_BACK.to_owned());
             }
         }
     }
@@ -212,32 +212,33 @@ fn read_within(path: &Path, bytes_max: usize, bytes_read: &mut u64) -> io::Resul
 }
 
 /// Returns the programs that have a checksum but no file, with their checksums if known.
-fn gone(sums: &Sums, there: &BTreeMap<u16, Found>) -> Vec<(u16, Option<String>)> {
+fn missing_programs(sums: &Checksums, there: &BTreeMap<u16, ProgramFileState>) -> Vec<(u16, Option<String>)> {
     let known = sums.by_name.iter();
-    let known = known.filter_map(|(name, mark)| Some((name.parse().ok()?, mark.as_deref().and_then(sum_in))));
+    let known = known
+        .filter_map(|(name, mark)| Some((name.parse().ok()?, mark.as_deref().and_then(newest_checksum))));
     known.filter(|(number, _)| !there.contains_key(number)).collect()
 }
 
-fn judge(known: Option<&Option<String>>, metadata: &Metadata, bytes: Vec<u8>) -> Found {
+fn inspect_file(known: Option<&Option<String>>, metadata: &Metadata, bytes: Vec<u8>) -> ProgramFileState {
     let Some(known) = known else {
-        return Found::FromOutside(bytes, "its file was put into the folder".to_owned(), None);
+        return ProgramFileState::FromOutside(bytes, "its file was put into the folder".to_owned(), None);
     };
     let Some(known) = known else {
         let how = "its checksum is damaged, so it cannot be verified".to_owned();
-        return Found::FromOutside(bytes, how, None);
+        return ProgramFileState::FromOutside(bytes, how, None);
     };
-    let (time, sum) = (time_of(metadata), sum_of(&bytes));
+    let (time, sum) = (time_of(metadata), checksum_hex(&bytes));
     if marks(known).any(|mark| (mark.time, mark.sum) == (time.as_str(), sum.as_str())) {
-        return Found::Stored(bytes);
+        return ProgramFileState::Stored(bytes);
     }
     if marks(known).any(|mark| (mark.time, mark.sum) == (time.as_str(), HELD_BACK)) {
-        return Found::Damaged(HOW_HELD_BACK.to_owned());
+        return ProgramFileState::Damaged(HOW_HELD_BACK.to_owned());
     }
     if has_time(known, &time) {
         let how = "its content differs from the stored one, although the file's time is unchanged";
-        return Found::Damaged(how.to_owned());
+        return ProgramFileState::Damaged(how.to_owned());
     }
-    Found::FromOutside(bytes, "its file was written".to_owned(), sum_in(known))
+    ProgramFileState::FromOutside(bytes, "its file was written".to_owned(), newest_checksum(known))
 }
 
 /// Returns the only file name that a program may have.
@@ -252,7 +253,7 @@ fn signature_name(number: u16) -> String {
 
 /// Contents of a file that was accepted as a program in its current form.
 #[derive(Debug)]
-pub(crate) struct Accepted {
+pub(crate) struct AcceptedFile {
     pub bytes: Vec<u8>,
     pub signature: Option<Signature>,
     pub dialect: String,
@@ -285,7 +286,7 @@ pub(crate) struct Opening {
 #[derive(Debug)]
 pub(crate) struct ProgramFolder {
     path: PathBuf,
-    sums: SumFile,
+    sums: ChecksumFile,
     /// Dialect of programs that were put into the folder from outside.
     dialect: &'static str,
     /// Times of the signatures when they were read; not stored, because every start reads all of them.
@@ -298,7 +299,7 @@ impl ProgramFolder {
     ///
     /// # Errors
     /// Returns an error if the disk operation fails.
-    pub fn open(path: &Path, opening: &Opening) -> io::Result<(Self, Look)> {
+    pub fn open(path: &Path, opening: &Opening) -> io::Result<(Self, FolderScan)> {
         let Opening {
             dialect,
             is_mixed,
@@ -308,23 +309,23 @@ impl ProgramFolder {
         make_folder_in(path)?;
         tighten(path);
         tidy_up(path)?;
-        let mut look = look(path, is_mixed, bytes_max)?;
+        let mut look = scan_folder(path, is_mixed, bytes_max)?;
         let mut known = BTreeMap::new();
-        let old = sums(path);
+        let old = read_checksums(path);
         for (number, found) in &look.programs {
             let sum = match found {
-                Found::Stored(bytes) | Found::FromOutside(bytes, ..) => {
+                ProgramFileState::Stored(bytes) | ProgramFileState::FromOutside(bytes, ..) => {
                     let metadata = fs::metadata(path.join(file_name(*number)))?;
                     let dialect = look.dialects.get(number).map_or(dialect, String::as_str);
                     let sum = if opening.holds_back {
                         HELD_BACK.to_owned()
                     } else {
-                        sum_of(bytes)
+                        checksum_hex(bytes)
                     };
                     Some(mark(&metadata, &sum, dialect))
                 }
                 // the program stays damaged
-                Found::Damaged(_) => {
+                ProgramFileState::Damaged(_) => {
                     let noted = old.by_name.get(&number.to_string()).cloned().flatten();
                     noted.or_else(|| is_mixed.then(|| LOST.to_owned()))
                 }
@@ -337,11 +338,11 @@ impl ProgramFolder {
             look.hold_back();
         }
         let sealer = Sealer {
-            kind: Kind::ProgramSums,
+            kind: SealedFileKind::ProgramSums,
             part: StoredPart::Programs,
             generations: Arc::clone(&opening.generations),
         };
-        let sums = SumFile::begin(&path.join(SUMS_FILE), sealer, old.last, known)?;
+        let sums = ChecksumFile::create(&path.join(SUMS_FILE), sealer, old.last, known)?;
         let numbers = look.programs.keys();
         let signed_at = numbers.map(|number| (*number, signature_time(path, *number)));
         let folder = Self {
@@ -381,7 +382,7 @@ impl ProgramFolder {
             return Ok(Outside::Nothing);
         }
         let bytes = read_regular(&path, PROGRAM_BYTES_MAX as u64)?;
-        Ok(Outside::Written(sum_of(&bytes)))
+        Ok(Outside::Written(checksum_hex(&bytes)))
     }
 
     /// Writes a program and its signature; without a signature, removes the existing one. Both are on disk when this
@@ -398,10 +399,10 @@ impl ProgramFolder {
     ) -> io::Result<()> {
         let (name, path) = (number.to_string(), self.path.join(file_name(number)));
         let of_signature = self.path.join(signature_name(number));
-        let signature = signature.map(|signature| Unfinished::write(&of_signature, signature));
+        let signature = signature.map(|signature| UnfinishedFile::write(&of_signature, signature));
         let signature = signature.transpose()?;
-        let file = Unfinished::write(&path, bytes)?;
-        let new = mark(&file.as_file().metadata()?, &sum_of(bytes), dialect);
+        let file = UnfinishedFile::write(&path, bytes)?;
+        let new = mark(&file.as_file().metadata()?, &checksum_hex(bytes), dialect);
         // Until the file has its final name, either file may be found.
         let before = self.sums.get(&name).and_then(|known| known.split(OR).next_back());
         let either = before.map_or(new.clone(), |before| format!("{before}{OR}{new}"));
@@ -448,7 +449,7 @@ impl ProgramFolder {
     ///
     /// # Errors
     /// Returns an error if the file cannot be read or the disk operation fails.
-    pub fn accept(&mut self, number: u16) -> io::Result<Accepted> {
+    pub fn accept(&mut self, number: u16) -> io::Result<AcceptedFile> {
         let path = self.path.join(file_name(number));
         let signed_at = signature_time(&self.path, number);
         let signature = read_signature(&self.path.join(signature_name(number)))?;
@@ -457,10 +458,10 @@ impl ProgramFolder {
         let noted = self.sums.get(&number.to_string());
         let dialect = noted.and_then(|noted| dialect_in(noted, &time_of(&metadata)));
         let dialect = dialect.unwrap_or_else(|| self.dialect.to_owned());
-        let now = mark(&metadata, &sum_of(&bytes), &dialect);
+        let now = mark(&metadata, &checksum_hex(&bytes), &dialect);
         self.sums.add(0, [(number.to_string(), Some(now))].into())?;
         self.signed_at.insert(number, signed_at);
-        Ok(Accepted {
+        Ok(AcceptedFile {
             bytes,
             signature,
             dialect,
@@ -515,7 +516,7 @@ impl ProgramFolder {
     /// # Errors
     /// Returns an error if the disk operation fails.
     pub fn probe(&self) -> io::Result<()> {
-        Unfinished::write(&self.path.join("probe"), &[b'\n'; 4096]).map(drop)
+        UnfinishedFile::write(&self.path.join("probe"), &[b'\n'; 4096]).map(drop)
     }
 }
 

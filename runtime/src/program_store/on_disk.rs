@@ -7,8 +7,8 @@ use std::sync::atomic::Ordering;
 
 use super::ProgramStore;
 use super::edit::Edit;
-use super::folder::{Accepted, Found, Look, Opening, ProgramFolder, look};
-use super::places::{FolderByProgram, Places};
+use super::folder::{AcceptedFile, FolderScan, Opening, ProgramFileState, ProgramFolder, scan_folder};
+use super::places::{FolderAssignments, FolderByProgram};
 use super::program::StoredProgram;
 use super::signing::Signature;
 use crate::disk::Generations;
@@ -46,7 +46,7 @@ impl ProgramStore {
         self.generations = Arc::clone(&held.generations);
         self.holds_back.store(held.programs, Ordering::Relaxed);
         let opened = ProgramFolder::open(path, &self.opening());
-        let (places, folders_fault) = Places::open(path, &self.generations, held.folders);
+        let (places, folders_fault) = FolderAssignments::open(path, &self.generations, held.folders);
         *self.places.get_mut() = places;
         let (look, opened) = match opened {
             Ok((folder, look)) => {
@@ -55,7 +55,7 @@ impl ProgramStore {
                 (look, Ok(()))
             }
             Err(error) => {
-                let mut look = look(path, self.is_mixed, self.bytes_max).unwrap_or_default();
+                let mut look = scan_folder(path, self.is_mixed, self.bytes_max).unwrap_or_default();
                 if held.programs {
                     look.hold_back();
                 }
@@ -105,7 +105,7 @@ impl ProgramStore {
                 edits.push(Edit::outside(
                     number,
                     None,
-                    new.as_deref().map(StoredProgram::sum),
+                    new.as_deref().map(StoredProgram::checksum),
                 ));
             }
             Ok(edits)
@@ -119,7 +119,7 @@ impl ProgramStore {
         Ok(edits)
     }
 
-    fn take_over(&self, look: Look) -> ProgramFindings {
+    fn take_over(&self, look: FolderScan) -> ProgramFindings {
         let mut findings = ProgramFindings {
             not_read: look.not_read,
             without_sum: look.without_sum,
@@ -129,18 +129,18 @@ impl ProgramStore {
             let signature = look.signatures.get(&number).copied();
             let dialect = look.dialects.get(&number).map(String::as_str);
             match found {
-                Found::Stored(bytes) => self.keep(self.of_file(number, bytes, dialect, signature)),
-                Found::FromOutside(bytes, how, old) => {
+                ProgramFileState::Stored(bytes) => self.keep(self.of_file(number, bytes, dialect, signature)),
+                ProgramFileState::FromOutside(bytes, how, old) => {
                     let program = self.of_file(number, bytes, dialect, signature);
-                    let sum = program.short_sum();
+                    let sum = program.short_checksum();
                     let text = format!("program {number}: {how}; its checksum is {sum}");
                     findings.changed.push(text);
                     findings
                         .edits
-                        .push(Edit::outside(number, old, Some(program.sum())));
+                        .push(Edit::outside(number, old, Some(program.checksum())));
                     self.keep(program);
                 }
-                Found::Damaged(how) => {
+                ProgramFileState::Damaged(how) => {
                     self.damaged.write().insert(number, how);
                 }
             }
@@ -191,11 +191,11 @@ impl ProgramStore {
             };
             // an unreadable file is tried again at the next scan
             let Ok(read) = read else { continue };
-            let old = self.get(number).map(|program| program.sum().to_owned());
+            let old = self.get(number).map(|program| program.checksum().to_owned());
             self.damaged.write().remove(&number);
             let how = self.take_accepted(number, read);
             let new = self.get(number);
-            let new = new.as_deref().map(StoredProgram::sum);
+            let new = new.as_deref().map(StoredProgram::checksum);
             said.push((
                 format!("program {number}: {how}"),
                 Edit::outside(number, old, new),
@@ -206,8 +206,8 @@ impl ProgramStore {
 
     /// Accepts the file of a program in its current form (`None` if there is no file), and returns a text
     /// about the change.
-    fn take_accepted(&self, number: u16, accepted: Option<Accepted>) -> String {
-        let Some(Accepted {
+    fn take_accepted(&self, number: u16, accepted: Option<AcceptedFile>) -> String {
+        let Some(AcceptedFile {
             bytes,
             signature,
             dialect,
@@ -222,7 +222,7 @@ impl ProgramStore {
         }
         let mut program = self.of_file(number, bytes, Some(&dialect), signature);
         program.is_from_outside = true;
-        let sum = program.short_sum().to_owned();
+        let sum = program.short_checksum().to_owned();
         self.keep(program);
         format!("its file was written; its checksum is {sum}; load the program again")
     }

@@ -12,7 +12,7 @@ use serde::Deserialize as _;
 use serde_json::json;
 
 use crate::disk::{
-    Generations, Kind, Seal, StoredPart, Unusable, read_regular, read_sealed, seal, write_whole,
+    Generations, Seal, SealedFileKind, StoredPart, Unusable, read_regular, read_sealed, seal, write_whole,
 };
 
 /// File in the folder of the programs.
@@ -26,7 +26,7 @@ pub(crate) type FolderByProgram = BTreeMap<u16, String>;
 
 /// Content of the file.
 #[derive(Debug, Default)]
-pub(crate) struct PlacesRead {
+pub(crate) struct FolderAssignmentsRead {
     pub by_number: FolderByProgram,
     /// `None` if there is no file, or if it cannot be used.
     pub seal: Option<Seal>,
@@ -34,7 +34,7 @@ pub(crate) struct PlacesRead {
     pub fault: Option<String>,
 }
 
-impl PlacesRead {
+impl FolderAssignmentsRead {
     /// Reads the file in a folder of programs.
     pub fn read(folder: &Path) -> Self {
         let mut read = Self::default();
@@ -49,7 +49,7 @@ impl PlacesRead {
         read.fault = Some("the file is damaged".to_owned());
         let lines = bytes.split(|byte| *byte == b'\n').filter(|line| !line.is_empty());
         for line in lines {
-            match read_sealed(Kind::Folders, line) {
+            match read_sealed(SealedFileKind::Folders, line) {
                 Ok((line, seal)) => match by_number(&line["folders"]) {
                     Ok(by_number) => {
                         return Self {
@@ -70,17 +70,17 @@ impl PlacesRead {
 
 /// Folders by program, and their file.
 #[derive(Debug, Default)]
-pub(super) struct Places {
+pub(super) struct FolderAssignments {
     path: Option<PathBuf>,
     generations: Arc<Generations>,
     by_number: FolderByProgram,
 }
 
-impl Places {
+impl FolderAssignments {
     /// Reads the file in a folder of programs. With `holds_back`, or if the file cannot be used, all programs
     /// are in no folder. Also returns the reason why the file cannot be used.
     pub fn open(folder: &Path, generations: &Arc<Generations>, holds_back: bool) -> (Self, Option<String>) {
-        let read = PlacesRead::read(folder);
+        let read = FolderAssignmentsRead::read(folder);
         let mut places = Self {
             path: Some(folder.join(PLACES_FILE)),
             generations: Arc::clone(generations),
@@ -126,7 +126,9 @@ impl Places {
         let Some(path) = &self.path else { return Ok(()) };
         let generation = self.generations.next();
         let mut line = json!({"n": 1, "folders": by_number});
-        self.generations.seal(Kind::Folders, generation).put(&mut line);
+        self.generations
+            .seal(SealedFileKind::Folders, generation)
+            .put(&mut line);
         let line = seal(&line.to_string());
         // the line is written twice: if one is damaged, the other remains
         write_whole(path, format!("{line}\n").repeat(2).as_bytes())?;
@@ -151,7 +153,7 @@ mod tests {
     #[test]
     fn any_flipped_bit_of_the_folders_changes_none_of_them() {
         let folder = tempfile::tempdir().unwrap();
-        let (mut places, fault) = Places::open(folder.path(), &Arc::default(), false);
+        let (mut places, fault) = FolderAssignments::open(folder.path(), &Arc::default(), false);
         assert_eq!(fault, None);
         places.put(1, "moulds/gen2").unwrap();
         places.put(7, "ä").unwrap();
@@ -161,7 +163,7 @@ mod tests {
             let mut flipped = bytes.clone();
             flipped[place / 8] ^= 1 << (place % 8);
             std::fs::write(&path, flipped).unwrap();
-            let read = PlacesRead::read(folder.path());
+            let read = FolderAssignmentsRead::read(folder.path());
             assert_eq!((read.by_number, read.fault), (places.by_number.clone(), None));
         }
     }
@@ -171,9 +173,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(PLACES_FILE);
         std::fs::write(&path, "{\"1\": \"gen2\"}").unwrap();
-        let (places, fault) = Places::open(folder.path(), &Arc::default(), false);
+        let (places, fault) = FolderAssignments::open(folder.path(), &Arc::default(), false);
         assert!(fault.unwrap().contains("by an earlier version"));
         assert_eq!(places.of(1), "");
-        assert_eq!(Places::open(folder.path(), &Arc::default(), false).1, None);
+        assert_eq!(
+            FolderAssignments::open(folder.path(), &Arc::default(), false).1,
+            None
+        );
     }
 }

@@ -15,7 +15,7 @@ use tandem_syntax::{Header, LineIndex, NcProgram, parse};
 
 use super::file::text_of;
 use super::signing::{Signature, Signers};
-use crate::disk::sum_of;
+use crate::disk::checksum_hex;
 
 /// Number of checksum digits shown to a person.
 const SUM_SHOWN: usize = 12;
@@ -85,9 +85,9 @@ pub struct StoredProgram {
 
 /// The programs of the store that can be called.
 #[derive(Debug)]
-struct Stored<'a>(&'a BTreeMap<u16, Arc<StoredProgram>>);
+struct CallablePrograms<'a>(&'a BTreeMap<u16, Arc<StoredProgram>>);
 
-impl Programs for Stored<'_> {
+impl Programs for CallablePrograms<'_> {
     fn find(&self, number: u16) -> Option<Arc<NcProgram>> {
         self.0.get(&number).map(|program| Arc::clone(&program.tree))
     }
@@ -117,7 +117,7 @@ impl StoredProgram {
         signers: &Signers,
     ) -> Self {
         let (sum, state) = (
-            sum_of(&bytes),
+            checksum_hex(&bytes),
             signers.verify_signature(&bytes, signature.as_ref()),
         );
         let mut program = Self::new(number, &text_of(bytes), rules);
@@ -152,7 +152,7 @@ impl StoredProgram {
             options: rules.options,
             ..CheckContext::default()
         };
-        let (sum, (tree, parsed, checked)) = with_sum(text, || {
+        let (sum, (tree, parsed, checked)) = run_with_checksum(text, || {
             let (tree, parsed) = parse(text, (dialect.grammar)());
             let checked = check(&tree, dialect, &context);
             (tree, parsed, checked)
@@ -200,7 +200,7 @@ impl StoredProgram {
         let context = CheckContext {
             goes_on: self.goes_on,
             manual: self.number == 0,
-            ..CheckContext::of(settings)
+            ..CheckContext::from_settings(settings)
         };
         let check = check(&self.tree, self.dialect, &context);
         let of_check = locate(self.text(), &check.diagnostics);
@@ -223,12 +223,12 @@ impl StoredProgram {
         settings: &CoordinateSystemSettings,
         all: &BTreeMap<u16, Arc<StoredProgram>>,
     ) -> Vec<(u16, ProgramDiagnostic)> {
-        let stored = Stored(all);
+        let stored = CallablePrograms(all);
         let context = CheckContext {
             goes_on: self.goes_on,
             manual: self.number == 0,
             programs: Some(&stored),
-            ..CheckContext::of(settings)
+            ..CheckContext::from_settings(settings)
         };
         let called = check(&self.tree, self.dialect, &context).called;
         let mut errors = Vec::new();
@@ -275,7 +275,7 @@ impl StoredProgram {
     }
 
     /// Returns the checksum of its bytes, which is its hash.
-    pub fn sum(&self) -> &str {
+    pub fn checksum(&self) -> &str {
         &self.sum
     }
 
@@ -309,7 +309,7 @@ impl StoredProgram {
     }
 
     /// Returns the first digits of the checksum, as shown to a person.
-    pub(super) fn short_sum(&self) -> &str {
+    pub(super) fn short_checksum(&self) -> &str {
         self.sum.get(..SUM_SHOWN).unwrap_or(&self.sum)
     }
 
@@ -391,8 +391,8 @@ pub fn locate(text: &str, diagnostics: &[Diagnostic]) -> Vec<ProgramDiagnostic> 
 }
 
 /// Computes the checksum of a text while `work` runs.
-fn with_sum<T>(text: &str, work: impl FnOnce() -> T) -> (String, T) {
-    let sum = || sum_of(text.as_bytes());
+fn run_with_checksum<T>(text: &str, work: impl FnOnce() -> T) -> (String, T) {
+    let sum = || checksum_hex(text.as_bytes());
     if text.len() < SUM_BESIDE_BYTES {
         return (sum(), work());
     }

@@ -102,12 +102,12 @@ fn of_base64(text: &str) -> Option<[u8; ED25519_PUBLIC_KEY_LEN]> {
 }
 
 /// Decodes the signature that a client sends.
-pub(crate) fn of_text(text: &str) -> Option<Signature> {
+pub(crate) fn decode_signature(text: &str) -> Option<Signature> {
     STANDARD.decode(text.trim()).ok()?.try_into().ok()
 }
 
 /// Reads the signature next to a program's file: the file with its name and the suffix `.sig`.
-pub(crate) fn read_signature_beside(program: &Path) -> io::Result<Option<Signature>> {
+pub(crate) fn read_program_signature(program: &Path) -> io::Result<Option<Signature>> {
     let mut name = program.as_os_str().to_owned();
     name.push(".sig");
     read_signature(Path::new(&name))
@@ -121,7 +121,7 @@ pub(crate) fn read_signature(path: &Path) -> io::Result<Option<Signature>> {
         read => read?,
     };
     let raw = Signature::try_from(bytes.as_slice()).ok();
-    let text = || str::from_utf8(&bytes).ok().and_then(of_text);
+    let text = || str::from_utf8(&bytes).ok().and_then(decode_signature);
     Ok(Some(raw.or_else(text).unwrap_or([0; SIGNATURE_BYTES])))
 }
 

@@ -81,7 +81,7 @@ fn an_upload_of_what_is_there_changes_nothing_and_says_so() {
     let store = ProgramStore::open(folder.path(), rules()).unwrap();
     let first = store.write(7, "M30\n").unwrap();
     let written = store.written_at(7);
-    assert_eq!(first.hash, crate::disk::sum_of(b"M30\n"));
+    assert_eq!(first.hash, crate::disk::checksum_hex(b"M30\n"));
     let again = store.write(7, "M30\n").unwrap();
     assert!(again.unchanged && !again.created && again.hash == first.hash);
     assert_eq!(store.written_at(7), written);
@@ -127,7 +127,7 @@ fn condition_is_compared_with_the_file_before_a_change_is_noticed() {
     let refusal = store.store(program(), &is(&hash)).unwrap().unwrap_err();
     assert_eq!(refusal.code, RefusalCode::PreconditionFailed);
     assert!(store.remove(7, &is(&hash)).unwrap().is_err());
-    let outside = crate::disk::sum_of(b"G00 X1\nM30\n");
+    let outside = crate::disk::checksum_hex(b"G00 X1\nM30\n");
     assert!(store.store(program(), &is(&outside)).unwrap().is_ok());
     let new = ProgramCondition {
         if_none_match: Some(Hashes::Any),

@@ -122,7 +122,7 @@ fn a_run_that_is_cut_short_tells_by_what() {
         let run = book.run("b-1-1", 9.0).unwrap();
         let end = run.end.unwrap();
         assert_eq!(end.how, wanted);
-        assert_eq!(end.place, Some(PlannedPlace { program: 7, line: 12 }));
+        assert_eq!(end.place, Some(PlannedLocation { program: 7, line: 12 }));
         assert_eq!((run.alarms[0].number, run.alarms[0].line), (101, Some(3)));
         assert_eq!((run.parts_done, run.took_s), (0, 2.0));
         assert_eq!(book.production()[0].cut_short, 1);
@@ -196,7 +196,7 @@ fn what_is_kept_goes_on_and_a_run_that_was_open_was_ended_by_the_restart() {
         lines: LinesIncluded::new(),
     };
     let mut later = RunBook::default();
-    let place = PlannedPlace { program: 7, line: 3 };
+    let place = PlannedLocation { program: 7, line: 3 };
     let place_of = |run: &Run| (run.id == "a-1-4").then_some(place);
     later.restore(kept, &[], place_of, UNIX_EPOCH + Duration::from_secs(100));
     let query = RunQuery {

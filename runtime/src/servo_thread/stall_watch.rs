@@ -104,7 +104,7 @@ fn parse_thread(state: &str, times: &str) -> Option<(bool, Duration)> {
 }
 
 /// Notes the directory in which the operating system describes the calling thread.
-pub(super) fn note_place(place: &OnceLock<String>) {
+pub(super) fn record_thread_folder(place: &OnceLock<String>) {
     let link = std::fs::read_link("/proc/thread-self").ok();
     if let Some(link) = link.and_then(|link| link.into_os_string().into_string().ok()) {
         // noted once, at the start of the thread

@@ -54,7 +54,7 @@ fn every_cycle_that_is_left_out_is_counted_and_the_next_one_is_on_time() {
         (30_009_300, 2),
         (30_010_000, 0),
     ] {
-        let begin = timetable.begin(start + us(at_us));
+        let begin = timetable.begin_cycle(start + us(at_us));
         assert_eq!(begin.missed, missed, "at {at_us} us");
         statistics.count(begin, us(3), period);
         cycles += 1;

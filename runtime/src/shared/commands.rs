@@ -11,24 +11,24 @@ use plc_api::types::not_after::NotAfter;
 use plc_api::types::request::{Refusal, RefusalCode};
 use plc_api::types::topic::{CsTopic, Topic};
 
-use super::Shared;
-use crate::command_memory::{Asked, Recalled};
+use super::SharedState;
+use crate::command_memory::{CommandContent, CommandLookup};
 
-impl Shared {
+impl SharedState {
     /// Looks a command up, and remembers it if it is new.
-    pub fn recall(&self, key: &MemoryKey, asked: Asked) -> Recalled {
+    pub fn recall(&self, key: &MemoryKey, asked: CommandContent) -> CommandLookup {
         self.commands.lock().recall(key, asked, self.clock.wall())
     }
 
     /// Looks a command up.
-    pub fn look_up(&self, key: &MemoryKey, asked: &Asked) -> Recalled {
+    pub fn look_up(&self, key: &MemoryKey, asked: &CommandContent) -> CommandLookup {
         self.commands.lock().look_up(key, asked, self.clock.wall())
     }
 
     /// Notes the time at which a heartbeat is sent, and returns the heartbeat.
     pub fn note_heartbeat(&self, heartbeat: Heartbeat) -> Heartbeat {
         let now = self.clock.real_time();
-        self.heartbeats.lock().note(heartbeat.cycle, now);
+        self.heartbeats.lock().record_heartbeat(heartbeat.cycle, now);
         heartbeat
     }
 

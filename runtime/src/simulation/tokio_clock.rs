@@ -18,7 +18,7 @@ use parking_lot::Mutex;
 use tokio::runtime::Builder;
 use tokio::time::{Instant, Sleep};
 
-use super::{Next, Simulation, Slot};
+use super::{NextEvent, Simulation, SimulationSlot};
 
 /// Slots of tokio's timers: of 64 ms, of 64 of these, and so on.
 const SLOTS: u64 = 64;
@@ -28,7 +28,7 @@ const BEYOND_NS: u64 = 60_000_000_000;
 
 /// The clock of tokio, coupled to the simulation of a slot.
 pub(super) struct TokioClock {
-    slot: Slot,
+    slot: SimulationSlot,
     led: Mutex<Led>,
 }
 
@@ -39,7 +39,7 @@ struct Led {
     /// The timer at the next cycle.
     guard: Option<Pin<Box<Sleep>>>,
     /// The next event, and the due time of that timer, ns.
-    next: Option<(Next, u64)>,
+    next: Option<(NextEvent, u64)>,
     /// Time since which nothing has happened, ns.
     rests_since_ns: u64,
 }
@@ -64,7 +64,7 @@ fn elapsed_ns(origin: Instant) -> u64 {
 }
 
 impl TokioClock {
-    pub(super) fn of(slot: &Slot) -> Arc<Self> {
+    pub(super) fn for_slot(slot: &SimulationSlot) -> Arc<Self> {
         Arc::new(Self {
             slot: Arc::clone(slot),
             led: Mutex::default(),
@@ -89,7 +89,7 @@ impl TokioClock {
         let origin = *led.origin.get_or_insert_with(Instant::now);
         let mut servo = simulation.servo.lock();
         let next = simulation.next(&mut servo);
-        if let Next::Cycle(cycle) = next
+        if let NextEvent::Cycle(cycle) = next
             && servo.missed > 0
         {
             // no task wakes before the servo is back
@@ -100,9 +100,9 @@ impl TokioClock {
         }
         drop(servo);
         let at_ns = match next {
-            Next::Tasks => return,
-            Next::Cycle(cycle) => cycle * simulation.period_ns,
-            Next::Nothing => {
+            NextEvent::Tasks => return,
+            NextEvent::Cycle(cycle) => cycle * simulation.period_ns,
+            NextEvent::Nothing => {
                 let now_ns = elapsed_ns(origin);
                 if now_ns >= simulation.limit_ns.saturating_add(BEYOND_NS) {
                     simulation.stall_at(led.rests_since_ns);
@@ -134,10 +134,10 @@ impl TokioClock {
         };
         let is_ours = led.guard.as_ref().is_some_and(|guard| guard.is_elapsed());
         // the most frequent case; the clock need not be read
-        let is_cycle = is_ours && matches!(next, Next::Cycle(_));
+        let is_cycle = is_ours && matches!(next, NextEvent::Cycle(_));
         let now_ns = if is_cycle { at_ns } else { elapsed_ns(origin) };
         match next {
-            Next::Nothing if is_ours => simulation.clock.set_ns(now_ns),
+            NextEvent::Nothing if is_ours => simulation.clock.set_ns(now_ns),
             _ => {
                 led.rests_since_ns = now_ns;
                 simulation.follow(next, now_ns);
@@ -161,11 +161,11 @@ impl Simulation {
     }
 
     /// Advances to this time, at most to the next event.
-    fn follow(&self, next: Next, now_ns: u64) {
+    fn follow(&self, next: NextEvent, now_ns: u64) {
         let last = match next {
-            Next::Tasks => return,
-            Next::Cycle(cycle) => cycle,
-            Next::Nothing => u64::MAX,
+            NextEvent::Tasks => return,
+            NextEvent::Cycle(cycle) => cycle,
+            NextEvent::Nothing => u64::MAX,
         };
         let due = if now_ns < self.limit_ns {
             now_ns / self.period_ns

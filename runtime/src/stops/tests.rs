@@ -183,7 +183,7 @@ fn play(cause: StopCause, motion: StoppedMotion, seed: u64) {
                     let is_out = z >= -5.0 - 1e-9;
                     assert_eq!(is_out, reaction == StopReaction::HoldsAfterThread, "{cell}: Z{z}");
                 }
-                go_on(scene, cause, motion, &cell).await;
+                resume_and_check_end(scene, cause, motion, &cell).await;
             }
             StopReaction::EndsJog => {
                 scene.plc().sleep(ms(200)).await;
@@ -214,7 +214,7 @@ fn motion_ends_in(motion: StoppedMotion) -> Execution {
 }
 
 /// Resumes the motion and checks that it reaches its end.
-async fn go_on(scene: &Scene, cause: StopCause, motion: StoppedMotion, cell: &str) {
+async fn resume_and_check_end(scene: &Scene, cause: StopCause, motion: StoppedMotion, cell: &str) {
     let system = scene.cs(1);
     match cause {
         StopCause::Interlock => system.set_interlock(false, "").await.unwrap(),

@@ -8,13 +8,13 @@ use plc_api::types::Timestamp;
 use plc_api::types::stored_data::{StoredDataFault, StoredDataFinding, StoredDataPart, StoredDataQuestion};
 
 use super::{HELD_FILE, OpenQuestion, QUESTION_FILE};
-use crate::disk::{Generations, PartGenerations, Seal, StoredPart, Sums, fs, write_whole_by};
+use crate::disk::{Checksums, Generations, PartGenerations, Seal, StoredPart, fs, write_whole_by};
 use crate::persistence::journal_folder::JOURNAL_FOLDER;
 use crate::persistence::{
     Condition, Generation, Image, InspectedStore, STORE_FILE, anchor_seal, inspect_expected_store,
 };
-use crate::program_store::folder::sums as program_sums;
-use crate::program_store::places::{FolderByProgram, PLACES_FILE, PlacesRead};
+use crate::program_store::folder::read_checksums as program_sums;
+use crate::program_store::places::{FolderAssignmentsRead, FolderByProgram, PLACES_FILE};
 use crate::program_store::program_number;
 
 /// Findings of a start in a data folder, before anything is changed.
@@ -32,8 +32,8 @@ pub(crate) struct Inspection {
 
 /// The parts other than the store, as read.
 struct Others {
-    sums: Sums,
-    places: PlacesRead,
+    sums: Checksums,
+    places: FolderAssignmentsRead,
     anchor: Option<Seal>,
     has_programs: bool,
 }
@@ -50,7 +50,7 @@ impl Others {
         let programs = folder.join("programs");
         Self {
             sums: program_sums(&programs),
-            places: PlacesRead::read(&programs),
+            places: FolderAssignmentsRead::read(&programs),
             anchor: anchor_seal(&folder.join(JOURNAL_FOLDER)),
             has_programs: has_program(&programs),
         }
@@ -85,7 +85,7 @@ impl Inspection {
             inspect_expected_store(folder, merge(others.seals()).contains_key(&StoredPart::Store));
         let of_store = [inspected.store_seal.clone(), inspected.sums_seal.clone()];
         let known = merge(others.seals().chain(of_store.iter().flatten()));
-        let look = Look {
+        let look = PartComparison {
             machine,
             known: &known,
             folder,
@@ -183,13 +183,13 @@ pub(crate) fn held_values(folder: &Path) -> io::Result<Image> {
 }
 
 /// Data with which each part is compared.
-struct Look<'a> {
+struct PartComparison<'a> {
     machine: &'a str,
     known: &'a PartGenerations,
     folder: &'a Path,
 }
 
-impl Look<'_> {
+impl PartComparison<'_> {
     fn at_store(&self, inspected: &InspectedStore) -> Option<StoredDataFinding> {
         let is_believed = match inspected.condition {
             Condition::New => false,
@@ -216,7 +216,7 @@ impl Look<'_> {
         }
     }
 
-    fn at_folders(&self, places: &PlacesRead) -> Option<StoredDataFinding> {
+    fn at_folders(&self, places: &FolderAssignmentsRead) -> Option<StoredDataFinding> {
         let seal = places.seal.as_ref()?;
         self.at(StoredPart::Folders, Some(seal))
     }

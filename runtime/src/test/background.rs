@@ -25,14 +25,14 @@ pub(super) fn is_foreign(text: &str) -> bool {
 }
 
 /// Returns the error of a test in which some code used a socket.
-pub(super) fn foreign(what: &str) -> TestError {
+pub(super) fn socket_error(what: &str) -> TestError {
     TestError::new(format!(
         "{what} used a socket, and simulated time does not wait for a network: {MODEL}"
     ))
 }
 
 /// Returns the error of a test in which some code waited on another clock.
-fn standing(what: &str, stood: Duration) -> TestError {
+fn standstill_error(what: &str, stood: Duration) -> TestError {
     TestError::new(format!(
         "{what} was blocked for {:.1} s of real time, by std::thread::sleep, a lock or a blocking call, and \
          simulated time did not \
@@ -41,7 +41,7 @@ fn standing(what: &str, stood: Duration) -> TestError {
     ))
 }
 
-enum Failure {
+enum BackgroundFailure {
     Error(TestError),
     Panic(Box<dyn Any + Send>),
 }
@@ -49,7 +49,7 @@ enum Failure {
 /// The first failure in the background of a test.
 #[derive(Clone, Default)]
 pub(super) struct Failures {
-    first: Arc<Mutex<Option<Failure>>>,
+    first: Arc<Mutex<Option<BackgroundFailure>>>,
     noted: Arc<Notify>,
     other_thread: Arc<AtomicBool>,
 }
@@ -63,7 +63,7 @@ impl std::fmt::Debug for Failures {
 impl Failures {
     /// Records that background work has ended with an error.
     pub(super) fn error(&self, error: TestError) {
-        self.note(Failure::Error(error));
+        self.record_failure(BackgroundFailure::Error(error));
     }
 
     /// Records that background work has panicked.
@@ -71,12 +71,12 @@ impl Failures {
         let text = panic.downcast_ref::<String>().map(String::as_str);
         let text = text.or_else(|| panic.downcast_ref::<&str>().copied());
         match text {
-            Some(text) if is_foreign(text) => self.error(foreign(what)),
-            _ => self.note(Failure::Panic(panic)),
+            Some(text) if is_foreign(text) => self.error(socket_error(what)),
+            _ => self.record_failure(BackgroundFailure::Panic(panic)),
         }
     }
 
-    fn note(&self, failure: Failure) {
+    fn record_failure(&self, failure: BackgroundFailure) {
         self.first.lock().get_or_insert(failure);
         self.noted.notify_one();
     }
@@ -93,10 +93,10 @@ impl Failures {
 
     /// Runs work next to the test; if the work fails, the test fails.
     pub(super) async fn watch(self, what: &str, work: impl Future<Output = plc_api::Result<()>>) {
-        let work = watched(work, |stood| self.error(standing(what, stood)));
+        let work = watched(work, |stood| self.error(standstill_error(what, stood)));
         match AssertUnwindSafe(work).catch_unwind().await {
             Ok(Ok(())) => {}
-            Ok(Err(error)) if is_foreign(&error.to_string()) => self.error(foreign(what)),
+            Ok(Err(error)) if is_foreign(&error.to_string()) => self.error(socket_error(what)),
             Ok(Err(error)) => self.error(TestError::new(format!("{what} ended: {error}"))),
             Err(panic) => self.panicked(what, panic),
         }
@@ -107,10 +107,10 @@ impl Failures {
     ///
     /// # Panics
     /// Panics if background work has panicked.
-    pub(super) fn judge(&self) -> Result<(), TestError> {
+    pub(super) fn raise_failure(&self) -> Result<(), TestError> {
         match self.first.lock().take() {
-            Some(Failure::Error(error)) => return Err(error),
-            Some(Failure::Panic(panic)) => std::panic::resume_unwind(panic),
+            Some(BackgroundFailure::Error(error)) => return Err(error),
+            Some(BackgroundFailure::Panic(panic)) => std::panic::resume_unwind(panic),
             None => {}
         }
         if self.other_thread.load(Ordering::SeqCst) {

@@ -20,13 +20,13 @@ use tandem_model::variables::VariableArray;
 use tokio::sync::mpsc;
 use tokio::task::{AbortHandle, JoinError, JoinSet};
 
-use super::background::{Failures, foreign, is_foreign};
-use super::record::{Ended, NonZero, OutputRecord, Run, StateChange, Stopped, SystemEnd};
-use super::trace::Tracer;
-use super::{Action, Bench, Cue, TestError};
+use super::background::{Failures, is_foreign, socket_error};
+use super::record::{NonZero, OutputEnd, OutputRecord, Run, StateChange, Stopped, SystemEnd};
+use super::trace::SampleTracer;
+use super::{Bench, Cue, ScriptAction, TestError};
 use crate::coordinator::Runtime;
 use crate::journal::{Event, Journal, Line, ResetOutcome};
-use crate::simulation::{self, Code, Slot};
+use crate::simulation::{self, Code, SimulationSlot};
 
 /// Real time in which simulated time must advance at least once. Reason: a handler that blocks the thread would
 /// otherwise block the test without limit.
@@ -107,7 +107,7 @@ impl Bench {
         act: impl AsyncFnOnce(Scene, &Runtime) -> T + Send + 'static,
     ) -> Result<T, TestError> {
         let (ended, end) = std_mpsc::channel();
-        let slot = Slot::default();
+        let slot = SimulationSlot::default();
         let watched = Arc::clone(&slot);
         let thread = std::thread::spawn(move || {
             let failures = Failures::default();
@@ -168,8 +168,8 @@ impl Bench {
         for _ in 0..SETTLE_TURNS {
             tokio::task::yield_now().await;
         }
-        failures.judge()?;
-        judge_presences(results)?;
+        failures.raise_failure()?;
+        check_presences(results)?;
         for (number, text) in self.programs {
             let check = scene.plc.port().ask(WriteProgram(number, text)).await;
             check.map_err(|refusal| {
@@ -180,7 +180,7 @@ impl Bench {
             })?;
         }
         let played = act(scene.clone(), &runtime).await;
-        let judged = failures.judge();
+        let judged = failures.raise_failure();
         plants.shutdown().await;
         runtime.shutdown().await;
         judged.map(|()| played)
@@ -197,7 +197,7 @@ impl Bench {
         let kept = Arc::clone(&blocks);
         self.journal = Journal::to_sink(Arc::new(std::sync::Mutex::new(move |line: &Line| {
             let mut kept = kept.lock();
-            let block = Begun::of(line);
+            let block = StartedBlock::from_line(line);
             kept.extend(block);
             let wakes = waits_for_blocks || block.is_none();
             if wakes {
@@ -207,7 +207,7 @@ impl Bench {
             }
             wakes
         })));
-        let tracer = Tracer::default();
+        let tracer = SampleTracer::default();
         let interval_s = self.trace_every_s;
         self.options.on_cycle = interval_s.map(|interval_s| tracer.on_cycle(&self.machine, interval_s));
         let mut jobs = vec![(1, number)];
@@ -249,7 +249,7 @@ impl Bench {
 ///
 /// # Errors
 /// Returns an error if such a program exists.
-fn judge_presences(mut results: Subscription) -> Result<(), TestError> {
+fn check_presences(mut results: Subscription) -> Result<(), TestError> {
     while let Some(message) = results.try_next() {
         if let (Topic::HandlerResult(id), Payload::HandlerResult(result)) = (&message.topic, &message.payload)
             && result.status == HandlerStatus::Refused
@@ -273,15 +273,15 @@ fn refused(program: u16, error: &Error) -> TestError {
 
 /// A block whose motion has begun.
 #[derive(Debug, Clone, Copy)]
-struct Begun {
+struct StartedBlock {
     cs: CoordinateSystemNumber,
     program: u16,
     line: u32,
 }
 
-impl Begun {
+impl StartedBlock {
     /// Creates it from a line of the journal.
-    fn of(line: &Line) -> Option<Self> {
+    fn from_line(line: &Line) -> Option<Self> {
         match line.event {
             Event::Block { program, line: at } => Some(Self {
                 cs: line.cs,
@@ -299,10 +299,10 @@ struct Stage {
     start_s: f64,
     states: Subscription,
     /// From the journal: blocks, and the line after them.
-    lines: mpsc::UnboundedReceiver<(Vec<Begun>, Option<Line>)>,
+    lines: mpsc::UnboundedReceiver<(Vec<StartedBlock>, Option<Line>)>,
     /// Blocks after these. The test is not woken for them, because no action waits for them.
-    blocks: Arc<Mutex<Vec<Begun>>>,
-    script: Vec<Option<(Cue, Action)>>,
+    blocks: Arc<Mutex<Vec<StartedBlock>>>,
+    script: Vec<Option<(Cue, ScriptAction)>>,
     main: u16,
     actions: JoinSet<(Cue, plc_api::Result<()>)>,
     /// Coordinate systems whose programs have not ended.
@@ -338,7 +338,7 @@ impl Stage {
                 }
                 Some(message) = self.states.next() => self.on_message(&message),
                 () = self.scene.failures.noted() => {
-                    self.scene.failures.judge()?;
+                    self.scene.failures.raise_failure()?;
                 }
                 Some(ended) = self.actions.join_next(), if !self.actions.is_empty() => on_action_end(ended, &self.scene.failures)?,
                 () = plc.sleep(Duration::from_secs_f64(wait_s)), if next_s.is_some() => {
@@ -353,7 +353,9 @@ impl Stage {
         self.on_blocks(rest);
         self.run.time_s = self.now_s();
         if let Some(alarm) = self.run.alarms.iter().find(|alarm| is_foreign(&alarm.text)) {
-            return Err(foreign(alarm.text.split(" panicked").next().unwrap_or_default()));
+            return Err(socket_error(
+                alarm.text.split(" panicked").next().unwrap_or_default(),
+            ));
         }
         if let Some((cue, _)) = self.script.iter().flatten().next() {
             let text = format!(
@@ -401,7 +403,7 @@ impl Stage {
     }
 
     /// Handles blocks whose motion has begun.
-    fn on_blocks(&mut self, blocks: Vec<Begun>) {
+    fn on_blocks(&mut self, blocks: Vec<StartedBlock>) {
         for block in blocks {
             let what = format!("block {}", block.line);
             let mut before = self.run.order.iter().rev();
@@ -433,10 +435,10 @@ impl Stage {
             }
             Event::Reset { seq, m, outcome, .. } => {
                 let (ended, word) = match outcome {
-                    ResetOutcome::Ok => (Ended::Reset, "reset"),
+                    ResetOutcome::Ok => (OutputEnd::Reset, "reset"),
                     ResetOutcome::Fault { code, text } => {
                         let alarm = Alarm::user(code.unwrap_or_default(), text.clone().unwrap_or_default());
-                        (Ended::Failed(alarm), "fail")
+                        (OutputEnd::Failed(alarm), "fail")
                     }
                 };
                 self.end_output(cs, *seq, at_s, ended);
@@ -476,14 +478,14 @@ impl Stage {
             line: notice.line,
             output_s: at_s,
             ended_s: None,
-            ended: Ended::Open,
+            ended: OutputEnd::Open,
         });
     }
 
-    fn end_output(&mut self, cs: CoordinateSystemNumber, seq: u64, at_s: f64, ended: Ended) {
+    fn end_output(&mut self, cs: CoordinateSystemNumber, seq: u64, at_s: f64, ended: OutputEnd) {
         let mut outputs = self.run.outputs.iter_mut();
         if let Some(output) = outputs.find(|output| (output.cs, output.seq) == (cs, seq))
-            && output.ended == Ended::Open
+            && output.ended == OutputEnd::Open
         {
             output.ended_s = Some(at_s);
             output.ended = ended;
@@ -495,7 +497,7 @@ impl Stage {
             (Topic::CoordinateSystem(cs, CsTopic::State), Payload::State(state)) => self.on_state(*cs, state),
             (Topic::CoordinateSystem(cs, CsTopic::Cancel(_)), Payload::Cancel(cancel)) => {
                 let at_s = self.now_s();
-                self.end_output(*cs, cancel.seq, at_s, Ended::Cancelled(cancel.reason));
+                self.end_output(*cs, cancel.seq, at_s, OutputEnd::Cancelled(cancel.reason));
             }
             (Topic::AlarmEvent, Payload::AlarmEvent(alarm))
                 if !self.run.alarms.iter().any(|known| known.id == alarm.id) =>
@@ -557,7 +559,7 @@ fn on_action_end(
         Err(error) => match error.try_into_panic() {
             Ok(panic) => {
                 failures.panicked("an action", panic);
-                failures.judge()
+                failures.raise_failure()
             }
             Err(error) => Err(TestError::new(error)),
         },

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
-use plc_api::types::state::{Captured, Reason};
+use plc_api::types::state::{CapturedPositions, Reason};
 use plc_api::{Alarm, CancelReason, Execution, Params};
 
 use super::TestError;
@@ -22,7 +22,7 @@ pub struct Run {
     /// Alarms and warnings in the order in which they were raised.
     pub alarms: Vec<AlarmRecord>,
     /// Captured positions of each G31, in order.
-    pub captured: Vec<Captured>,
+    pub captured: Vec<CapturedPositions>,
     /// State words of each coordinate system, from its start on.
     pub states: Vec<StateChange>,
     /// Coordinate systems that were started.
@@ -69,12 +69,12 @@ pub struct OutputRecord {
     /// When it ended; `None` while it is pending.
     pub ended_s: Option<f64>,
     /// How it ended.
-    pub ended: Ended,
+    pub ended: OutputEnd,
 }
 
 /// How an output ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Ended {
+pub enum OutputEnd {
     /// It has not ended.
     Open,
     /// It was reset: the program continued.

@@ -14,14 +14,14 @@ const STANDS_MIN: Duration = Duration::from_millis(400);
 const AGE_MAX: Duration = Duration::from_millis(20);
 
 /// A moment of this thread.
-struct Moment {
+struct ThreadMoment {
     at: Instant,
     /// Time for which the thread had worked or waited for the processor; `None` if the operating system does
     /// not report it.
     busy: Option<Duration>,
 }
 
-impl Moment {
+impl ThreadMoment {
     fn now() -> Self {
         let told = read_to_string("/proc/thread-self/schedstat").ok();
         let worked_and_waited = told.as_deref().and_then(|told| {
@@ -45,11 +45,11 @@ impl Moment {
 /// Runs work, and reports each step that has been blocked, with the duration.
 pub(super) async fn watched<T>(work: impl Future<Output = T>, mut stands: impl FnMut(Duration)) -> T {
     let mut work = pin!(work);
-    let mut begin = Moment::now();
+    let mut begin = ThreadMoment::now();
     poll_fn(move |context| {
         let at = Instant::now();
         if at - begin.at > AGE_MAX {
-            begin = Moment::now();
+            begin = ThreadMoment::now();
         }
         let done = work.as_mut().poll(context);
         if at.elapsed() >= STANDS_MIN

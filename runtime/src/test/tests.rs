@@ -390,7 +390,7 @@ fn a_question_is_shown_with_the_state_and_ends_with_a_stop() {
     let run = stopped.run("M40\nM30").unwrap();
     assert_eq!(
         run.output(40).unwrap().ended,
-        Ended::Cancelled(plc_api::CancelReason::Stop)
+        OutputEnd::Cancelled(plc_api::CancelReason::Stop)
     );
 }
 

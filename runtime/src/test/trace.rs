@@ -30,7 +30,7 @@ pub struct Sample {
 pub(super) type Samples = BTreeMap<CoordinateSystemNumber, Vec<Sample>>;
 
 #[derive(Default)]
-struct Taken {
+struct SampleCollection {
     samples: Samples,
     count: usize,
     next_s: f64,
@@ -38,9 +38,9 @@ struct Taken {
 
 /// Takes samples in the servo cycles of a simulation.
 #[derive(Clone, Default)]
-pub(super) struct Tracer(Arc<Mutex<Taken>>);
+pub(super) struct SampleTracer(Arc<Mutex<SampleCollection>>);
 
-impl Tracer {
+impl SampleTracer {
     /// Returns the callback for each servo cycle.
     pub(super) fn on_cycle(&self, machine: &Machine, interval_s: f64) -> OnCycle {
         let taken = Arc::clone(&self.0);

@@ -34,7 +34,7 @@ const OF_COMPENSATION: [&AlarmEntry; 7] = [
 
 /// Values that only a machine knows.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Assumed {
+pub(super) struct TrialAssumptions {
     pub start: f64,
     pub tool: Tool,
     pub optional_skip: u32,
@@ -45,7 +45,7 @@ pub(super) struct Assumed {
 }
 
 /// The first assumptions, without special values.
-pub(super) const FIRST: Assumed = Assumed {
+pub(super) const FIRST: TrialAssumptions = TrialAssumptions {
     start: 0.0,
     tool: Tool {
         length: 0.0,
@@ -57,7 +57,7 @@ pub(super) const FIRST: Assumed = Assumed {
 };
 
 /// The second assumptions, as different as possible from the first.
-pub(super) const SECOND: Assumed = Assumed {
+pub(super) const SECOND: TrialAssumptions = TrialAssumptions {
     start: 1.375,
     tool: Tool {
         length: 2.0,
@@ -69,9 +69,9 @@ pub(super) const SECOND: Assumed = Assumed {
 };
 
 /// One run under one assumption.
-pub(super) struct Run<'a> {
+pub(super) struct TrialRun<'a> {
     trial: &'a Trial<'a>,
-    assumed: Assumed,
+    assumed: TrialAssumptions,
     interpreter: Interpreter,
     path: PathStage,
     segments: Vec<Segment>,
@@ -88,11 +88,11 @@ pub(super) struct Run<'a> {
     steps_max: u64,
 }
 
-impl<'a> Run<'a> {
+impl<'a> TrialRun<'a> {
     pub fn new(
         trial: &'a Trial<'_>,
         settings: &CoordinateSystemSettings,
-        assumed: Assumed,
+        assumed: TrialAssumptions,
         steps_max: u64,
     ) -> Self {
         let variables = Variables::new(VariableArray::new(GLOBAL_VARIABLES));
@@ -152,7 +152,7 @@ impl<'a> Run<'a> {
             match item {
                 Item::Block(block) => {
                     let from = self.path.position();
-                    self.take(block)?;
+                    self.process_block(block)?;
                     self.is_moving |= !self.segments.is_empty() || self.path.position() != from;
                     self.segments.clear();
                     self.end_skip(from);
@@ -166,7 +166,9 @@ impl<'a> Run<'a> {
                 }
                 Item::Stop(_) => self.rest(&item),
                 Item::NeedsStandstill(_) => self.flush(),
-                Item::Warning(origin, text) => note(warnings, &diagnostics::WARNS_IN_RUN, origin, text),
+                Item::Warning(origin, text) => {
+                    add_warning(warnings, &diagnostics::WARNS_IN_RUN, origin, text)
+                }
                 Item::End(_) => {
                     self.rest(&item);
                     return self.finish();
@@ -195,11 +197,11 @@ impl<'a> Run<'a> {
 
     /// Passes a block to the path stage. If cutter compensation has no path for it, it moves without compensation until
     /// that ends.
-    fn take(&mut self, mut block: Block) -> Result<(), Alarm> {
+    fn process_block(&mut self, mut block: Block) -> Result<(), Alarm> {
         self.is_uncompensated &= block.compensation != Compensation::Off;
         if !self.is_uncompensated {
             match self.push(&block) {
-                Err(alarm) if OF_COMPENSATION.contains(&alarm.entry) => self.note(alarm),
+                Err(alarm) if OF_COMPENSATION.contains(&alarm.entry) => self.record_alarm(alarm),
                 pushed => return pushed,
             }
             self.is_uncompensated = block.compensation != Compensation::Off;
@@ -225,11 +227,11 @@ impl<'a> Run<'a> {
 
     fn note_passed_limits(&mut self) {
         for alarm in self.path.take_passed_limits() {
-            self.note(alarm);
+            self.record_alarm(alarm);
         }
     }
 
-    fn note(&mut self, alarm: Alarm) {
+    fn record_alarm(&mut self, alarm: Alarm) {
         if self.alarms.len() < LISTED_MAX && !self.alarms.iter().any(|known| is_same(known, &alarm)) {
             self.alarms.push(alarm);
         }
@@ -240,7 +242,7 @@ impl<'a> Run<'a> {
         let is_compensating =
             self.path.is_compensating() || self.interpreter.modal().compensation != Compensation::Off;
         match rest_refused(item) {
-            Some(alarm) if is_compensating && !self.is_uncompensated => self.note(alarm),
+            Some(alarm) if is_compensating && !self.is_uncompensated => self.record_alarm(alarm),
             _ => self.flush(),
         }
     }
@@ -279,7 +281,7 @@ impl<'a> Run<'a> {
         let Some((machine, system)) = self.trial.machine else {
             return;
         };
-        let is_at_once = system.is_put_out_at_once(
+        let is_at_once = system.is_issued_at_once(
             output,
             machine.m_codes.get(&output.m),
             self.path.is_compensating(),
@@ -292,7 +294,7 @@ impl<'a> Run<'a> {
         );
         let is_known = |warning: &Warning| warning.entry == entry && warning.text == text;
         if self.is_moving && is_at_once && !warnings.iter().any(is_known) {
-            note(warnings, entry, output.origin, text);
+            add_warning(warnings, entry, output.origin, text);
         }
     }
 
@@ -312,13 +314,13 @@ impl<'a> Run<'a> {
                 "M{:02} selects tool {id}, which is not in the tool table",
                 output.m
             );
-            note(warnings, &diagnostics::WARNS_IN_RUN, output.origin, text);
+            add_warning(warnings, &diagnostics::WARNS_IN_RUN, output.origin, text);
             Tool::default()
         });
     }
 }
 
-fn note(warnings: &mut Vec<Warning>, entry: &'static DiagnosticEntry, origin: Origin, text: String) {
+fn add_warning(warnings: &mut Vec<Warning>, entry: &'static DiagnosticEntry, origin: Origin, text: String) {
     let warning = Warning { entry, origin, text };
     if warnings.len() < LISTED_MAX && !warnings.contains(&warning) {
         warnings.push(warning);

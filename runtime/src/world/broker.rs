@@ -12,7 +12,7 @@ use std::time::Duration;
 use parking_lot::Mutex;
 use plc_api::transport::backoff::Backoff;
 use rumqttc::{LastWill, Publish, QoS};
-use tandem_gateway::{Connect, Event, Lost, Named, Version, Wire};
+use tandem_gateway::{BrokerStamp, Connect, ConnectionLoss, Event, Version, Wire};
 use tokio::sync::{Notify, mpsc};
 use tokio::time::Instant;
 
@@ -30,17 +30,17 @@ pub(super) struct Network {
 }
 
 #[derive(Debug)]
-enum Step {
+enum DeliveryStep {
     Connected(u64),
     /// From a client.
-    Arrived(u64, Message),
+    Arrived(u64, ModelMessage),
     /// To a client.
     Delivered(u64, Event),
-    Will(Message),
+    Will(ModelMessage),
 }
 
 #[derive(Debug, Clone)]
-struct Message {
+struct ModelMessage {
     topic: String,
     payload: Vec<u8>,
     qos: u8,
@@ -51,8 +51,8 @@ struct Message {
 struct Connection {
     client_id: String,
     filters: Vec<String>,
-    will: Option<Message>,
-    events: mpsc::UnboundedSender<Result<Event, Lost>>,
+    will: Option<ModelMessage>,
+    events: mpsc::UnboundedSender<Result<Event, ConnectionLoss>>,
     // arrival of the newest message in each direction
     up: Instant,
     down: Instant,
@@ -67,19 +67,19 @@ struct State {
     is_calm: bool,
     connections: BTreeMap<u64, Connection>,
     retained: BTreeMap<String, Vec<u8>>,
-    steps: BTreeMap<(Instant, u64), Step>,
+    steps: BTreeMap<(Instant, u64), DeliveryStep>,
     count: u64,
 }
 
 /// The broker as used by its clients and the faults.
 #[derive(Debug, Clone)]
-pub(super) struct Broker {
+pub(super) struct ModelBroker {
     state: Arc<Mutex<State>>,
     wake: Arc<Notify>,
     trace: Trace,
 }
 
-impl Broker {
+impl ModelBroker {
     /// Starts the delivery.
     pub fn start(random: Random, network: Network, trace: Trace) -> Self {
         let broker = Self {
@@ -116,7 +116,7 @@ impl Broker {
                 Some(_) => {
                     let step = self.state.lock().steps.pop_first();
                     if let Some((_, step)) = step {
-                        self.take(step);
+                        self.execute_step(step);
                     }
                     // the recipient of this message runs first
                     tokio::task::yield_now().await;
@@ -125,13 +125,13 @@ impl Broker {
         }
     }
 
-    fn take(&self, step: Step) {
+    fn execute_step(&self, step: DeliveryStep) {
         let mut state = self.state.lock();
         match step {
-            Step::Connected(number) => state.connected(number),
-            Step::Arrived(number, message) => state.arrived(Some(number), &message),
-            Step::Will(message) => state.arrived(None, &message),
-            Step::Delivered(number, event) => {
+            DeliveryStep::Connected(number) => state.connected(number),
+            DeliveryStep::Arrived(number, message) => state.arrived(Some(number), &message),
+            DeliveryStep::Will(message) => state.arrived(None, &message),
+            DeliveryStep::Delivered(number, event) => {
                 if let Some(connection) = state.connections.get(&number) {
                     if let Event::Published { publish, .. } = &event {
                         let text = String::from_utf8_lossy(&publish.payload);
@@ -195,7 +195,7 @@ impl Broker {
         self.state.lock().is_calm
     }
 
-    fn open(&self, client_id: &str, will: Option<Message>) -> ModelWire {
+    fn open(&self, client_id: &str, will: Option<ModelMessage>) -> ModelWire {
         let (events, inbox) = mpsc::unbounded_channel();
         let mut state = self.state.lock();
         state.count += 1;
@@ -212,7 +212,7 @@ impl Broker {
             };
             state.connections.insert(number, connection);
             let at = now + state.delay();
-            state.push(at, Step::Connected(number));
+            state.push(at, DeliveryStep::Connected(number));
         } else {
             let _ = events.send(Err(lost("connection refused")));
         }
@@ -235,8 +235,8 @@ fn without_instance(text: &str) -> String {
     parts.fold(first, |text, after| text + after.get(12..).unwrap_or_default())
 }
 
-fn lost(why: &str) -> Lost {
-    Lost {
+fn lost(why: &str) -> ConnectionLoss {
+    ConnectionLoss {
         why: why.to_owned(),
         version_unknown: false,
     }
@@ -260,7 +260,7 @@ impl State {
         self.random.ms(0, longest)
     }
 
-    fn push(&mut self, at: Instant, step: Step) {
+    fn push(&mut self, at: Instant, step: DeliveryStep) {
         self.count += 1;
         self.steps.insert((at, self.count), step);
     }
@@ -271,7 +271,7 @@ impl State {
         if let Some(connection) = self.connections.get_mut(&number) {
             let at = (Instant::now() + delay).max(connection.down);
             connection.down = at;
-            self.push(at, Step::Delivered(number, event));
+            self.push(at, DeliveryStep::Delivered(number, event));
         }
     }
 
@@ -292,7 +292,7 @@ impl State {
         self.send(number, Event::Connected { packet_max: 1 << 20 });
     }
 
-    fn arrived(&mut self, from: Option<u64>, message: &Message) {
+    fn arrived(&mut self, from: Option<u64>, message: &ModelMessage) {
         if message.retain && message.payload.is_empty() {
             self.retained.remove(&message.topic);
         } else if message.retain {
@@ -308,7 +308,7 @@ impl State {
         }
     }
 
-    fn fan_out(&mut self, message: &Message) {
+    fn fan_out(&mut self, message: &ModelMessage) {
         let wanting = self.connections.iter().filter(|(_, connection)| {
             (connection.filters.iter()).any(|filter| matches(filter, &message.topic))
         });
@@ -320,9 +320,9 @@ impl State {
 
     fn subscribe(&mut self, number: u64, filters: Vec<String>) {
         let fits = |topic: &str| filters.iter().any(|filter| matches(filter, topic));
-        let kept: Vec<Message> = (self.retained.iter())
+        let kept: Vec<ModelMessage> = (self.retained.iter())
             .filter(|(topic, _)| fits(topic))
-            .map(|(topic, payload)| Message {
+            .map(|(topic, payload)| ModelMessage {
                 topic: topic.clone(),
                 payload: payload.clone(),
                 qos: 1,
@@ -347,8 +347,8 @@ impl State {
         self.steps = steps
             .into_iter()
             .filter(|((at, _), step)| match step {
-                Step::Arrived(from, _) => *from != number || *at <= last,
-                Step::Delivered(to, _) => *to != number,
+                DeliveryStep::Arrived(from, _) => *from != number || *at <= last,
+                DeliveryStep::Delivered(to, _) => *to != number,
                 _ => true,
             })
             .collect();
@@ -362,30 +362,30 @@ impl State {
                 } else {
                     self.random.ms(1000, 8000)
                 };
-            self.push(noticed.max(last), Step::Will(will));
+            self.push(noticed.max(last), DeliveryStep::Will(will));
         }
     }
 }
 
-fn published(message: &Message, retain: bool) -> Event {
+fn published(message: &ModelMessage, retain: bool) -> Event {
     let mut publish = Publish::new(message.topic.clone(), QoS::AtLeastOnce, message.payload.clone());
     publish.retain = retain;
     Event::Published {
         publish,
-        named: Named::default(),
+        named: BrokerStamp::default(),
     }
 }
 
 /// A client's connection.
 pub(super) struct ModelWire {
-    broker: Broker,
+    broker: ModelBroker,
     number: u64,
-    inbox: mpsc::UnboundedReceiver<Result<Event, Lost>>,
+    inbox: mpsc::UnboundedReceiver<Result<Event, ConnectionLoss>>,
     is_mortal: bool,
 }
 
 impl ModelWire {
-    fn up(&self, message: Message) -> bool {
+    fn up(&self, message: ModelMessage) -> bool {
         if self.is_mortal && Mount::is_dead() {
             return true;
         }
@@ -394,7 +394,7 @@ impl ModelWire {
         if let Some(connection) = state.connections.get_mut(&self.number) {
             let at = (Instant::now() + delay).max(connection.up);
             connection.up = at;
-            state.push(at, Step::Arrived(self.number, message));
+            state.push(at, DeliveryStep::Arrived(self.number, message));
         }
         drop(state);
         self.broker.wake.notify_one();
@@ -403,7 +403,7 @@ impl ModelWire {
 }
 
 impl Wire for ModelWire {
-    async fn next(&mut self) -> Result<Event, Lost> {
+    async fn next(&mut self) -> Result<Event, ConnectionLoss> {
         self.inbox
             .recv()
             .await
@@ -417,7 +417,7 @@ impl Wire for ModelWire {
     }
 
     fn publish(&self, topic: String, qos: u8, retain: bool, payload: String, _expiry_s: Option<u32>) -> bool {
-        self.up(Message {
+        self.up(ModelMessage {
             topic,
             payload: payload.into_bytes(),
             qos,
@@ -447,7 +447,7 @@ impl Drop for ModelWire {
 /// Creates the connections of the runtime and other clients.
 #[derive(Debug, Clone)]
 pub(super) struct Connector {
-    pub broker: Broker,
+    pub broker: ModelBroker,
     pub seed: u64,
 }
 
@@ -455,7 +455,7 @@ impl Connect for Connector {
     type Wire = ModelWire;
 
     fn open(&self, _: usize, client_id: &str, will: Option<LastWill>, _: Version) -> ModelWire {
-        let will = will.map(|will| Message {
+        let will = will.map(|will| ModelMessage {
             topic: will.topic,
             payload: will.message.to_vec(),
             qos: 1,
@@ -471,10 +471,10 @@ impl Connect for Connector {
     }
 }
 
-impl Broker {
+impl ModelBroker {
     /// Creates the connection of another client.
     pub fn connect(&self, client_id: &str, will: Option<(String, String)>) -> ModelWire {
-        let will = will.map(|(topic, payload)| Message {
+        let will = will.map(|(topic, payload)| ModelMessage {
             topic,
             payload: payload.into_bytes(),
             qos: 1,

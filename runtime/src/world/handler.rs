@@ -17,16 +17,16 @@ use tandem_gateway::{Event, Wire};
 use tokio::time::Instant;
 
 use super::ROOT;
-use super::broker::{Broker, ModelWire};
+use super::broker::{ModelBroker, ModelWire};
 use super::random::Random;
-use super::truth::SharedTruth;
+use super::truth::SharedOracle;
 
 /// An output of a boot: boot, coordinate system, number.
 type Key = (BootId, u8, u64);
 
 /// Progress of an output.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Job {
+enum OutputProgress {
     Claiming,
     Working,
     Resetting,
@@ -35,10 +35,10 @@ enum Job {
 pub(super) struct Handler {
     pub id: String,
     pub codes: Vec<u16>,
-    pub broker: Broker,
-    pub truth: SharedTruth,
+    pub broker: ModelBroker,
+    pub truth: SharedOracle,
     pub random: Random,
-    jobs: BTreeMap<Key, (u16, Job, Instant)>,
+    jobs: BTreeMap<Key, (u16, OutputProgress, Instant)>,
     /// Number of its processes so far.
     processes: u32,
     /// When it publishes its presence again, because another process was online.
@@ -46,7 +46,7 @@ pub(super) struct Handler {
 }
 
 impl Handler {
-    pub fn new(id: &str, codes: &[u16], broker: &Broker, truth: &SharedTruth, random: Random) -> Self {
+    pub fn new(id: &str, codes: &[u16], broker: &ModelBroker, truth: &SharedOracle, random: Random) -> Self {
         Self {
             id: id.to_owned(),
             codes: codes.to_vec(),
@@ -102,7 +102,7 @@ impl Handler {
                 Some(Err(_)) => return,
                 Some(Ok(Event::Connected { .. })) => self.connected(&wire),
                 Some(Ok(Event::Published { publish, .. })) => {
-                    self.hear(&wire, &publish.topic, &publish.payload);
+                    self.receive_message(&wire, &publish.topic, &publish.payload);
                 }
                 Some(Ok(_)) => {}
                 None if Instant::now() >= end => {
@@ -146,7 +146,7 @@ impl Handler {
         self.announce(wire, true);
     }
 
-    fn hear(&mut self, wire: &ModelWire, topic: &str, payload: &[u8]) {
+    fn receive_message(&mut self, wire: &ModelWire, topic: &str, payload: &[u8]) {
         let Some(topic) = topic.strip_prefix(ROOT).and_then(Topic::parse) else {
             return;
         };
@@ -172,10 +172,12 @@ impl Handler {
                 }
             }
             (Topic::CoordinateSystem(cs, CsTopic::Output(_)), Payload::Output(notice)) => {
-                self.truth.lock().heard(&message.boot_id.0, *cs, notice.seq);
+                self.truth
+                    .lock()
+                    .record_receipt(&message.boot_id.0, *cs, notice.seq);
             }
             (Topic::CoordinateSystem(cs, _), Payload::Pending(pending)) => {
-                self.look(&message.boot_id, *cs, pending);
+                self.update_jobs(&message.boot_id, *cs, pending);
             }
             (Topic::CoordinateSystem(cs, _), Payload::Result(result)) if result.handler_id == self.id => {
                 let key = (message.boot_id.clone(), *cs, result.seq);
@@ -185,14 +187,14 @@ impl Handler {
         }
     }
 
-    fn look(&mut self, boot: &BootId, cs: u8, pending: &Pending) {
+    fn update_jobs(&mut self, boot: &BootId, cs: u8, pending: &Pending) {
         let now = Instant::now();
         self.jobs.retain(|(of, other, seq), _| {
             other != &cs || of == boot && pending.outputs.iter().any(|open| open.output.seq == *seq)
         });
         for open in &pending.outputs {
             if open.state != OutputState::Queued {
-                self.truth.lock().heard(&boot.0, cs, open.output.seq);
+                self.truth.lock().record_receipt(&boot.0, cs, open.output.seq);
             }
             let key = (boot.clone(), cs, open.output.seq);
             let is_own = open.handler_id.as_ref().is_some_and(|owner| *owner == self.id);
@@ -200,9 +202,11 @@ impl Handler {
                 continue;
             }
             if open.state == OutputState::Output {
-                self.jobs.insert(key, (open.output.m, Job::Claiming, now));
+                self.jobs
+                    .insert(key, (open.output.m, OutputProgress::Claiming, now));
             } else if is_own {
-                self.jobs.insert(key, (open.output.m, Job::Working, now));
+                self.jobs
+                    .insert(key, (open.output.m, OutputProgress::Working, now));
             }
         }
     }
@@ -213,8 +217,8 @@ impl Handler {
             return;
         };
         match (status, *job) {
-            (HandshakeStatus::Accepted, Job::Claiming) => {
-                (*job, *due) = (Job::Working, Instant::now() + work);
+            (HandshakeStatus::Accepted, OutputProgress::Claiming) => {
+                (*job, *due) = (OutputProgress::Working, Instant::now() + work);
             }
             (HandshakeStatus::Accepted, _) => {}
             _ => {
@@ -236,8 +240,8 @@ impl Handler {
                 continue;
             };
             *due = again;
-            if *job == Job::Working {
-                *job = Job::Resetting;
+            if *job == OutputProgress::Working {
+                *job = OutputProgress::Resetting;
             }
             let (m, job) = (*m, *job);
             self.send(wire, &key, m, job);
@@ -247,12 +251,12 @@ impl Handler {
         }
     }
 
-    fn send(&mut self, wire: &ModelWire, (boot_id, cs, seq): &Key, m: u16, job: Job) {
+    fn send(&mut self, wire: &ModelWire, (boot_id, cs, seq): &Key, m: u16, job: OutputProgress) {
         let (boot_id, seq) = (boot_id.clone(), *seq);
         // the name of another handler: the request must be rejected
         let (handler_id, instance) = (self.id.clone(), Some(self.instance()));
         let request = match job {
-            Job::Claiming if self.random.percent(97) => Request::Claim(
+            OutputProgress::Claiming if self.random.percent(97) => Request::Claim(
                 *cs,
                 Some(m),
                 Claim {

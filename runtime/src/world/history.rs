@@ -15,13 +15,13 @@ use plc_api::types::topic::Topic;
 use tokio::time::Instant;
 
 use super::MACHINE;
-use super::broker::{Broker, Connector, Network};
+use super::broker::{Connector, ModelBroker, Network};
 use super::handler::Handler;
 use super::operator::{Current, Operator, PROGRAMS, change, program, read};
 use super::process::Process;
 use super::random::Random;
 use super::trace::Trace;
-use super::truth::{AtKill, Broken, Rule, SharedTruth, Truth};
+use super::truth::{AtKill, BrokenRule, Oracle, Rule, SharedOracle};
 use crate::config::{Config, Machine, ProgramSource};
 use crate::disk::simulated::memory::{Disk, Faults, Mount};
 
@@ -57,17 +57,17 @@ pub(super) enum Mutation {
 
 /// Result of a seed.
 #[derive(Debug)]
-pub(super) struct Outcome {
-    pub broken: Vec<Broken>,
+pub(super) struct HistoryOutcome {
+    pub broken: Vec<BrokenRule>,
     /// A number that depends on all events.
     pub sum: u32,
     /// Number of completed programs.
     pub completed: u32,
 }
 
-impl Outcome {
+impl HistoryOutcome {
     pub fn panicked() -> Self {
-        let broken = Broken {
+        let broken = BrokenRule {
             rule: Rule::Whole,
             how: "a panic".to_owned(),
         };
@@ -104,7 +104,7 @@ const TASKS: [&str; 9] = [
 ];
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum End {
+enum ProcessEnd {
     Shutdown,
     Kill,
     PowerCut,
@@ -119,8 +119,8 @@ pub(super) struct History {
 struct World {
     machine: Machine,
     disk: Arc<Mutex<Disk>>,
-    broker: Broker,
-    truth: SharedTruth,
+    broker: ModelBroker,
+    truth: SharedOracle,
     trace: Trace,
     current: Current,
     day: SystemTime,
@@ -160,30 +160,30 @@ impl History {
         }
     }
 
-    pub fn play(mut self) -> Outcome {
+    pub fn play(mut self) -> HistoryOutcome {
         let executor = tokio::runtime::Builder::new_current_thread()
             .enable_time()
             .start_paused(true)
             .build()
             .unwrap();
         executor.block_on(async {
-            let mut world = self.begin();
+            let mut world = self.create_world();
             for number in 1..=1 + u32::try_from(self.random.below(4)).unwrap() {
                 self.start(&mut world, number).await;
             }
-            self.end(&mut world).await;
+            self.check_recovery(&mut world).await;
             let truth = world.truth.lock();
-            Outcome {
+            HistoryOutcome {
                 broken: truth.broken.clone(),
-                sum: world.trace.sum(),
+                sum: world.trace.checksum(),
                 completed: truth.completed,
             }
         })
     }
 
-    fn begin(&mut self) -> World {
+    fn create_world(&mut self) -> World {
         let trace = Trace::new();
-        let truth = Arc::new(Mutex::new(Truth::new(trace.clone())));
+        let truth = Arc::new(Mutex::new(Oracle::new(trace.clone())));
         let network = Network {
             delay_ms: *self.random.pick(&[1, 5, 30, 200]),
             duplicates: *self.random.pick(&[0, 5, 30]),
@@ -191,7 +191,7 @@ impl History {
         // never written: whatever fails at the first start, no stored value could be lost
         truth.lock().acknowledge(UNTOUCHED, "0");
         truth.lock().takes_all_claims = self.mutation == Some(Mutation::TakesAllClaims);
-        let broker = Broker::start(self.random.fork(), network, trace.clone());
+        let broker = ModelBroker::start(self.random.fork(), network, trace.clone());
         let day = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
         let world = World {
             machine: machine(),
@@ -286,13 +286,13 @@ impl History {
         let faults = self.faults(length);
         let must_end = world.run(&process, length, faults).await;
         let end = match self.random.below(10) {
-            _ if must_end => End::Shutdown,
-            0..2 => End::Shutdown,
-            2..6 => End::Kill,
-            _ => End::PowerCut,
+            _ if must_end => ProcessEnd::Shutdown,
+            0..2 => ProcessEnd::Shutdown,
+            2..6 => ProcessEnd::Kill,
+            _ => ProcessEnd::PowerCut,
         };
-        if end == End::Kill && self.random.percent(60) {
-            world.until_heard().await;
+        if end == ProcessEnd::Kill && self.random.percent(60) {
+            world.wait_for_receipt().await;
         }
         world.finish(process, end).await;
         if self.mutation == Some(Mutation::GoesBack) {
@@ -313,7 +313,7 @@ impl History {
     }
 
     /// Checks that the machine works without further faults.
-    async fn end(&mut self, world: &mut World) {
+    async fn check_recovery(&mut self, world: &mut World) {
         world.broker.calm();
         world.disk.lock().faults = Faults::default();
         let Some(process) = world.start(99, &mut self.random) else {
@@ -340,7 +340,7 @@ impl World {
             broker: self.broker.clone(),
             seed: random.next(),
         };
-        let sum = self.disk.lock().sum();
+        let sum = self.disk.lock().content_checksum();
         self.trace
             .line(format_args!("start {number} on a disk of {sum:08x}"));
         let wall = self.disk.lock().now;
@@ -365,7 +365,7 @@ impl World {
 
     /// Checks that the stored values are those acknowledged, then stores programs that can run.
     async fn settle(&mut self, process: &Process) {
-        self.look(process).await;
+        self.check_stored_values(process).await;
         if Mount::is_dead() {
             return;
         }
@@ -386,7 +386,7 @@ impl World {
         }
     }
 
-    async fn look(&mut self, process: &Process) {
+    async fn check_stored_values(&mut self, process: &Process) {
         let names = self.truth.lock().names();
         for name in names {
             let value = read(&*process.witness, &name).await;
@@ -459,7 +459,7 @@ impl World {
     }
 
     /// Waits for a limited time until a client has just received an output.
-    async fn until_heard(&mut self) {
+    async fn wait_for_receipt(&mut self) {
         let before = self.truth.lock().heard;
         for _ in 0..4000 {
             if Mount::is_dead() || self.truth.lock().heard > before {
@@ -469,22 +469,22 @@ impl World {
         }
     }
 
-    async fn finish(&mut self, process: Process, end: End) {
-        let end = if Mount::is_dead() && end == End::Shutdown {
-            End::Kill
+    async fn finish(&mut self, process: Process, end: ProcessEnd) {
+        let end = if Mount::is_dead() && end == ProcessEnd::Shutdown {
+            ProcessEnd::Kill
         } else {
             end
         };
         self.trace.line(format_args!("{end:?}"));
         self.ended_s = self.trace.now_s();
         self.at_kill = None;
-        if end == End::Shutdown {
+        if end == ProcessEnd::Shutdown {
             self.current.set(None);
             process.shutdown().await;
             self.disk.lock().kill();
             return;
         }
-        if end == End::Kill {
+        if end == ProcessEnd::Kill {
             let boot = process.witness.boot_id().0;
             // a disk that refuses writes does not accept the ring either
             self.at_kill = (self.unkept_s.is_none()).then(|| self.truth.lock().at_kill(boot));

@@ -16,22 +16,22 @@ use plc_api::wire::right::Right;
 
 use super::random::Random;
 use super::trace::Trace;
-use super::truth::{LOST, SharedTruth};
-use super::witness::Witness;
+use super::truth::{LOST, SharedOracle};
+use super::witness::PortObserver;
 use crate::disk::simulated::memory::Mount;
 
 /// Current access to the machine: the number of its start, and its port.
 #[derive(Clone, Default)]
-pub(super) struct Current(Arc<Mutex<(u32, Option<Arc<Witness>>)>>);
+pub(super) struct Current(Arc<Mutex<(u32, Option<Arc<PortObserver>>)>>);
 
 impl Current {
-    pub fn set(&self, witness: Option<Arc<Witness>>) {
+    pub fn set(&self, witness: Option<Arc<PortObserver>>) {
         let mut current = self.0.lock();
         current.0 += 1;
         current.1 = witness;
     }
 
-    fn get(&self) -> Option<(u32, Arc<Witness>)> {
+    fn get(&self) -> Option<(u32, Arc<PortObserver>)> {
         let current = self.0.lock();
         Some((current.0, current.1.clone()?))
     }
@@ -55,7 +55,7 @@ impl Current {
 
 pub(super) struct Operator {
     pub current: Current,
-    pub truth: SharedTruth,
+    pub truth: SharedOracle,
     pub random: Random,
     pub trace: Trace,
     pub count: u64,
@@ -198,9 +198,9 @@ impl Operator {
     }
 }
 
-type Change = (String, String, Request);
+type StoredValueChange = (String, String, Request);
 
-fn variable(place: u64, value: u64) -> Change {
+fn variable(place: u64, value: u64) -> StoredValueChange {
     let request = Request::WriteVariables {
         area: VariableArea::Global,
         from: u32::try_from(place).unwrap(),
@@ -210,7 +210,7 @@ fn variable(place: u64, value: u64) -> Change {
     (format!("P{place}"), value.to_string(), request)
 }
 
-fn tool(id: u64, value: u64) -> Change {
+fn tool(id: u64, value: u64) -> StoredValueChange {
     let tool = ToolData {
         id: u16::try_from(id).unwrap(),
         radius: 1.0,
@@ -223,7 +223,7 @@ fn tool(id: u64, value: u64) -> Change {
     (format!("T{id}"), value.to_string(), Request::WriteTools(change))
 }
 
-fn offset(number: u64, value: u64) -> Change {
+fn offset(number: u64, value: u64) -> StoredValueChange {
     let axes = [("X".to_owned(), value as f64)].into();
     let change = WorkOffsetTable {
         work_offsets: [(format!("G{number}"), axes)].into(),
@@ -235,16 +235,16 @@ fn offset(number: u64, value: u64) -> Change {
     )
 }
 
-pub(super) fn program(number: u16, text: &str) -> Change {
+pub(super) fn program(number: u16, text: &str) -> StoredValueChange {
     let request = Request::WriteProgram(number, text.to_owned());
     (format!("O{number}"), text.to_owned(), request)
 }
 
 pub(super) async fn change(
     current: &Current,
-    truth: &SharedTruth,
+    truth: &SharedOracle,
     trace: &Trace,
-    (name, value, request): Change,
+    (name, value, request): StoredValueChange,
 ) {
     truth.lock().attempt(&name, &value);
     let answer = current.ask(request).await;

@@ -14,15 +14,15 @@ use tokio::task::AbortHandle;
 
 use super::MACHINE;
 use super::broker::Connector;
-use super::truth::SharedTruth;
-use super::witness::Witness;
+use super::truth::SharedOracle;
+use super::witness::PortObserver;
 use crate::Runtime;
 use crate::clock::Clock;
 use crate::config::Machine;
 use crate::coordinator::StartError;
 use crate::disk::simulated::memory::Mount;
 use crate::servo_thread::cycle_after;
-use crate::shared::Shared;
+use crate::shared::SharedState;
 use crate::threads;
 use plc_api::types::BootId;
 
@@ -31,7 +31,7 @@ const BURST: Duration = Duration::from_millis(5);
 
 pub(super) struct Process {
     pub runtime: Option<Runtime>,
-    pub witness: Arc<Witness>,
+    pub witness: Arc<PortObserver>,
     mqtt: Option<MqttEnd>,
     tasks: Vec<AbortHandle>,
 }
@@ -42,20 +42,20 @@ impl Process {
         number: u32,
         wall: SystemTime,
         connector: Connector,
-        truth: &SharedTruth,
+        truth: &SharedOracle,
     ) -> Result<Self, StartError> {
         threads::simulate();
         let boot = BootId(format!("boot-{number}"));
         let clock = Clock::paused(wall);
         let (runtime, servo, shared) = Runtime::start_in_world(machine.clone(), boot.clone(), clock)?;
         truth.lock().boot(&boot);
-        let witness = Arc::new(Witness {
+        let witness = Arc::new(PortObserver {
             port: runtime.served_port(),
             truth: truth.clone(),
             boot,
         });
-        let served: Arc<dyn ServedPort> = Arc::<Witness>::clone(&witness);
-        let port: Arc<dyn Port> = Arc::<Witness>::clone(&witness);
+        let served: Arc<dyn ServedPort> = Arc::<PortObserver>::clone(&witness);
+        let port: Arc<dyn Port> = Arc::<PortObserver>::clone(&witness);
         let settings = GatewaySettings {
             machine: MACHINE.to_owned(),
             mqtt: MqttSettings {
@@ -67,7 +67,7 @@ impl Process {
             ..GatewaySettings::default()
         };
         let tasks = vec![
-            tokio::spawn(hear(Arc::clone(&port), truth.clone())).abort_handle(),
+            tokio::spawn(observe_messages(Arc::clone(&port), truth.clone())).abort_handle(),
             tokio::spawn(cycle(servo, shared, truth.clone())).abort_handle(),
             tokio::spawn(serve(port)).abort_handle(),
         ];
@@ -103,7 +103,7 @@ impl Drop for Process {
 }
 
 /// Passes all messages of the machine to the oracle, independently of the speed of the broker.
-async fn hear(port: Arc<dyn Port>, truth: SharedTruth) {
+async fn observe_messages(port: Arc<dyn Port>, truth: SharedOracle) {
     let mut messages = port.subscribe(Filter::All);
     while let Some(message) = messages.next().await {
         if !Mount::is_dead() {
@@ -113,7 +113,7 @@ async fn hear(port: Arc<dyn Port>, truth: SharedTruth) {
 }
 
 /// Runs the servo cycles that are due.
-async fn cycle(mut servo: Servo, shared: Arc<Shared>, truth: SharedTruth) {
+async fn cycle(mut servo: Servo, shared: Arc<SharedState>, truth: SharedOracle) {
     let numbers: Vec<_> = shared.machine.coordinate_systems.iter().collect();
     let numbers: Vec<_> = numbers.iter().map(|system| system.settings.number).collect();
     let period = shared.machine.servo_period();

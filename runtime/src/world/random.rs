@@ -39,11 +39,11 @@ impl Random {
     }
 
     /// Returns a random index in a list of this length; 0 for an empty list.
-    pub fn place(&mut self, length: usize) -> usize {
+    pub fn index(&mut self, length: usize) -> usize {
         usize::try_from(self.below(length.max(1) as u64)).unwrap()
     }
 
     pub fn pick<'a, T>(&mut self, all: &'a [T]) -> &'a T {
-        &all[self.place(all.len())]
+        &all[self.index(all.len())]
     }
 }

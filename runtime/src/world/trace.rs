@@ -10,11 +10,11 @@ use tokio::time::Instant;
 #[derive(Debug, Clone)]
 pub(super) struct Trace {
     start: Instant,
-    kept: Arc<Mutex<Kept>>,
+    kept: Arc<Mutex<TraceState>>,
 }
 
 #[derive(Debug, Default)]
-struct Kept {
+struct TraceState {
     hasher: crc32fast::Hasher,
     line: String,
     is_shown: bool,
@@ -22,9 +22,9 @@ struct Kept {
 
 impl Trace {
     pub fn new() -> Self {
-        let kept = Kept {
+        let kept = TraceState {
             is_shown: std::env::var_os("TANDEM_TRACE").is_some(),
-            ..Kept::default()
+            ..TraceState::default()
         };
         Self {
             start: Instant::now(),
@@ -39,7 +39,7 @@ impl Trace {
 
     pub fn line(&self, line: Arguments<'_>) {
         let mut kept = self.kept.lock();
-        let Kept {
+        let TraceState {
             hasher,
             line: text,
             is_shown,
@@ -56,7 +56,7 @@ impl Trace {
     }
 
     /// Returns a number that depends on all lines so far.
-    pub fn sum(&self) -> u32 {
+    pub fn checksum(&self) -> u32 {
         self.kept.lock().hasher.clone().finalize()
     }
 }

@@ -17,7 +17,7 @@ use super::trace::Trace;
 
 /// A rule that was broken.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Broken {
+pub(super) struct BrokenRule {
     pub rule: Rule,
     pub how: String,
 }
@@ -50,7 +50,7 @@ pub(super) enum Rule {
 type OutputKey = (String, CoordinateSystemNumber, u64);
 
 #[derive(Debug, Default)]
-struct Output {
+struct ObservedOutput {
     notices: u32,
     /// Accepted claims, each with its time.
     claims: Vec<(f64, String)>,
@@ -91,11 +91,11 @@ struct Value {
 }
 
 #[derive(Debug)]
-pub(super) struct Truth {
+pub(super) struct Oracle {
     trace: Trace,
-    pub broken: Vec<Broken>,
+    pub broken: Vec<BrokenRule>,
     boot: String,
-    outputs: BTreeMap<OutputKey, Output>,
+    outputs: BTreeMap<OutputKey, ObservedOutput>,
     gone: BTreeMap<String, f64>,
     channels: BTreeMap<CoordinateSystemNumber, Channel>,
     values: BTreeMap<String, Value>,
@@ -111,12 +111,12 @@ pub(super) struct Truth {
     pub takes_all_claims: bool,
 }
 
-pub(super) type SharedTruth = Arc<Mutex<Truth>>;
+pub(super) type SharedOracle = Arc<Mutex<Oracle>>;
 
 /// Value of a variable that the machine reports as lost.
 pub(super) const LOST: &str = "lost";
 
-impl Truth {
+impl Oracle {
     pub fn new(trace: Trace) -> Self {
         Self {
             trace,
@@ -136,7 +136,7 @@ impl Truth {
 
     pub fn broke(&mut self, rule: Rule, how: String) {
         self.trace.line(format_args!("BROKEN {rule:?}: {how}"));
-        self.broken.push(Broken { rule, how });
+        self.broken.push(BrokenRule { rule, how });
     }
 
     pub fn boot(&mut self, boot: &BootId) {
@@ -197,12 +197,12 @@ impl Truth {
         }
     }
 
-    pub fn handler_gone(&mut self, handler: &str) {
+    pub fn record_handler_offline(&mut self, handler: &str) {
         self.gone.insert(handler.to_owned(), self.trace.now_s());
     }
 
     /// Records that a client has received an output.
-    pub fn heard(&mut self, boot: &str, cs: CoordinateSystemNumber, seq: u64) {
+    pub fn record_receipt(&mut self, boot: &str, cs: CoordinateSystemNumber, seq: u64) {
         let key = (boot.to_owned(), cs, seq);
         if let Some(output) = self.outputs.get_mut(&key) {
             self.heard += u64::from(!output.is_heard);

@@ -13,24 +13,24 @@ use plc_api::types::message::Message;
 use plc_api::types::request::{Answer, Refusal, Request};
 use plc_api::types::topic::Topic;
 
-use super::truth::SharedTruth;
+use super::truth::SharedOracle;
 use crate::disk::simulated::memory::Mount;
 
-pub(super) struct Witness {
+pub(super) struct PortObserver {
     pub port: Arc<dyn ServedPort>,
-    pub truth: SharedTruth,
+    pub truth: SharedOracle,
     pub boot: BootId,
 }
 
 /// Data of a request that the oracle needs when the request is answered.
-enum Asked {
+enum ObservedRequest {
     Claim(u8, u64, String),
     Reset(u8, u64, String, bool),
     Other,
 }
 
-impl Asked {
-    fn of(request: &Request) -> Self {
+impl ObservedRequest {
+    fn from_request(request: &Request) -> Self {
         match request {
             Request::Claim(cs, _, claim) => Self::Claim(*cs, claim.seq, claim.handler_id.clone()),
             Request::Reset(cs, _, reset) => Self::Reset(
@@ -44,7 +44,7 @@ impl Asked {
     }
 }
 
-impl Witness {
+impl PortObserver {
     fn before(&self, request: &Request) {
         if Mount::is_dead() {
             return;
@@ -65,12 +65,12 @@ impl Witness {
                     truth.commanded(*cs);
                 }
             }
-            Request::Handler(id, presence) if !presence.online => truth.handler_gone(id),
+            Request::Handler(id, presence) if !presence.online => truth.record_handler_offline(id),
             _ => {}
         }
     }
 
-    fn after(&self, asked: &Asked, answer: &Result<Answer, Refusal>) {
+    fn after(&self, asked: &ObservedRequest, answer: &Result<Answer, Refusal>) {
         let Ok(Answer::Handshake(result)) = answer else {
             return;
         };
@@ -79,16 +79,16 @@ impl Witness {
         }
         let mut truth = self.truth.lock();
         match asked {
-            Asked::Claim(cs, seq, handler) => truth.claimed(*cs, *seq, handler, result.status),
-            Asked::Reset(cs, seq, handler, force) => {
+            ObservedRequest::Claim(cs, seq, handler) => truth.claimed(*cs, *seq, handler, result.status),
+            ObservedRequest::Reset(cs, seq, handler, force) => {
                 truth.reset((*cs, *seq), handler, *force, result.status);
             }
-            Asked::Other => {}
+            ObservedRequest::Other => {}
         }
     }
 }
 
-impl Port for Witness {
+impl Port for PortObserver {
     fn boot_id(&self) -> BootId {
         self.boot.clone()
     }
@@ -102,7 +102,7 @@ impl Port for Witness {
     }
 
     fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
-        let asked = Asked::of(&request);
+        let asked = ObservedRequest::from_request(&request);
         Box::pin(async move {
             self.before(&request);
             let answer = self.port.request(request).await;
@@ -120,9 +120,9 @@ impl Port for Witness {
     }
 }
 
-impl ServedPort for Witness {
+impl ServedPort for PortObserver {
     fn request_from(&self, origin: Origin, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
-        let asked = Asked::of(&request);
+        let asked = ObservedRequest::from_request(&request);
         Box::pin(async move {
             self.before(&request);
             let answer = self.port.request_from(origin, request).await;

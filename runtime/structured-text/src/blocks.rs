@@ -102,14 +102,14 @@ pub(crate) fn built_in(name: &str) -> Option<&'static BuiltIn> {
 
 /// Returns all function blocks that are built in: those of the standard, then those of the machine.
 pub(crate) fn all() -> impl Iterator<Item = &'static BuiltIn> {
-    standard().chain(of_machine())
+    standard().chain(machine_blocks())
 }
 
 pub(crate) fn standard() -> impl Iterator<Item = &'static BuiltIn> {
     standard::BLOCKS.iter()
 }
 
-pub(crate) fn of_machine() -> impl Iterator<Item = &'static BuiltIn> {
+pub(crate) fn machine_blocks() -> impl Iterator<Item = &'static BuiltIn> {
     machine::BLOCKS.iter().chain(states::BLOCKS)
 }
 

@@ -21,13 +21,13 @@ use crate::code::{Code, CodeUnit};
 use crate::finding::{FindingEntry, Findings, PROGRAM_COUNT, RESERVED, TOO_LARGE, TWICE};
 use crate::functions::{Conversion, OPERATORS, function};
 use crate::limits::MEMORY_MAX;
-use crate::machine::{Needs, machine_function};
+use crate::machine::{MachineNeeds, machine_function};
 use crate::tree::{Definition, File, Name, Section, UnitKind};
 use crate::types::{Elementary, Type};
 use crate::value::Value;
 
 /// Checks a text. Mistakes become findings; with findings, the result is `None`.
-pub(crate) fn check(file: &File, findings: &mut Findings) -> Option<(Code, Needs)> {
+pub(crate) fn check(file: &File, findings: &mut Findings) -> Option<(Code, MachineNeeds)> {
     let mut checker = Checker {
         file,
         findings,
@@ -36,7 +36,7 @@ pub(crate) fn check(file: &File, findings: &mut Findings) -> Option<(Code, Needs
         types: file.types.iter().map(|_| TypeInfo::default()).collect(),
         frames: file.units.iter().map(|_| Frame::default()).collect(),
         calls: BTreeMap::new(),
-        needs: Needs::default(),
+        needs: MachineNeeds::default(),
         asked: BTreeMap::new(),
         memory: 0,
         unit: None,
@@ -124,7 +124,7 @@ struct Checker<'a> {
     frames: Vec<Frame>,
     /// Units that each unit calls, with the positions of the calls.
     calls: BTreeMap<usize, BTreeMap<usize, Span>>,
-    needs: Needs,
+    needs: MachineNeeds,
     /// M codes that a QUESTION asks about, with their positions.
     asked: BTreeMap<(u8, u16), Span>,
     /// Number of values of all variables.
@@ -230,7 +230,7 @@ impl Checker<'_> {
     }
 
     /// Counts values of variables; reports a finding if the limit is exceeded.
-    fn takes_memory(&mut self, values: usize, span: Span) -> bool {
+    fn reserve_memory(&mut self, values: usize, span: Span) -> bool {
         self.memory = self.memory.saturating_add(values);
         if self.memory <= MEMORY_MAX {
             return true;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use tandem_model::Span;
 
 use crate::blocks::BuiltIn;
-use crate::functions::Run;
+use crate::functions::FunctionBody;
 use crate::machine::MachineFunction;
 use crate::tree::Binary;
 use crate::types::Elementary;
@@ -21,7 +21,7 @@ pub(crate) struct Expr {
 #[derive(Debug, Clone)]
 pub(crate) enum ExprKind {
     Constant(Value),
-    Load(Box<Place>),
+    Load(Box<VariableLocation>),
     /// NOT of a `BOOL` or a bit string.
     Not(Box<Expr>, Elementary),
     Minus(Box<Expr>, Elementary),
@@ -33,14 +33,14 @@ pub(crate) enum ExprKind {
     /// A value converted to another type.
     Convert(Box<Expr>, Elementary, Elementary),
     Truncate(Box<Expr>, Elementary),
-    Standard(Run, Elementary, Vec<Expr>),
+    Standard(FunctionBody, Elementary, Vec<Expr>),
     Machine(&'static MachineFunction, Vec<Expr>),
     Call(Box<FunctionCall>),
 }
 
 /// Address of a variable.
 #[derive(Debug, Clone)]
-pub(crate) struct Place {
+pub(crate) struct VariableLocation {
     pub root: Root,
     /// Number of slots after the root.
     pub offset: usize,
@@ -71,15 +71,15 @@ pub(crate) struct IndexOf {
 #[derive(Debug, Clone)]
 pub(crate) enum Stmt {
     Assign {
-        to: Place,
+        to: VariableLocation,
         value: Expr,
         /// Characters of a `STRING` variable.
         text_max: Option<usize>,
     },
     /// Copies an array or a structure.
     Copy {
-        to: Place,
-        from: Place,
+        to: VariableLocation,
+        from: VariableLocation,
         size: usize,
     },
     Block(Box<BlockCall>),
@@ -104,7 +104,7 @@ pub(crate) type Branch = (Vec<(i128, i128)>, Vec<Stmt>);
 
 #[derive(Debug, Clone)]
 pub(crate) struct ForLoop {
-    pub variable: Place,
+    pub variable: VariableLocation,
     pub of: Elementary,
     pub from: Expr,
     pub to: Expr,
@@ -115,11 +115,11 @@ pub(crate) struct ForLoop {
 /// A call of an instance of a function block.
 #[derive(Debug, Clone)]
 pub(crate) struct BlockCall {
-    pub instance: Place,
+    pub instance: VariableLocation,
     pub inputs: Vec<Stmt>,
     pub block: BlockOf,
     /// Slots of `VAR_IN_OUT` in the instance, with the passed variables.
-    pub references: Vec<(usize, Place)>,
+    pub references: Vec<(usize, VariableLocation)>,
     pub outputs: Vec<Stmt>,
     pub span: Span,
 }
@@ -135,7 +135,7 @@ pub(crate) struct FunctionCall {
     pub unit: usize,
     /// Slots of inputs, with their operands.
     pub inputs: Vec<(usize, Operand)>,
-    pub references: Vec<(usize, Place)>,
+    pub references: Vec<(usize, VariableLocation)>,
     pub outputs: Vec<Stmt>,
     /// Slot of the result.
     pub result: Option<usize>,
@@ -144,7 +144,7 @@ pub(crate) struct FunctionCall {
 #[derive(Debug, Clone)]
 pub(crate) enum Operand {
     Value(Expr, Option<usize>),
-    Copy(Place, usize),
+    Copy(VariableLocation, usize),
 }
 
 /// A program organization unit.

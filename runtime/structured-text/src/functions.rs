@@ -21,7 +21,7 @@ pub(crate) enum Class {
 
 /// Type of the result of a function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Gives {
+pub(crate) enum ResultType {
     /// The type to which the parameters of `Any`, `Num`, `Real` or `Bits` were converted.
     Common,
     Of(Elementary),
@@ -34,7 +34,7 @@ pub(crate) struct Call<'a> {
     pub of: Elementary,
 }
 
-pub(crate) type Run = fn(&Call) -> Result<Value, Fault>;
+pub(crate) type FunctionBody = fn(&Call) -> Result<Value, Fault>;
 
 /// A standard function.
 pub(crate) struct Function {
@@ -42,8 +42,8 @@ pub(crate) struct Function {
     /// Names of parameters; with `is_extensible`, the last one may be repeated with increasing numbers.
     pub parameters: &'static [(&'static str, Class)],
     pub is_extensible: bool,
-    pub gives: Gives,
-    pub run: Run,
+    pub gives: ResultType,
+    pub run: FunctionBody,
 }
 
 macro_rules! functions {
@@ -61,9 +61,9 @@ macro_rules! functions {
     (@more $more:ident) => { true };
 }
 
-const COMMON: Gives = Gives::Common;
-const TEXT: Gives = Gives::Of(Elementary::String);
-const INT: Gives = Gives::Of(Elementary::Int);
+const COMMON: ResultType = ResultType::Common;
+const TEXT: ResultType = ResultType::Of(Elementary::String);
+const INT: ResultType = ResultType::Of(Elementary::Int);
 
 functions! {
     "ABS" (IN: Num) -> COMMON, |call| match &call.values[0] {

@@ -14,7 +14,7 @@ pub(crate) type VariableNumber = (Option<CoordinateSystemNumber>, u32);
 
 /// Needs of a program on the machine, known before the program runs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub(crate) struct Needs {
+pub(crate) struct MachineNeeds {
     pub m_codes: BTreeSet<(CoordinateSystemNumber, u16)>,
     pub positions: BTreeSet<CoordinateSystemNumber>,
     pub variables: BTreeSet<VariableNumber>,

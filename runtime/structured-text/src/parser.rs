@@ -14,9 +14,9 @@ use crate::tree::{File, Name, UnitKind};
 
 /// Error of parsing functions: a finding was reported.
 #[derive(Debug)]
-struct Refused;
+struct ParseFailure;
 
-type Parsed<T> = Result<T, Refused>;
+type ParseResult<T> = Result<T, ParseFailure>;
 
 /// Keywords of the language, which cannot be names.
 const KEYWORDS: [&str; 62] = [
@@ -192,15 +192,15 @@ impl Parser<'_> {
         file
     }
 
-    fn top_level(&mut self, file: &mut File) -> Parsed<()> {
-        if self.takes("TYPE") {
+    fn top_level(&mut self, file: &mut File) -> ParseResult<()> {
+        if self.accept("TYPE") {
             return self.types(&mut file.types);
         }
-        let kind = if self.takes("PROGRAM") {
+        let kind = if self.accept("PROGRAM") {
             UnitKind::Program
-        } else if self.takes("FUNCTION_BLOCK") {
+        } else if self.accept("FUNCTION_BLOCK") {
             UnitKind::FunctionBlock
-        } else if self.takes("FUNCTION") {
+        } else if self.accept("FUNCTION") {
             UnitKind::Function
         } else {
             return Err(self.expected("PROGRAM, FUNCTION_BLOCK, FUNCTION or TYPE"));
@@ -274,7 +274,7 @@ impl Parser<'_> {
             .is_some_and(|token| Self::is_text(token, text))
     }
 
-    fn takes(&mut self, text: &str) -> bool {
+    fn accept(&mut self, text: &str) -> bool {
         let is = self.is(text);
         if is {
             self.advance();
@@ -282,8 +282,8 @@ impl Parser<'_> {
         is
     }
 
-    fn expect(&mut self, text: &str) -> Parsed<()> {
-        if self.takes(text) {
+    fn expect(&mut self, text: &str) -> ParseResult<()> {
+        if self.accept(text) {
             Ok(())
         } else {
             Err(self.expected(text))
@@ -291,7 +291,7 @@ impl Parser<'_> {
     }
 
     /// Reads a name that may be declared.
-    fn name(&mut self) -> Parsed<Name> {
+    fn name(&mut self) -> ParseResult<Name> {
         let span = self.span();
         let Some(TokenKind::Name(text)) = self.token().map(|token| token.kind.clone()) else {
             return Err(self.expected("a name"));
@@ -312,13 +312,13 @@ impl Parser<'_> {
         span: Span,
         what: impl Into<String>,
         help: impl Into<String>,
-    ) -> Refused {
+    ) -> ParseFailure {
         self.findings.push(entry, span, what, help);
-        Refused
+        ParseFailure
     }
 
     /// Reports that another token is expected.
-    fn expected(&mut self, what: &str) -> Refused {
+    fn expected(&mut self, what: &str) -> ParseFailure {
         let span = self.span();
         let kind = self.token().map(|token| token.kind.clone());
         if let Some((what, help)) = kind.as_ref().and_then(outside) {
@@ -328,9 +328,9 @@ impl Parser<'_> {
             Some(TokenKind::Name(name)) => name,
             Some(TokenKind::Symbol(symbol)) => symbol.to_owned(),
             Some(TokenKind::Literal(..)) => "a literal".to_owned(),
-            Some(TokenKind::Refused) => return Refused,
+            Some(TokenKind::Refused) => return ParseFailure,
             // for example a comment without an end, which contains the whole rest
-            Some(TokenKind::End) | None if self.is_behind_refused() => return Refused,
+            Some(TokenKind::End) | None if self.follows_refused_token() => return ParseFailure,
             Some(TokenKind::End) | None => "the end of the text".to_owned(),
         };
         self.found(
@@ -341,13 +341,13 @@ impl Parser<'_> {
         )
     }
 
-    fn is_behind_refused(&self) -> bool {
+    fn follows_refused_token(&self) -> bool {
         let before = self.at.checked_sub(1).and_then(|at| self.tokens.get(at));
         before.is_some_and(|token| token.kind == TokenKind::Refused)
     }
 
     /// Parses a nested element; reports a finding if the nesting is too deep.
-    fn deeper<T>(&mut self, parse: impl FnOnce(&mut Self) -> Parsed<T>) -> Parsed<T> {
+    fn deeper<T>(&mut self, parse: impl FnOnce(&mut Self) -> ParseResult<T>) -> ParseResult<T> {
         if self.depth >= NESTING_MAX {
             let what = format!("statements and expressions are nested more than {NESTING_MAX} deep");
             let span = self.span();

@@ -15,7 +15,7 @@ use crate::check::check;
 use crate::code::Code;
 use crate::finding::{Findings, TOO_LARGE};
 use crate::limits::SOURCE_BYTES_MAX;
-use crate::machine::{Levels, Machine, Needs, VariableNumber};
+use crate::machine::{Levels, Machine, MachineNeeds, VariableNumber};
 use crate::parser::parse;
 use crate::run::{FaultAt, memory, scan};
 use crate::tokens::tokens;
@@ -33,7 +33,7 @@ pub struct Program {
     name: Arc<str>,
     source: Arc<str>,
     code: Code,
-    needs: Needs,
+    needs: MachineNeeds,
     memory: Vec<Value>,
     levels: Levels,
     /// The last values of the P and Q variables that are read.
@@ -80,7 +80,7 @@ impl Program {
     /// Returns a sequence program that scans the program at a period. A program for one coordinate system
     /// serves its M codes only in that one.
     pub fn sequence_program(self, period: Duration) -> SequenceProgram {
-        let codes = Served(self.m_codes().map(|(_, m)| m).collect());
+        let codes = ServedMCodes(self.m_codes().map(|(_, m)| m).collect());
         let systems: BTreeSet<CoordinateSystemNumber> = self.m_codes().map(|(cs, _)| cs).collect();
         let program = SequenceProgram::new();
         match (systems.len(), systems.first().copied()) {
@@ -118,7 +118,7 @@ impl Program {
     }
 
     /// Returns the text of a fault, with its line.
-    fn text_of(&self, FaultAt { fault, span }: &FaultAt) -> String {
+    fn fault_text(&self, FaultAt { fault, span }: &FaultAt) -> String {
         let start = usize::try_from(span.start).unwrap_or(0);
         let before = self.source.get(..start).unwrap_or_default();
         let line = before.matches('\n').count() + 1;
@@ -137,9 +137,9 @@ impl Program {
 }
 
 /// M numbers, each once.
-struct Served(BTreeSet<u16>);
+struct ServedMCodes(BTreeSet<u16>);
 
-impl MCodes for Served {
+impl MCodes for ServedMCodes {
     fn m_codes(self) -> Vec<RangeInclusive<u16>> {
         self.0.into_iter().map(|m| m..=m).collect()
     }
@@ -173,7 +173,7 @@ impl ScanProgram for Program {
                 variables: &self.variables,
             };
             if let Err(fault) = scan(&self.code, &mut self.memory, &mut machine) {
-                self.stopped = Some(self.text_of(&fault));
+                self.stopped = Some(self.fault_text(&fault));
             }
         }
         if let Some(text) = &self.stopped {

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::blocks::{BuiltIn, Direction, Port, of_machine, standard};
+use crate::blocks::{BuiltIn, Direction, Port, machine_blocks, standard};
 use crate::conformance::FEATURES;
 use crate::finding::FINDINGS;
 use crate::functions::{FUNCTIONS, OPERATORS};
@@ -26,7 +26,7 @@ pub fn page() -> String {
     page.push_str(NOT_THERE);
     page.push_str("\n## Function blocks of the machine\n");
     page.push_str(MACHINE);
-    of_machine().for_each(|block| block_of(&mut page, block));
+    machine_blocks().for_each(|block| block_of(&mut page, block));
     page.push_str("\n## Functions of the machine\n\n| function | |\n| --- | --- |\n");
     for function in &MACHINE_FUNCTIONS {
         let parameters = function

@@ -5,7 +5,7 @@ use tandem_model::Span;
 use crate::blocks::Ports;
 use crate::calculate::{calculate, compare, minus, not, scale_time};
 use crate::code::{
-    BlockCall, BlockOf, Code, Expr, ExprKind, ForLoop, FunctionCall, Operand, Place, Root, Stmt,
+    BlockCall, BlockOf, Code, Expr, ExprKind, ForLoop, FunctionCall, Operand, Root, Stmt, VariableLocation,
 };
 use crate::convert::{convert, truncate};
 use crate::functions::Call;
@@ -22,7 +22,7 @@ pub(crate) struct FaultAt {
     pub span: Span,
 }
 
-type Ran<T> = Result<T, FaultAt>;
+type RunResult<T> = Result<T, FaultAt>;
 
 /// Result of a list of statements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -51,8 +51,8 @@ pub(crate) fn memory(code: &Code) -> Vec<Value> {
 ///
 /// # Errors
 /// Returns the fault that stops the program.
-pub(crate) fn scan(code: &Code, memory: &mut [Value], machine: &mut Machine) -> Ran<()> {
-    let mut run = Run {
+pub(crate) fn scan(code: &Code, memory: &mut [Value], machine: &mut Machine) -> RunResult<()> {
+    let mut run = ProgramRun {
         code,
         memory,
         machine,
@@ -61,16 +61,16 @@ pub(crate) fn scan(code: &Code, memory: &mut [Value], machine: &mut Machine) -> 
     run.unit(code.program, 0)
 }
 
-struct Run<'a, 'm> {
+struct ProgramRun<'a, 'm> {
     code: &'a Code,
     memory: &'a mut [Value],
     machine: &'a mut Machine<'m>,
     steps: u32,
 }
 
-impl<'a> Run<'a, '_> {
+impl<'a> ProgramRun<'a, '_> {
     /// Runs a unit whose variables are at `base`.
-    fn unit(&mut self, number: usize, base: usize) -> Ran<()> {
+    fn unit(&mut self, number: usize, base: usize) -> RunResult<()> {
         let unit = &self.code.units[number];
         for (slot, value) in &unit.temporary {
             self.memory[base + slot].clone_from(value);
@@ -79,7 +79,7 @@ impl<'a> Run<'a, '_> {
         Ok(())
     }
 
-    fn statements(&mut self, statements: &'a [Stmt], base: usize) -> Ran<Flow> {
+    fn statements(&mut self, statements: &'a [Stmt], base: usize) -> RunResult<Flow> {
         for statement in statements {
             match self.statement(statement, base)? {
                 Flow::Next => {}
@@ -90,7 +90,7 @@ impl<'a> Run<'a, '_> {
     }
 
     /// Counts steps; fails if the scan has too many.
-    fn takes(&mut self, steps: usize, span: Span) -> Ran<()> {
+    fn count_steps(&mut self, steps: usize, span: Span) -> RunResult<()> {
         let steps = u32::try_from(steps).unwrap_or(u32::MAX);
         self.steps = self.steps.saturating_add(steps);
         if self.steps <= STEPS_MAX {
@@ -100,14 +100,14 @@ impl<'a> Run<'a, '_> {
         Err(FaultAt { fault, span })
     }
 
-    fn statement(&mut self, statement: &'a Stmt, base: usize) -> Ran<Flow> {
+    fn statement(&mut self, statement: &'a Stmt, base: usize) -> RunResult<Flow> {
         match statement {
             Stmt::Assign { to, value, text_max } => {
                 let value = self.value(value, base)?;
                 self.store(to, base, value, *text_max)?;
             }
             Stmt::Copy { to, from, size } => {
-                self.takes(*size, to.span)?;
+                self.count_steps(*size, to.span)?;
                 let (from, to) = (self.address(from, base)?, self.address(to, base)?);
                 let values = self.memory[from..from + size].to_vec();
                 self.memory[to..to + size].clone_from_slice(&values);
@@ -164,7 +164,7 @@ impl<'a> Run<'a, '_> {
         Ok(Flow::Next)
     }
 
-    fn for_loop(&mut self, of: &'a ForLoop, base: usize) -> Ran<Flow> {
+    fn for_loop(&mut self, of: &'a ForLoop, base: usize) -> RunResult<Flow> {
         let mut value = self.value(&of.from, base)?.int();
         let to = self.value(&of.to, base)?.int();
         let by = match &of.by {
@@ -179,7 +179,7 @@ impl<'a> Run<'a, '_> {
             None => 1,
         };
         loop {
-            self.takes(1, of.variable.span)?;
+            self.count_steps(1, of.variable.span)?;
             let address = self.address(&of.variable, base)?;
             // the variable ends one step after the last value, if the type has that value
             if let Ok(value) = int_of(value, of.of) {
@@ -197,15 +197,21 @@ impl<'a> Run<'a, '_> {
         }
     }
 
-    fn store(&mut self, to: &'a Place, base: usize, value: Value, text_max: Option<usize>) -> Ran<()> {
-        self.takes(1, to.span)?;
+    fn store(
+        &mut self,
+        to: &'a VariableLocation,
+        base: usize,
+        value: Value,
+        text_max: Option<usize>,
+    ) -> RunResult<()> {
+        self.count_steps(1, to.span)?;
         let address = self.address(to, base)?;
         fits(&value, text_max).map_err(|fault| FaultAt { fault, span: to.span })?;
         self.memory[address] = value;
         Ok(())
     }
 
-    fn address(&mut self, place: &'a Place, base: usize) -> Ran<usize> {
+    fn address(&mut self, place: &'a VariableLocation, base: usize) -> RunResult<usize> {
         let root = match place.root {
             Root::Frame => base,
             Root::Function(unit) => self.code.units[unit].base,
@@ -231,8 +237,8 @@ impl<'a> Run<'a, '_> {
         Ok(address)
     }
 
-    fn value(&mut self, expr: &'a Expr, base: usize) -> Ran<Value> {
-        self.takes(1, expr.span)?;
+    fn value(&mut self, expr: &'a Expr, base: usize) -> RunResult<Value> {
+        self.count_steps(1, expr.span)?;
         let at = |fault| FaultAt {
             fault,
             span: expr.span,
@@ -274,7 +280,7 @@ impl<'a> Run<'a, '_> {
         }
     }
 
-    fn values(&mut self, parameters: &'a [Expr], base: usize) -> Ran<Vec<Value>> {
+    fn values(&mut self, parameters: &'a [Expr], base: usize) -> RunResult<Vec<Value>> {
         parameters
             .iter()
             .map(|parameter| self.value(parameter, base))
@@ -288,7 +294,7 @@ impl<'a> Run<'a, '_> {
         sides: &'a (Expr, Expr),
         base: usize,
         span: Span,
-    ) -> Ran<Value> {
+    ) -> RunResult<Value> {
         let left = self.value(&sides.0, base)?;
         if kind == Elementary::Bool {
             match (operator, left.bool()) {
@@ -300,9 +306,9 @@ impl<'a> Run<'a, '_> {
         calculate(operator, kind, &left, &right).map_err(|fault| divisor(fault, &sides.1, span))
     }
 
-    fn function(&mut self, call: &'a FunctionCall, base: usize, span: Span) -> Ran<Value> {
+    fn function(&mut self, call: &'a FunctionCall, base: usize, span: Span) -> RunResult<Value> {
         let unit = &self.code.units[call.unit];
-        self.takes(unit.initial.len(), span)?;
+        self.count_steps(unit.initial.len(), span)?;
         // all arguments are evaluated before the variables of the function are written: a call may be an
         // argument of another call
         let mut given = Vec::with_capacity(call.inputs.len());
@@ -317,7 +323,7 @@ impl<'a> Run<'a, '_> {
                     vec![value]
                 }
                 Operand::Copy(place, size) => {
-                    self.takes(*size, place.span)?;
+                    self.count_steps(*size, place.span)?;
                     let address = self.address(place, base)?;
                     self.memory[address..address + size].to_vec()
                 }
@@ -343,8 +349,8 @@ impl<'a> Run<'a, '_> {
             .map_or(Value::Bool(false), |slot| self.memory[own + slot].clone()))
     }
 
-    fn block(&mut self, call: &'a BlockCall, base: usize) -> Ran<()> {
-        self.takes(1, call.span)?;
+    fn block(&mut self, call: &'a BlockCall, base: usize) -> RunResult<()> {
+        self.count_steps(1, call.span)?;
         for input in &call.inputs {
             self.statement(input, base)?;
         }

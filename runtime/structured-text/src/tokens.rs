@@ -6,7 +6,7 @@ use tandem_model::Span;
 
 use crate::finding::{CHARACTER, Findings, LITERAL, NOT_CLOSED, NOT_IN_SUBSET};
 use crate::types::Elementary;
-use literal::Malformed;
+use literal::LiteralFault;
 
 /// A literal's value.
 #[derive(Debug, Clone, PartialEq)]
@@ -230,7 +230,7 @@ impl<'a> Lexer<'a> {
                 (_, TokenKind::Refused) => TokenKind::Refused,
                 _ => self.malformed(
                     start,
-                    &Malformed::new("a string is not a value of this type", "write STRING#'...'"),
+                    &LiteralFault::new("a string is not a value of this type", "write STRING#'...'"),
                 ),
             };
         }
@@ -311,7 +311,7 @@ impl<'a> Lexer<'a> {
         }
     }
 
-    fn malformed(&mut self, start: usize, malformed: &Malformed) -> TokenKind {
+    fn malformed(&mut self, start: usize, malformed: &LiteralFault) -> TokenKind {
         let what = format!("{} {}", &self.source[start..self.at], malformed.what);
         self.findings
             .push(&LITERAL, self.span_from(start), what, malformed.help);

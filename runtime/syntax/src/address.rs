@@ -33,7 +33,7 @@ addresses! {
 impl Address {
     /// Returns the address of one letter, in either case.
     #[inline]
-    pub(crate) fn of_letter(letter: u8) -> Option<Self> {
+    pub(crate) fn from_letter(letter: u8) -> Option<Self> {
         let index = letter.to_ascii_uppercase().wrapping_sub(b'A');
         if index < 26 {
             Self::ALL.get(usize::from(index)).copied()
@@ -45,7 +45,7 @@ impl Address {
     /// Returns the address that letters spell, in either case.
     pub fn find(letters: &str) -> Option<Self> {
         match letters.as_bytes() {
-            [letter] => Self::of_letter(*letter),
+            [letter] => Self::from_letter(*letter),
             [_, _] => {
                 let mut all = Self::ALL.iter().copied();
                 all.find(|address| address.text().eq_ignore_ascii_case(letters))
@@ -74,7 +74,7 @@ impl AddressSet {
     pub const EMPTY: AddressSet = AddressSet(0);
 
     /// Returns the set of these addresses.
-    pub const fn of(addresses: &[Address]) -> AddressSet {
+    pub const fn from_addresses(addresses: &[Address]) -> AddressSet {
         let mut bits = 0;
         let mut i = 0;
         while i < addresses.len() {

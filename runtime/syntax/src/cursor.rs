@@ -95,7 +95,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// Skips a byte if it is the next one.
-    pub(crate) fn take(&mut self, byte: u8) -> bool {
+    pub(crate) fn skip_byte(&mut self, byte: u8) -> bool {
         let found = self.peek() == Some(byte);
         if found {
             self.at += 1;
@@ -162,7 +162,7 @@ impl<'a> Cursor<'a> {
     pub(crate) fn blank_lines(&mut self, grammar: &Grammar) -> Result<(), usize> {
         loop {
             self.blanks(grammar)?;
-            if !self.take(b'\n') {
+            if !self.skip_byte(b'\n') {
                 return Ok(());
             }
             self.line += 1;

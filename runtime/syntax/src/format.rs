@@ -6,7 +6,7 @@ mod nesting;
 use tandem_model::limits::BLOCK_BYTES_MAX;
 use tandem_model::{Diagnostic, Span};
 
-use self::nesting::Nesting;
+use self::nesting::IndentTracker;
 use crate::grammar::Grammar;
 use crate::parser::parse;
 use crate::tokens::{Token, TokenKind, tokens};
@@ -29,10 +29,10 @@ pub fn format(source: &str, grammar: &Grammar) -> Result<String, Vec<Diagnostic>
     if diagnostics.iter().any(Diagnostic::is_error) {
         return Err(diagnostics);
     }
-    let mut writer = Writer {
+    let mut writer = FormatWriter {
         source,
         text: String::with_capacity(source.len() + source.len() / 4),
-        nesting: Nesting::default(),
+        nesting: IndentTracker::default(),
     };
     if source.starts_with('\u{feff}') {
         writer.text.push('\u{feff}');
@@ -60,13 +60,13 @@ pub fn format(source: &str, grammar: &Grammar) -> Result<String, Vec<Diagnostic>
     })
 }
 
-struct Writer<'a> {
+struct FormatWriter<'a> {
     source: &'a str,
     text: String,
-    nesting: Nesting,
+    nesting: IndentTracker,
 }
 
-impl<'a> Writer<'a> {
+impl<'a> FormatWriter<'a> {
     /// Writes the tokens of a line, which may begin or end within a comment of several lines.
     fn line(&mut self, line: &[Token]) {
         let is_code = |token: &&Token| token.kind != TokenKind::Comment;
@@ -107,7 +107,7 @@ impl<'a> Writer<'a> {
 
     /// Writes the text of a range, with line feeds as line ends.
     fn verbatim(&mut self, span: Span) {
-        let text = self.of(span).replace("\r\n", "\n");
+        let text = self.span_text(span).replace("\r\n", "\n");
         self.text.push_str(text.trim_end_matches(['\r', ' ', '\t']));
     }
 
@@ -123,13 +123,13 @@ impl<'a> Writer<'a> {
     }
 
     /// Returns the text of a range.
-    fn of(&self, span: Span) -> &'a str {
+    fn span_text(&self, span: Span) -> &'a str {
         let range = span.start as usize..span.end as usize;
         self.source.get(range).unwrap_or_default()
     }
 
     fn token(&mut self, token: &Token) {
-        let text = self.of(token.span);
+        let text = self.span_text(token.span);
         match token.kind {
             TokenKind::Comment | TokenKind::Rest => self.verbatim(token.span),
             TokenKind::Address(address) => self.text.push_str(address.text()),

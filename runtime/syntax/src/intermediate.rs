@@ -48,7 +48,7 @@ pub trait Codes {
 /// Returns the intermediate code of a program without errors; each line ends with a line feed. Blocks with an
 /// error are left out, so check the program first.
 pub fn compile(program: &NcProgram, header: Header, codes: &dyn Codes) -> String {
-    let mut writer = Writer {
+    let mut writer = IntermediateWriter {
         program,
         codes,
         text: String::with_capacity(program.source().len() + program.blocks().len() * 16),
@@ -72,7 +72,7 @@ pub fn compile(program: &NcProgram, header: Header, codes: &dyn Codes) -> String
 /// Returns the bytes of a block's line in the intermediate code, which repeats the code of the active fixed cycle
 /// (D03).
 pub fn block_bytes(program: &NcProgram, block: &Block, cycle: Option<&str>, codes: &dyn Codes) -> usize {
-    let mut writer = Writer {
+    let mut writer = IntermediateWriter {
         program,
         codes,
         text: String::new(),
@@ -83,7 +83,7 @@ pub fn block_bytes(program: &NcProgram, block: &Block, cycle: Option<&str>, code
     writer.text.trim_end().len()
 }
 
-struct Writer<'a> {
+struct IntermediateWriter<'a> {
     program: &'a NcProgram,
     codes: &'a dyn Codes,
     text: String,
@@ -93,7 +93,7 @@ struct Writer<'a> {
     returned: bool,
 }
 
-impl Writer<'_> {
+impl IntermediateWriter<'_> {
     fn block(&mut self, block: &Block) {
         if let Some(code) = self.program.program_code(block) {
             self.program_code(code);

@@ -188,7 +188,11 @@ fn dgshape_words_of_other_codes_are_told() {
 #[test]
 fn dgshape_findings_name_the_section_of_the_manual() {
     let settings = super::settings("");
-    let (_, check) = check_source("G95X1.0\nM08\n(", dgshape(), &CheckContext::of(&settings));
+    let (_, check) = check_source(
+        "G95X1.0\nM08\n(",
+        dgshape(),
+        &CheckContext::from_settings(&settings),
+    );
     for finding in &check.diagnostics {
         assert!(finding.help.ends_with(" of the manual."), "{finding:?}");
     }

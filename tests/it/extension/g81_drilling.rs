@@ -1,22 +1,22 @@
 //! G81: a drilling cycle of a custom dialect, in one file.
 
 use tandem_interp::codes::{Code, ModalGroup, WordSpec, cycle_words};
-use tandem_interp::fixed_cycles::{Cycle, Level, Step, Steps};
+use tandem_interp::fixed_cycles::{CycleStep, FixedCycle, Level, Steps};
 use tandem_interp::meaning::ModalValue;
 use tandem_syntax::Address;
 
 const STEPS: Steps = Steps::new(
     &[],
     &[
-        Step::Position,
-        Step::Approach,
-        Step::Linear(Level::ZPoint),
-        Step::Rapid(Level::Return),
+        CycleStep::Position,
+        CycleStep::Approach,
+        CycleStep::Linear(Level::ZPoint),
+        CycleStep::Rapid(Level::Return),
     ],
     &[],
 );
 
-static DRILLING: Cycle = Cycle {
+static DRILLING: FixedCycle = FixedCycle {
     name: "a drilling cycle",
     needed: &[Address::Z, Address::R],
     with_spindle: STEPS,

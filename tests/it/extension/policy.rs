@@ -2,7 +2,7 @@
 //! the text around a program.
 
 use tandem_interp::Dialect;
-use tandem_interp::dialect::{MCodeTime, Numbers, Policy, Rivals};
+use tandem_interp::dialect::{GroupConflict, MCodeTime, Numbers, Policy};
 use tandem_model::flow::Item;
 use tandem_syntax::{Grammar, ProgramForm, parse};
 
@@ -11,7 +11,7 @@ use super::runs::{blocks, findings, items, shown};
 
 static LAST_HOLDS: Dialect = with_policy(
     Policy {
-        rivals: Rivals::LastHolds,
+        rivals: GroupConflict::LastHolds,
         ..Policy::NJ
     },
     Grammar::nj,

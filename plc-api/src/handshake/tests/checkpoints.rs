@@ -19,7 +19,7 @@ fn checkpoint(
     };
     let said = OutputRequest::Checkpoint(report);
     ledger
-        .carry_out(now(0.0), None, &said)
+        .execute_request(now(0.0), None, &said)
         .map(|result| result.status)
 }
 

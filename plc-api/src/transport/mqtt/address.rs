@@ -13,7 +13,7 @@ const NODES_MAX: usize = 16;
 
 /// `mqtt://[user[:password]@]host[:port][,host[:port]..]/[prefix/]machine`, parsed; `mqtts://` with TLS.
 #[derive(Clone, PartialEq, Eq)]
-pub(super) struct Address {
+pub(super) struct MqttAddress {
     /// Host and port of each node of the broker; at least one.
     pub(super) nodes: Vec<(String, u16)>,
     pub(super) tls: bool,
@@ -24,13 +24,13 @@ pub(super) struct Address {
     pub(super) shown: String,
 }
 
-impl std::fmt::Debug for Address {
+impl std::fmt::Debug for MqttAddress {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(&self.shown)
     }
 }
 
-impl Address {
+impl MqttAddress {
     pub(super) fn parse(text: &str) -> Result<Self, Error> {
         let (scheme, rest) = text.split_once("://").unwrap_or(("mqtt", text));
         let tls = scheme == "mqtts";
@@ -118,27 +118,27 @@ mod tests {
 
     #[test]
     fn an_address_names_broker_user_prefix_and_machine() {
-        let address = Address::parse("mqtt://127.0.0.1:1884/mill-1").unwrap();
+        let address = MqttAddress::parse("mqtt://127.0.0.1:1884/mill-1").unwrap();
         assert_eq!(
             (address.nodes, address.root.as_str()),
             (vec![("127.0.0.1".to_owned(), 1884)], "tandem/v1/mill-1")
         );
-        let address = Address::parse("mqtt://anna:p%40ss@broker/hall/3/mill-1").unwrap();
+        let address = MqttAddress::parse("mqtt://anna:p%40ss@broker/hall/3/mill-1").unwrap();
         assert_eq!(address.nodes, [("broker".to_owned(), 1883)]);
         assert_eq!(address.root, "hall/3/tandem/v1/mill-1");
         assert_eq!(address.credentials, Some(("anna".to_owned(), "p@ss".to_owned())));
         assert_eq!(
-            Address::parse("mqtt://[::1]:1/m").unwrap().nodes,
+            MqttAddress::parse("mqtt://[::1]:1/m").unwrap().nodes,
             [("::1".to_owned(), 1)]
         );
-        let address = Address::parse("mqtts://broker/m").unwrap();
+        let address = MqttAddress::parse("mqtts://broker/m").unwrap();
         assert_eq!((address.tls, address.nodes[0].1), (true, 8883));
         assert_eq!(address.shown, "mqtts://broker/m");
     }
 
     #[test]
     fn an_address_names_several_nodes_of_one_broker() {
-        let address = Address::parse("mqtt://anna:p@a,b:1884,[::1]/mill-1").unwrap();
+        let address = MqttAddress::parse("mqtt://anna:p@a,b:1884,[::1]/mill-1").unwrap();
         let node = |host: &str, port| (host.to_owned(), port);
         assert_eq!(
             address.nodes,
@@ -146,10 +146,10 @@ mod tests {
         );
         assert_eq!(address.shown, "mqtt://a,b:1884,[::1]/mill-1");
         for wrong in ["mqtt://a,/m", "mqtt://a,b:x/m"] {
-            assert!(Address::parse(wrong).is_err(), "{wrong}");
+            assert!(MqttAddress::parse(wrong).is_err(), "{wrong}");
         }
-        assert!(Address::parse(&format!("mqtt://{}a/m", "a,".repeat(16))).is_err());
-        let error = Address::parse("mqtt://a,mqtt://b/m").unwrap_err().to_string();
+        assert!(MqttAddress::parse(&format!("mqtt://{}a/m", "a,".repeat(16))).is_err());
+        let error = MqttAddress::parse("mqtt://a,mqtt://b/m").unwrap_err().to_string();
         assert!(error.contains("stands once, before all hosts"), "{error}");
     }
 
@@ -165,7 +165,7 @@ mod tests {
             "mqtt://u:secret/@h/m",
             "mqtt://h,mqtt://u:secret@i/m",
         ] {
-            let error = Address::parse(wrong).unwrap_err().to_string();
+            let error = MqttAddress::parse(wrong).unwrap_err().to_string();
             assert!(!error.contains("secret"), "{error}");
         }
     }

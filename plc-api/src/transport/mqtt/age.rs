@@ -18,7 +18,7 @@ pub(super) struct MachineAge {
 
 impl MachineAge {
     /// Restarts the age after a new connection.
-    pub(super) fn begin_anew(&mut self, now: Instant) {
+    pub(super) fn restart_age(&mut self, now: Instant) {
         self.heard = Some(now);
         self.was_missed = false;
     }
@@ -31,7 +31,7 @@ impl MachineAge {
     /// Records a presence of the machine. A retained presence shows only that the machine was online, so it
     /// does not restart the age. Returns true if the presence had expired before: the broker may have lost
     /// more messages of this connection.
-    pub(super) fn hear(&mut self, presence: &Presence, retained: bool, now: Instant) -> bool {
+    pub(super) fn record_presence(&mut self, presence: &Presence, retained: bool, now: Instant) -> bool {
         let expires_ms = presence.expires_ms.filter(|_| presence.online);
         self.expires = expires_ms.map(Duration::from_millis);
         if !retained || self.heard.is_none() {
@@ -41,13 +41,13 @@ impl MachineAge {
     }
 
     /// Returns the time at which the presence expires, unless it is renewed.
-    pub(super) fn end(&self) -> Option<Instant> {
+    pub(super) fn expires_at(&self) -> Option<Instant> {
         Some(self.heard? + self.expires?)
     }
 
     /// Returns true if the presence has expired; only once until a new presence is received.
-    pub(super) fn take_end(&mut self, now: Instant) -> bool {
-        let has_ended = self.end().is_some_and(|end| end <= now);
+    pub(super) fn take_expiry(&mut self, now: Instant) -> bool {
+        let has_ended = self.expires_at().is_some_and(|end| end <= now);
         if has_ended {
             self.expires = None;
             self.was_missed = true;
@@ -75,31 +75,35 @@ mod tests {
     #[test]
     fn machine_goes_offline_once_when_its_presence_expires_and_can_return() {
         let (mut age, begin) = (MachineAge::default(), Instant::now());
-        age.begin_anew(begin);
-        assert!(!age.hear(&presence(Some(900)), true, begin + ms(10)));
-        assert!(!age.take_end(begin + ms(899)), "from the connection on");
-        assert!(age.take_end(begin + ms(900)));
-        assert!(!age.take_end(begin + ms(5000)), "once");
-        let again =
-            |age: &mut MachineAge, retained| age.hear(&presence(Some(900)), retained, begin + ms(6000));
+        age.restart_age(begin);
+        assert!(!age.record_presence(&presence(Some(900)), true, begin + ms(10)));
+        assert!(!age.take_expiry(begin + ms(899)), "from the connection on");
+        assert!(age.take_expiry(begin + ms(900)));
+        assert!(!age.take_expiry(begin + ms(5000)), "once");
+        let again = |age: &mut MachineAge, retained| {
+            age.record_presence(&presence(Some(900)), retained, begin + ms(6000))
+        };
         assert!(!again(&mut age, true), "a retained presence shows nothing");
         assert!(again(&mut age, false), "it was missed");
         assert!(!again(&mut age, false), "told once");
-        assert!(!age.take_end(begin + ms(6899)) && age.take_end(begin + ms(6900)));
-        age.begin_anew(begin + ms(7000));
+        assert!(!age.take_expiry(begin + ms(6899)) && age.take_expiry(begin + ms(6900)));
+        age.restart_age(begin + ms(7000));
         assert!(!again(&mut age, false), "a new connection has not lost messages");
     }
 
     #[test]
     fn an_outage_ends_nothing_nor_does_a_machine_that_does_not_say_it_again() {
         let (mut age, begin) = (MachineAge::default(), Instant::now());
-        age.begin_anew(begin);
-        assert!(!age.hear(&presence(Some(900)), false, begin));
+        age.restart_age(begin);
+        assert!(!age.record_presence(&presence(Some(900)), false, begin));
         age.pause();
-        assert!(!age.take_end(begin + ms(60_000)));
-        age.begin_anew(begin + ms(60_000));
-        assert!(!age.take_end(begin + ms(60_899)) && age.take_end(begin + ms(60_900)));
-        assert!(age.hear(&presence(None), false, begin), "it was missed");
-        assert_eq!(age.end(), None, "an earlier version does not expire");
+        assert!(!age.take_expiry(begin + ms(60_000)));
+        age.restart_age(begin + ms(60_000));
+        assert!(!age.take_expiry(begin + ms(60_899)) && age.take_expiry(begin + ms(60_900)));
+        assert!(
+            age.record_presence(&presence(None), false, begin),
+            "it was missed"
+        );
+        assert_eq!(age.expires_at(), None, "an earlier version does not expire");
     }
 }

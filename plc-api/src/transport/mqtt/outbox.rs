@@ -21,7 +21,7 @@ pub(super) const OUTBOX_MAX: usize = 1_024;
 pub(super) type Outcome = Result<Answer, Refusal>;
 
 #[derive(Debug)]
-struct Entry {
+struct OutboxEntry {
     id: u64,
     outgoing: Outgoing,
     sent: bool,
@@ -31,7 +31,7 @@ struct Entry {
 #[derive(Debug, Default)]
 pub(super) struct Outbox {
     next_id: u64,
-    entries: VecDeque<Entry>,
+    entries: VecDeque<OutboxEntry>,
     // messages that the library has received but not yet assigned a packet id; in order
     unnumbered: VecDeque<u64>,
     by_packet: HashMap<u16, u64>,
@@ -48,7 +48,7 @@ impl Outbox {
         }
         let (done, end) = oneshot::channel();
         self.next_id += 1;
-        self.entries.push_back(Entry {
+        self.entries.push_back(OutboxEntry {
             id: self.next_id,
             outgoing,
             sent: false,
@@ -67,8 +67,9 @@ impl Outbox {
     pub(super) fn new_connection(&mut self) {
         self.unnumbered.clear();
         self.by_packet.clear();
-        let is_claim = |entry: &Entry| matches!(entry.outgoing.until, Until::Result { is_reset: false, .. });
-        self.end(is_claim, &|| {
+        let is_claim =
+            |entry: &OutboxEntry| matches!(entry.outgoing.until, Until::Result { is_reset: false, .. });
+        self.complete_entries(is_claim, &|| {
             let text = "the connection was lost before the claim was answered; register, then claim again";
             Err(Refusal::new(RefusalCode::NoAnswer, text))
         });
@@ -103,7 +104,7 @@ impl Outbox {
 
     pub(super) fn on_acknowledgement(&mut self, packet: u16) {
         if let Some(id) = self.by_packet.remove(&packet) {
-            self.end(
+            self.complete_entries(
                 |entry| entry.id == id && entry.outgoing.until == Until::Acknowledged,
                 &|| Ok(Answer::Done),
             );
@@ -126,7 +127,7 @@ impl Outbox {
                     // if the output is open, this is not the answer to a reset but the late answer to a claim
                     None => !(is_reset && result.status == HandshakeStatus::Accepted && is_open(result.seq)),
                 };
-                let is_its = |entry: &Entry| match &entry.outgoing.until {
+                let is_its = |entry: &OutboxEntry| match &entry.outgoing.until {
                     Until::Result {
                         cs,
                         m,
@@ -141,7 +142,7 @@ impl Outbox {
                     }
                     _ => false,
                 };
-                self.end(is_its, &|| match result.status {
+                self.complete_entries(is_its, &|| match result.status {
                     HandshakeStatus::Refused => Err(Refusal::new(
                         RefusalCode::Invalid,
                         result.text.clone().unwrap_or_default(),
@@ -152,13 +153,13 @@ impl Outbox {
             (Topic::HandlerResult(id), Payload::HandlerResult(result))
                 if result.status != HandlerStatus::Confirm =>
             {
-                let is_its = |entry: &Entry| match &entry.outgoing.until {
+                let is_its = |entry: &OutboxEntry| match &entry.outgoing.until {
                     Until::Announced { handler_id, instance } => {
                         handler_id == id && Some(instance) == result.instance.as_ref()
                     }
                     _ => false,
                 };
-                self.end(is_its, &|| match result.status {
+                self.complete_entries(is_its, &|| match result.status {
                     HandlerStatus::Accepted | HandlerStatus::Confirm => Ok(Answer::Done),
                     HandlerStatus::Refused | HandlerStatus::TakenOver => {
                         let code = result.code.unwrap_or(RefusalCode::HandlerTaken);
@@ -167,19 +168,19 @@ impl Outbox {
                 });
             }
             (Topic::Reply(_), Payload::Reply(reply)) => {
-                let is_its = |entry: &Entry| match &entry.outgoing.until {
+                let is_its = |entry: &OutboxEntry| match &entry.outgoing.until {
                     Until::Reply { command_id, done } => {
                         *command_id == reply.command_id && !(*done && reply.status == CommandStatus::Accepted)
                     }
                     _ => false,
                 };
-                self.end(is_its, &|| answer_of(reply));
+                self.complete_entries(is_its, &|| answer_of(reply));
             }
             _ => {}
         }
     }
 
-    fn end(&mut self, is_its: impl Fn(&Entry) -> bool, outcome: &dyn Fn() -> Outcome) {
+    fn complete_entries(&mut self, is_its: impl Fn(&OutboxEntry) -> bool, outcome: &dyn Fn() -> Outcome) {
         while let Some(place) = self.entries.iter().position(&is_its) {
             if let Some(entry) = self.entries.remove(place) {
                 let _nobody_waits = entry.done.send(outcome());

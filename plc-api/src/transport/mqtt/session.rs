@@ -17,7 +17,7 @@ use crate::types::topic::{CsTopic, Topic};
 
 use super::super::BROKER_SILENCE_MAX;
 use super::super::backoff::Backoff;
-use super::Shared;
+use super::MqttClient;
 
 /// Largest number of bytes of one packet, sent or received. Reason: many times the size of 64 open outputs
 /// with long texts.
@@ -57,7 +57,7 @@ const FILTERS: [&str; 22] = [
     "cs/+/lease/state",
 ];
 
-pub(super) async fn keep_connected(shared: std::sync::Arc<Shared>) {
+pub(super) async fn keep_connected(shared: std::sync::Arc<MqttClient>) {
     let mut backoff = Backoff::default();
     let nodes = &shared.address.nodes;
     let (mut node, mut failures) = (0, 0_usize);
@@ -73,7 +73,7 @@ pub(super) async fn keep_connected(shared: std::sync::Arc<Shared>) {
         tokio::select! {
             () = receive(&shared, &client, &mut events, &mut connected) => {}
             () = send(&shared, &client) => {}
-            () = say_presence(&shared) => {}
+            () = republish_presence(&shared) => {}
             () = watch_machine(&shared) => {}
             () = watch_broker(&shared) => {}
         }
@@ -99,7 +99,7 @@ pub(super) async fn keep_connected(shared: std::sync::Arc<Shared>) {
     }
 }
 
-fn options(shared: &Shared, (host, port): &(String, u16)) -> MqttOptions {
+fn options(shared: &MqttClient, (host, port): &(String, u16)) -> MqttOptions {
     let address = &shared.address;
     let mut options = MqttOptions::new(shared.client_id.clone(), host.clone(), *port);
     options
@@ -112,13 +112,13 @@ fn options(shared: &Shared, (host, port): &(String, u16)) -> MqttOptions {
     }
     if let Some((handler_id, instance)) = &lock(&shared.state).will {
         let topic = format!("{}/handler/{handler_id}/presence", address.root);
-        let gone = json!(HandlerPresence::gone(instance.clone())).to_string();
+        let gone = json!(HandlerPresence::offline(instance.clone())).to_string();
         options.set_last_will(LastWill::new(topic, gone, QoS::AtLeastOnce, true));
     }
     options
 }
 
-async fn receive(shared: &Shared, client: &AsyncClient, events: &mut EventLoop, connected: &mut bool) {
+async fn receive(shared: &MqttClient, client: &AsyncClient, events: &mut EventLoop, connected: &mut bool) {
     loop {
         match events.poll().await {
             Ok(Event::Incoming(Packet::ConnAck(_))) => {
@@ -130,7 +130,7 @@ async fn receive(shared: &Shared, client: &AsyncClient, events: &mut EventLoop, 
                 let mut state = lock(&shared.state);
                 state.connected = true;
                 state.connections += 1;
-                state.machine.begin_anew(Instant::now());
+                state.machine.restart_age(Instant::now());
                 state.trouble = None;
                 drop(state);
                 shared.link.wake.notify_one();
@@ -176,7 +176,7 @@ async fn receive(shared: &Shared, client: &AsyncClient, events: &mut EventLoop, 
     }
 }
 
-fn subscribe(shared: &Shared, client: &AsyncClient) -> Result<(), rumqttc::ClientError> {
+fn subscribe(shared: &MqttClient, client: &AsyncClient) -> Result<(), rumqttc::ClientError> {
     let root = &shared.address.root;
     let filters = FILTERS.iter().map(|filter| format!("{root}/{filter}"));
     let reply = format!("{root}/reply/{}", shared.client_id);
@@ -185,7 +185,7 @@ fn subscribe(shared: &Shared, client: &AsyncClient) -> Result<(), rumqttc::Clien
 }
 
 /// Passes the outbox to the library while there is a connection.
-async fn send(shared: &Shared, client: &AsyncClient) {
+async fn send(shared: &MqttClient, client: &AsyncClient) {
     loop {
         shared.link.wake.notified().await;
         if lock(&shared.state).reconnect || shared.link.is_closed() {
@@ -211,7 +211,7 @@ async fn send(shared: &Shared, client: &AsyncClient) {
 }
 
 /// Publishes the presence of the handler periodically, before it expires, and at once on a new connection.
-async fn say_presence(shared: &Shared) {
+async fn republish_presence(shared: &MqttClient) {
     let every = shared.presence_expires / REFRESHES;
     shared.is_connected.notified().await;
     loop {
@@ -227,7 +227,7 @@ async fn say_presence(shared: &Shared) {
 }
 
 /// Returns if the broker has acknowledged no message for [`BROKER_SILENCE_MAX`].
-async fn watch_broker(shared: &Shared) {
+async fn watch_broker(shared: &MqttClient) {
     loop {
         let since = lock(&shared.state).silent_since;
         let left = since.map_or(BROKER_SILENCE_MAX, |since| {
@@ -247,12 +247,12 @@ async fn watch_broker(shared: &Shared) {
 }
 
 /// Treats the machine as offline when its presence has expired.
-async fn watch_machine(shared: &Shared) {
+async fn watch_machine(shared: &MqttClient) {
     loop {
-        let end = lock(&shared.state).machine.end();
+        let end = lock(&shared.state).machine.expires_at();
         let now = Instant::now();
         tokio::time::sleep(end.map_or(WATCH, |end| end.saturating_duration_since(now).min(WATCH))).await;
-        if lock(&shared.state).machine.take_end(Instant::now()) {
+        if lock(&shared.state).machine.take_expiry(Instant::now()) {
             tracing::warn!(address = %shared.link.address, "the machine has not renewed its presence in time: it is treated as offline");
             shared.link.set_offline();
         }
@@ -260,7 +260,7 @@ async fn watch_machine(shared: &Shared) {
 }
 
 /// Passes a message to the hub and to the requests that wait for it.
-fn on_publish(shared: &Shared, publish: &Publish) {
+fn on_publish(shared: &MqttClient, publish: &Publish) {
     let (path, payload) = (&*publish.topic, &*publish.payload);
     let Some(topic) = path
         .strip_prefix(&shared.address.root)
@@ -283,7 +283,10 @@ fn on_publish(shared: &Shared, publish: &Publish) {
     };
     if let Payload::Presence(presence) = &message.payload {
         let mut state = lock(&shared.state);
-        if state.machine.hear(presence, publish.retain, Instant::now()) {
+        if state
+            .machine
+            .record_presence(presence, publish.retain, Instant::now())
+        {
             // a separated part of a cluster may not deliver messages of the meantime: connect, read and
             // publish everything again
             state.reconnect = true;

@@ -10,7 +10,7 @@ const API: &str = "/api/v1";
 
 /// `http://[[user:]token@]host[:port]` or `https://...`, parsed.
 #[derive(Clone, PartialEq, Eq)]
-pub(super) struct Address {
+pub(super) struct RestAddress {
     /// True for a connection with TLS.
     pub(super) tls: bool,
     /// URL of the interface, without a slash at the end.
@@ -25,13 +25,13 @@ pub(super) struct Address {
     pub(super) shown: String,
 }
 
-impl std::fmt::Debug for Address {
+impl std::fmt::Debug for RestAddress {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(&self.shown)
     }
 }
 
-impl Address {
+impl RestAddress {
     pub(super) fn parse(text: &str) -> Result<Self, Error> {
         let (tls, rest) = match text.split_once("://") {
             Some(("https", rest)) => (true, rest),
@@ -85,18 +85,18 @@ mod tests {
 
     #[test]
     fn an_address_names_host_and_token() {
-        let address = Address::parse("http://127.0.0.1:8080/").unwrap();
+        let address = RestAddress::parse("http://127.0.0.1:8080/").unwrap();
         assert_eq!(address.http, "http://127.0.0.1:8080/api/v1");
         assert_eq!(address.websocket, "ws://127.0.0.1:8080/api/v1/ws");
         assert_eq!(address.token, None);
-        let address = Address::parse("https://127.0.0.1:8080/").unwrap();
+        let address = RestAddress::parse("https://127.0.0.1:8080/").unwrap();
         assert!(address.tls);
         assert_eq!(address.http, "https://127.0.0.1:8080/api/v1");
         assert_eq!(address.websocket, "wss://127.0.0.1:8080/api/v1/ws");
-        let address = Address::parse("http://s3cret@mill-1").unwrap();
+        let address = RestAddress::parse("http://s3cret@mill-1").unwrap();
         assert_eq!(address.token.as_deref(), Some("s3cret"));
         assert!(!format!("{address:?}").contains("s3cret"));
-        let address = Address::parse("http://magazine:s3cret@mill-1").unwrap();
+        let address = RestAddress::parse("http://magazine:s3cret@mill-1").unwrap();
         assert_eq!(
             (
                 address.user.as_deref(),
@@ -116,7 +116,7 @@ mod tests {
             "http://h:x",
             "http://secret@[::1",
         ] {
-            let error = Address::parse(wrong).unwrap_err().to_string();
+            let error = RestAddress::parse(wrong).unwrap_err().to_string();
             assert!(!error.contains("secret"), "{error}");
         }
     }

@@ -17,7 +17,7 @@ use crate::wire::PAYLOAD_MAX;
 use crate::wire::websocket::{ClientFrame, SILENCE_MAX, ServerFrame, encode};
 
 use super::super::backoff::Backoff;
-use super::Shared;
+use super::RestClient;
 
 type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
 
@@ -34,7 +34,7 @@ fn limits() -> WebSocketConfig {
         .max_write_buffer_size(UNSENT_BYTES_MAX)
 }
 
-pub(super) async fn keep_connected(shared: Arc<Shared>) {
+pub(super) async fn keep_connected(shared: Arc<RestClient>) {
     let mut backoff = Backoff::default();
     while !shared.link.is_closed() {
         match open(&shared).await {
@@ -56,7 +56,7 @@ pub(super) async fn keep_connected(shared: Arc<Shared>) {
     }
 }
 
-async fn open(shared: &Shared) -> tungstenite::Result<Socket> {
+async fn open(shared: &RestClient) -> tungstenite::Result<Socket> {
     let mut request = shared.address.websocket.as_str().into_client_request()?;
     if let Some(token) = &shared.address.token {
         let bearer = HeaderValue::try_from(format!("Bearer {token}"))
@@ -86,7 +86,7 @@ async fn open(shared: &Shared) -> tungstenite::Result<Socket> {
 }
 
 /// Receives and sends until the connection ends, or the port is dropped.
-async fn serve(shared: &Shared, socket: &mut Socket) -> tungstenite::Result<()> {
+async fn serve(shared: &RestClient, socket: &mut Socket) -> tungstenite::Result<()> {
     loop {
         tokio::select! {
             frame = tokio::time::timeout(SILENCE_MAX, socket.next()) => match frame {
@@ -110,7 +110,7 @@ async fn serve(shared: &Shared, socket: &mut Socket) -> tungstenite::Result<()> 
 }
 
 /// Returns the frames to send: presence of handlers first, then results of validations.
-fn unsent(shared: &Shared) -> Vec<ClientFrame> {
+fn unsent(shared: &RestClient) -> Vec<ClientFrame> {
     let mut state = lock(&shared.state);
     let unsent = std::mem::take(&mut state.unsent).into_iter();
     let frames = unsent.filter_map(|id| {
@@ -132,7 +132,7 @@ fn unsent(shared: &Shared) -> Vec<ClientFrame> {
 }
 
 /// Passes a message to the hub.
-fn on_text(shared: &Shared, text: &str) {
+fn on_text(shared: &RestClient, text: &str) {
     match ServerFrame::read(text) {
         ServerFrame::Message(message) => shared.link.hub.publish(*message),
         ServerFrame::Error(refusal) => {
@@ -144,7 +144,7 @@ fn on_text(shared: &Shared, text: &str) {
 }
 
 /// Refuses the announcement of the handler that an error frame names.
-fn on_error(shared: &Shared, refusal: Refusal) {
+fn on_error(shared: &RestClient, refusal: Refusal) {
     let mut state = lock(&shared.state);
     let is_named = |id: &&String| {
         refusal

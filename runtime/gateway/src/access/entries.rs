@@ -20,18 +20,18 @@ const NAME_MAX: usize = 64;
 struct File {
     /// Users with a token, for machines.
     #[serde(default)]
-    token: Vec<Digested>,
+    token: Vec<DigestEntry>,
     /// Users with a certificate.
     #[serde(default)]
-    certificate: Vec<Digested>,
+    certificate: Vec<DigestEntry>,
     /// Users who type a PIN.
     #[serde(default)]
-    person: Vec<Hashed>,
+    person: Vec<PersonEntry>,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Digested {
+struct DigestEntry {
     name: String,
     role: Role,
     sha256: String,
@@ -40,14 +40,14 @@ struct Digested {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Hashed {
+struct PersonEntry {
     name: String,
     role: Role,
     argon2id: String,
     until: Option<String>,
 }
 
-impl Digested {
+impl DigestEntry {
     fn read(self, proof: fn([u8; 32]) -> Proof) -> Result<Token, String> {
         let mut digest = [0; 32];
         hex::decode_to_slice(&self.sha256, &mut digest)
@@ -56,7 +56,7 @@ impl Digested {
     }
 }
 
-impl Hashed {
+impl PersonEntry {
     fn read(self) -> Result<Token, String> {
         if !is_hash(&self.argon2id) {
             let text = "argon2id must be the value printed by tandem token NAME --role ROLE --pin";
@@ -89,7 +89,7 @@ pub(super) fn read(text: &str) -> Result<Vec<Token>, String> {
         .certificate
         .into_iter()
         .map(|entry| entry.read(Proof::Certificate));
-    let persons = file.person.into_iter().map(Hashed::read);
+    let persons = file.person.into_iter().map(PersonEntry::read);
     let entries: Vec<_> = tokens
         .chain(certificates)
         .chain(persons)

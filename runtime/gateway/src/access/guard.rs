@@ -12,16 +12,20 @@ use plc_api::server::{AccessKind, ServerTransport};
 use plc_api::wire::right::Right;
 
 use super::http::{Access, forbidden, token};
-use super::{Shown, User};
-use crate::contract::routes::{API, Found, find};
+use super::{AuthenticatedUser, User};
+use crate::contract::routes::{API, RouteMatch, find};
 use crate::problem::Problem;
 use crate::server::{Peer, certificate_of, is_urgent};
-use crate::shared::Shared;
+use crate::shared::ServerState;
 use crate::tls::Fingerprint;
 
 /// Admits requests only to routes of the table, and only from users with the right. Handlers find the [`User`] and its
 /// [`Shown`] credentials in the request's extensions. Responses must not be cached.
-pub(crate) async fn guard(State(shared): State<Arc<Shared>>, mut request: Request, next: Next) -> Response {
+pub(crate) async fn guard(
+    State(shared): State<Arc<ServerState>>,
+    mut request: Request,
+    next: Next,
+) -> Response {
     let path = request.extensions().get::<MatchedPath>().cloned();
     let path = path.as_ref().map(MatchedPath::as_str);
     let certificate = certificate_of(request.extensions());
@@ -55,7 +59,7 @@ pub(crate) async fn guard(State(shared): State<Arc<Shared>>, mut request: Reques
                 let from = request.extensions().get::<Peer>().map(|peer| peer.address);
                 let route = format!("{} {}", request.method(), request.uri().path());
                 let machine = &shared.machine;
-                machine.note(what, user.as_deref(), from, ServerTransport::Rest, route);
+                machine.record_access(what, user.as_deref(), from, ServerTransport::Rest, route);
             }
             refused.response
         }
@@ -73,7 +77,7 @@ fn is_activity(method: &Method, path: Option<&str>) -> bool {
 
 /// Admits a request outside the table of routes, if it only reads and its user may do so.
 pub(crate) async fn guard_reading(
-    State(shared): State<Arc<Shared>>,
+    State(shared): State<Arc<ServerState>>,
     request: Request,
     next: Next,
 ) -> Response {
@@ -86,14 +90,14 @@ pub(crate) async fn guard_reading(
 }
 
 /// A rejected request.
-struct Turned {
+struct Rejection {
     response: Response,
     /// The journal entry: the kind of access and the user.
     noted: Option<(AccessKind, Option<String>)>,
 }
 
-impl Turned {
-    fn away(response: Response, noted: Option<(AccessKind, Option<String>)>) -> Box<Self> {
+impl Rejection {
+    fn new(response: Response, noted: Option<(AccessKind, Option<String>)>) -> Box<Self> {
         Box::new(Self { response, noted })
     }
 }
@@ -104,43 +108,43 @@ fn admit(
     path: Option<&str>,
     headers: &HeaderMap,
     (certificate, from): (Option<&Fingerprint>, Option<IpAddr>),
-) -> Result<Shown, Box<Turned>> {
-    let refuse = |problem: Problem| Turned::away(problem.into_response(), None);
+) -> Result<AuthenticatedUser, Box<Rejection>> {
+    let refuse = |problem: Problem| Rejection::new(problem.into_response(), None);
     let found = path
         .and_then(|path| path.strip_prefix(API))
-        .map_or(Found::Nothing, |path| find(method, path));
-    if matches!(found, Found::Route(None)) {
+        .map_or(RouteMatch::Nothing, |path| find(method, path));
+    if matches!(found, RouteMatch::Route(None)) {
         return Ok(User::Stranger.into());
     }
     let is_urgent = path.is_some_and(|path| is_urgent(method, path));
-    if is_urgent && access.allows_stop_without_login() && !access.knows(headers, certificate) {
-        return access.stop_of_anyone(from).map_err(refuse);
+    if is_urgent && access.allows_stop_without_login() && !access.is_from_user(headers, certificate) {
+        return access.authorize_anonymous_stop(from).map_err(refuse);
     }
     let shown = access.user(headers, certificate, is_urgent).map_err(|problem| {
         let response = problem.into_response();
         // a wrong token; a client without a token has not tried one
         let is_wrong = response.status() == StatusCode::UNAUTHORIZED && token(headers).is_some();
-        Turned::away(response, is_wrong.then_some((AccessKind::LoginRefused, None)))
+        Rejection::new(response, is_wrong.then_some((AccessKind::LoginRefused, None)))
     })?;
     let user = &shown.user;
     match found {
-        Found::Route(right) if right.is_none_or(|right| user.has(right)) => Ok(shown),
-        Found::Route(_) => {
+        RouteMatch::Route(right) if right.is_none_or(|right| user.has(right)) => Ok(shown),
+        RouteMatch::Route(_) => {
             let text = format!("role {} may not {method} here", user.role().name());
             let noted = (AccessKind::Forbidden, user.name().map(str::to_owned));
-            Err(Turned::away(forbidden(text).into_response(), Some(noted)))
+            Err(Rejection::new(forbidden(text).into_response(), Some(noted)))
         }
-        Found::OtherMethods(allowed) => {
+        RouteMatch::OtherMethods(allowed) => {
             let text = format!("{method} is not allowed for this path; allowed: {allowed}");
             let problem = Problem::new(StatusCode::METHOD_NOT_ALLOWED, "method_not_allowed", text);
-            Err(Turned::away(
+            Err(Rejection::new(
                 ([(header::ALLOW, allowed)], problem).into_response(),
                 None,
             ))
         }
         // a path without a route: the fallback answers 404
-        Found::Nothing if path.is_none() => Ok(shown),
-        Found::Nothing => Err(refuse(Problem::new(
+        RouteMatch::Nothing if path.is_none() => Ok(shown),
+        RouteMatch::Nothing => Err(refuse(Problem::new(
             StatusCode::INTERNAL_SERVER_ERROR,
             "route_without_right",
             "this route is missing in the table of rights; this is a fault of the runtime, please report it",

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 
-use super::{Account, Rate, Rates, Shown, User, Users};
+use super::{Account, AuthenticatedUser, Rate, Rates, User, Users};
 use crate::problem::Problem;
 use crate::tls::Fingerprint;
 
@@ -86,14 +86,17 @@ impl Access {
     }
 
     /// Counts a hold, stop or abort without a login.
-    pub(crate) fn stop_of_anyone(&self, from: Option<IpAddr>) -> Result<Shown, Problem> {
+    pub(crate) fn authorize_anonymous_stop(
+        &self,
+        from: Option<IpAddr>,
+    ) -> Result<AuthenticatedUser, Problem> {
         let host = Account::named(None, from);
-        self.stops.of(&host).take().map_err(too_many)?;
+        self.stops.rate_for(&host).try_charge().map_err(too_many)?;
         Ok(User::Unidentified.into())
     }
 
     /// Allows access from pages of these origins.
-    pub(crate) fn open_to(self, origins: &[String]) -> Self {
+    pub(crate) fn allow_origins(self, origins: &[String]) -> Self {
         let origins = origins.iter().filter_map(|origin| origin.parse().ok()).collect();
         Self { origins, ..self }
     }
@@ -104,8 +107,8 @@ impl Access {
     }
 
     /// Whether a request comes from a user.
-    pub(crate) fn knows(&self, headers: &HeaderMap, certificate: Option<&Fingerprint>) -> bool {
-        let is_of_user = |users: &Users| users.who(token(headers), certificate).is_some();
+    pub(crate) fn is_from_user(&self, headers: &HeaderMap, certificate: Option<&Fingerprint>) -> bool {
+        let is_of_user = |users: &Users| users.identify(token(headers), certificate).is_some();
         self.users.as_ref().is_none_or(is_of_user)
     }
 
@@ -115,12 +118,12 @@ impl Access {
         headers: &HeaderMap,
         certificate: Option<&Fingerprint>,
         is_urgent: bool,
-    ) -> Result<Shown, Problem> {
+    ) -> Result<AuthenticatedUser, Problem> {
         let Some(users) = &self.users else {
             return Ok(User::Anyone.into());
         };
-        let Some(shown) = users.who(token(headers), certificate) else {
-            return Err(match self.wrong.take() {
+        let Some(shown) = users.identify(token(headers), certificate) else {
+            return Err(match self.wrong.try_charge() {
                 Ok(()) => Problem::new(
                     StatusCode::UNAUTHORIZED,
                     "unauthorized",
@@ -131,8 +134,8 @@ impl Access {
         };
         if !is_urgent {
             let name = shown.user.name().unwrap_or_default().to_owned();
-            self.kib.of(&name).check().map_err(too_many)?;
-            self.rates.of(&name).take().map_err(too_many)?;
+            self.kib.rate_for(&name).check().map_err(too_many)?;
+            self.rates.rate_for(&name).try_charge().map_err(too_many)?;
         }
         Ok(shown)
     }
@@ -141,14 +144,16 @@ impl Access {
     /// ones.
     pub(crate) fn count_bytes(&self, user: &User, bytes: u64) -> Duration {
         user.name().map_or(Duration::ZERO, |name| {
-            self.kib.of(&name.to_owned()).owe_many(bytes as f64 / 1024.0)
+            self.kib
+                .rate_for(&name.to_owned())
+                .charge_many(bytes as f64 / 1024.0)
         })
     }
 
     /// Returns how long a hold, stop or abort of a user is delayed to keep to its rate.
     pub(crate) fn urgent_delay(&self, user: &User) -> Duration {
         match user.name() {
-            Some(name) => self.urgent.of(&name.to_owned()).owe(),
+            Some(name) => self.urgent.rate_for(&name.to_owned()).charge(),
             None => Duration::ZERO,
         }
     }

@@ -88,7 +88,10 @@ async fn look_again(
             () = tokio::time::sleep(ends_in.unwrap_or(LOOK_INTERVAL)) => false,
             () = again.notified() => true,
         };
-        let stamp = tokio::fs::metadata(&path).await.ok().map(|file| Stamp::of(&file));
+        let stamp = tokio::fs::metadata(&path)
+            .await
+            .ok()
+            .map(|file| Stamp::from_metadata(&file));
         if stamp == seen && !is_asked {
             let left = sender.borrow().without_expired(clock());
             if let Some(left) = left {

@@ -40,13 +40,13 @@ pub(crate) enum Refused {
 
 /// A user, and the login by which it was authenticated.
 #[derive(Debug, Clone)]
-pub(crate) struct Shown {
+pub(crate) struct AuthenticatedUser {
     pub(crate) user: User,
     /// `None` for a token or a certificate.
     pub(super) login: Option<LoginEnd>,
 }
 
-impl Shown {
+impl AuthenticatedUser {
     /// True for a person that has logged in.
     pub(crate) fn is_login(&self) -> bool {
         self.login.is_some()
@@ -60,7 +60,7 @@ impl Shown {
     }
 }
 
-impl From<User> for Shown {
+impl From<User> for AuthenticatedUser {
     fn from(user: User) -> Self {
         Self { user, login: None }
     }
@@ -169,11 +169,11 @@ impl Logins {
             );
         }
         let token = random_secret().map_err(|_| Refused::Busy)?;
-        self.begin(&token, &user);
+        self.add_login(&token, &user);
         Ok((token, User::Token(user)))
     }
 
-    fn begin(&self, token: &str, user: &Arc<Token>) {
+    fn add_login(&self, token: &str, user: &Arc<Token>) {
         let now = Instant::now();
         let mut logins = self.in_force.lock();
         logins.retain(|login| now < login.end.until());
@@ -196,7 +196,7 @@ impl Logins {
     }
 
     /// Returns the owner of a login's token, as long as its entry is in the token file.
-    pub(crate) fn user_of(&self, tokens: &Tokens, presented: &[u8]) -> Option<Shown> {
+    pub(crate) fn user_of(&self, tokens: &Tokens, presented: &[u8]) -> Option<AuthenticatedUser> {
         let (digest, now): ([u8; 32], _) = (Sha256::digest(presented).into(), Instant::now());
         let logins = self.in_force.lock();
         let mut found = logins
@@ -204,7 +204,7 @@ impl Logins {
             .filter(|login| now < login.end.until() && bool::from(login.digest.ct_eq(&digest)));
         let login = found.next()?;
         let user = User::Token(Arc::clone(&login.user));
-        tokens.has(&user).then(|| Shown {
+        tokens.has(&user).then(|| AuthenticatedUser {
             user,
             login: Some(login.end.clone()),
         })
@@ -344,7 +344,7 @@ mod tests {
             .unwrap();
         let user = bert.with_pin("bert").unwrap();
         for n in 0..300 {
-            logins.begin(&n.to_string(), &user);
+            logins.add_login(&n.to_string(), &user);
         }
         assert_eq!(logins.in_force.lock().len(), 1 + LOGINS_PER_USER_MAX);
         assert!(logins.user_of(&tokens, kept.as_bytes()).is_some());

@@ -77,7 +77,7 @@ pub(super) struct LoginTry {
 }
 
 /// A slot among the logins that wait for their check.
-pub(super) struct WaitingPlace {
+pub(super) struct WaitingSlot {
     _places: Vec<OwnedSemaphorePermit>,
 }
 
@@ -86,19 +86,19 @@ impl LoginBudgets {
     pub(super) fn count(&self, name: &str, host: IpAddr) -> Result<LoginTry, Duration> {
         let name = self.key.hash_one(name);
         let is_familiar = (self.familiar.lock().get(&name)).is_some_and(|hosts| hosts.contains(&host));
-        let mut rates = vec![self.of_pair.of(&(name, host))];
+        let mut rates = vec![self.of_pair.rate_for(&(name, host))];
         if !is_familiar {
-            rates.push(self.of_user.of(&name));
+            rates.push(self.of_user.rate_for(&name));
             // programs on the same computer and persons share this host
             if !host.is_loopback() {
-                rates.push(self.of_host.of(&host));
+                rates.push(self.of_host.rate_for(&host));
             }
         }
         let mut counted: Vec<Arc<Rate>> = Vec::new();
         for rate in rates {
-            if let Err(wait) = rate.take() {
+            if let Err(wait) = rate.try_charge() {
                 for rate in &counted {
-                    rate.give_back();
+                    rate.refund();
                 }
                 return Err(wait);
             }
@@ -113,7 +113,7 @@ impl LoginBudgets {
     }
 
     /// Takes a slot to wait for the check; `None` if all are used.
-    pub(super) fn wait(&self, of: &LoginTry) -> Option<WaitingPlace> {
+    pub(super) fn wait(&self, of: &LoginTry) -> Option<WaitingSlot> {
         let host = {
             let mut hosts = self.waiting_hosts.lock();
             hosts.retain(|_, places| places.available_permits() < WAITING_PER_HOST_MAX);
@@ -125,12 +125,12 @@ impl LoginBudgets {
             places.push(host.try_acquire_owned().ok()?);
             places.push(Arc::clone(&self.unfamiliar).try_acquire_owned().ok()?);
         }
-        Some(WaitingPlace { _places: places })
+        Some(WaitingSlot { _places: places })
     }
 
     /// Refunds a successful attempt, and remembers its host for the user.
     pub(super) fn succeed(&self, of: &LoginTry) {
-        of.counted.iter().for_each(|rate| rate.give_back());
+        of.counted.iter().for_each(|rate| rate.refund());
         let mut familiar = self.familiar.lock();
         let hosts = familiar.entry(of.name).or_default();
         hosts.retain(|host| *host != of.host);

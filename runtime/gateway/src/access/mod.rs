@@ -20,20 +20,20 @@ mod users;
 use std::sync::Arc;
 
 use plc_api::wire::right::Right;
-use plc_api::wire::speaker::Speaker;
+use plc_api::wire::speaker::MessageSender;
 use serde::{Deserialize, Serialize};
 
 pub(crate) use account::Account;
 pub use entries::{NewToken, certificate_entry, new_token, pin_entry};
 pub(crate) use live::LiveTokens;
-pub(crate) use login::Shown;
+pub(crate) use login::AuthenticatedUser;
 pub use mosquitto::mosquitto_acl;
 pub(crate) use rate::{Rate, Rates};
 pub(crate) use token::Token;
 pub use token::TokenError;
 pub(crate) use tokens::Stamp;
 pub use tokens::Tokens;
-pub(crate) use users::{Ended, Users};
+pub(crate) use users::{CloseReason, Users};
 
 /// Rights of a user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -99,10 +99,10 @@ pub(crate) enum User {
 impl User {
     /// Returns the sender that a topic names, with an external broker, whose access rules restrict publishing there. A
     /// handler has the rights of a handler, a client those of the topics on which it may publish.
-    pub(crate) fn of_topic(speaker: Speaker) -> Self {
+    pub(crate) fn of_topic(speaker: MessageSender) -> Self {
         let (name, role) = match speaker {
-            Speaker::Handler(id) => (id, Role::Handler),
-            Speaker::Client(id) => (id, Role::Admin),
+            MessageSender::Handler(id) => (id, Role::Handler),
+            MessageSender::Client(id) => (id, Role::Admin),
         };
         User::Token(Arc::new(Token::of_topic(name, role)))
     }

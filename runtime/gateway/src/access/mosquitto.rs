@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use plc_api::wire::machines;
 use plc_api::wire::right::Right;
-use plc_api::wire::speaker::Speaker;
+use plc_api::wire::speaker::MessageSender;
 
 use super::{Role, Tokens};
 use crate::contract::topics::inbound_topics;
@@ -55,8 +55,8 @@ fn filters(name: &str, role: Role, filter: &str, right: Right) -> Vec<String> {
         }];
     }
     let as_handler = if role == Role::Admin { "+" } else { name };
-    let handler = || Speaker::Handler(as_handler.to_owned()).path(filter);
-    let client = || Speaker::Client(name.to_owned()).path(filter);
+    let handler = || MessageSender::Handler(as_handler.to_owned()).path(filter);
+    let client = || MessageSender::Client(name.to_owned()).path(filter);
     match role {
         Role::Handler => vec![handler()],
         Role::Admin if Role::Handler.has(right) => vec![handler(), client()],

@@ -37,7 +37,7 @@ impl Rate {
     }
 
     /// Counts one more. If there is no room, counts nothing and returns the time until there is room.
-    pub(crate) fn take(&self) -> Result<(), Duration> {
+    pub(crate) fn try_charge(&self) -> Result<(), Duration> {
         let mut state = self.refilled();
         if state.left < 1.0 {
             return Err(Duration::from_secs_f64((1.0 - state.left) / self.per_second));
@@ -47,18 +47,18 @@ impl Rate {
     }
 
     /// Refunds one count.
-    pub(crate) fn give_back(&self) {
+    pub(crate) fn refund(&self) {
         let mut state = self.refilled();
         state.left = (state.left + 1.0).min(self.burst);
     }
 
     /// Counts one more even without room. Returns how long the caller must wait to keep to the rate.
-    pub(crate) fn owe(&self) -> Duration {
-        self.owe_many(1.0)
+    pub(crate) fn charge(&self) -> Duration {
+        self.charge_many(1.0)
     }
 
     /// Counts this many, even without room. Returns how long the caller must wait to keep to the rate.
-    pub(crate) fn owe_many(&self, count: f64) -> Duration {
+    pub(crate) fn charge_many(&self, count: f64) -> Duration {
         let mut state = self.refilled();
         state.left -= count;
         Duration::from_secs_f64((-state.left).max(0.0) / self.per_second)
@@ -113,7 +113,7 @@ impl<K: Clone + Eq + Hash> Rates<K> {
     }
 
     /// The rate of a key.
-    pub(crate) fn of(&self, key: &K) -> Arc<Rate> {
+    pub(crate) fn rate_for(&self, key: &K) -> Arc<Rate> {
         let mut by_key = self.by_key.lock();
         if by_key.len() >= KEYS_MAX && !by_key.contains_key(key) {
             by_key.retain(|_, rate| !rate.is_recovered());
@@ -140,42 +140,48 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn so_many_at_once_and_so_many_a_second_after_that() {
         let rate = Rate::new(3, 2);
-        assert_eq!([(); 3].map(|()| rate.take()), [Ok(()); 3]);
-        assert_eq!(rate.take(), Err(Duration::from_millis(500)));
+        assert_eq!([(); 3].map(|()| rate.try_charge()), [Ok(()); 3]);
+        assert_eq!(rate.try_charge(), Err(Duration::from_millis(500)));
         tokio::time::advance(Duration::from_secs(1)).await;
-        assert_eq!([(); 2].map(|()| rate.take()), [Ok(()); 2]);
-        assert!(rate.take().is_err());
+        assert_eq!([(); 2].map(|()| rate.try_charge()), [Ok(()); 2]);
+        assert!(rate.try_charge().is_err());
         tokio::time::advance(Duration::from_mins(1)).await;
-        assert_eq!([(); 4].map(|()| rate.take().is_ok()), [true, true, true, false]);
+        assert_eq!(
+            [(); 4].map(|()| rate.try_charge().is_ok()),
+            [true, true, true, false]
+        );
     }
 
     #[tokio::test(start_paused = true)]
     async fn idle_keys_are_forgotten_first_and_a_used_up_rate_stays() {
         let rates = Rates::new(1, 1.0 / 60.0);
-        assert!(rates.of(&0).take().is_ok());
+        assert!(rates.rate_for(&0).try_charge().is_ok());
         for key in 1..2 * KEYS_MAX {
-            rates.of(&key);
+            rates.rate_for(&key);
         }
-        assert!(rates.of(&0).take().is_err(), "other keys do not refill it");
-        rates.of(&0).give_back();
-        assert!(rates.of(&0).take().is_ok());
+        assert!(
+            rates.rate_for(&0).try_charge().is_err(),
+            "other keys do not refill it"
+        );
+        rates.rate_for(&0).refund();
+        assert!(rates.rate_for(&0).try_charge().is_ok());
     }
 
     #[tokio::test(start_paused = true)]
     async fn what_is_owed_is_waited_for() {
         let rate = Rate::new(1, 10);
-        assert_eq!(rate.owe(), Duration::ZERO);
-        assert_eq!(rate.owe(), Duration::from_millis(100));
-        assert_eq!(rate.owe(), Duration::from_millis(200));
+        assert_eq!(rate.charge(), Duration::ZERO);
+        assert_eq!(rate.charge(), Duration::from_millis(100));
+        assert_eq!(rate.charge(), Duration::from_millis(200));
     }
 
     #[tokio::test(start_paused = true)]
     async fn a_large_amount_is_owed_until_the_rate_has_paid_it() {
         let rate = Rate::new(10, 5);
         assert_eq!(rate.check(), Ok(()));
-        assert_eq!(rate.owe_many(10.0), Duration::ZERO);
+        assert_eq!(rate.charge_many(10.0), Duration::ZERO);
         assert_eq!(rate.check(), Ok(()), "all is spent, nothing is owed");
-        assert_eq!(rate.owe_many(15.0), Duration::from_secs(3));
+        assert_eq!(rate.charge_many(15.0), Duration::from_secs(3));
         tokio::time::advance(Duration::from_secs(2)).await;
         assert_eq!(rate.check(), Err(Duration::from_secs(1)));
         tokio::time::advance(Duration::from_secs(1)).await;
@@ -185,12 +191,18 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn each_key_has_a_rate_of_its_own_and_their_number_is_bounded() {
         let rates = Rates::new(2, 1);
-        assert_eq!([(); 3].map(|()| rates.of(&0).take().is_ok()), [true, true, false]);
-        assert!(rates.of(&1).take().is_ok());
+        assert_eq!(
+            [(); 3].map(|()| rates.rate_for(&0).try_charge().is_ok()),
+            [true, true, false]
+        );
+        assert!(rates.rate_for(&1).try_charge().is_ok());
         tokio::time::advance(Duration::from_secs(1)).await;
-        assert_eq!([(); 2].map(|()| rates.of(&0).take().is_ok()), [true, false]);
+        assert_eq!(
+            [(); 2].map(|()| rates.rate_for(&0).try_charge().is_ok()),
+            [true, false]
+        );
         for key in 0..2 * KEYS_MAX {
-            rates.of(&key);
+            rates.rate_for(&key);
         }
         assert!(rates.by_key.lock().len() <= KEYS_MAX);
     }
@@ -199,16 +211,16 @@ mod tests {
     async fn keys_beyond_the_limit_reset_no_rate_and_share_one() {
         let rates = Rates::new(1, 1);
         for key in 0..KEYS_MAX {
-            assert!(rates.of(&key).take().is_ok());
+            assert!(rates.rate_for(&key).try_charge().is_ok());
         }
-        assert!(rates.of(&KEYS_MAX).take().is_ok());
+        assert!(rates.rate_for(&KEYS_MAX).try_charge().is_ok());
         assert!(
-            rates.of(&(KEYS_MAX + 1)).take().is_err(),
+            rates.rate_for(&(KEYS_MAX + 1)).try_charge().is_err(),
             "it shares the rate of the key before"
         );
-        assert!(rates.of(&0).take().is_err(), "no rate was reset");
+        assert!(rates.rate_for(&0).try_charge().is_err(), "no rate was reset");
         tokio::time::advance(Duration::from_secs(1)).await;
-        rates.of(&KEYS_MAX);
+        rates.rate_for(&KEYS_MAX);
         assert_eq!(rates.by_key.lock().len(), 1, "recovered rates are removed");
     }
 }

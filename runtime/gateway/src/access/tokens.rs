@@ -35,7 +35,7 @@ pub(crate) struct Stamp {
 }
 
 impl Stamp {
-    pub(crate) fn of(file: &std::fs::Metadata) -> Self {
+    pub(crate) fn from_metadata(file: &std::fs::Metadata) -> Self {
         use std::os::unix::fs::MetadataExt as _;
         Self {
             inode: file.ino(),
@@ -89,7 +89,7 @@ impl Tokens {
         let tokens = Self::parse(&text).map_err(wrong)?;
         tokens.announce_ends(SystemTime::now());
         Ok(Self {
-            file: Some((path.to_owned(), Stamp::of(&metadata))),
+            file: Some((path.to_owned(), Stamp::from_metadata(&metadata))),
             ..tokens
         })
     }

@@ -1,7 +1,7 @@
 //! Access to MQTT topics. Pure: no I/O.
 
 use plc_api::wire::right::Right;
-use plc_api::wire::speaker::Speaker;
+use plc_api::wire::speaker::MessageSender;
 
 use super::{Role, User};
 use crate::contract::topics::inbound;
@@ -16,7 +16,7 @@ pub(crate) fn may_publish(user: &User, root: &str, topic: &str) -> bool {
         return false;
     };
     let in_own_name = match (
-        Speaker::split(path).0,
+        MessageSender::split(path).0,
         path.split('/').collect::<Vec<_>>().as_slice(),
     ) {
         (Some(speaker), _) => user.role() != Role::Handler || user.name() == Some(speaker.id()),

@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep_until};
 
 use super::LiveTokens;
-use super::login::{LoginEnd, Logins, Shown};
+use super::login::{AuthenticatedUser, LoginEnd, Logins};
 
 /// The users of a machine: those of the token file, and persons who have logged in.
 #[derive(Debug, Clone)]
@@ -17,19 +17,19 @@ pub(crate) struct Users {
 
 /// Why a connection is closed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Ended {
+pub(crate) enum CloseReason {
     /// The entry of the token, person or certificate is no longer valid.
     Revoked,
     /// The login has expired, or its user has ended it.
     Login,
 }
 
-impl Ended {
+impl CloseReason {
     /// For the client.
     pub(crate) fn text(self) -> &'static str {
         match self {
-            Ended::Revoked => "the token is no longer valid",
-            Ended::Login => "the login has ended; log in again",
+            CloseReason::Revoked => "the token is no longer valid",
+            CloseReason::Login => "the login has ended; log in again",
         }
     }
 }
@@ -44,19 +44,25 @@ impl Users {
     }
 
     /// Returns the user of a token or of a login's token. Without a token, the user of the certificate.
-    pub(crate) fn who(&self, shown: Option<&[u8]>, certificate: Option<&[u8; 32]>) -> Option<Shown> {
+    pub(crate) fn identify(
+        &self,
+        shown: Option<&[u8]>,
+        certificate: Option<&[u8; 32]>,
+    ) -> Option<AuthenticatedUser> {
         let tokens = self.tokens.now();
         match shown {
             Some(shown) => {
-                let by_token = tokens.user_of(shown).map(Shown::from);
+                let by_token = tokens.user_of(shown).map(AuthenticatedUser::from);
                 by_token.or_else(|| self.logins.user_of(&tokens, shown))
             }
-            None => tokens.user_of_certificate(certificate?).map(Shown::from),
+            None => tokens
+                .user_of_certificate(certificate?)
+                .map(AuthenticatedUser::from),
         }
     }
 
     /// Waits until the credentials are no longer valid.
-    pub(crate) async fn ended(&self, shown: &Shown) -> Ended {
+    pub(crate) async fn wait_until_invalid(&self, shown: &AuthenticatedUser) -> CloseReason {
         let mut tokens = self.tokens.clone();
         let revoked = async {
             while tokens.now().has(&shown.user) {
@@ -67,20 +73,20 @@ impl Users {
             match &shown.login {
                 None => std::future::pending().await,
                 Some(login) => tokio::select! {
-                    () = login_ended(login) => {}
+                    () = wait_until_expired(login) => {}
                     () = login.given_back.cancelled() => {}
                 },
             }
         };
         tokio::select! {
-            () = revoked => Ended::Revoked,
-            () = login => Ended::Login,
+            () = revoked => CloseReason::Revoked,
+            () = login => CloseReason::Login,
         }
     }
 }
 
 /// Waits until a login expires, which activity delays.
-async fn login_ended(login: &LoginEnd) {
+async fn wait_until_expired(login: &LoginEnd) {
     while Instant::now() < login.until() {
         sleep_until(login.until()).await;
     }

@@ -35,17 +35,17 @@ use tokio_util::task::TaskTracker;
 use tracing::warn;
 
 use super::guard::{Answer, Guard, PublishDecision, clearing};
-use super::line::Line;
+use super::line::PacketMonitor;
 use super::socket::SocketBytes;
-use crate::access::{Ended, Shown};
+use crate::access::{AuthenticatedUser, CloseReason};
 use crate::arrivals::{ARRIVAL, EXECUTED};
-use crate::places::{ACCEPT_RETRY, Place, PlaceLimits, Places};
+use crate::places::{ACCEPT_RETRY, ConnectionSlot, ConnectionSlots, SlotLimits};
 use crate::tls::{Accepted, ClientStream, Fingerprint, LiveTls};
 use crate::urgent_slots::ExecuteUrgent;
 
 /// Connection slots. A client becomes known when it is authenticated, and is then never evicted. Reason for the total:
 /// together with HTTP it stays below the 1024 files that a process may have open.
-pub(crate) const PLACES: PlaceLimits = PlaceLimits {
+pub(crate) const PLACES: SlotLimits = SlotLimits {
     all: 448,
     of_one: 128,
     strangers: 192,
@@ -59,7 +59,7 @@ const READ_MAX: usize = 4096;
 const CLEAN_INTERVAL: Duration = Duration::from_mins(1);
 
 /// State shared by all connections.
-pub(super) struct Hall {
+pub(super) struct BrokerServer {
     pub(super) config: BrokerConfig,
     pub(super) guard: Arc<Guard>,
     pub(super) router: Arc<MessageRouter>,
@@ -68,17 +68,17 @@ pub(super) struct Hall {
     pub(super) tls: Option<LiveTls>,
     pub(super) stop: broadcast::Sender<()>,
     pub(super) clients: TaskTracker,
-    pub(super) places: Arc<Places>,
+    pub(super) places: Arc<ConnectionSlots>,
     pub(super) counts: Counts,
     pub(super) supervisor: Supervisor,
 }
 
 /// A connection of a client: over TCP with TLS or without, or over a WebSocket.
-pub(super) type Way = Either<ClientStream, Box<SocketBytes>>;
+pub(super) type ClientTransport = Either<ClientStream, Box<SocketBytes>>;
 
 /// An accepted connection that is not authenticated yet.
-struct Visitor {
-    way: Way,
+struct PendingConnection {
+    way: ClientTransport,
     address: SocketAddr,
     certificate: Option<Fingerprint>,
     /// False for a client without TLS although there is a certificate: it is rejected with this reason.
@@ -100,7 +100,7 @@ impl Counts {
     }
 }
 
-impl Hall {
+impl BrokerServer {
     /// Accepts clients until it is stopped.
     pub(super) async fn run(self: Arc<Self>, listener: TcpListener) {
         let mut stopped = self.stop.subscribe();
@@ -122,13 +122,13 @@ impl Hall {
                     continue;
                 }
             };
-            let Some(place) = self.places.take(address.ip()) else {
+            let Some(place) = self.places.acquire_slot(address.ip()) else {
                 continue;
             };
             // on failure, responses are only slower
             let _ = stream.set_nodelay(true);
-            let leave = place.leave();
-            let serving = Arc::clone(&self).let_in(stream, address, place);
+            let leave = place.eviction_token();
+            let serving = Arc::clone(&self).serve_tcp(stream, address, place);
             let serving = async move {
                 tokio::select! {
                     () = serving => {}
@@ -147,12 +147,12 @@ impl Hall {
         address: SocketAddr,
         certificate: Option<Fingerprint>,
     ) {
-        let Some(place) = self.places.take(address.ip()) else {
+        let Some(place) = self.places.acquire_slot(address.ip()) else {
             return;
         };
-        let leave = place.leave();
+        let leave = place.eviction_token();
         let clients = self.clients.clone();
-        let visitor = Visitor {
+        let visitor = PendingConnection {
             way: Either::Right(Box::new(bytes)),
             address,
             certificate,
@@ -169,7 +169,7 @@ impl Hall {
     }
 
     /// Serves a client over TCP until it disconnects.
-    async fn let_in(self: Arc<Self>, stream: TcpStream, address: SocketAddr, place: Place) {
+    async fn serve_tcp(self: Arc<Self>, stream: TcpStream, address: SocketAddr, place: ConnectionSlot) {
         let accepted = match &self.tls {
             None => Ok(Accepted::plain(stream)),
             Some(tls) => tls.accept(stream).await,
@@ -177,7 +177,7 @@ impl Hall {
         let Ok(accepted) = accepted else {
             return;
         };
-        let visitor = Visitor {
+        let visitor = PendingConnection {
             is_open: self.tls.is_none() || accepted.is_private(),
             certificate: accepted.certificate,
             way: Either::Left(accepted.stream),
@@ -187,12 +187,12 @@ impl Hall {
     }
 
     /// Serves one client until it disconnects.
-    async fn serve(self: Arc<Self>, visitor: Visitor, place: Place) {
+    async fn serve(self: Arc<Self>, visitor: PendingConnection, place: ConnectionSlot) {
         let address = visitor.address;
         let (let_in, connected) = oneshot::channel();
-        let line = Arc::new(Line::new());
+        let line = Arc::new(PacketMonitor::new());
         self.guard.on_the_way.add(&line);
-        let door = Arc::new(Door {
+        let door = Arc::new(ConnectionGuard {
             is_open: visitor.is_open,
             certificate: visitor.certificate,
             guard: Arc::clone(&self.guard),
@@ -204,10 +204,10 @@ impl Hall {
             router: Arc::clone(&self.router),
         });
         let config = BrokerConfig {
-            event_handler: Some(Arc::<Door>::clone(&door)),
+            event_handler: Some(Arc::<ConnectionGuard>::clone(&door)),
             ..self.config.clone()
         };
-        let stream = Stream::new(visitor.way, address, &door);
+        let stream = GuardedStream::new(visitor.way, address, &door);
         let client = ClientHandler::new(
             BrokerTransport::WebSocket(Box::new(stream)),
             address,
@@ -223,28 +223,31 @@ impl Hall {
         let (client_id, ended) = tokio::select! {
             // if the reason for the end matters, the guard has logged it
             _ = &mut serving => return,
-            ended = self.ended(connected) => ended,
+            ended = self.wait_until_revoked(connected) => ended,
         };
         warn!("MQTT client {client_id:.64} is disconnected: {}", ended.text());
         self.guard.sessions.revoke(&client_id);
         let code = match ended {
-            Ended::Revoked => ReasonCode::NotAuthorized,
-            Ended::Login => ReasonCode::MaximumConnectTime,
+            CloseReason::Revoked => ReasonCode::NotAuthorized,
+            CloseReason::Login => ReasonCode::MaximumConnectTime,
         };
-        line.end(self.guard.speaks_5(&client_id).then_some((code, ended.text())));
+        line.close_connection(self.guard.speaks_5(&client_id).then_some((code, ended.text())));
         let _ = serving.await;
-        if self.guard.sessions.of(&client_id).is_none() {
+        if self.guard.sessions.connected_client(&client_id).is_none() {
             // from now on no messages are kept for it
             self.router.unregister_client(&client_id).await;
         }
     }
 
     /// Waits until the credentials of a client are no longer valid.
-    async fn ended(&self, connected: oneshot::Receiver<LetIn>) -> (Arc<str>, Ended) {
+    async fn wait_until_revoked(
+        &self,
+        connected: oneshot::Receiver<ConnectedClient>,
+    ) -> (Arc<str>, CloseReason) {
         let (Some(users), Ok((client_id, shown))) = (&self.guard.access.users, connected.await) else {
             return std::future::pending().await;
         };
-        let ended = users.ended(&shown).await;
+        let ended = users.wait_until_invalid(&shown).await;
         (client_id, ended)
     }
 
@@ -269,25 +272,25 @@ fn no_limits() -> ResourceLimits {
 }
 
 /// An admitted client: its id and its credentials.
-type LetIn = (Arc<str>, Shown);
+type ConnectedClient = (Arc<str>, AuthenticatedUser);
 
 /// The guard of one connection.
-struct Door {
+struct ConnectionGuard {
     /// False for a client without TLS although there is a certificate: it is rejected with this reason.
     is_open: bool,
     certificate: Option<Fingerprint>,
     guard: Arc<Guard>,
-    place: Place,
+    place: ConnectionSlot,
     refused: Arc<Mutex<Option<u16>>>,
     /// Credentials of the client.
-    shown: Mutex<Option<Shown>>,
+    shown: Mutex<Option<AuthenticatedUser>>,
     /// Notified once the client is connected.
-    let_in: Mutex<Option<oneshot::Sender<LetIn>>>,
-    line: Arc<Line>,
+    let_in: Mutex<Option<oneshot::Sender<ConnectedClient>>>,
+    line: Arc<PacketMonitor>,
     router: Arc<MessageRouter>,
 }
 
-impl Door {
+impl ConnectionGuard {
     /// Delivers a message without waiting for slow subscribers: their messages are queued, and the oldest queued ones
     /// are dropped. The library itself would make the publisher wait.
     async fn deliver(&self, event: ClientPublishEvent) -> PublishAction {
@@ -325,14 +328,14 @@ impl Door {
     }
 
     /// Passes an urgent request to the machine; subscribers of its topic receive the message afterwards, if there is room.
-    async fn take_urgent(
+    async fn execute_urgent(
         &self,
         event: ClientPublishEvent,
         lane: Arc<dyn ExecuteUrgent>,
         request: ParsedRequest,
     ) -> PublishAction {
         let publish = self.line.publish();
-        self.guard.take_urgent(&event, lane, request).await;
+        self.guard.execute_urgent(&event, lane, request).await;
         if let Some(mut publish) =
             publish.filter(|publish| self.guard.on_the_way.has_room(publish.payload.len()))
         {
@@ -357,11 +360,11 @@ impl Door {
     }
 }
 
-impl BrokerEventHandler for Door {
+impl BrokerEventHandler for ConnectionGuard {
     fn on_client_publish(&self, event: ClientPublishEvent) -> Answer<'_, PublishAction> {
         Box::pin(async move {
             if let Some((lane, request)) = self.guard.urgent(&event) {
-                return self.take_urgent(event, lane, request).await;
+                return self.execute_urgent(event, lane, request).await;
             }
             match self.guard.decide_delivery(&event).await {
                 PublishDecision::Deliver { clear } => {
@@ -389,7 +392,7 @@ impl BrokerEventHandler for Door {
     }
 }
 
-impl AuthProvider for Door {
+impl AuthProvider for ConnectionGuard {
     fn authenticate<'a>(
         &'a self,
         connect: &'a ConnectPacket,
@@ -402,7 +405,7 @@ impl AuthProvider for Door {
             );
             return Box::pin(now(Ok(AuthResult::fail(ReasonCode::NotAuthorized))));
         }
-        self.line.speaks(connect.protocol_version);
+        self.line.set_version(connect.protocol_version);
         let certificate = self.certificate.as_ref();
         let (result, shown) = self
             .guard
@@ -432,8 +435,8 @@ impl AuthProvider for Door {
 
 /// Byte stream of a connection. The library acknowledges a message that the guard has handled as a success, and asks
 /// for no reason: here the acknowledgement of a rejected message is replaced by one with its reason.
-struct Stream {
-    inner: BufReader<Way>,
+struct GuardedStream {
+    inner: BufReader<ClientTransport>,
     peer: SocketAddr,
     /// Packet id of the message whose acknowledgement comes next and must become a rejection.
     refused: Arc<Mutex<Option<u16>>>,
@@ -442,12 +445,12 @@ struct Stream {
     replaced: usize,
     /// Unwritten bytes of a packet that was partly written.
     unwritten: usize,
-    line: Arc<Line>,
+    line: Arc<PacketMonitor>,
     ended: Pin<Box<WaitForCancellationFutureOwned>>,
 }
 
-impl Stream {
-    fn new(stream: Way, peer: SocketAddr, door: &Door) -> Self {
+impl GuardedStream {
+    fn new(stream: ClientTransport, peer: SocketAddr, door: &ConnectionGuard) -> Self {
         Self {
             inner: BufReader::with_capacity(READ_MAX, stream),
             peer,
@@ -462,7 +465,7 @@ impl Stream {
 
     /// Ends reading and, if there is a reason, sends it to the client. Reads happen only between two written packets; a
     /// client that does not accept it at once does not get it.
-    fn end(&mut self, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+    fn finish_reading(&mut self, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         let packet = self.line.farewell();
         let _ = Pin::new(&mut self.inner).poll_write(context, &packet);
         Poll::Ready(Ok(()))
@@ -480,7 +483,7 @@ impl Stream {
     }
 }
 
-impl WebSocketTransport for Stream {
+impl WebSocketTransport for GuardedStream {
     fn peer_addr(&self) -> mqtt5::Result<SocketAddr> {
         Ok(self.peer)
     }
@@ -488,7 +491,7 @@ impl WebSocketTransport for Stream {
 
 /// Acknowledges received data at once instead of after 40 ms: a client that collects small packets (Nagle's algorithm,
 /// without `TCP_NODELAY`) sends nothing until then. The setting does not last.
-fn acknowledge_at_once(stream: &Way) {
+fn acknowledge_at_once(stream: &ClientTransport) {
     #[cfg(target_os = "linux")]
     {
         let tcp = match stream {
@@ -504,14 +507,14 @@ fn acknowledge_at_once(stream: &Way) {
     let _ = stream;
 }
 
-impl AsyncRead for Stream {
+impl AsyncRead for GuardedStream {
     fn poll_read(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
         if self.ended.as_mut().poll(context).is_ready() {
-            return self.end(context);
+            return self.finish_reading(context);
         }
         let Self { inner, line, .. } = &mut *self;
         let is_new = inner.buffer().is_empty();
@@ -522,7 +525,7 @@ impl AsyncRead for Stream {
         let bytes = inner.buffer();
         let read = line.read(&bytes[..bytes.len().min(buffer.remaining())]);
         if line.end_if_refused() {
-            return self.end(context);
+            return self.finish_reading(context);
         }
         buffer.put_slice(&bytes[..read]);
         Pin::new(inner).consume(read);
@@ -530,7 +533,7 @@ impl AsyncRead for Stream {
     }
 }
 
-impl AsyncWrite for Stream {
+impl AsyncWrite for GuardedStream {
     fn poll_write(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
@@ -548,7 +551,7 @@ impl AsyncWrite for Stream {
                     }
                     self.unwritten = bytes.len() - count;
                 }
-                self.line.stalled(written.is_pending());
+                self.line.set_stalled(written.is_pending());
                 return written;
             };
             *self.refused.lock() = None;

@@ -27,16 +27,16 @@ use serde::de::value::{Error as ValueError, StrDeserializer};
 use tokio::sync::mpsc;
 use tracing::warn;
 
-use super::line::OnTheWay;
-use super::retained::{Kind, Retained};
-use super::sessions::{Session, Sessions};
+use super::line::MessagesInTransit;
+use super::retained::{Kind, RetainedMessages};
+use super::sessions::{AdmittedClient, Sessions};
 use super::{BrokerAccess, FILTER_BYTES_MAX, MQTT_5};
 use crate::access::topics::{may_publish, may_subscribe};
-use crate::access::{Account, Rates, Shown, User, Users};
+use crate::access::{Account, AuthenticatedUser, Rates, User, Users};
 use crate::arrivals::Arrivals;
 use crate::broker_address::Refused;
 use crate::contract::topics::is_inbound;
-use crate::places::{Place, host_of};
+use crate::places::{ConnectionSlot, host_of};
 use crate::publisher::Publisher;
 use crate::tls::Fingerprint;
 use crate::urgent_slots::ExecuteUrgent;
@@ -61,9 +61,13 @@ const WRONG_PER_SECOND: u32 = 10;
 
 /// Identifies the user of a connection. With a password, it is the owner of that token or login, and the name must
 /// match. Without a password, it is the owner of the client certificate, and a name must match if it is given.
-fn who(users: &Users, connect: &ConnectPacket, certificate: Option<&Fingerprint>) -> Option<Shown> {
+fn identify_user(
+    users: &Users,
+    connect: &ConnectPacket,
+    certificate: Option<&Fingerprint>,
+) -> Option<AuthenticatedUser> {
     let (name, password) = (connect.username.as_deref(), connect.password.as_deref());
-    let shown = users.who(password, certificate)?;
+    let shown = users.identify(password, certificate)?;
     let is_named = shown.user.name() == name || name.is_none() && password.is_none();
     is_named.then_some(shown)
 }
@@ -103,8 +107,8 @@ pub(super) struct Guard {
     // by address
     pub(super) wrong: Rates<IpAddr>,
     pub(super) sessions: Arc<Sessions>,
-    pub(super) retained: Retained,
-    pub(super) on_the_way: OnTheWay,
+    pub(super) retained: RetainedMessages,
+    pub(super) on_the_way: MessagesInTransit,
 }
 
 impl Guard {
@@ -118,8 +122,8 @@ impl Guard {
             arrivals: Arc::default(),
             wrong: Rates::new(WRONG_BURST, WRONG_PER_SECOND),
             sessions,
-            retained: Retained::default(),
-            on_the_way: OnTheWay::default(),
+            retained: RetainedMessages::default(),
+            on_the_way: MessagesInTransit::default(),
         }
     }
 
@@ -137,8 +141,8 @@ impl Guard {
         connect: &ConnectPacket,
         certificate: Option<&Fingerprint>,
         from: SocketAddr,
-        place: &Place,
-    ) -> Result<(Option<String>, Option<Shown>), (ReasonCode, String)> {
+        place: &ConnectionSlot,
+    ) -> Result<(Option<String>, Option<AuthenticatedUser>), (ReasonCode, String)> {
         let client_id = connect.client_id.as_str();
         if client_id == self.access.runtime_client_id {
             let text = "that client id is the runtime's own".to_owned();
@@ -146,7 +150,7 @@ impl Guard {
         }
         let shown = match &self.access.users {
             None => User::Anyone.into(),
-            Some(users) => who(users, connect, certificate).ok_or_else(|| {
+            Some(users) => identify_user(users, connect, certificate).ok_or_else(|| {
                 self.wrong(
                     from,
                     "user and password match no [[token]] or login, and no \
@@ -155,7 +159,7 @@ impl Guard {
             })?,
         };
         let user = shown.user.clone();
-        let other = self.sessions.of(client_id);
+        let other = self.sessions.connected_client(client_id);
         if other.is_some_and(|other| other.user.as_ref().and_then(User::name) != user.name()) {
             // a second connection of one client id ends the first
             let text = "its client id is in use by another user".to_owned();
@@ -163,18 +167,18 @@ impl Guard {
         }
         self.check_will(&user, connect)?;
         let reserved = if user.has(Right::Operate) { 0 } else { RESERVED };
-        if !place.know(reserved) {
+        if !place.mark_known(reserved) {
             let text = format!("the limit of {} connected clients is reached", place.known_max());
             return Err((ReasonCode::ServerBusy, text));
         }
-        place.stay();
+        place.protect_permanently();
         let account = Account::new(&user, Some(from.ip()));
         let is_reserved = user.has(Right::Operate) || user.has(Right::Handle);
         self.sessions
             .remember(client_id, outlives(connect), account, is_reserved)
             .map_err(|text| (ReasonCode::QuotaExceeded, text))?;
         let user_id = user.name().map(ToOwned::to_owned);
-        let session = Session {
+        let session = AdmittedClient {
             from: Some(from.ip()),
             user: Some(user),
             speaks_5: connect.protocol_version == MQTT_5,
@@ -208,7 +212,7 @@ impl Guard {
                 .retained
                 .put(self.kind(&will.topic), &will.topic, will.payload.len())
         {
-            self.tell_not_kept(&will.topic, &connect.client_id, &text);
+            self.report_not_retained(&will.topic, &connect.client_id, &text);
             let text = format!("its will on {} could not be kept: {text}", will.topic);
             return Err((ReasonCode::QuotaExceeded, text));
         }
@@ -235,11 +239,11 @@ impl Guard {
 
     /// Rejects a wrong password, with a different code beyond the rate of its address.
     fn wrong(&self, from: SocketAddr, text: &str) -> (ReasonCode, String) {
-        match self.wrong.of(&host_of(from.ip())).take() {
+        match self.wrong.rate_for(&host_of(from.ip())).try_charge() {
             Ok(()) => {
                 let (from, over) = (Some(from.ip()), ServerTransport::Mqtt);
                 let connect = "CONNECT".to_owned();
-                (self.access.machine).note(AccessKind::LoginRefused, None, from, over, connect);
+                (self.access.machine).record_access(AccessKind::LoginRefused, None, from, over, connect);
                 (ReasonCode::BadUsernameOrPassword, text.to_owned())
             }
             Err(_) => (ReasonCode::ConnectionRateExceeded, String::new()),
@@ -286,14 +290,14 @@ impl Guard {
     }
 
     /// Passes an urgent request to the machine, ahead of the queue of other messages.
-    pub(super) async fn take_urgent(
+    pub(super) async fn execute_urgent(
         &self,
         event: &ClientPublishEvent,
         lane: Arc<dyn ExecuteUrgent>,
         request: ParsedRequest,
     ) {
         let account = self.account(event);
-        let wait = self.urgent_rates.of(&account).owe();
+        let wait = self.urgent_rates.rate_for(&account).charge();
         if !wait.is_zero() {
             tokio::time::sleep(wait).await;
         }
@@ -310,13 +314,13 @@ impl Guard {
     }
 
     /// True for a message that the broker must not deliver, because it has been handled.
-    fn keeps_back(&self, event: &ClientPublishEvent) -> bool {
+    fn withholds(&self, event: &ClientPublishEvent) -> bool {
         let user_id = event.user_id.as_deref();
         if !self.may_publish(user_id, &event.topic) {
             warn!("MQTT message on {} of {user_id:?} refused: its role", event.topic);
             let from = self.sessions.address_of(&event.client_id);
             let (over, topic) = (ServerTransport::Mqtt, event.topic.to_string());
-            (self.access.machine).note(AccessKind::Forbidden, user_id, from, over, topic);
+            (self.access.machine).record_access(AccessKind::Forbidden, user_id, from, over, topic);
             return true;
         }
         if event.retain && !event.payload.is_empty() && self.is_inbound(&event.topic) {
@@ -350,11 +354,11 @@ pub(super) type Answer<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 
 impl Guard {
     pub(super) async fn decide_delivery(&self, event: &ClientPublishEvent) -> PublishDecision {
-        let wait = self.rates.of(&self.account(event)).owe();
+        let wait = self.rates.rate_for(&self.account(event)).charge();
         if !wait.is_zero() {
             tokio::time::sleep(wait).await;
         }
-        if self.keeps_back(event) {
+        if self.withholds(event) {
             return PublishDecision::Handled;
         }
         if !event.retain {
@@ -366,7 +370,7 @@ impl Guard {
         {
             Ok(clear) => PublishDecision::Deliver { clear },
             Err(text) => {
-                self.tell_not_kept(&event.topic, &event.client_id, &text);
+                self.report_not_retained(&event.topic, &event.client_id, &text);
                 PublishDecision::NotKept
             }
         }
@@ -382,7 +386,7 @@ impl Guard {
     }
 
     /// Reports to the operator that messages are not kept, until there is room again.
-    fn tell_not_kept(&self, topic: &str, client: &str, text: &str) {
+    fn report_not_retained(&self, topic: &str, client: &str, text: &str) {
         if !self.retained.is_newly_full() {
             return;
         }
@@ -393,7 +397,7 @@ impl Guard {
 
     pub(super) fn speaks_5(&self, client_id: &str) -> bool {
         self.sessions
-            .of(client_id)
+            .connected_client(client_id)
             .is_some_and(|session| session.speaks_5)
     }
 
@@ -402,8 +406,8 @@ impl Guard {
         connect: &ConnectPacket,
         certificate: Option<&Fingerprint>,
         address: SocketAddr,
-        place: &Place,
-    ) -> (AuthResult, Option<Shown>) {
+        place: &ConnectionSlot,
+    ) -> (AuthResult, Option<AuthenticatedUser>) {
         let (user_id, shown) = match self.admit(connect, certificate, address, place) {
             Ok(admitted) => admitted,
             // beyond the rate nothing is logged, so that no client can fill the log
@@ -429,7 +433,7 @@ impl Guard {
         user: Option<&str>,
         topic: &str,
     ) -> Answer<'static, bool> {
-        let session = self.sessions.of(client_id).unwrap_or_default();
+        let session = self.sessions.connected_client(client_id).unwrap_or_default();
         Box::pin(ready(
             !session.speaks_5 || session.is_revoked || self.may_publish(user, topic),
         ))
@@ -458,7 +462,7 @@ impl BrokerEventHandler for Guard {
         let is_of_runtime = event.topic.starts_with(&self.access.root) && !self.is_inbound(&event.topic);
         if !is_of_runtime {
             let kind = self.kind(&event.topic);
-            if self.retained.kept(kind, &event.topic, &event.payload) {
+            if self.retained.record_retained(kind, &event.topic, &event.payload) {
                 self.access.machine.notice(ServerNotice::NotKept(None));
             }
         }

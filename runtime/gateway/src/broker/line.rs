@@ -37,8 +37,8 @@ const PUBCOMP: u8 = 7;
 
 /// Packet state of one connection.
 #[derive(Debug)]
-pub(super) struct Line {
-    passing: Mutex<Passing>,
+pub(super) struct PacketMonitor {
+    passing: Mutex<PacketState>,
     /// Cancelled when the broker ends the connection.
     pub(super) ended: CancellationToken,
     /// A DISCONNECT for a client of MQTT 5.
@@ -46,7 +46,7 @@ pub(super) struct Line {
 }
 
 #[derive(Debug)]
-struct Passing {
+struct PacketState {
     /// Version of MQTT that the client speaks.
     version: u8,
     /// Fixed header of the packet that is being read.
@@ -65,10 +65,10 @@ struct Passing {
     stalled: Option<Instant>,
 }
 
-impl Line {
+impl PacketMonitor {
     pub(super) fn new() -> Self {
         Self {
-            passing: Mutex::new(Passing {
+            passing: Mutex::new(PacketState {
                 version: 0,
                 head: Vec::new(),
                 left: 0,
@@ -85,7 +85,7 @@ impl Line {
     }
 
     /// Records the client's version of MQTT.
-    pub(super) fn speaks(&self, version: u8) {
+    pub(super) fn set_version(&self, version: u8) {
         self.passing.lock().version = version;
     }
 
@@ -103,7 +103,7 @@ impl Line {
             if length == 0 || byte & 0x80 != 0 && length < 4 {
                 continue;
             }
-            passing.begin();
+            passing.start_packet();
             if passing.left == 0 {
                 return read;
             }
@@ -128,7 +128,7 @@ impl Line {
         };
         let is_told = passing.version == MQTT_5;
         drop(passing);
-        self.end(is_told.then_some(refusal));
+        self.close_connection(is_told.then_some(refusal));
         true
     }
 
@@ -157,13 +157,13 @@ impl Line {
     }
 
     /// Records whether the client has stopped reading.
-    pub(super) fn stalled(&self, is_stalled: bool) {
+    pub(super) fn set_stalled(&self, is_stalled: bool) {
         let stalled = &mut self.passing.lock().stalled;
         *stalled = is_stalled.then(|| stalled.unwrap_or_else(Instant::now));
     }
 
     /// Whether messages are in transit to the client and it has accepted nothing for `DEAF_AFTER`.
-    fn is_deaf(&self) -> bool {
+    fn is_unresponsive(&self) -> bool {
         let passing = self.passing.lock();
         let owes = (passing.unacknowledged > 0).then_some(passing.acknowledged);
         [passing.stalled, owes]
@@ -174,7 +174,7 @@ impl Line {
 
     /// Ends the connection; a client of MQTT 5 receives the reason. To the library the client disconnects, so its will
     /// is published.
-    pub(super) fn end(&self, reason: Option<(ReasonCode, &str)>) {
+    pub(super) fn close_connection(&self, reason: Option<(ReasonCode, &str)>) {
         *self.farewell.lock() = reason.map(disconnect).unwrap_or_default();
         self.ended.cancel();
     }
@@ -185,9 +185,9 @@ impl Line {
     }
 }
 
-impl Passing {
+impl PacketState {
     /// Starts a packet, after its header is complete.
-    fn begin(&mut self) {
+    fn start_packet(&mut self) {
         let lengths = self.head[1..].iter().enumerate();
         self.left = lengths
             .map(|(place, byte)| usize::from(byte & 0x7f) << (7 * place))
@@ -234,31 +234,31 @@ fn disconnect((code, text): (ReasonCode, &str)) -> Vec<u8> {
 
 /// Messages in transit to all connected clients.
 #[derive(Debug, Default)]
-pub(super) struct OnTheWay {
+pub(super) struct MessagesInTransit {
     bytes: Arc<AtomicUsize>,
-    lines: Mutex<Vec<Weak<Line>>>,
+    lines: Mutex<Vec<Weak<PacketMonitor>>>,
 }
 
 /// Payload that is in transit until the last client has received it.
-struct Counted {
+struct CountedPayload {
     payload: Bytes,
     bytes: Arc<AtomicUsize>,
 }
 
-impl AsRef<[u8]> for Counted {
+impl AsRef<[u8]> for CountedPayload {
     fn as_ref(&self) -> &[u8] {
         &self.payload
     }
 }
 
-impl Drop for Counted {
+impl Drop for CountedPayload {
     fn drop(&mut self) {
         self.bytes.fetch_sub(self.payload.len(), Ordering::Relaxed);
     }
 }
 
-impl OnTheWay {
-    pub(super) fn add(&self, line: &Arc<Line>) {
+impl MessagesInTransit {
+    pub(super) fn add(&self, line: &Arc<PacketMonitor>) {
         let mut lines = self.lines.lock();
         lines.retain(|line| line.strong_count() > 0);
         lines.push(Arc::downgrade(line));
@@ -268,7 +268,7 @@ impl OnTheWay {
     pub(super) fn count(&self, payload: Bytes) -> Bytes {
         self.bytes.fetch_add(payload.len(), Ordering::Relaxed);
         let bytes = Arc::clone(&self.bytes);
-        Bytes::from_owner(Counted { payload, bytes })
+        Bytes::from_owner(CountedPayload { payload, bytes })
     }
 
     /// Whether there is room for this number of bytes. If there is none, clients that do not read are closed.
@@ -277,9 +277,9 @@ impl OnTheWay {
             return true;
         }
         for line in self.lines.lock().iter().filter_map(Weak::upgrade) {
-            if line.is_deaf() && !line.ended.is_cancelled() {
+            if line.is_unresponsive() && !line.ended.is_cancelled() {
                 // a client that does not read would not receive a DISCONNECT
-                line.end(None);
+                line.close_connection(None);
             }
         }
         false
@@ -291,7 +291,7 @@ mod tests {
     use super::*;
 
     /// Reads the bytes in pieces of this size and returns the ends of the packets.
-    fn ends(line: &Line, bytes: &[u8], piece: usize) -> Vec<usize> {
+    fn ends(line: &PacketMonitor, bytes: &[u8], piece: usize) -> Vec<usize> {
         let (mut place, mut ends) = (0, Vec::new());
         while place < bytes.len() {
             let read = line.read(&bytes[place..bytes.len().min(place + piece)]);
@@ -310,8 +310,8 @@ mod tests {
         let publish = [&[0x32, 0x87, 0x01, 0, 1, b'a', 0, 7][..], &[b'x'; 130]].concat();
         let all = [&[0xc0, 0][..], &publish, &[0x40, 2, 0, 7], &[0xc0, 0]].concat();
         for piece in [1, 2, 3, 64, 1000] {
-            let line = Line::new();
-            line.speaks(4);
+            let line = PacketMonitor::new();
+            line.set_version(4);
             assert_eq!(ends(&line, &all, piece), [2, 140, 144, 146], "pieces of {piece}");
             let kept = line.publish().unwrap();
             assert_eq!((kept.topic_name.as_str(), kept.packet_id), ("a", Some(7)));
@@ -334,8 +334,8 @@ mod tests {
             (publish(TOPIC_BYTES_MAX + 1), true),
         ] {
             for piece in [1, 7, 4096] {
-                let line = Line::new();
-                line.speaks(MQTT_5);
+                let line = PacketMonitor::new();
+                line.set_version(MQTT_5);
                 ends(&line, &bytes, piece);
                 assert_eq!(line.end_if_refused(), is_refused, "{} bytes", bytes.len());
                 assert_eq!(line.ended.is_cancelled(), is_refused);
@@ -346,29 +346,29 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn a_client_is_deaf_that_takes_nothing_while_something_is_on_its_way() {
-        let line = Line::new();
+        let line = PacketMonitor::new();
         let pass = async || tokio::time::advance(DEAF_AFTER).await;
         pass().await;
-        assert!(!line.is_deaf(), "nothing is in transit");
+        assert!(!line.is_unresponsive(), "nothing is in transit");
         line.write(&[0x32, 0]);
-        assert!(!line.is_deaf());
+        assert!(!line.is_unresponsive());
         pass().await;
-        assert!(line.is_deaf(), "it does not acknowledge");
+        assert!(line.is_unresponsive(), "it does not acknowledge");
         line.read(&[0x40, 2, 0, 7]);
         pass().await;
-        assert!(!line.is_deaf());
-        line.stalled(true);
+        assert!(!line.is_unresponsive());
+        line.set_stalled(true);
         pass().await;
-        assert!(line.is_deaf(), "it does not read");
-        line.stalled(true);
-        assert!(line.is_deaf(), "asked again");
-        line.stalled(false);
-        assert!(!line.is_deaf());
+        assert!(line.is_unresponsive(), "it does not read");
+        line.set_stalled(true);
+        assert!(line.is_unresponsive(), "asked again");
+        line.set_stalled(false);
+        assert!(!line.is_unresponsive());
     }
 
     #[test]
     fn what_is_on_its_way_counts_until_the_last_one_has_taken_it() {
-        let on_the_way = OnTheWay::default();
+        let on_the_way = MessagesInTransit::default();
         let first = on_the_way.count(vec![0; ON_THE_WAY_BYTES_MAX - 10].into());
         let again = first.clone();
         assert!(on_the_way.has_room(10) && !on_the_way.has_room(11));

@@ -42,7 +42,7 @@ impl Kind {
 }
 
 #[derive(Debug)]
-struct Kept {
+struct RetainedEntry {
     kind: Kind,
     bytes: usize,
     /// `None` once it is kept.
@@ -53,17 +53,17 @@ struct Kept {
 
 /// Retained messages of clients.
 #[derive(Debug, Default)]
-pub(super) struct Retained(Mutex<Table>);
+pub(super) struct RetainedMessages(Mutex<RetainedTable>);
 
 #[derive(Debug, Default)]
-struct Table {
-    topics: HashMap<String, Kept>,
+struct RetainedTable {
+    topics: HashMap<String, RetainedEntry>,
     /// Kind and size of the first message that was not kept since there was last room for all.
     refused: Option<(Kind, usize)>,
     is_reported: bool,
 }
 
-impl Table {
+impl RetainedTable {
     /// Whether there is room for a message in addition to those of other topics.
     fn fits(&self, kind: Kind, topic: &str, bytes: usize) -> bool {
         let (count_max, bytes_max) = kind.limits();
@@ -76,7 +76,7 @@ impl Table {
     }
 
     /// Evicts the presence of the handler that went offline first.
-    fn give_way(&mut self) -> Option<String> {
+    fn evict_presence(&mut self) -> Option<String> {
         let gone = self
             .topics
             .iter()
@@ -88,7 +88,7 @@ impl Table {
     }
 }
 
-impl Retained {
+impl RetainedMessages {
     /// Reserves room for a message that is to be kept; an empty message clears its topic. Returns the topic that must
     /// be cleared to make room, if any.
     ///
@@ -107,7 +107,7 @@ impl Retained {
                 .topics
                 .retain(|_, kept| kept.since.is_none_or(|since| since.elapsed() < UNFINISHED_MAX));
             if !table.fits(kind, topic, bytes) && kind == Kind::Presence {
-                clear = table.give_way();
+                clear = table.evict_presence();
             }
             if !table.fits(kind, topic, bytes) {
                 table.refused.get_or_insert((kind, bytes));
@@ -123,7 +123,7 @@ impl Retained {
         let known = table.topics.get(topic);
         let since = known.is_none_or(|kept| kept.since.is_some()).then(Instant::now);
         let gone = known.and_then(|kept| kept.gone);
-        let kept = Kept {
+        let kept = RetainedEntry {
             kind,
             bytes,
             since,
@@ -135,7 +135,7 @@ impl Retained {
 
     /// Records that a message has been kept, or cleared if it is empty. Returns `true` when there is room again after a
     /// rejection.
-    pub(super) fn kept(&self, kind: Kind, topic: &str, payload: &[u8]) -> bool {
+    pub(super) fn record_retained(&self, kind: Kind, topic: &str, payload: &[u8]) -> bool {
         let mut table = self.0.lock();
         if payload.is_empty() {
             table.topics.remove(topic);
@@ -143,7 +143,7 @@ impl Retained {
             let bytes = bytes(topic, payload.len());
             let is_gone = kind == Kind::Presence
                 && serde_json::from_slice::<HandlerPresence>(payload).is_ok_and(|presence| !presence.online);
-            let kept = Kept {
+            let kept = RetainedEntry {
                 kind,
                 bytes,
                 since: None,
@@ -178,13 +178,13 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn retained_messages_are_bounded_per_kind_and_clearing_one_frees_space() {
-        let retained = Retained::default();
+        let retained = RetainedMessages::default();
         let large = 255 * 1024;
         let mut kept = 0;
         let refusal = loop {
             match retained.put(Kind::Other, &format!("plant/{kept}"), large) {
                 Ok(_) => {
-                    retained.kept(Kind::Other, &format!("plant/{kept}"), &vec![0; large]);
+                    retained.record_retained(Kind::Other, &format!("plant/{kept}"), &vec![0; large]);
                 }
                 Err(text) => break text,
             }
@@ -207,7 +207,7 @@ mod tests {
 
     #[test]
     fn so_many_small_messages_are_kept() {
-        let retained = Retained::default();
+        let retained = RetainedMessages::default();
         let (count, _) = Kind::Presence.limits();
         for n in 0..count {
             retained.put(Kind::Presence, &n.to_string(), 10).unwrap();
@@ -218,19 +218,19 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn offline_presences_are_evicted_oldest_first_and_online_ones_stay() {
-        let retained = Retained::default();
+        let retained = RetainedMessages::default();
         let (count, _) = Kind::Presence.limits();
         for n in 0..count {
             let online = n % 2 == 0;
             let said = format!(r#"{{"online":{online},"handles":[]}}"#);
             assert_eq!(retained.put(Kind::Presence, &n.to_string(), said.len()), Ok(None));
-            retained.kept(Kind::Presence, &n.to_string(), said.as_bytes());
+            retained.record_retained(Kind::Presence, &n.to_string(), said.as_bytes());
             tokio::time::advance(Duration::from_millis(1)).await;
         }
         for n in 0..count / 2 {
             let cleared = retained.put(Kind::Presence, &format!("new/{n}"), 30).unwrap();
             assert_eq!(cleared, Some((2 * n + 1).to_string()));
-            retained.kept(Kind::Presence, &format!("new/{n}"), br#"{"online":true}"#);
+            retained.record_retained(Kind::Presence, &format!("new/{n}"), br#"{"online":true}"#);
         }
         assert!(
             retained.put(Kind::Presence, "one more", 30).is_err(),
@@ -240,15 +240,15 @@ mod tests {
 
     #[test]
     fn there_is_room_again_when_what_was_refused_would_fit() {
-        let retained = Retained::default();
+        let retained = RetainedMessages::default();
         let (count, _) = Kind::Other.limits();
         for n in 0..count {
             retained.put(Kind::Other, &n.to_string(), 10).unwrap();
-            assert!(!retained.kept(Kind::Other, &n.to_string(), b"0123456789"));
+            assert!(!retained.record_retained(Kind::Other, &n.to_string(), b"0123456789"));
         }
         assert!(retained.put(Kind::Other, "one more", 10).is_err());
-        assert!(!retained.kept(Kind::Other, "7", b"another"));
-        assert!(retained.kept(Kind::Other, "7", b""), "cleared");
-        assert!(!retained.kept(Kind::Other, "8", b""), "told once");
+        assert!(!retained.record_retained(Kind::Other, "7", b"another"));
+        assert!(retained.record_retained(Kind::Other, "7", b""), "cleared");
+        assert!(!retained.record_retained(Kind::Other, "8", b""), "told once");
     }
 }

@@ -22,7 +22,7 @@ const REMEMBERED_PER_USER_MAX: usize = 24;
 
 /// A session that outlives its connection.
 #[derive(Debug)]
-struct Remembered {
+struct PersistentSession {
     account: Account,
     /// When the client became absent.
     away: Option<Instant>,
@@ -30,7 +30,7 @@ struct Remembered {
 
 /// An admitted client.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Session {
+pub(super) struct AdmittedClient {
     /// Its host.
     pub(super) from: Option<IpAddr>,
     /// `None` if the broker requires no tokens.
@@ -45,12 +45,12 @@ pub(super) struct Session {
 #[derive(Debug, Default)]
 pub(crate) struct Sessions {
     /// Clients that are admitted but not connected yet.
-    admitted: Mutex<HashMap<String, Session>>,
+    admitted: Mutex<HashMap<String, AdmittedClient>>,
     // the latest connection of each client id, and the number of its open connections: a connection that was taken over
     // ends later
-    connected: Mutex<HashMap<Arc<str>, (Session, u32)>>,
+    connected: Mutex<HashMap<Arc<str>, (AdmittedClient, u32)>>,
     // sessions that outlive their connections
-    remembered: Mutex<HashMap<String, Remembered>>,
+    remembered: Mutex<HashMap<String, PersistentSession>>,
     // hosts of disconnected clients, the latest last: their earlier messages may not have been read yet
     left: Mutex<VecDeque<(String, IpAddr)>>,
 }
@@ -93,7 +93,7 @@ impl Sessions {
                 ));
             }
         }
-        let session = Remembered {
+        let session = PersistentSession {
             account,
             // absent until it is connected
             away: Some(Instant::now()),
@@ -102,7 +102,7 @@ impl Sessions {
         Ok(())
     }
 
-    pub(super) fn admit(&self, client_id: &str, session: Session) {
+    pub(super) fn admit(&self, client_id: &str, session: AdmittedClient) {
         let mut admitted = self.admitted.lock();
         // clients that disconnected before the library reported them as connected
         if admitted.len() > 2 * CLIENTS_MAX {
@@ -117,9 +117,9 @@ impl Sessions {
         if let Some(session) = self.remembered.lock().get_mut(&*client_id) {
             session.away = None;
         }
-        let session = admitted.unwrap_or_else(|| Session {
+        let session = admitted.unwrap_or_else(|| AdmittedClient {
             user: user(),
-            ..Session::default()
+            ..AdmittedClient::default()
         });
         let mut connected = self.connected.lock();
         let count = connected.get(&client_id).map_or(0, |(_, count)| *count);
@@ -132,7 +132,7 @@ impl Sessions {
             *count -= 1;
             if *count == 0 {
                 let from = connected.remove(client_id).and_then(|(session, _)| session.from);
-                self.leave(client_id, from);
+                self.remember_host(client_id, from);
                 if let Some(session) = self.remembered.lock().get_mut(client_id) {
                     session.away = Some(Instant::now());
                 }
@@ -140,7 +140,7 @@ impl Sessions {
         }
     }
 
-    fn leave(&self, client_id: &str, from: Option<IpAddr>) {
+    fn remember_host(&self, client_id: &str, from: Option<IpAddr>) {
         let mut left = self.left.lock();
         if left.len() >= CLIENTS_MAX {
             left.pop_front();
@@ -150,7 +150,7 @@ impl Sessions {
 
     /// Returns the host of a client that is connected or has just disconnected.
     pub(crate) fn address_of(&self, client_id: &str) -> Option<IpAddr> {
-        if let Some(session) = self.of(client_id) {
+        if let Some(session) = self.connected_client(client_id) {
             return session.from;
         }
         let left = self.left.lock();
@@ -163,7 +163,7 @@ impl Sessions {
         self.connected.lock().keys().cloned().collect()
     }
 
-    pub(super) fn of(&self, client_id: &str) -> Option<Session> {
+    pub(super) fn connected_client(&self, client_id: &str) -> Option<AdmittedClient> {
         let connected = self.connected.lock();
         connected.get(client_id).map(|(session, _)| session.clone())
     }
@@ -186,9 +186,12 @@ mod tests {
         sessions.connect("panel".into(), || None);
         sessions.connect("panel".into(), || Some(User::Anyone));
         sessions.disconnect("panel");
-        assert_eq!(sessions.of("panel").unwrap().user, Some(User::Anyone));
+        assert_eq!(
+            sessions.connected_client("panel").unwrap().user,
+            Some(User::Anyone)
+        );
         sessions.disconnect("panel");
-        assert!(sessions.of("panel").is_none());
+        assert!(sessions.connected_client("panel").is_none());
         sessions.disconnect("panel");
     }
 
@@ -205,9 +208,9 @@ mod tests {
         };
         for n in 0..=CLIENTS_MAX {
             let id = n.to_string();
-            let session = Session {
+            let session = AdmittedClient {
                 from: Some(host(n)),
-                ..Session::default()
+                ..AdmittedClient::default()
             };
             sessions.admit(&id, session);
             sessions.connect(id.as_str().into(), || None);

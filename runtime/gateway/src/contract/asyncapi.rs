@@ -6,7 +6,7 @@ use plc_api::types::command::Command;
 use plc_api::types::topic::Topic;
 use plc_api::wire::right::Right;
 use plc_api::wire::row::Topic as Inbound;
-use plc_api::wire::speaker::Speaker;
+use plc_api::wire::speaker::MessageSender;
 use serde_json::{Map, Value, json};
 
 use super::outbound::{CS, M, outbound};
@@ -88,9 +88,9 @@ pub(super) fn document(schemas: &Schemas) -> Value {
 /// The paths on which the senders of a request name themselves: handlers, clients, or both, by the right that it needs.
 fn named_paths(path: &str, right: Right) -> Vec<String> {
     let speakers = [
-        (Speaker::Handler("{id}".into()), Role::Handler),
-        (Speaker::Client("{id}".into()), Role::Operate),
-        (Speaker::Client("{id}".into()), Role::Admin),
+        (MessageSender::Handler("{id}".into()), Role::Handler),
+        (MessageSender::Client("{id}".into()), Role::Operate),
+        (MessageSender::Client("{id}".into()), Role::Admin),
     ];
     let able = speakers.iter().filter(|(_, role)| role.has(right));
     let mut paths: Vec<_> = able.map(|(speaker, _)| speaker.path(path)).collect();
@@ -99,7 +99,7 @@ fn named_paths(path: &str, right: Right) -> Vec<String> {
     if right == Right::Handle {
         paths.truncate(1);
     }
-    paths.retain(|named| Speaker::split(named).0.is_some());
+    paths.retain(|named| MessageSender::split(named).0.is_some());
     paths
 }
 
@@ -156,7 +156,7 @@ fn parameter_of(name: &str) -> Value {
 /// under its name.
 fn message(of: &str, schema: &str) -> Value {
     let mut message = json!({"payload": reference(schema)});
-    let (_, path) = Speaker::split(of);
+    let (_, path) = MessageSender::split(of);
     if let Some(payloads) = EXAMPLES[path].as_array() {
         let examples = payloads.iter().map(|payload| json!({"payload": payload}));
         message["examples"] = examples.collect();

@@ -102,7 +102,7 @@ static OWN: [(Option<Right>, Route); 13] = [
             "/login",
             "Returns a token, valid for some hours, to a person with a name and a PIN.",
         )
-        .takes(Content::Json(Form::of::<LoginRequest>()))
+        .takes(Content::Json(Form::for_type::<LoginRequest>()))
         .gives::<Login>()
         .refusals(&[401, 404, 429, 503]),
     ),
@@ -124,16 +124,16 @@ static OWN: [(Option<Right>, Route); 13] = [
 ];
 
 /// A route and its service.
-type Place = (&'static Route, Serves);
+type ServedRoute = (&'static Route, Serves);
 
 /// All routes by path.
-pub(crate) static ROUTES: LazyLock<BTreeMap<String, Vec<Place>>> = LazyLock::new(|| {
+pub(crate) static ROUTES: LazyLock<BTreeMap<String, Vec<ServedRoute>>> = LazyLock::new(|| {
     let of_rows = ROWS
         .iter()
         .flat_map(|row| row.routes.iter().map(move |route| (route, Serves::Request(row))));
     let of_states = STATES.iter().map(|row| (&row.route, Serves::State(row)));
     let own = OWN.iter().map(|(right, route)| (route, Serves::Own(*right)));
-    let mut routes: BTreeMap<String, Vec<Place>> = BTreeMap::new();
+    let mut routes: BTreeMap<String, Vec<ServedRoute>> = BTreeMap::new();
     for place in of_rows.chain(of_states).chain(own) {
         routes.entry(place.0.path()).or_default().push(place);
     }
@@ -141,7 +141,7 @@ pub(crate) static ROUTES: LazyLock<BTreeMap<String, Vec<Place>>> = LazyLock::new
 });
 
 /// Result of looking up a request in the tables.
-pub(crate) enum Found {
+pub(crate) enum RouteMatch {
     /// A route that needs this right.
     Route(Option<Right>),
     /// The path exists, but with these methods only.
@@ -150,24 +150,24 @@ pub(crate) enum Found {
 }
 
 /// Finds the row of a method and a path with its names in braces, below `/api/v1`.
-pub(crate) fn find(method: &Method, path: &str) -> Found {
+pub(crate) fn find(method: &Method, path: &str) -> RouteMatch {
     let method = if method == Method::HEAD {
         "GET"
     } else {
         method.as_str()
     };
     let Some(places) = ROUTES.get(path) else {
-        return Found::Nothing;
+        return RouteMatch::Nothing;
     };
     if let Some((_, serves)) = places.iter().find(|(route, _)| route.method == method) {
-        return Found::Route(serves.right());
+        return RouteMatch::Route(serves.right());
     }
     let mut methods: Vec<_> = places.iter().map(|(route, _)| route.method).collect();
     methods.sort_by_key(|method| METHODS.iter().position(|known| known == method));
     if methods.contains(&"GET") {
         methods.push("HEAD");
     }
-    Found::OtherMethods(methods.join(", "))
+    RouteMatch::OtherMethods(methods.join(", "))
 }
 
 /// Methods in the order in which they are named.

@@ -4,12 +4,12 @@ use std::collections::BTreeSet;
 use std::sync::LazyLock;
 
 use plc_api::types::command::CommandMeta;
-use plc_api::types::form::{Enveloped, Form};
+use plc_api::types::form::{Form, MessageEnvelope};
 use plc_api::wire::ROWS;
 use plc_api::wire::problem::Problem;
 use plc_api::wire::route::{Content, Route};
 use plc_api::wire::row::Topic;
-use plc_api::wire::websocket::{ClientFrame, ErrorFrame, Named};
+use plc_api::wire::websocket::{ClientFrame, ErrorFrame, FrameTopic};
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
 
@@ -21,7 +21,7 @@ pub(super) type Schemas = Map<String, Value>;
 
 /// Direction of a message: it determines which fields are optional.
 #[derive(Clone, Copy, PartialEq)]
-enum Way {
+enum Direction {
     Out,
     In,
 }
@@ -42,7 +42,7 @@ fn incoming() -> Schemas {
         if let Content::Json(form) = route.body {
             let (name, schema) = body_of(route, form, serves.takes_not_after());
             put(&mut all, &name, &schema);
-            within(&mut all, form, Way::In);
+            within(&mut all, form, Direction::In);
             if serves.takes_not_after() {
                 limited.insert(name);
             }
@@ -52,14 +52,15 @@ fn incoming() -> Schemas {
         let Some(topic) = &row.topic else { continue };
         let (name, schema) = payload_of(topic);
         put(&mut all, &name, &schema);
-        within(&mut all, topic.form, Way::In);
+        within(&mut all, topic.form, Direction::In);
         if topic.envelope.is_empty() && row.takes_not_after {
             limited.insert(name);
         }
     }
-    within(&mut all, Form::of::<CommandMeta>(), Way::In);
-    named(&mut all, Form::of::<ClientFrame>(), Way::In);
-    let not_after = schema_of(Form::of::<CommandMeta>(), Way::In).0["properties"]["not_after"].clone();
+    within(&mut all, Form::for_type::<CommandMeta>(), Direction::In);
+    named(&mut all, Form::for_type::<ClientFrame>(), Direction::In);
+    let not_after =
+        schema_of(Form::for_type::<CommandMeta>(), Direction::In).0["properties"]["not_after"].clone();
     for name in &limited {
         add_not_after(&mut all, name, &not_after);
     }
@@ -97,11 +98,15 @@ pub(super) fn outgoing() -> Schemas {
     });
     let of_topics = outbound().into_iter().map(|topic| topic.form());
     for form in of_routes.chain(of_topics) {
-        named(&mut all, form, Way::Out);
+        named(&mut all, form, Direction::Out);
     }
-    named(&mut all, Form::of::<Problem>(), Way::Out);
-    named(&mut all, Form::of::<ErrorFrame>(), Way::Out);
-    named(&mut all, Form::of::<Enveloped<'static, Named>>(), Way::Out);
+    named(&mut all, Form::for_type::<Problem>(), Direction::Out);
+    named(&mut all, Form::for_type::<ErrorFrame>(), Direction::Out);
+    named(
+        &mut all,
+        Form::for_type::<MessageEnvelope<'static, FrameTopic>>(),
+        Direction::Out,
+    );
     let message = &mut all["WebSocketMessage"];
     message["description"] =
         "The message of the topic, with its path in front; see the topic's channel for the other fields."
@@ -113,7 +118,7 @@ pub(super) fn outgoing() -> Schemas {
 /// Returns name and schema of a route's body: for a command, the arguments of its verb, without those in the path. A
 /// body that may carry an age limit is no response, so it has a separate name.
 pub(super) fn body_of(route: &Route, form: Form, takes_not_after: bool) -> (String, Value) {
-    let (mut name, mut schema) = ((form.name)().into_owned(), schema_of(form, Way::In).0);
+    let (mut name, mut schema) = ((form.name)().into_owned(), schema_of(form, Direction::In).0);
     if takes_not_after && SAID.contains(&name) {
         name += "Change";
     }
@@ -141,11 +146,14 @@ pub(super) fn body_of(route: &Route, form: Form, takes_not_after: bool) -> (Stri
 
 /// Name and schema of a topic's payload, with its envelope.
 pub(super) fn payload_of(topic: &Topic) -> (String, Value) {
-    let (name, mut schema) = ((topic.form.name)().into_owned(), schema_of(topic.form, Way::In).0);
+    let (name, mut schema) = (
+        (topic.form.name)().into_owned(),
+        schema_of(topic.form, Direction::In).0,
+    );
     if topic.envelope.is_empty() {
         return (name, schema);
     }
-    let meta = schema_of(Form::of::<CommandMeta>(), Way::In).0;
+    let meta = schema_of(Form::for_type::<CommandMeta>(), Direction::In).0;
     let mut required = schema["required"].as_array().cloned().unwrap_or_default();
     for field in topic.envelope {
         schema["properties"][*field] = meta["properties"][*field].clone();
@@ -170,27 +178,27 @@ pub(super) fn reference(name: &str) -> Value {
 }
 
 /// The schema of a form by its name, and those within it.
-fn named(all: &mut Schemas, form: Form, way: Way) {
+fn named(all: &mut Schemas, form: Form, way: Direction) {
     let name = (form.name)().into_owned();
     put(all, &name, &schema_of(form, way).0);
     within(all, form, way);
 }
 
-fn within(all: &mut Schemas, form: Form, way: Way) {
+fn within(all: &mut Schemas, form: Form, way: Direction) {
     for (name, schema) in schema_of(form, way).1 {
         put(all, &name, &schema);
     }
 }
 
 /// The schema of a form, and of the types within it.
-fn schema_of(form: Form, way: Way) -> (Value, Schemas) {
+fn schema_of(form: Form, way: Direction) -> (Value, Schemas) {
     let settings = SchemaSettings::draft2020_12().with(|settings| {
         settings.definitions_path = "/components/schemas".into();
         settings.meta_schema = None;
     });
     let settings = match way {
-        Way::Out => settings.for_serialize(),
-        Way::In => settings.for_deserialize(),
+        Direction::Out => settings.for_serialize(),
+        Direction::In => settings.for_deserialize(),
     };
     let mut generator = settings.into_generator();
     let schema = (form.schema)(&mut generator).to_value();

@@ -4,7 +4,7 @@
 use plc_api::wire::ROWS;
 use plc_api::wire::right::Right;
 use plc_api::wire::row::Topic;
-use plc_api::wire::speaker::Speaker;
+use plc_api::wire::speaker::MessageSender;
 
 /// Returns every incoming topic, with the right that its sender needs.
 pub(crate) fn inbound_topics() -> impl Iterator<Item = (&'static Topic, Right)> {
@@ -14,14 +14,14 @@ pub(crate) fn inbound_topics() -> impl Iterator<Item = (&'static Topic, Right)> 
 
 /// Returns the topic of a path below the root, with its right; the levels of its sender are removed.
 pub(crate) fn inbound(path: &str) -> Option<(&'static Topic, Right)> {
-    let (_, path) = Speaker::split(path);
+    let (_, path) = MessageSender::split(path);
     inbound_topics().find(|(topic, _)| topic.fits(path))
 }
 
 /// Returns the filters of all incoming topics, below the root.
 pub(crate) fn inbound_filters() -> impl Iterator<Item = String> {
     let unnamed = inbound_topics().map(|(topic, _)| topic.filter());
-    unnamed.chain(Speaker::FILTERS.map(ToOwned::to_owned))
+    unnamed.chain(MessageSender::FILTERS.map(ToOwned::to_owned))
 }
 
 /// True for a path of incoming commands, claims and settings, which must not be retained. Presence of handlers is also

@@ -30,19 +30,19 @@ pub(crate) struct States {
 
 impl States {
     /// Returns the current states: a subscription begins with them.
-    pub(crate) fn of(machine: &Machine) -> Self {
+    pub(crate) fn from_machine(machine: &Machine) -> Self {
         let mut states = Self {
             now: Some(machine.time()),
             ..Self::default()
         };
         let mut all = machine.subscribe(Filter::All);
         while let Some(message) = all.try_next() {
-            states.take(&message);
+            states.apply_message(&message);
         }
         states
     }
 
-    fn take(&mut self, message: &Message) {
+    fn apply_message(&mut self, message: &Message) {
         match (&message.topic, &message.payload) {
             (Topic::CoordinateSystem(cs, _), Payload::State(state)) => {
                 self.systems.insert(*cs, state.clone());

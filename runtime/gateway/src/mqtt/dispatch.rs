@@ -24,7 +24,7 @@ use super::message;
 use crate::access::rules;
 use crate::arrivals::Arrivals;
 use crate::broker::Sessions;
-use crate::machine::{Authorized, Caller, Machine};
+use crate::machine::{AuthorizedRequest, Caller, Machine};
 use crate::metrics::{Metrics, add};
 use crate::presence_ages::PresenceAges;
 use crate::publisher::Publisher;
@@ -37,7 +37,7 @@ const UNANSWERED_MAX: usize = 256;
 const URGENT_MAX: usize = 64;
 
 /// Receiver of a rejection: coordinate system, client id, command id.
-type ToTell = (CoordinateSystemNumber, String, String);
+type ReplyTarget = (CoordinateSystemNumber, String, String);
 
 /// Makes requests of the machine.
 pub(super) struct Dispatch {
@@ -93,7 +93,7 @@ impl Dispatch {
     /// Executes a received message, and returns the reply to a command that is rejected before it becomes a request.
     /// Each request reaches the port before the next one is made, so that the port receives them in order; a slow
     /// answer delays nothing.
-    pub(super) async fn take(
+    pub(super) async fn dispatch_message(
         &mut self,
         publisher: Publisher,
         inbound: Inbound,
@@ -148,7 +148,7 @@ impl Dispatch {
         if let Some(client_id) = publisher.client_id() {
             parsed.identify(&connection(client_id));
         }
-        self.end_of_another(parsed.request()).await;
+        self.report_earlier_offline(parsed.request()).await;
         let to_tell =
             sender(parsed.request()).map(|(cs, meta)| (cs, meta.client_id.clone(), meta.command_id.clone()));
         let moved = moving_system(parsed.request()).zip(arrival.number);
@@ -158,7 +158,7 @@ impl Dispatch {
                 None => self.refuse(to_tell, refusal).await,
             };
         }
-        let Some(place) = self.place(urgent).await else {
+        let Some(place) = self.acquire_permit(urgent).await else {
             let text = "too many requests are unanswered; send the request again";
             let refusal = Refusal::new(RefusalCode::Unavailable, text);
             return self.refuse(to_tell, refusal).await;
@@ -175,14 +175,15 @@ impl Dispatch {
             (Err(refusal), None) => return self.refuse(to_tell, refusal).await,
         };
         if let Request::Handler(id, presence) = authorized.request() {
-            self.ages.hear(id, presence, arrival.retain, Instant::now());
+            self.ages
+                .record_presence(id, presence, arrival.retain, Instant::now());
         }
         let (machine, results) = (self.machine.clone(), self.results.clone());
         let output = output_of(authorized.request());
         // the port itself replies to a named sender, also to reject a request
         let is_replied_to = to_tell.is_some();
         let asking = async move {
-            if let Err(refusal) = machine.carry_out(authorized).await
+            if let Err(refusal) = machine.execute_request(authorized).await
                 && !is_replied_to
             {
                 warn!("MQTT request refused: {refusal}");
@@ -208,7 +209,7 @@ impl Dispatch {
     }
 
     /// Takes the slot of an unanswered request. An urgent one waits for its slot, and always gets one.
-    async fn place(&self, urgent: bool) -> Option<OwnedSemaphorePermit> {
+    async fn acquire_permit(&self, urgent: bool) -> Option<OwnedSemaphorePermit> {
         if urgent {
             Arc::clone(&self.urgent).acquire_owned().await.ok()
         } else {
@@ -253,7 +254,7 @@ impl Dispatch {
 
     /// Records a new connection.
     pub(super) fn on_connected(&mut self) {
-        self.ages.begin_anew(Instant::now());
+        self.ages.restart_ages(Instant::now());
     }
 
     /// Records the loss of the connection.
@@ -262,30 +263,30 @@ impl Dispatch {
     }
 
     /// Waits until the presence of a handler expires, while there is a connection. Cancel-safe.
-    pub(super) async fn presence_ended(&self) {
-        match self.ages.next_end() {
+    pub(super) async fn wait_for_expiry(&self) {
+        match self.ages.next_expiry() {
             Some(end) => tokio::time::sleep_until(end).await,
             None => pending().await,
         }
     }
 
     /// Reports the handlers with expired presences as offline. Returns the content of their last wills, by path.
-    pub(super) async fn end_presences(&mut self) -> Vec<(String, String)> {
+    pub(super) async fn expire_presences(&mut self) -> Vec<(String, String)> {
         let mut said = Vec::new();
-        for (id, instance) in self.ages.take_ended(Instant::now()) {
+        for (id, instance) in self.ages.take_expired(Instant::now()) {
             warn!(
                 "handler {id:?} has not repeated its presence within its interval and is treated as \
                    offline"
             );
-            let gone = Machine::gone(id.clone(), instance.clone(), ServerTransport::Mqtt);
+            let gone = Machine::offline_report(id.clone(), instance.clone(), ServerTransport::Mqtt);
             // fails if the runtime is stopping
-            let _ = self.machine.carry_out(gone).await;
+            let _ = self.machine.execute_request(gone).await;
             let known = self.machine.read(&Topic::HandlerPresence(id.clone())).await;
             let is_known = known.as_deref().is_some_and(|known| {
                 matches!(&known.payload, Payload::HandlerPresence(shown) if !shown.online && shown.instance == instance)
             });
             if is_known {
-                let gone = serde_json::to_string(&HandlerPresence::gone(instance));
+                let gone = serde_json::to_string(&HandlerPresence::offline(instance));
                 said.push((Topic::HandlerPresence(id).path(), gone.unwrap_or_default()));
             }
         }
@@ -294,7 +295,7 @@ impl Dispatch {
 
     /// Reports an earlier handler of the same name as offline, if it is identified by a connection that has ended, also
     /// without a last will.
-    async fn end_of_another(&self, request: &Request) {
+    async fn report_earlier_offline(&self, request: &Request) {
         let (Some(clients), Request::Handler(id, presence)) = (&self.clients, request) else {
             return;
         };
@@ -311,14 +312,14 @@ impl Dispatch {
         };
         let of_connection = known.instance.as_ref().filter(|named| !is_own_instance(named));
         if of_connection.is_some_and(|instance| !is_connected(instance)) {
-            let gone = Machine::gone(id.clone(), known.instance.clone(), ServerTransport::Mqtt);
+            let gone = Machine::offline_report(id.clone(), known.instance.clone(), ServerTransport::Mqtt);
             // fails if the runtime is stopping
-            let _ = self.machine.carry_out(gone).await;
+            let _ = self.machine.execute_request(gone).await;
         }
     }
 
     /// Rejects a request before it reaches the port.
-    async fn refuse(&self, to_tell: Option<ToTell>, refusal: Refusal) -> Option<Message> {
+    async fn refuse(&self, to_tell: Option<ReplyTarget>, refusal: Refusal) -> Option<Message> {
         let Some((cs, client_id, command_id)) = to_tell else {
             return self.drop_message(&format!("MQTT request refused: {refusal}"));
         };
@@ -379,7 +380,7 @@ pub(super) async fn authorize(
     machine: &Machine,
     publisher: Publisher,
     parsed: ParsedRequest,
-) -> Result<Authorized, Refusal> {
+) -> Result<AuthorizedRequest, Refusal> {
     match publisher {
         Publisher::User { user, from, .. } => {
             let caller = Caller {
@@ -389,7 +390,7 @@ pub(super) async fn authorize(
             };
             machine.authorize_request(caller, parsed).await
         }
-        Publisher::Unknown { name, .. } => Machine::judge_last_will(&name, parsed),
+        Publisher::Unknown { name, .. } => Machine::authorize_last_will(&name, parsed),
     }
 }
 

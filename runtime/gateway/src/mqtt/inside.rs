@@ -16,7 +16,7 @@ use rumqttc::{LastWill, Publish};
 use tokio::sync::oneshot;
 use tokio::time::Instant;
 
-use super::wire::{Connect, Event, Lost, Named, Version, Wire};
+use super::wire::{BrokerStamp, Connect, ConnectionLoss, Event, Version, Wire};
 use crate::arrivals::{ARRIVAL, EXECUTED};
 use crate::broker::{Exchange, ON_THE_WAY_MAX, PACKET_MAX};
 
@@ -185,7 +185,7 @@ async fn subscribe(router: Arc<MessageRouter>, client_id: Arc<str>, filters: Vec
 }
 
 impl Wire for InsideWire {
-    async fn next(&mut self) -> Result<Event, Lost> {
+    async fn next(&mut self) -> Result<Event, ConnectionLoss> {
         loop {
             if let Some(work) = &mut self.work {
                 let done = work.await;
@@ -219,7 +219,7 @@ impl Wire for InsideWire {
             // the queue is older than the backlog
             tokio::select! {
                 biased;
-                _ = &mut self.displaced => return Err(Lost {
+                _ = &mut self.displaced => return Err(ConnectionLoss {
                     why: "another client has its id".to_owned(),
                     version_unknown: false,
                 }),
@@ -271,7 +271,7 @@ impl Drop for InsideWire {
 /// Converts a received message; the broker has named its publisher.
 fn published(publish: PublishPacket) -> Event {
     let said = |name| (publish.properties.get_user_property_value(name)).map(ToOwned::to_owned);
-    let named = Named {
+    let named = BrokerStamp {
         user: said(SENDER),
         client_id: said(CLIENT_ID),
         arrival: said(ARRIVAL).and_then(|number| number.parse().ok()),

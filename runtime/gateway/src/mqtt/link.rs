@@ -16,7 +16,7 @@ use plc_api::types::machine::{BrokerInUse, Presence};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::wire::mqtt::decode;
-use plc_api::wire::speaker::Speaker;
+use plc_api::wire::speaker::MessageSender;
 use rumqttc::{LastWill, Publish, QoS};
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
@@ -25,9 +25,9 @@ use tokio_util::sync::CancellationToken;
 use tracing::{info, warn};
 
 use super::dispatch::{Arrival, Dispatch};
-use super::outbox::{Handed, Outbox, Parcel};
+use super::outbox::{Outbox, Parcel, PublishOutcome};
 use super::urgent_replies::Reader;
-use super::wire::{self, Connect, Event, Lost, Named, Version, Wire};
+use super::wire::{self, BrokerStamp, Connect, ConnectionLoss, Event, Version, Wire};
 use super::{Parts, client_id, message, publisher_of};
 use crate::broker_address::Refused;
 use crate::contract::topics::{inbound_filters, is_inbound};
@@ -75,7 +75,7 @@ pub(super) struct Link<C> {
 }
 
 /// State of one connection.
-struct Session<W> {
+struct LinkSession<W> {
     wire: W,
     version: Version,
     /// Bytes of a packet that the broker accepts; 0 before it has answered.
@@ -85,16 +85,16 @@ struct Session<W> {
     warned_of_refusal: bool,
 }
 
-impl<W: Wire> Session<W> {
+impl<W: Wire> LinkSession<W> {
     /// Returns the next event, or an error if the broker is silent.
-    async fn next(&mut self) -> Result<Event, Lost> {
+    async fn next(&mut self) -> Result<Event, ConnectionLoss> {
         let Some(since) = self.silent_since else {
             return self.wire.next().await;
         };
         let next = tokio::time::timeout_at(since + BROKER_SILENCE_MAX, self.wire.next());
         next.await.unwrap_or_else(|_| {
             let wait_s = BROKER_SILENCE_MAX.as_secs();
-            Err(Lost {
+            Err(ConnectionLoss {
                 why: format!("the broker has acknowledged nothing for {wait_s} s"),
                 version_unknown: false,
             })
@@ -104,7 +104,7 @@ impl<W: Wire> Session<W> {
 
 /// Anything that wakes the task.
 enum Wakeup {
-    Mqtt(Result<Event, Lost>),
+    Mqtt(Result<Event, ConnectionLoss>),
     Message(Option<Arc<Message>>),
     PositionsDue,
     PresenceEnded,
@@ -151,10 +151,10 @@ impl<C: Connect> Link<C> {
             let begun = Instant::now();
             let end = self.connection().await;
             self.parts.metrics.mqtt_connected.store(0, Ordering::Relaxed);
-            let Err(Lost { why, .. }) = end else {
+            let Err(ConnectionLoss { why, .. }) = end else {
                 return;
             };
-            self.parts.metrics.broker.lose();
+            self.parts.metrics.broker.record_loss();
             self.dispatch.on_lost();
             self.report_bus(false);
             if begun.elapsed() >= STABLE {
@@ -207,7 +207,7 @@ impl<C: Connect> Link<C> {
 
     /// One connection, from the first attempt to its end or to the stop: over MQTT 5, and at once over 3.1.1 if the broker
     /// does not know 5. One that has spoken 5 before was probably being stopped when it hung up: it gets more attempts.
-    async fn connection(&mut self) -> Result<(), Lost> {
+    async fn connection(&mut self) -> Result<(), ConnectionLoss> {
         let lost = match self.connection_over(Version::V5).await {
             Err(lost) if lost.version_unknown => lost,
             end => return end,
@@ -221,12 +221,12 @@ impl<C: Connect> Link<C> {
         self.connection_over(Version::V3_1_1).await
     }
 
-    async fn connection_over(&mut self, version: Version) -> Result<(), Lost> {
+    async fn connection_over(&mut self, version: Version) -> Result<(), ConnectionLoss> {
         let offline = self.offline().await;
         let topic = format!("{}{}", self.parts.root, Topic::Presence.path());
         let will = LastWill::new(topic, offline.to_json(), QoS::AtLeastOnce, true);
         let client_id = client_id(&self.parts.settings, &self.parts.machine_name);
-        let mut session = Session {
+        let mut session = LinkSession {
             wire: self.at.open(self.node, &client_id, Some(will), version),
             version,
             packet_max: 0,
@@ -254,9 +254,9 @@ impl<C: Connect> Link<C> {
     }
 
     /// Returns the first wakeup that is ready. The sources take turns in coming first, so that none delays another.
-    async fn next_wakeup(&mut self, session: Option<&mut Session<C::Wire>>) -> Wakeup {
+    async fn next_wakeup(&mut self, session: Option<&mut LinkSession<C::Wire>>) -> Wakeup {
         let presence_ended = async {
-            self.dispatch.presence_ended().await;
+            self.dispatch.wait_for_expiry().await;
             Wakeup::PresenceEnded
         };
         let event = async {
@@ -326,7 +326,7 @@ impl<C: Connect> Link<C> {
             Wakeup::Message(None) => self.subscription = None,
             Wakeup::PositionsDue => self.put_positions().await,
             Wakeup::PresenceEnded => {
-                for (path, gone) in self.dispatch.end_presences().await {
+                for (path, gone) in self.dispatch.expire_presences().await {
                     self.outbox.retain(path, gone);
                 }
             }
@@ -341,12 +341,12 @@ impl<C: Connect> Link<C> {
                     number: None,
                     is_named: true,
                 };
-                self.take(publisher, &topic, &payload, arrival).await;
+                self.handle_message(publisher, &topic, &payload, arrival).await;
             }
             Wakeup::Result(result) => self.outbox.put(Arc::from(result)),
             Wakeup::Mqtt(_) | Wakeup::Stop => {}
         }
-        let lost = self.outbox.take_lost();
+        let lost = self.outbox.take_dropped_count();
         if lost > 0 {
             add(&self.parts.metrics.mqtt_events_lost, lost);
             warn!("the MQTT broker is too slow or offline: {lost} events were dropped; states are kept");
@@ -395,7 +395,7 @@ impl<C: Connect> Link<C> {
         self.presences += 1;
         if self.presences >= REFRESHES {
             self.presences = 0;
-            self.outbox.say_states_again();
+            self.outbox.queue_states_again();
         }
     }
 
@@ -418,7 +418,7 @@ impl<C: Connect> Link<C> {
         self.dispatch.on_connected();
         metrics
             .broker
-            .take(self.at.address(self.node).map(|address| BrokerInUse {
+            .record_connection(self.at.address(self.node).map(|address| BrokerInUse {
                 address,
                 since: Timestamp::from_system_time(self.parts.machine.time()),
             }));
@@ -438,13 +438,13 @@ impl<C: Connect> Link<C> {
 
     /// Publishes in order, until the client library is full or up to [`SENT_AT_ONCE_MAX`]. Returns `true` if more can
     /// be sent at once. The library writes each message while the next one is prepared.
-    async fn publish(&mut self, session: &mut Session<C::Wire>) -> bool {
+    async fn publish(&mut self, session: &mut LinkSession<C::Wire>) -> bool {
         let Parts { root, metrics, .. } = &self.parts;
         let mut sent = 0;
         while sent < SENT_AT_ONCE_MAX
             && self.outbox.send_next(|parcel| {
                 let handed = hand_over(parcel, root, session);
-                add(&metrics.mqtt_published, u64::from(handed == Handed::Over));
+                add(&metrics.mqtt_published, u64::from(handed == PublishOutcome::Over));
                 handed
             })
         {
@@ -457,7 +457,7 @@ impl<C: Connect> Link<C> {
         sent == SENT_AT_ONCE_MAX
     }
 
-    async fn on_event(&mut self, event: Event, session: &mut Session<C::Wire>) {
+    async fn on_event(&mut self, event: Event, session: &mut LinkSession<C::Wire>) {
         match event {
             Event::Connected { packet_max } => {
                 session.packet_max = packet_max;
@@ -488,13 +488,13 @@ impl<C: Connect> Link<C> {
         }
     }
 
-    async fn on_publish(&mut self, publish: &Publish, named: &Named, version: Version) {
+    async fn on_publish(&mut self, publish: &Publish, named: &BrokerStamp, version: Version) {
         // empty: a retained topic was cleared, by the runtime or by its sender; executed: by the urgent lane
         if publish.payload.is_empty() || named.is_executed {
             return;
         }
         let path = publish.topic.strip_prefix(&self.parts.root).unwrap_or_default();
-        let speaker = Speaker::split(path).0;
+        let speaker = MessageSender::split(path).0;
         let is_named = speaker.is_some();
         let publisher = publisher_of(&self.parts, named, speaker);
         if let Some(path) = publish.topic.strip_prefix(&self.parts.root)
@@ -508,17 +508,17 @@ impl<C: Connect> Link<C> {
             number: named.arrival,
             is_named,
         };
-        self.take(publisher, &publish.topic, &publish.payload, arrival)
+        self.handle_message(publisher, &publish.topic, &publish.payload, arrival)
             .await;
     }
 
-    async fn take(&mut self, publisher: Publisher, topic: &str, payload: &[u8], arrival: Arrival) {
+    async fn handle_message(&mut self, publisher: Publisher, topic: &str, payload: &[u8], arrival: Arrival) {
         let Some(path) = topic.strip_prefix(&self.parts.root) else {
             return;
         };
         add(&self.parts.metrics.mqtt_received, 1);
         let inbound = decode(path, payload, arrival.retain);
-        if let Some(reply) = self.dispatch.take(publisher, inbound, arrival).await {
+        if let Some(reply) = self.dispatch.dispatch_message(publisher, inbound, arrival).await {
             self.outbox.put(Arc::new(reply));
         }
     }
@@ -540,7 +540,7 @@ impl<C: Connect> Link<C> {
     }
 
     /// Publishes the remaining messages, then the offline presence, and disconnects.
-    async fn finish(&mut self, mut session: Session<C::Wire>, offline: Message) {
+    async fn finish(&mut self, mut session: LinkSession<C::Wire>, offline: Message) {
         while let Some(message) = self.subscription.as_mut().and_then(Subscription::try_next) {
             self.on_wakeup(Wakeup::Message(Some(message))).await;
         }
@@ -563,7 +563,7 @@ impl<C: Connect> Link<C> {
 }
 
 /// Gives a parcel to the client library.
-fn hand_over(parcel: &Parcel, root: &str, session: &Session<impl Wire>) -> Handed {
+fn hand_over(parcel: &Parcel, root: &str, session: &LinkSession<impl Wire>) -> PublishOutcome {
     let (path, retain, qos, payload, expiry_s) = match parcel {
         Parcel::Message(message) => {
             let topic = &message.topic;
@@ -581,12 +581,12 @@ fn hand_over(parcel: &Parcel, root: &str, session: &Session<impl Wire>) -> Hande
             payload.len(),
             session.packet_max
         );
-        return Handed::Never;
+        return PublishOutcome::Never;
     }
     if session.wire.publish(topic, qos, retain, payload, expiry_s) {
-        Handed::Over
+        PublishOutcome::Over
     } else {
-        Handed::Full
+        PublishOutcome::Full
     }
 }
 

@@ -19,7 +19,7 @@ use plc_api::server::ServedPort;
 use plc_api::types::Timestamp;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::topic::Topic;
-use plc_api::wire::speaker::Speaker;
+use plc_api::wire::speaker::MessageSender;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
@@ -38,7 +38,7 @@ pub(crate) use inside::Inside;
 use link::Link;
 use urgent_lane::UrgentLane;
 use urgent_replies::UrgentReplies;
-pub use wire::{Connect, Event, Lost, Named, Version, Wire};
+pub use wire::{BrokerStamp, Connect, ConnectionLoss, Event, Version, Wire};
 
 /// Messages rejected by the embedded broker that wait for a reply.
 pub(crate) const REFUSED_MAX: usize = 64;
@@ -79,7 +79,7 @@ pub(crate) struct Parts {
 }
 
 /// Returns the publisher that the broker names; with an external broker, the sender that the topic names.
-fn publisher_of(parts: &Parts, named: &Named, speaker: Option<Speaker>) -> Publisher {
+fn publisher_of(parts: &Parts, named: &BrokerStamp, speaker: Option<MessageSender>) -> Publisher {
     let clients = parts.clients.as_ref();
     let from = clients.and_then(|clients| clients.address_of(named.client_id.as_deref()?));
     let user = match &parts.tokens {

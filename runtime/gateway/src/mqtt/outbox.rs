@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-use plc_api::queue::{Entry, Queue};
+use plc_api::queue::{Queue, QueueEntry};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::topic::{CsTopic, Topic};
 
@@ -19,7 +19,7 @@ pub(super) enum Parcel {
 
 /// The result of publishing a parcel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Handed {
+pub(super) enum PublishOutcome {
     /// The client library has accepted it.
     Over,
     /// The client library is full: try again later.
@@ -28,7 +28,7 @@ pub(super) enum Handed {
     Never,
 }
 
-impl Entry for Parcel {
+impl QueueEntry for Parcel {
     fn topic(&self) -> Option<&Topic> {
         match self {
             Parcel::Message(message) => Some(&message.topic),
@@ -92,15 +92,15 @@ impl Outbox {
     }
 
     /// Publishes the next parcel. Returns `false` when none is queued, or when the client library is full.
-    pub(super) fn send_next(&mut self, publish: impl FnOnce(&Parcel) -> Handed) -> bool {
+    pub(super) fn send_next(&mut self, publish: impl FnOnce(&Parcel) -> PublishOutcome) -> bool {
         let Some(handed) = self.queue.front().map(publish) else {
             return false;
         };
-        if handed == Handed::Full {
+        if handed == PublishOutcome::Full {
             return false;
         }
         let parcel = self.queue.take();
-        if let (Handed::Over, Some(parcel)) = (handed, parcel)
+        if let (PublishOutcome::Over, Some(parcel)) = (handed, parcel)
             && parcel.topic().map_or(1, Topic::qos) > 0
         {
             self.unacknowledged
@@ -175,7 +175,7 @@ impl Outbox {
     }
 
     /// Queues the last value of every state again, for clients of a broker that has lost one.
-    pub(super) fn say_states_again(&mut self) {
+    pub(super) fn queue_states_again(&mut self) {
         for state in self.states.values().cloned().collect::<Vec<_>>() {
             self.put(state);
         }
@@ -198,7 +198,7 @@ impl Outbox {
     }
 
     /// Returns the number of events dropped since the last call.
-    pub(super) fn take_lost(&mut self) -> u64 {
+    pub(super) fn take_dropped_count(&mut self) -> u64 {
         let reported = std::mem::replace(&mut self.reported_lost, self.queue.lost());
         self.queue.lost() - reported
     }
@@ -285,7 +285,7 @@ mod tests {
             if let Parcel::Message(message) = parcel {
                 sent.push(Arc::clone(message));
             }
-            Handed::Over
+            PublishOutcome::Over
         }) {}
         sent
     }
@@ -344,8 +344,8 @@ mod tests {
         for seq in 0..EVENTS_MAX as u64 + 2 {
             outbox.put(cancel(seq));
         }
-        assert_eq!(outbox.take_lost(), 2);
-        assert_eq!(outbox.take_lost(), 0);
+        assert_eq!(outbox.take_dropped_count(), 2);
+        assert_eq!(outbox.take_dropped_count(), 0);
         let sent = send_all(&mut outbox);
         assert_eq!(sent.len(), EVENTS_MAX);
         assert_eq!(sent.first(), Some(&cancel(2)));
@@ -356,8 +356,8 @@ mod tests {
         let mut outbox = Outbox::default();
         outbox.put(cancel(1));
         outbox.put(cancel(2));
-        assert!(outbox.send_next(|_| Handed::Over));
-        assert!(!outbox.send_next(|_| Handed::Full));
+        assert!(outbox.send_next(|_| PublishOutcome::Over));
+        assert!(!outbox.send_next(|_| PublishOutcome::Full));
         assert_eq!(send_all(&mut outbox), [cancel(2)]);
     }
 
@@ -366,7 +366,7 @@ mod tests {
         let mut outbox = Outbox::default();
         outbox.put(switch(true));
         outbox.put(cancel(1));
-        while outbox.send_next(|_| Handed::Never) {}
+        while outbox.send_next(|_| PublishOutcome::Never) {}
         assert!(outbox.is_empty(), "no acknowledgement is awaited");
     }
 

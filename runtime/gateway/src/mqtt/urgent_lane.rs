@@ -68,7 +68,7 @@ impl UrgentLane {
 
     /// Passes an urgent request to the machine. Returns when the machine has it; the answer follows later. Waits only for an
     /// earlier request of the same account, kind and coordinate system, and up to 20 ms for commands to move that arrived before.
-    async fn take(self: Arc<Self>, publisher: Publisher, account: Account, parsed: ParsedRequest) {
+    async fn execute_urgent(self: Arc<Self>, publisher: Publisher, account: Account, parsed: ParsedRequest) {
         let Some((cs, kind)) = UrgentKind::of_request(parsed.request()) else {
             return;
         };
@@ -99,7 +99,7 @@ impl UrgentLane {
         let machine = self.machine.clone();
         let has_reply = sent_by.is_some();
         let asking = async move {
-            let answered: Result<_, Refusal> = machine.carry_out(authorized).await;
+            let answered: Result<_, Refusal> = machine.execute_request(authorized).await;
             // the port itself replies to a command
             if let Err(refusal) = answered
                 && !has_reply
@@ -148,6 +148,6 @@ impl ExecuteUrgent for UrgentLane {
         account: Account,
         parsed: ParsedRequest,
     ) -> BoxFuture<'static, ()> {
-        Box::pin(self.take(publisher, account, parsed))
+        Box::pin(self.execute_urgent(publisher, account, parsed))
     }
 }

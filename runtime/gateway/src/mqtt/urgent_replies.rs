@@ -23,10 +23,10 @@ pub(super) enum Reader {
 
 /// Which replies belong to urgent commands.
 #[derive(Debug, Default)]
-pub(crate) struct UrgentReplies(Mutex<Awaited>);
+pub(crate) struct UrgentReplies(Mutex<AwaitedReplies>);
 
 #[derive(Debug, Default)]
-struct Awaited {
+struct AwaitedReplies {
     /// The reader that has already seen the last reply to the command.
     by_id: HashMap<ReplyId, Option<Reader>>,
     order: VecDeque<ReplyId>,
@@ -74,7 +74,7 @@ mod tests {
     use super::*;
     use crate::tests::{message, reply};
 
-    fn said(client_id: &str, command_id: &str, status: CommandStatus) -> Message {
+    fn reply_message(client_id: &str, command_id: &str, status: CommandStatus) -> Message {
         let reply = reply(command_id, status, "ok");
         message(Topic::Reply(client_id.into()), None, Payload::Reply(reply))
     }
@@ -83,8 +83,8 @@ mod tests {
     fn both_readers_see_each_reply_of_an_urgent_command_and_no_other() {
         let replies = UrgentReplies::default();
         replies.await_replies("hmi", "c-1");
-        let accepted = said("hmi", "c-1", CommandStatus::Accepted);
-        let done = said("hmi", "c-1", CommandStatus::Done);
+        let accepted = reply_message("hmi", "c-1", CommandStatus::Accepted);
+        let done = reply_message("hmi", "c-1", CommandStatus::Done);
         for message in [&accepted, &done] {
             assert!(replies.is_urgent(message, Reader::Link));
             assert!(replies.is_urgent(message, Reader::Lane));
@@ -94,8 +94,8 @@ mod tests {
             "it is forgotten after the last reply"
         );
         for other in [
-            said("hmi", "c-2", CommandStatus::Done),
-            said("cell", "c-1", CommandStatus::Done),
+            reply_message("hmi", "c-2", CommandStatus::Done),
+            reply_message("cell", "c-1", CommandStatus::Done),
         ] {
             assert!(!replies.is_urgent(&other, Reader::Lane));
         }
@@ -108,7 +108,7 @@ mod tests {
             replies.await_replies("hmi", &n.to_string());
         }
         assert!(replies.0.lock().by_id.len() <= AWAITED_MAX);
-        assert!(!replies.is_urgent(&said("hmi", "0", CommandStatus::Done), Reader::Lane));
-        assert!(replies.is_urgent(&said("hmi", "1", CommandStatus::Done), Reader::Lane));
+        assert!(!replies.is_urgent(&reply_message("hmi", "0", CommandStatus::Done), Reader::Lane));
+        assert!(replies.is_urgent(&reply_message("hmi", "1", CommandStatus::Done), Reader::Lane));
     }
 }

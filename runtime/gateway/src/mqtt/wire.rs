@@ -63,7 +63,7 @@ pub trait Connect: Send + Sync + 'static {
 /// A connection to a broker, from the first attempt to its end. Dropping it ends it.
 pub trait Wire: Send + 'static {
     /// The next event. Cancel-safe.
-    fn next(&mut self) -> impl Future<Output = Result<Event, Lost>> + Send;
+    fn next(&mut self) -> impl Future<Output = Result<Event, ConnectionLoss>> + Send;
 
     /// Subscribes for delivery at least once and, over MQTT 5, with Retain As Published. False when there is no room.
     fn subscribe(&self, filters: impl Iterator<Item = String>) -> bool;
@@ -115,7 +115,7 @@ pub enum Event {
         /// The message.
         publish: Publish,
         /// The publisher of the message.
-        named: Named,
+        named: BrokerStamp,
     },
     /// The oldest publish with quality of service 1 is completed.
     Acknowledged {
@@ -130,7 +130,7 @@ pub enum Event {
 
 /// Why a connection ended.
 #[derive(Debug, PartialEq, Eq)]
-pub struct Lost {
+pub struct ConnectionLoss {
     /// The reason as text.
     pub why: String,
     /// The broker was reached, and hung up like one that does not support the version.
@@ -140,13 +140,13 @@ pub struct Lost {
 /// A connection to a real broker.
 #[derive(Debug)]
 pub(crate) struct BrokerWire {
-    client: Client,
-    events: mpsc::Receiver<Result<Event, Lost>>,
+    client: VersionedClient,
+    events: mpsc::Receiver<Result<Event, ConnectionLoss>>,
     _poller: AbortOnDropHandle<()>,
 }
 
 #[derive(Debug)]
-enum Client {
+enum VersionedClient {
     V5(v5::AsyncClient),
     V3(rumqttc::AsyncClient),
 }
@@ -182,13 +182,13 @@ impl Connect for BrokerAddress {
             Version::V5 => {
                 let options = v5::MqttOptions::new(client_id, host, port);
                 let (client, events) = v5::AsyncClient::new(options_5(options, self, will), CHANNEL);
-                (Client::V5(client), EventLoop::V5(Box::new(events)))
+                (VersionedClient::V5(client), EventLoop::V5(Box::new(events)))
             }
             Version::V3_1_1 => {
                 let options = rumqttc::MqttOptions::new(client_id, host, port);
                 let (client, mut events) = rumqttc::AsyncClient::new(options_3(options, self, will), CHANNEL);
                 events.set_network_options(network());
-                (Client::V3(client), EventLoop::V3(Box::new(events)))
+                (VersionedClient::V3(client), EventLoop::V3(Box::new(events)))
             }
         };
         let (sender, events) = mpsc::channel(CHANNEL);
@@ -201,8 +201,8 @@ impl Connect for BrokerAddress {
 }
 
 impl Wire for BrokerWire {
-    async fn next(&mut self) -> Result<Event, Lost> {
-        let ended = || Lost {
+    async fn next(&mut self) -> Result<Event, ConnectionLoss> {
+        let ended = || ConnectionLoss {
             why: "the connection has ended".to_owned(),
             version_unknown: false,
         };
@@ -211,14 +211,14 @@ impl Wire for BrokerWire {
 
     fn subscribe(&self, filters: impl Iterator<Item = String>) -> bool {
         match &self.client {
-            Client::V5(client) => {
+            VersionedClient::V5(client) => {
                 let filters = filters.map(|path| mqtt5::Filter {
                     preserve_retain: true,
                     ..mqtt5::Filter::new(path, QoS5::AtLeastOnce)
                 });
                 client.try_subscribe_many(filters).is_ok()
             }
-            Client::V3(client) => {
+            VersionedClient::V3(client) => {
                 let filters = filters.map(|path| SubscribeFilter::new(path, QoS::AtLeastOnce));
                 client.try_subscribe_many(filters).is_ok()
             }
@@ -227,7 +227,7 @@ impl Wire for BrokerWire {
 
     fn publish(&self, topic: String, qos: u8, retain: bool, payload: String, expiry_s: Option<u32>) -> bool {
         match &self.client {
-            Client::V5(client) => {
+            VersionedClient::V5(client) => {
                 let qos = qos_5(qos).unwrap_or(QoS5::AtLeastOnce);
                 let Some(expiry_s) = expiry_s else {
                     return client.try_publish(topic, qos, retain, payload).is_ok();
@@ -240,7 +240,7 @@ impl Wire for BrokerWire {
                     .try_publish_with_properties(topic, qos, retain, payload, properties)
                     .is_ok()
             }
-            Client::V3(client) => {
+            VersionedClient::V3(client) => {
                 let qos = rumqttc::qos(qos).unwrap_or(QoS::AtLeastOnce);
                 client.try_publish(topic, qos, retain, payload).is_ok()
             }
@@ -249,8 +249,8 @@ impl Wire for BrokerWire {
 
     fn disconnect(&self) -> bool {
         match &self.client {
-            Client::V5(client) => client.try_disconnect().is_ok(),
-            Client::V3(client) => client.try_disconnect().is_ok(),
+            VersionedClient::V5(client) => client.try_disconnect().is_ok(),
+            VersionedClient::V3(client) => client.try_disconnect().is_ok(),
         }
     }
 }
@@ -263,7 +263,7 @@ pub(super) fn fits(topic: &str, payload: &str, packet_max: usize) -> bool {
 impl EventLoop {
     /// Polls until the connection ends: the next poll would connect again. It runs in a separate task, because a poll
     /// must not be cancelled half-way.
-    async fn run(mut self, sender: mpsc::Sender<Result<Event, Lost>>) {
+    async fn run(mut self, sender: mpsc::Sender<Result<Event, ConnectionLoss>>) {
         let mut connected = false;
         loop {
             let Some(event) = self.poll(connected).await.transpose() else {
@@ -277,7 +277,7 @@ impl EventLoop {
         }
     }
 
-    async fn poll(&mut self, connected: bool) -> Result<Option<Event>, Lost> {
+    async fn poll(&mut self, connected: bool) -> Result<Option<Event>, ConnectionLoss> {
         match self {
             Self::V5(events) => match events.poll().await {
                 Ok(event) => Ok(event_5(event)),
@@ -285,7 +285,7 @@ impl EventLoop {
             },
             Self::V3(events) => match events.poll().await {
                 Ok(event) => Ok(event_3(event)),
-                Err(error) => Err(Lost {
+                Err(error) => Err(ConnectionLoss {
                     why: error.to_string(),
                     version_unknown: false,
                 }),
@@ -309,7 +309,7 @@ fn event_5(event: v5::Event) -> Option<Event> {
             taken.retain = publish.retain;
             Event::Published {
                 publish: taken,
-                named: Named::default(),
+                named: BrokerStamp::default(),
             }
         }
         // brokers acknowledge in the order of publishing (MQTT-4.6.0-2)
@@ -334,7 +334,7 @@ fn event_5(event: v5::Event) -> Option<Event> {
 
 /// The publisher of a message, if the broker is the embedded one; other brokers do not name it.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub struct Named {
+pub struct BrokerStamp {
     /// Its user.
     pub user: Option<String>,
     /// Its client id.
@@ -352,7 +352,7 @@ fn event_3(event: rumqttc::Event) -> Option<Event> {
         },
         rumqttc::Event::Incoming(Packet::Publish(publish)) => Event::Published {
             publish,
-            named: Named::default(),
+            named: BrokerStamp::default(),
         },
         rumqttc::Event::Incoming(Packet::PubAck(_)) => Event::Acknowledged { refused: None },
         rumqttc::Event::Incoming(Packet::SubAck(ack)) => {
@@ -368,7 +368,7 @@ fn event_3(event: rumqttc::Event) -> Option<Event> {
 
 /// A broker of 3.1.1 answers a higher version with a code and hangs up, or only hangs up (MQTT-3.1.2-2). The library
 /// may fail to read that code, because the properties of MQTT 5 do not follow it.
-fn lost_5(error: &v5::ConnectionError, connected: bool) -> Lost {
+fn lost_5(error: &v5::ConnectionError, connected: bool) -> ConnectionLoss {
     use mqtt5::ConnectReturnCode::{RefusedProtocolVersion, UnsupportedProtocolVersion};
     use v5::{ConnectionError, StateError};
     let version_unknown = !connected
@@ -380,7 +380,7 @@ fn lost_5(error: &v5::ConnectionError, connected: bool) -> Lost {
                     StateError::Io(_) | StateError::Deserialization(_) | StateError::ConnectionAborted
                 )
         );
-    Lost {
+    ConnectionLoss {
         why: error.to_string(),
         version_unknown,
     }

@@ -8,10 +8,10 @@ use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tracing::{debug, info, warn};
 
-use super::Neighbours;
+use super::PeerMachines;
 use crate::broker_address::BrokerAddress;
 use crate::error::GatewayError;
-use crate::mqtt::{Connect, Event, Lost, Version, Wire, client_id};
+use crate::mqtt::{Connect, ConnectionLoss, Event, Version, Wire, client_id};
 use crate::settings::MqttSettings;
 
 /// Time for which the connection stays open after the last request for the other machines.
@@ -21,7 +21,7 @@ const TURN: u32 = 64;
 
 /// The task that listens.
 pub(crate) struct Listener<C> {
-    pub(crate) neighbours: Arc<Neighbours>,
+    pub(crate) neighbours: Arc<PeerMachines>,
     pub(crate) at: C,
     pub(crate) client_id: String,
     /// The part of a topic before the machine name, such as `tandem/v1/`.
@@ -34,10 +34,10 @@ impl Listener<BrokerAddress> {
     ///
     /// # Errors
     /// Returns an error if the address of the broker cannot be used.
-    pub(crate) fn beside(
+    pub(crate) fn for_broker(
         settings: &MqttSettings,
         machine: &str,
-        neighbours: Arc<Neighbours>,
+        neighbours: Arc<PeerMachines>,
         stop: CancellationToken,
     ) -> Result<Self, GatewayError> {
         Ok(Self {
@@ -68,7 +68,7 @@ impl<C: Connect> Listener<C> {
     /// Connects repeatedly as long as there are requests.
     async fn listen(&self) {
         let (mut backoff, mut node, mut version) = (self.at.backoff(), 0, Version::V5);
-        while !self.stop.is_cancelled() && Instant::now() < self.ends() {
+        while !self.stop.is_cancelled() && Instant::now() < self.deadline() {
             let Err(lost) = self.connection(node, version).await else {
                 return;
             };
@@ -87,19 +87,19 @@ impl<C: Connect> Listener<C> {
     }
 
     /// Returns when listening ends.
-    fn ends(&self) -> Instant {
+    fn deadline(&self) -> Instant {
         self.neighbours.heard.lock().asked_at + ASKED_FOR
     }
 
     /// Runs one connection; returns `Ok` when the requests end.
-    async fn connection(&self, node: usize, version: Version) -> Result<(), Lost> {
+    async fn connection(&self, node: usize, version: Version) -> Result<(), ConnectionLoss> {
         let mut wire = self.at.open(node, &self.client_id, None, version);
         let mut until_turn = TURN;
         loop {
             let event = tokio::select! {
                 () = self.stop.cancelled() => return Ok(()),
-                () = tokio::time::sleep_until(self.ends()) => {
-                    if Instant::now() >= self.ends() {
+                () = tokio::time::sleep_until(self.deadline()) => {
+                    if Instant::now() >= self.deadline() {
                         wire.disconnect();
                         return Ok(());
                     }
@@ -121,7 +121,7 @@ impl<C: Connect> Listener<C> {
                         && let Some((machine, path)) = of_machine.split_once('/')
                     {
                         let mut heard = self.neighbours.heard.lock();
-                        (heard.registry).take(machine, path, &publish.payload, Instant::now());
+                        (heard.registry).store_message(machine, path, &publish.payload, Instant::now());
                     }
                 }
                 Event::SubscriptionRefused => {

@@ -33,12 +33,12 @@ const EXPIRES_MAX: Duration = Duration::from_hours(24);
 #[derive(Debug)]
 pub(super) struct Registry {
     own: String,
-    machines: BTreeMap<String, Heard>,
+    machines: BTreeMap<String, PeerMachine>,
 }
 
 /// Data received from one machine.
 #[derive(Debug, Default)]
-struct Heard {
+struct PeerMachine {
     presence: Option<(Presence, Instant)>,
     /// When its newest heartbeat arrived.
     beat_at: Option<Instant>,
@@ -71,7 +71,7 @@ impl Registry {
     }
 
     /// Stores a message of a machine. Ignores messages outside the interface and beyond the limits.
-    pub(super) fn take(&mut self, machine: &str, path: &str, payload: &[u8], now: Instant) {
+    pub(super) fn store_message(&mut self, machine: &str, path: &str, payload: &[u8], now: Instant) {
         let Some(topic) = Topic::parse(path).filter(is_read) else {
             return;
         };
@@ -90,7 +90,7 @@ impl Registry {
         if heard.fits(&topic, payload.len())
             && let Ok(message) = Message::from_json(topic, payload)
         {
-            heard.take(message, payload.len(), now);
+            heard.store_message(message, payload.len(), now);
         }
     }
 
@@ -100,7 +100,7 @@ impl Registry {
         if self.machines.len() < MACHINES_MAX {
             return true;
         }
-        let is_away = |heard: &Heard| heard.link(now) != Some(MachineLink::Online);
+        let is_away = |heard: &PeerMachine| heard.link(now) != Some(MachineLink::Online);
         let mut away = self.machines.iter().filter(|(_, heard)| is_away(heard));
         let Some(name) = away.next().map(|(name, _)| name.clone()) else {
             return false;
@@ -130,7 +130,7 @@ fn is_read(topic: &Topic) -> bool {
     )
 }
 
-impl Heard {
+impl PeerMachine {
     /// Whether a message of this size is within the limits.
     fn fits(&self, topic: &Topic, bytes: usize) -> bool {
         let system_fits = match topic {
@@ -162,7 +162,7 @@ impl Heard {
         }
     }
 
-    fn take(&mut self, message: Message, bytes: usize, now: Instant) {
+    fn store_message(&mut self, message: Message, bytes: usize, now: Instant) {
         let cs = match message.topic {
             Topic::CoordinateSystem(cs, _) => cs,
             _ => 0,
@@ -171,7 +171,7 @@ impl Heard {
             Payload::Presence(presence) => self.presence = Some((presence, now)),
             Payload::AlarmActive(alarms) => self.alarms = alarms,
             Payload::Heartbeat(_) => self.beat_at = Some(now),
-            of_system => self.systems.entry(cs).or_default().take(of_system),
+            of_system => self.systems.entry(cs).or_default().store_payload(of_system),
         }
         self.bytes.insert(message.topic, bytes);
     }
@@ -210,7 +210,7 @@ fn age_ms(age: Duration) -> u64 {
 }
 
 impl System {
-    fn take(&mut self, payload: Payload) {
+    fn store_payload(&mut self, payload: Payload) {
         match payload {
             Payload::State(state) => self.state = Some(state),
             Payload::Pending(pending) => self.outputs = pending.outputs,
@@ -246,8 +246,8 @@ mod tests {
     const PRESENCE: &str =
         r#"{"online":true,"started_at":"2026-01-01T00:00:00Z","version":"1","expires_ms":900}"#;
 
-    fn take(registry: &mut Registry, machine: &str, path: &str, payload: &str, now: Instant) {
-        registry.take(machine, path, payload.as_bytes(), now);
+    fn store_json(registry: &mut Registry, machine: &str, path: &str, payload: &str, now: Instant) {
+        registry.store_message(machine, path, payload.as_bytes(), now);
     }
 
     fn state(program: u16) -> String {
@@ -262,13 +262,13 @@ mod tests {
     #[test]
     fn machine_is_listed_after_its_presence_and_silent_when_it_expires() {
         let (mut registry, now) = (Registry::new("mill-1"), Instant::now());
-        take(&mut registry, "mill-2", "cs/1/state", &state(7), now);
+        store_json(&mut registry, "mill-2", "cs/1/state", &state(7), now);
         assert_eq!(
             registry.machines(now),
             [],
             "unknown whether the machine is online"
         );
-        take(&mut registry, "mill-2", "presence", PRESENCE, now);
+        store_json(&mut registry, "mill-2", "presence", PRESENCE, now);
         let told = registry.machines(now + Duration::from_millis(899));
         assert_eq!(
             (told[0].machine.as_str(), told[0].link),
@@ -278,7 +278,7 @@ mod tests {
         assert_eq!(state.program, Some(7));
         let later = now + Duration::from_millis(900);
         assert_eq!(registry.machines(later)[0].link, MachineLink::Silent);
-        take(
+        store_json(
             &mut registry,
             "mill-2",
             "presence",
@@ -286,19 +286,19 @@ mod tests {
             later,
         );
         assert_eq!(registry.machines(later)[0].link, MachineLink::Offline);
-        take(&mut registry, "mill-2", "presence", "", later);
+        store_json(&mut registry, "mill-2", "presence", "", later);
         assert_eq!(registry.machines(later), [], "its presence was taken away");
     }
 
     #[test]
     fn the_age_of_a_machine_is_that_of_its_newest_heartbeat() {
         let (mut registry, now) = (Registry::new("mill-1"), Instant::now());
-        take(&mut registry, "mill-2", "presence", PRESENCE, now);
+        store_json(&mut registry, "mill-2", "presence", PRESENCE, now);
         assert_eq!(registry.machines(now)[0].age_ms, None);
         for cycle in 1..=3 {
             let at = now + Duration::from_millis(100 * cycle);
             let heartbeat = json!({ "cycle": cycle }).to_string();
-            take(&mut registry, "mill-2", "heartbeat", &heartbeat, at);
+            store_json(&mut registry, "mill-2", "heartbeat", &heartbeat, at);
         }
         let later = now + Duration::from_millis(850);
         assert_eq!(registry.machines(later)[0].age_ms, Some(550));
@@ -308,10 +308,10 @@ mod tests {
     fn this_machine_and_what_is_no_name_of_one_are_passed_over() {
         let (mut registry, now) = (Registry::new("mill-1"), Instant::now());
         for name in ["mill-1", "", "Mill", "mill 2", "<b>", &"m".repeat(33)] {
-            take(&mut registry, name, "presence", PRESENCE, now);
+            store_json(&mut registry, name, "presence", PRESENCE, now);
         }
-        take(&mut registry, "mill-2", "presence", "{\"online\":}", now);
-        take(&mut registry, "mill-3", "presence", "[1]", now);
+        store_json(&mut registry, "mill-2", "presence", "{\"online\":}", now);
+        store_json(&mut registry, "mill-3", "presence", "[1]", now);
         assert_eq!(registry.machines(now), []);
     }
 
@@ -324,7 +324,7 @@ mod tests {
             ("http://mill-2:8080/path", None),
         ] {
             let presence = PRESENCE.replace("\"version\"", &format!("\"url\":\"{url}\",\"version\""));
-            take(&mut registry, "mill-2", "presence", &presence, now);
+            store_json(&mut registry, "mill-2", "presence", &presence, now);
             assert_eq!(registry.machines(now)[0].url.as_deref(), told, "{url}");
         }
     }
@@ -333,21 +333,21 @@ mod tests {
     fn machines_coordinate_systems_alarms_and_bytes_are_bounded() {
         let (mut registry, now) = (Registry::new("mill-1"), Instant::now());
         for n in 0..MACHINES_MAX + 10 {
-            take(&mut registry, &format!("m{n}"), "presence", PRESENCE, now);
+            store_json(&mut registry, &format!("m{n}"), "presence", PRESENCE, now);
         }
         assert_eq!(registry.machines(now).len(), MACHINES_MAX);
         let later = now + Duration::from_secs(1);
-        take(&mut registry, "new", "presence", PRESENCE, later);
+        store_json(&mut registry, "new", "presence", PRESENCE, later);
         let told = registry.machines(later);
         assert_eq!(told.len(), MACHINES_MAX, "a silent machine was evicted");
         assert!(told.iter().any(|seen| seen.machine == "new"));
 
         for cs in 1..=20 {
-            take(&mut registry, "new", &format!("cs/{cs}/state"), &state(cs), later);
+            store_json(&mut registry, "new", &format!("cs/{cs}/state"), &state(cs), later);
         }
         let alarms = vec![AlarmRecord::default(); 50];
         let alarms = serde_json::to_string(&ActiveAlarms { alarms }).unwrap();
-        take(&mut registry, "new", "alarm/active", &alarms, later);
+        store_json(&mut registry, "new", "alarm/active", &alarms, later);
         let find = |registry: &Registry| {
             let mut told = registry.machines(later).into_iter();
             told.find(|seen| seen.machine == "new").unwrap()
@@ -357,7 +357,7 @@ mod tests {
         assert_eq!((seen.alarm_count, seen.alarms.len()), (50, ALARMS_MAX));
 
         let long = format!("{{\"alarms\":[]{}}}", " ".repeat(MACHINE_BYTES_MAX));
-        take(&mut registry, "new", "alarm/active", &long, later);
+        store_json(&mut registry, "new", "alarm/active", &long, later);
         assert_eq!(find(&registry).alarm_count, 0, "neither it nor what it replaces");
     }
 
@@ -373,16 +373,16 @@ mod tests {
                 "attempt": 1, "redelivered": false, "state": "OUTPUT", "handler_id": null, "since": "2026-01-01T00:00:00Z"})
         };
         let pending = json!({"outputs": [output(2), output(3)]}).to_string();
-        take(&mut registry, "mill-2", "presence", PRESENCE, now);
-        take(&mut registry, "mill-2", "cs/1/m_code/pending", &pending, now);
-        take(&mut registry, "mill-2", "cs/1/state", &waiting, now);
+        store_json(&mut registry, "mill-2", "presence", PRESENCE, now);
+        store_json(&mut registry, "mill-2", "cs/1/m_code/pending", &pending, now);
+        store_json(&mut registry, "mill-2", "cs/1/state", &waiting, now);
         for (run_id, left) in [
             ("r-1", (Some(12.5), Some(0.25))),
             ("r-0", (None, None)),
             ("", (None, None)),
         ] {
             let time_left = json!({"run_id": run_id, "left_s": 12.5, "progress": 0.25}).to_string();
-            take(&mut registry, "mill-2", "cs/1/time_left", &time_left, now);
+            store_json(&mut registry, "mill-2", "cs/1/time_left", &time_left, now);
             let seen = &registry.machines(now)[0].coordinate_systems[0];
             assert_eq!(seen.waiting_on.as_ref().map(|open| open.output.seq), Some(3));
             assert_eq!((seen.left_s, seen.progress), left, "{run_id}");

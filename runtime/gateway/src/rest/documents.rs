@@ -10,7 +10,7 @@ use axum::{Json, Router};
 use serde_json::{Value, json};
 
 use crate::problem::Problem;
-use crate::shared::{Shared, unexpected};
+use crate::shared::{ServerState, unexpected};
 
 const OPENAPI: &str = include_str!("../../api/openapi.json");
 const ASYNCAPI: &str = include_str!("../../api/asyncapi.json");
@@ -18,7 +18,7 @@ const ASYNCAPI: &str = include_str!("../../api/asyncapi.json");
 /// Parsed once: that takes longer than the rest of a request for it.
 static PARSED_ASYNCAPI: LazyLock<Option<Value>> = LazyLock::new(|| serde_json::from_str(ASYNCAPI).ok());
 
-pub(super) fn routes() -> Router<Arc<Shared>> {
+pub(super) fn routes() -> Router<Arc<ServerState>> {
     Router::new()
         .route("/openapi.json", get(|| async { document(OPENAPI) }))
         .route("/asyncapi.json", get(asyncapi))
@@ -30,7 +30,10 @@ fn document(text: &'static str) -> Response {
 }
 
 /// Returns the MQTT document, with the servers at which the client reaches this machine.
-async fn asyncapi(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Result<Json<Value>, Problem> {
+async fn asyncapi(
+    State(shared): State<Arc<ServerState>>,
+    headers: HeaderMap,
+) -> Result<Json<Value>, Problem> {
     let mut document = Value::clone(PARSED_ASYNCAPI.as_ref().ok_or_else(unexpected)?);
     let asked = headers.get(header::HOST).and_then(|host| host.to_str().ok());
     let here = asked.map_or_else(|| shared.http_addr.to_string(), str::to_owned);

@@ -14,15 +14,18 @@ use serde_json::json;
 use tracing::{info, warn};
 
 use super::{body, json_response};
-use crate::access::Shown;
+use crate::access::AuthenticatedUser;
 use crate::access::http::{token, too_many};
 use crate::access::login::{LOGIN_MAX, Refused};
 use crate::problem::Problem;
 use crate::server::Peer;
-use crate::shared::Shared;
+use crate::shared::ServerState;
 
 /// Logs a person in.
-pub(super) async fn log_in(State(shared): State<Arc<Shared>>, request: Request) -> Result<Response, Problem> {
+pub(super) async fn log_in(
+    State(shared): State<Arc<ServerState>>,
+    request: Request,
+) -> Result<Response, Problem> {
     let Some(users) = shared.access.users() else {
         let text =
             "this machine has no token file: every user of this computer has all rights without a login";
@@ -44,7 +47,7 @@ pub(super) async fn log_in(State(shared): State<Arc<Shared>>, request: Request) 
         .await;
     let note = |what| {
         let (user, over) = (Some(said.user.as_str()), ServerTransport::Rest);
-        (shared.machine).note(what, user, Some(from), over, "POST /login".to_owned());
+        (shared.machine).record_access(what, user, Some(from), over, "POST /login".to_owned());
     };
     let (token, user) = logged_in.map_err(|refused| {
         note(AccessKind::LoginRefused);
@@ -77,7 +80,7 @@ pub(super) async fn log_in(State(shared): State<Arc<Shared>>, request: Request) 
 }
 
 /// Returns the user of the request.
-pub(super) async fn who(Extension(shown): Extension<Shown>) -> Response {
+pub(super) async fn current_user(Extension(shown): Extension<AuthenticatedUser>) -> Response {
     let answer = CurrentUser {
         user: shown.user.name().map(str::to_owned),
         role: shown.user.role().name(),
@@ -88,7 +91,7 @@ pub(super) async fn who(Extension(shown): Extension<Shown>) -> Response {
 
 /// Ends the login whose token the request carries.
 pub(super) async fn log_out(
-    State(shared): State<Arc<Shared>>,
+    State(shared): State<Arc<ServerState>>,
     request: Request,
 ) -> Result<Response, Problem> {
     let shown = token(request.headers()).unwrap_or_default();

@@ -20,10 +20,10 @@ use plc_api::wire::row::check_path;
 
 use crate::contract::routes::{ROUTES, Serves};
 use crate::problem::Problem;
-use crate::shared::Shared;
+use crate::shared::ServerState;
 
 /// Returns the routes, without their common path prefix.
-pub(crate) fn routes() -> Router<Arc<Shared>> {
+pub(crate) fn routes() -> Router<Arc<ServerState>> {
     let mut router = Router::new()
         .merge(states::own_routes())
         .merge(documents::routes());

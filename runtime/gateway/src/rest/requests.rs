@@ -30,10 +30,10 @@ use tokio::time::timeout;
 use super::{body, json_response, nothing_at, params, problem_of, query};
 use crate::access::{Account, User};
 use crate::contract::routes::API;
-use crate::machine::{Authorized, Caller};
+use crate::machine::{AuthorizedRequest, Caller};
 use crate::problem::Problem;
 use crate::server::Peer;
-use crate::shared::{Shared, unexpected};
+use crate::shared::{ServerState, unexpected};
 use crate::urgent_slots::UrgentKind;
 
 /// Client id of a REST command that names no client.
@@ -44,7 +44,7 @@ const WAIT_MAX: Duration = Duration::from_mins(1);
 
 /// Serves a row on one of its routes.
 pub(super) async fn serve(
-    shared: Arc<Shared>,
+    shared: Arc<ServerState>,
     user: User,
     row: &Row,
     route: &Route,
@@ -73,7 +73,7 @@ pub(super) async fn serve(
         _ => None,
     };
     params.extend(cs.as_deref().map(|cs| ("cs", cs)));
-    let sender = HttpSender::of(&shared, (&user, &head.headers), route);
+    let sender = HttpSender::new(&shared, (&user, &head.headers), route);
     let incoming = IncomingRequest {
         params: &params,
         body: Cow::Owned(bytes),
@@ -95,9 +95,9 @@ pub(super) async fn serve(
     let reply = match (authorized.request(), urgent) {
         (Request::Command { .. }, Some(kind)) => {
             let account = Account::new(&user, caller.from);
-            carry_out_urgent(&shared, authorized, (account, kind), &form).await?
+            execute_urgent_request(&shared, authorized, (account, kind), &form).await?
         }
-        (Request::Command { .. }, None) => carry_out(&shared, authorized, &form).await?,
+        (Request::Command { .. }, None) => execute_request(&shared, authorized, &form).await?,
         (Request::Handler(..), _) => form.encode(register(&shared, authorized).await?)?,
         _ => form.encode(shared.ask(authorized).await?)?,
     };
@@ -117,17 +117,19 @@ async fn read_body(route: &Route, headers: &HeaderMap, body: Body) -> Result<Vec
 }
 
 /// Registers a handler, or removes it.
-async fn register(shared: &Shared, authorized: Authorized) -> Result<Answer, Problem> {
+async fn register(shared: &ServerState, authorized: AuthorizedRequest) -> Result<Answer, Problem> {
     let Request::Handler(id, presence) = authorized.request().clone() else {
         return Err(unexpected());
     };
     presence.check_registration().map_err(Problem::invalid)?;
     if presence.online {
-        shared.registrations.begin(&id, &presence)?;
+        shared.registrations.add_registration(&id, &presence)?;
     }
     let answer = shared.ask(authorized).await;
     if answer.is_err() || !presence.online {
-        shared.registrations.end(&id, presence.instance.as_ref());
+        shared
+            .registrations
+            .remove_registration(&id, presence.instance.as_ref());
     }
     answer
 }
@@ -155,14 +157,14 @@ fn tagged(mut response: Response, hash: &str) -> Response {
 }
 
 struct HttpSender<'a> {
-    shared: &'a Shared,
+    shared: &'a ServerState,
     user: &'a User,
     headers: &'a HeaderMap,
     route: &'a Route,
 }
 
 impl<'a> HttpSender<'a> {
-    fn of(shared: &'a Shared, (user, headers): (&'a User, &'a HeaderMap), route: &'a Route) -> Self {
+    fn new(shared: &'a ServerState, (user, headers): (&'a User, &'a HeaderMap), route: &'a Route) -> Self {
         Self {
             shared,
             user,
@@ -213,7 +215,7 @@ impl Sender for HttpSender<'_> {
 }
 
 /// Returns the coordinate system that an alarm stopped; the first one for an alarm of all.
-async fn of_alarm(shared: &Shared, id: &str, uri: &Uri) -> Result<CoordinateSystemNumber, Problem> {
+async fn of_alarm(shared: &ServerState, id: &str, uri: &Uri) -> Result<CoordinateSystemNumber, Problem> {
     let id: u64 = number(id).ok_or_else(|| nothing_at(uri))?;
     let active = shared.read(&Topic::AlarmActive).await?;
     let Payload::AlarmActive(active) = &active.payload else {
@@ -229,9 +231,9 @@ async fn of_alarm(shared: &Shared, id: &str, uri: &Uri) -> Result<CoordinateSyst
     Ok(first.number)
 }
 
-async fn carry_out(
-    shared: &Arc<Shared>,
-    authorized: Authorized,
+async fn execute_request(
+    shared: &Arc<ServerState>,
+    authorized: AuthorizedRequest,
     form: &AnswerForm,
 ) -> Result<Reply, Problem> {
     let Ok(place) = Arc::clone(&shared.open_commands).try_acquire_owned() else {
@@ -259,9 +261,9 @@ async fn carry_out(
 }
 
 /// Executes a hold, stop or abort, or ends a jog. It waits only for an earlier one of the same account, kind and coordinate system.
-async fn carry_out_urgent(
-    shared: &Arc<Shared>,
-    mut authorized: Authorized,
+async fn execute_urgent_request(
+    shared: &Arc<ServerState>,
+    mut authorized: AuthorizedRequest,
     (account, kind): (Account, (CoordinateSystemNumber, UrgentKind)),
     form: &AnswerForm,
 ) -> Result<Reply, Problem> {
@@ -296,7 +298,7 @@ async fn carry_out_urgent(
 
 /// Starts a request in a separate task; a panic ends that request alone.
 fn spawn_request(
-    shared: &Shared,
+    shared: &ServerState,
     asking: impl Future<Output = Result<Answer, Problem>> + Send + 'static,
 ) -> JoinHandle<Option<Result<Answer, Problem>>> {
     let supervisor = shared.machine.supervisor();

@@ -19,14 +19,14 @@ use plc_api::wire::states::{
 };
 use serde_json::{Value, json};
 
-use super::login::{log_in, log_out, who};
+use super::login::{current_user, log_in, log_out};
 use super::{json_response, params};
 use crate::metrics::States;
 use crate::problem::Problem;
-use crate::shared::Shared;
+use crate::shared::ServerState;
 
 /// Routes that the server answers without the machine.
-pub(super) fn own_routes() -> Router<Arc<Shared>> {
+pub(super) fn own_routes() -> Router<Arc<ServerState>> {
     Router::new()
         .route("/cs", get(coordinate_systems))
         .route("/cs/{cs}/inputs", get(inputs))
@@ -35,7 +35,7 @@ pub(super) fn own_routes() -> Router<Arc<Shared>> {
         .route("/machines", get(machines))
         .route("/health", get(health))
         .route("/metrics", get(metrics))
-        .route("/login", get(who).post(log_in).delete(log_out))
+        .route("/login", get(current_user).post(log_in).delete(log_out))
 }
 
 /// Names and values in a path.
@@ -50,7 +50,7 @@ fn cs_of(raw: &Params, uri: &Uri) -> Result<CoordinateSystemNumber, Problem> {
 
 /// One state.
 pub(super) async fn one(
-    State(shared): State<Arc<Shared>>,
+    State(shared): State<Arc<ServerState>>,
     uri: Uri,
     params: Params,
     row: &StateRow,
@@ -59,15 +59,15 @@ pub(super) async fn one(
     Ok(message_response(&message))
 }
 
-async fn hmi(State(shared): State<Arc<Shared>>) -> Response {
+async fn hmi(State(shared): State<Arc<ServerState>>) -> Response {
     json_response(StatusCode::OK, json!(shared.hmi.added).to_string())
 }
 
-async fn machines(State(shared): State<Arc<Shared>>) -> Response {
+async fn machines(State(shared): State<Arc<ServerState>>) -> Response {
     json_text(json!(shared.neighbours.machines()).to_string())
 }
 
-async fn coordinate_systems(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> {
+async fn coordinate_systems(State(shared): State<Arc<ServerState>>) -> Result<Response, Problem> {
     let mut coordinate_systems = Vec::new();
     for info in shared.birth().await?.coordinate_systems {
         let state = shared.read(&Topic::cs(info.number, CsTopic::State)).await.ok();
@@ -79,7 +79,11 @@ async fn coordinate_systems(State(shared): State<Arc<Shared>>) -> Result<Respons
     ))
 }
 
-async fn inputs(State(shared): State<Arc<Shared>>, uri: Uri, params: Params) -> Result<Response, Problem> {
+async fn inputs(
+    State(shared): State<Arc<ServerState>>,
+    uri: Uri,
+    params: Params,
+) -> Result<Response, Problem> {
     let cs = cs_of(&params, &uri)?;
     let number = cs.to_string();
     let mut all = BTreeMap::new();
@@ -96,7 +100,7 @@ async fn inputs(State(shared): State<Arc<Shared>>, uri: Uri, params: Params) -> 
     Ok(json_text(json!(Inputs(all)).to_string()))
 }
 
-async fn all_io(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> {
+async fn all_io(State(shared): State<Arc<ServerState>>) -> Result<Response, Problem> {
     let mut all = AllIo::default();
     for (point, _) in shared.birth().await?.io.points() {
         let side = match point.side {
@@ -111,7 +115,7 @@ async fn all_io(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> 
     Ok(json_text(json!(all).to_string()))
 }
 
-async fn health(State(shared): State<Arc<Shared>>) -> Response {
+async fn health(State(shared): State<Arc<ServerState>>) -> Response {
     let link = &shared.metrics.broker;
     let faults = shared.machine.supervisor().faults();
     let status = if faults.iter().any(|fault| fault.consequence.needs_restart()) {
@@ -130,11 +134,11 @@ async fn health(State(shared): State<Arc<Shared>>) -> Response {
     json_text(json!(health).to_string())
 }
 
-async fn metrics(State(shared): State<Arc<Shared>>) -> Response {
+async fn metrics(State(shared): State<Arc<ServerState>>) -> Response {
     let kind = HeaderValue::from_static("text/plain; version=0.0.4; charset=utf-8");
     // In simulated time there is no servo thread, and its metrics are left out.
     let servo = shared.machine.servo_timing();
-    let text = (shared.metrics).text(&States::of(&shared.machine), servo.as_ref());
+    let text = (shared.metrics).text(&States::from_machine(&shared.machine), servo.as_ref());
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
 

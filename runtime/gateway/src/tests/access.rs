@@ -12,7 +12,7 @@ use tokio::net::TcpStream;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tower::ServiceExt;
 
-use super::mqtt::{Client, ROOT};
+use super::mqtt::{ROOT, TestClient};
 use super::*;
 use crate::access::Role;
 use crate::contract::routes::ROUTES;
@@ -40,7 +40,7 @@ fn port() -> Arc<StubPort> {
 
 /// One request to a server with the users; its status and problem code.
 pub(super) async fn send(
-    shared: &Arc<Shared>,
+    shared: &Arc<ServerState>,
     (method, path): (&str, &str),
     token: Option<&str>,
     body: &Value,
@@ -63,7 +63,7 @@ pub(super) async fn send(
     (status, serde_json::from_slice(&body).unwrap_or_default())
 }
 
-fn served(users: &Users) -> Arc<Shared> {
+fn served(users: &Users) -> Arc<ServerState> {
     shared_with(port(), users.settings.tokens.clone())
 }
 
@@ -430,7 +430,7 @@ async fn a_user_cannot_push_another_off_the_broker_by_its_client_id() {
     let port = port();
     let gateway = start_with(&port, users.settings.clone()).await;
     let options = |user: &str| mqtt_options(&gateway, "panel", user, users.token(user));
-    let panel = Client::with_options(options("operate"), &["presence"]).await;
+    let panel = TestClient::with_options(options("operate"), &["presence"]).await;
     assert!(!is_let_in(options("view")).await);
     panel.publish("cs/1/tool/set", false, &json!({"id": 4})).await;
     port.asked_for(|request| *request == Request::Tool(1, 4)).await;
@@ -443,10 +443,10 @@ async fn what_a_user_may_not_publish_reaches_nobody_and_the_connection_stays() {
     let port = port();
     let gateway = start_with(&port, users.settings.clone()).await;
     let options = |id: &str| mqtt_options(&gateway, id, id, users.token(id));
-    let mut view = Client::with_options(options("view"), &["#"]).await;
+    let mut view = TestClient::with_options(options("view"), &["#"]).await;
     view.next("presence", |value| value["online"] == true).await;
-    let handler = Client::with_options(options("handler"), &[]).await;
-    let operate = Client::with_options(options("operate"), &[]).await;
+    let handler = TestClient::with_options(options("handler"), &[]).await;
+    let operate = TestClient::with_options(options("operate"), &[]).await;
     let claim = |id: &str| json!({"boot_id": "b", "seq": 1, "handler_id": id});
     view.publish("cs/1/tool/set", false, &json!({"id": 1})).await;
     handler
@@ -504,13 +504,13 @@ async fn revoked_token_disconnects_mqtt_3_and_5_clients_and_publishes_wills() {
     for path in ["handler/old/presence", "handler/new/presence"] {
         let id = format!("watch-{}", watches.len());
         let options = mqtt_options(&gateway, &id, "stays", &stays.token);
-        watches.push((path, Client::with_options(options, &[path]).await));
+        watches.push((path, TestClient::with_options(options, &[path]).await));
     }
     let will = |name: &str| (format!("{ROOT}handler/{name}/presence"), r#"{"online":false}"#);
     let (topic, payload) = will("old");
     let mut options = mqtt_options(&gateway, "old", "old", &old.token);
     options.set_last_will(LastWill::new(topic, payload, QoS::AtLeastOnce, true));
-    let _old = Client::with_options(options, &[]).await;
+    let _old = TestClient::with_options(options, &[]).await;
     let (topic, payload) = will("new");
     let mut options = rumqttc::v5::MqttOptions::new("new", address.ip().to_string(), address.port());
     options.set_credentials("new", &new.token);

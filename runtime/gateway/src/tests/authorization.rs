@@ -18,7 +18,7 @@ use serde_json::json;
 use tower::ServiceExt;
 
 use super::access::send;
-use super::mqtt::{Client, ROOT};
+use super::mqtt::{ROOT, TestClient};
 use super::*;
 use crate::Role;
 use crate::access::{Token, User};
@@ -66,7 +66,7 @@ async fn no_mqtt_3_or_5_payload_lets_a_handler_reset_under_another_name() {
     let address = gateway.mqtt_addr().unwrap();
     let mut options = rumqttc::MqttOptions::new("old", address.ip().to_string(), address.port());
     options.set_credentials("handler", users.token("handler"));
-    let old = Client::with_options(options, &[]).await;
+    let old = TestClient::with_options(options, &[]).await;
     for payload in FORGERIES {
         old.publish_text("cs/1/m_code/5/reset", payload).await;
     }
@@ -209,7 +209,7 @@ async fn over_mqtt_a_handler_sets_where_it_serves_and_is_told_why_not_elsewhere(
     let address = gateway.mqtt_addr().unwrap();
     let mut options = rumqttc::MqttOptions::new("h", address.ip().to_string(), address.port());
     options.set_credentials("handler", users.token("handler"));
-    let mut handler = Client::with_options(options, &["reply/h"]).await;
+    let mut handler = TestClient::with_options(options, &["reply/h"]).await;
     handler.publish_text("cs/1/tool/set", r#"{"id":3}"#).await;
     handler
         .publish_text("cs/1/spindle/set", r#"{"direction":"cw","rpm":10}"#)
@@ -245,7 +245,7 @@ fn a_user_whose_token_is_revoked_may_only_be_told_gone() {
             false,
         ),
     ] {
-        let judged = Machine::judge_last_will("old", parsed(path, payload));
+        let judged = Machine::authorize_last_will("old", parsed(path, payload));
         assert_eq!(judged.is_ok(), allowed, "{path} {payload}");
         if let Err(refusal) = judged {
             assert_eq!(refusal.code, RefusalCode::Forbidden);
@@ -360,7 +360,7 @@ fn is_judged_and_carried_out_as_one_value(parsed: ParsedRequest) -> Result<(), T
     let is_own = name.as_deref() == Some("handler") && !force;
     prop_assert_eq!(judged.is_ok(), is_own, "{:?}", request);
     if let Ok(authorized) = judged {
-        let _ = runtime.block_on(machine.carry_out(authorized));
+        let _ = runtime.block_on(machine.execute_request(authorized));
         prop_assert_eq!(port.asked(), [request]);
     }
     Ok(())

@@ -5,7 +5,7 @@ use plc_api::types::machine::AlarmRaise;
 use plc_api::types::request::RefusalCode;
 use serde_json::{Value, json};
 
-use super::mqtt::Client;
+use super::mqtt::TestClient;
 use super::rest::{call, text};
 use super::*;
 
@@ -182,7 +182,8 @@ async fn get_body_of_variables_is_accepted_by_put_if_path_and_query_match() {
 async fn a_retained_variable_set_is_refused_with_a_reply_and_a_warning() {
     let port = machine();
     let gateway = start(&port).await;
-    let mut client = Client::connect(gateway.mqtt_addr().unwrap(), "hmi", &["presence", "reply/hmi"]).await;
+    let mut client =
+        TestClient::connect(gateway.mqtt_addr().unwrap(), "hmi", &["presence", "reply/hmi"]).await;
     client.next("presence", |value| value["online"] == true).await;
     let set = json!({"command_id": "v", "client_id": "hmi", "kind": "P", "from": 0, "values": [1.0]});
     client.publish("cs/1/variable/set", true, &set).await;

@@ -8,9 +8,9 @@ use tokio::time::Instant;
 use super::*;
 
 /// A publisher or a subscriber that speaks in bytes, over MQTT 5.
-struct Raw(TcpStream);
+struct RawClient(TcpStream);
 
-impl Raw {
+impl RawClient {
     async fn connect(gateway: &Gateway) -> Self {
         let (stream, answer) = mqtt_as(gateway, 5, "", "").await;
         assert_eq!(answer, [0x20, 0]);
@@ -22,7 +22,7 @@ impl Raw {
     }
 
     /// Subscribes, and reads nothing from then on.
-    async fn deaf(gateway: &Gateway, filter: &str) -> Self {
+    async fn unresponsive(gateway: &Gateway, filter: &str) -> Self {
         let mut raw = Self::connect(gateway).await;
         let length = u16::try_from(filter.len()).unwrap().to_be_bytes();
         raw.send(0x82, &[&[0, 1, 0], &length, filter.as_bytes(), &[1]])
@@ -56,8 +56,8 @@ impl Raw {
 #[tokio::test]
 async fn a_subscriber_that_takes_nothing_holds_up_nobody_who_publishes() {
     let gateway = start(&StubPort::new()).await;
-    let _deaf = Raw::deaf(&gateway, "#").await;
-    let mut publisher = Raw::connect(&gateway).await;
+    let _deaf = RawClient::unresponsive(&gateway, "#").await;
+    let mut publisher = RawClient::connect(&gateway).await;
     let mut longest = Duration::ZERO;
     // far more than the connection and the queue can hold
     for _ in 0..600 {
@@ -73,8 +73,8 @@ async fn a_subscriber_that_takes_nothing_holds_up_nobody_who_publishes() {
 #[tokio::test]
 async fn message_memory_limit_closes_non_reading_clients_and_keeps_the_rest() {
     let gateway = start(&StubPort::new()).await;
-    let mut deaf = Raw::deaf(&gateway, "plant").await;
-    let mut publisher = Raw::connect(&gateway).await;
+    let mut deaf = RawClient::unresponsive(&gateway, "plant").await;
+    let mut publisher = RawClient::connect(&gateway).await;
     let large = vec![b'x'; 1_000_000];
     let mut count = 0;
     let refused = loop {
@@ -108,7 +108,7 @@ async fn message_memory_limit_closes_non_reading_clients_and_keeps_the_rest() {
 async fn where_memory_for_messages_has_run_out_what_brings_to_rest_is_taken() {
     let port = StubPort::new();
     let gateway = start(&port).await;
-    let mut publisher = Raw::connect(&gateway).await;
+    let mut publisher = RawClient::connect(&gateway).await;
     let exchange = gateway.broker.as_ref().unwrap().exchange();
     let on_the_way = exchange.count(Bytes::from(vec![0; 64 * 1024 * 1024]));
     let command = |verb: &str| (format!("tandem/v1/mill-1/cs/1/command/{verb}"), verb.to_owned());

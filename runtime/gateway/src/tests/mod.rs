@@ -43,7 +43,7 @@ use tokio::net::TcpStream;
 use tokio_util::sync::CancellationToken;
 
 use crate::access::http::Access;
-use crate::shared::Shared;
+use crate::shared::ServerState;
 use crate::{Gateway, GatewaySettings};
 
 type Script = Box<dyn Fn(&Request) -> Result<Answer, Refusal> + Send + Sync>;
@@ -266,12 +266,12 @@ pub(super) fn reply(command_id: &str, status: CommandStatus, code: &str) -> Comm
 }
 
 /// Returns the shared state of the HTTP handlers, as if served at 127.0.0.1:8080.
-pub(super) fn shared(port: Arc<StubPort>) -> Arc<Shared> {
+pub(super) fn shared(port: Arc<StubPort>) -> Arc<ServerState> {
     shared_with(port, None)
 }
 
-pub(super) fn shared_with(port: Arc<StubPort>, tokens: Option<Arc<crate::Tokens>>) -> Arc<Shared> {
-    Arc::new(Shared::new(
+pub(super) fn shared_with(port: Arc<StubPort>, tokens: Option<Arc<crate::Tokens>>) -> Arc<ServerState> {
+    Arc::new(ServerState::new(
         crate::machine::Machine::new(port),
         "127.0.0.1:8080".parse().unwrap(),
         "http",

@@ -16,13 +16,13 @@ use crate::settings::MqttSettings;
 pub(super) const ROOT: &str = "tandem/v1/mill-1/";
 
 /// A client of the broker.
-pub(super) struct Client {
+pub(super) struct TestClient {
     pub(super) mqtt: AsyncClient,
     received: mpsc::UnboundedReceiver<Publish>,
     _poller: AbortOnDropHandle<()>,
 }
 
-impl Client {
+impl TestClient {
     /// Connects, and subscribes to these filters below the root.
     pub(super) async fn connect(address: std::net::SocketAddr, id: &str, filters: &[&str]) -> Self {
         Self::with_will(address, id, filters, None).await
@@ -125,9 +125,9 @@ async fn states_are_retained_and_the_position_is_a_stream() {
     let gateway = start(&port).await;
     let address = gateway.mqtt_addr().unwrap();
     // a first client sees them come, so that they are at the broker when the second one subscribes
-    let mut early = Client::connect(address, "early", &["#"]).await;
+    let mut early = TestClient::connect(address, "early", &["#"]).await;
     early.next("cs/1/state", |_| true).await;
-    let mut late = Client::connect(address, "late", &["#"]).await;
+    let mut late = TestClient::connect(address, "late", &["#"]).await;
     let (publish, state) = late.next("cs/1/state", |_| true).await;
     assert!(publish.retain);
     assert_eq!(
@@ -151,7 +151,7 @@ async fn states_are_retained_and_the_position_is_a_stream() {
         .filter(|publish| publish.topic.ends_with("position"))
         .count();
     assert!(positions < 100, "{positions} of 200 positions were published");
-    let mut later = Client::connect(address, "later", &["cs/1/position", "presence"]).await;
+    let mut later = TestClient::connect(address, "later", &["cs/1/position", "presence"]).await;
     let (publish, _) = later.next("presence", |value| value["online"] == true).await;
     assert!(publish.retain);
     let (publish, value) = later.next("cs/1/position", |_| true).await;
@@ -164,7 +164,7 @@ async fn states_are_retained_and_the_position_is_a_stream() {
 async fn commands_settings_and_handshakes_reach_the_port() {
     let port = StubPort::new();
     let gateway = start(&port).await;
-    let mut client = Client::connect(gateway.mqtt_addr().unwrap(), "hmi", &["presence"]).await;
+    let mut client = TestClient::connect(gateway.mqtt_addr().unwrap(), "hmi", &["presence"]).await;
     client.next("presence", |value| value["online"] == true).await;
     let command =
         json!({"command_id": "c1", "client_id": "hmi", "expect": {"state_rev": 12}, "args": {"program": 7}});
@@ -193,7 +193,7 @@ async fn commands_settings_and_handshakes_reach_the_port() {
 async fn commands_reach_the_port_in_the_order_of_publishing() {
     let port = StubPort::new();
     let gateway = start(&port).await;
-    let mut client = Client::connect(gateway.mqtt_addr().unwrap(), "hmi", &["presence"]).await;
+    let mut client = TestClient::connect(gateway.mqtt_addr().unwrap(), "hmi", &["presence"]).await;
     client.next("presence", |value| value["online"] == true).await;
     let verbs = ["start", "hold", "resume", "stop", "reset", "start", "abort"];
     for (number, verb) in verbs.iter().enumerate() {
@@ -224,7 +224,7 @@ async fn a_handler_that_dies_goes_offline_by_its_will() {
     let address = gateway.mqtt_addr().unwrap();
     let topic = format!("{ROOT}handler/h1/presence");
     let will = LastWill::new(&topic, r#"{"online":false}"#, QoS::AtLeastOnce, true);
-    let handler = Client::with_will(address, "h1", &[], Some(will)).await;
+    let handler = TestClient::with_will(address, "h1", &[], Some(will)).await;
     let presence = json!({"online": true, "handles": [{"cs": 1, "m": 100}], "validates": false});
     handler.publish("handler/h1/presence", true, &presence).await;
     let is = |online: bool| move |request: &Request| matches!(request, Request::Handler(id, HandlerPresence { online: now, .. }) if id == "h1" && *now == online);
@@ -239,7 +239,7 @@ async fn presence_is_offline_after_a_shutdown_and_by_the_will_after_a_crash() {
     let port = StubPort::new();
     let (broker, address) = broker("127.0.0.1:0".parse().unwrap());
     let end = mqtt_end(&port, address);
-    let mut client = Client::connect(address, "hmi", &["presence"]).await;
+    let mut client = TestClient::connect(address, "hmi", &["presence"]).await;
     client.next("presence", |value| value["online"] == true).await;
     end.stop().await;
     let (_, value) = client.next("presence", |value| value["online"] == false).await;
@@ -259,7 +259,7 @@ async fn each_connection_republishes_presence_birth_and_all_retained_state() {
     let port = StubPort::new();
     let (first, address) = broker("127.0.0.1:0".parse().unwrap());
     let end = mqtt_end(&port, address);
-    let mut client = Client::connect(address, "one", &["#"]).await;
+    let mut client = TestClient::connect(address, "one", &["#"]).await;
     client.next("cs/1/state", |_| true).await;
     drop(client);
     first.stop().await;
@@ -267,7 +267,7 @@ async fn each_connection_republishes_presence_birth_and_all_retained_state() {
     port.say_dry_run(1, true);
     port.say_dry_run(2, false);
     let (second, _) = broker(address);
-    let mut client = Client::connect(address, "two", &["#"]).await;
+    let mut client = TestClient::connect(address, "two", &["#"]).await;
     client.next("presence", |value| value["online"] == true).await;
     client.next("birth", |value| value["machine"] == "mill-1").await;
     client.next("cs/1/state", |value| value["rev"] == 12).await;
@@ -285,13 +285,13 @@ async fn each_connection_republishes_presence_birth_and_all_retained_state() {
 async fn an_external_broker_keeps_no_command() {
     let port = StubPort::new();
     let (broker, address) = broker("127.0.0.1:0".parse().unwrap());
-    let client = Client::connect(address, "one", &[]).await;
+    let client = TestClient::connect(address, "one", &[]).await;
     let command = json!({"command_id": "old", "client_id": "hmi"});
     client.publish("cs/1/command/start", true, &command).await;
     client
         .publish("cs/1/input/dry_run/set", true, &json!({"value": true}))
         .await;
-    let mut hmi = Client::connect(address, "two", &["reply/hmi", "cs/1/command/start"]).await;
+    let mut hmi = TestClient::connect(address, "two", &["reply/hmi", "cs/1/command/start"]).await;
     hmi.next("cs/1/command/start", |value| value["command_id"] == "old")
         .await;
     let end = mqtt_end(&port, address);
@@ -322,7 +322,8 @@ async fn an_external_broker_keeps_no_command() {
         "{warnings:?}"
     );
     end.stop().await;
-    let mut late = Client::connect(address, "three", &["cs/1/command/#", "cs/1/input/#", "presence"]).await;
+    let mut late =
+        TestClient::connect(address, "three", &["cs/1/command/#", "cs/1/input/#", "presence"]).await;
     late.next("presence", |value| value["online"] == false).await;
     assert_eq!(late.here(), [], "everything retained was cleared");
     broker.stop().await;
@@ -410,7 +411,7 @@ impl mqtt::Connect for TwoNodes {
 }
 
 impl mqtt::Wire for Node {
-    async fn next(&mut self) -> Result<mqtt::Event, mqtt::Lost> {
+    async fn next(&mut self) -> Result<mqtt::Event, mqtt::ConnectionLoss> {
         if !std::mem::replace(&mut self.is_connected, true) {
             return Ok(mqtt::Event::Connected { packet_max: 100_000 });
         }

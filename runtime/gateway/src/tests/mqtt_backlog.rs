@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicUsize;
 use rumqttc::{LastWill, Publish, QoS};
 
 use super::*;
-use crate::mqtt::{self, Connect, MqttEnd, Named, Version, Wire};
+use crate::mqtt::{self, BrokerStamp, Connect, MqttEnd, Version, Wire};
 
 /// Events that are queued when the broker becomes available.
 const BACKLOG: usize = 1000;
@@ -18,9 +18,9 @@ pub(super) struct Eager {
 }
 
 /// How many messages such a broker has taken.
-struct Taken(Arc<AtomicUsize>);
+struct CountingConnector(Arc<AtomicUsize>);
 
-impl Connect for Taken {
+impl Connect for CountingConnector {
     type Wire = Eager;
 
     fn open(&self, _: usize, _: &str, _: Option<LastWill>, _: Version) -> Eager {
@@ -34,7 +34,7 @@ impl Connect for Taken {
 }
 
 impl Wire for Eager {
-    async fn next(&mut self) -> Result<mqtt::Event, mqtt::Lost> {
+    async fn next(&mut self) -> Result<mqtt::Event, mqtt::ConnectionLoss> {
         if let Some(at) = self.connects_at {
             tokio::time::sleep_until(at).await;
             self.connects_at = None;
@@ -47,7 +47,7 @@ impl Wire for Eager {
         let payload = r#"{"command_id":"c-1","client_id":"hmi"}"#;
         Ok(mqtt::Event::Published {
             publish: Publish::new("tandem/v1/mill-1/cs/1/command/stop", QoS::AtLeastOnce, payload),
-            named: Named::default(),
+            named: BrokerStamp::default(),
         })
     }
 
@@ -85,7 +85,7 @@ async fn a_request_does_not_wait_for_a_backlog_of_events() {
         machine: "mill-1".into(),
         ..GatewaySettings::default()
     };
-    let end = MqttEnd::over(port.clone(), &settings, Taken(Arc::clone(&published)));
+    let end = MqttEnd::over(port.clone(), &settings, CountingConnector(Arc::clone(&published)));
     tokio::task::yield_now().await;
     for number in 0..BACKLOG {
         let reply = reply(&number.to_string(), CommandStatus::Done, "ok");

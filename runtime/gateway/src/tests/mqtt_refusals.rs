@@ -5,14 +5,14 @@ use rumqttc::{LastWill, QoS};
 use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
-use super::mqtt::{Client, ROOT};
+use super::mqtt::{ROOT, TestClient};
 use super::*;
 
 /// Returns a gateway with a connected MQTT task, and a client that reads its replies.
-async fn connected(port: &Arc<StubPort>) -> (Gateway, Client) {
+async fn connected(port: &Arc<StubPort>) -> (Gateway, TestClient) {
     let gateway = start(port).await;
     let filters = ["presence", "reply/hmi"];
-    let mut client = Client::connect(gateway.mqtt_addr().unwrap(), "hmi", &filters).await;
+    let mut client = TestClient::connect(gateway.mqtt_addr().unwrap(), "hmi", &filters).await;
     client.next("presence", |value| value["online"] == true).await;
     (gateway, client)
 }
@@ -83,7 +83,7 @@ async fn invalid_claim_or_reset_is_answered_with_a_result_and_its_reason() {
     });
     let gateway = start(&port).await;
     let filters = ["presence", "cs/1/m_code/5/result"];
-    let mut client = Client::connect(gateway.mqtt_addr().unwrap(), "hmi", &filters).await;
+    let mut client = TestClient::connect(gateway.mqtt_addr().unwrap(), "hmi", &filters).await;
     client.next("presence", |value| value["online"] == true).await;
     let fault = |seq: u64, code: Value| json!({"boot_id": "boot-1", "seq": seq, "handler_id": "clamp", "result": "fault", "code": code, "text": "x"});
     for (path, said, why) in [
@@ -153,19 +153,19 @@ async fn the_embedded_broker_refuses_a_retained_command_outright() {
         "{warnings:?}"
     );
     let filters = ["cs/1/command/#", "cs/1/input/dry_run/set", "presence"];
-    let mut late = Client::connect(gateway.mqtt_addr().unwrap(), "late", &filters).await;
+    let mut late = TestClient::connect(gateway.mqtt_addr().unwrap(), "late", &filters).await;
     late.next("presence", |_| true).await;
     assert_eq!(late.here(), [], "the broker kept none of them");
     gateway.shutdown().await;
 }
 
 /// A client that sends raw bytes.
-struct Raw {
+struct RawConnection {
     stream: tokio::net::TcpStream,
     version: u8,
 }
 
-impl Raw {
+impl RawConnection {
     async fn connect(gateway: &Gateway, version: u8) -> Self {
         let stream = tokio::net::TcpStream::connect(gateway.mqtt_addr().unwrap())
             .await
@@ -223,7 +223,7 @@ impl Raw {
 /// Returns the broker's answer, byte for byte, to a client of this protocol version that publishes a state with this
 /// quality of service.
 async fn answer_to_a_published_state(gateway: &Gateway, version: u8, qos: u8) -> Vec<u8> {
-    let mut raw = Raw::connect(gateway, version).await;
+    let mut raw = RawConnection::connect(gateway, version).await;
     raw.publish(&format!("{ROOT}cs/1/state"), qos, false, b"{}").await
 }
 
@@ -231,7 +231,7 @@ async fn answer_to_a_published_state(gateway: &Gateway, version: u8, qos: u8) ->
 async fn retained_message_over_limit_is_refused_with_reason_presences_pass() {
     let port = StubPort::new();
     let gateway = start(&port).await;
-    let mut new = Raw::connect(&gateway, 5).await;
+    let mut new = RawConnection::connect(&gateway, 5).await;
     let large = vec![b'x'; 255 * 1024];
     let mut kept = 0;
     while new.publish(&format!("plant/{kept}"), 1, true, &large).await == [0x40, 2, 0, 7] {
@@ -248,7 +248,7 @@ async fn retained_message_over_limit_is_refused_with_reason_presences_pass() {
         [0x50, 3, 0, 7, 0x97]
     );
     assert_eq!(new.publish("plant/new", 1, false, &large).await, [0x40, 2, 0, 7]);
-    let mut old = Raw::connect(&gateway, 4).await;
+    let mut old = RawConnection::connect(&gateway, 4).await;
     assert_eq!(old.publish("plant/new", 1, true, &large).await, [0x40, 2, 0, 7]);
     let told = || {
         let told = port.told.lock().unwrap();
@@ -269,7 +269,7 @@ async fn retained_message_over_limit_is_refused_with_reason_presences_pass() {
     assert_eq!(new.publish(&presence, 1, true, online).await, [0x40, 2, 0, 7]);
     port.say_dry_run(7, true);
     let filters = ["handler/arm/presence", "cs/1/input/dry_run/state", "presence"];
-    let mut late = Client::connect(gateway.mqtt_addr().unwrap(), "late", &filters).await;
+    let mut late = TestClient::connect(gateway.mqtt_addr().unwrap(), "late", &filters).await;
     late.next("handler/arm/presence", |value| value["online"] == true)
         .await;
     late.next("cs/1/input/dry_run/state", |value| value["value"] == true)
@@ -293,7 +293,7 @@ async fn a_refused_message_is_acknowledged_in_the_words_of_the_clients_version()
         assert_eq!((new[0], &new[2..5]), (kind, &[0, 7, 0x87][..]));
     }
     let filters = ["presence", "cs/1/state"];
-    let mut reader = Client::connect(gateway.mqtt_addr().unwrap(), "reader", &filters).await;
+    let mut reader = TestClient::connect(gateway.mqtt_addr().unwrap(), "reader", &filters).await;
     reader.next("presence", |_| true).await;
     assert!(!reader.here().iter().any(|publish| &publish.payload[..] == b"{}"));
     gateway.shutdown().await;

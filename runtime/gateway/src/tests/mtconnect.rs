@@ -11,7 +11,7 @@ use super::*;
 use crate::MtconnectSettings;
 use crate::http::router;
 
-async fn status(shared: &Arc<Shared>, agent: Option<&Agent>, method: &str, token: Option<&str>) -> u16 {
+async fn status(shared: &Arc<ServerState>, agent: Option<&Agent>, method: &str, token: Option<&str>) -> u16 {
     let mut request = HttpRequest::builder()
         .method(method)
         .uri("/mtconnect/current")

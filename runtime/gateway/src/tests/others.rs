@@ -13,14 +13,14 @@ use crate::HmiSettings;
 const ALLOWED: &str = "https://hmi.example.com";
 
 /// A server open to pages of [`ALLOWED`], with its users.
-fn open_to_others() -> (Users, Arc<Shared>) {
+fn open_to_others() -> (Users, Arc<ServerState>) {
     let users = Users::new();
     let mut shared = Arc::into_inner(shared_with(StubPort::new(), users.settings.tokens.clone())).unwrap();
-    shared.access = shared.access.open_to(&[ALLOWED.to_owned()]);
+    shared.access = shared.access.allow_origins(&[ALLOWED.to_owned()]);
     (users, Arc::new(shared))
 }
 
-fn serving(dir: &std::path::Path) -> Arc<Shared> {
+fn serving(dir: &std::path::Path) -> Arc<ServerState> {
     let added = Hmi {
         buttons: vec![HmiButton {
             text: "Oil".into(),
@@ -38,7 +38,7 @@ fn serving(dir: &std::path::Path) -> Arc<Shared> {
 }
 
 async fn ask(
-    shared: &Arc<Shared>,
+    shared: &Arc<ServerState>,
     (method, path): (&str, &str),
     headers: &[(&str, &str)],
 ) -> (StatusCode, HeaderMap, String) {

@@ -9,7 +9,7 @@ use plc_api::types::machine::{ActiveAlarms, AlarmRecord};
 use plc_api::types::output::{HandshakeResult, HandshakeStatus, Pending};
 use plc_api::types::program::ProgramInfo;
 use plc_api::types::request::{Input, OverrideChange};
-use plc_api::types::state::{Captured, LockSet, Modal, Overrides, ProgramPlace, Spindle, Tool};
+use plc_api::types::state::{CapturedPositions, LockSet, Modal, Overrides, ProgramLocation, Spindle, Tool};
 use serde_json::{Value, json};
 use tower::ServiceExt;
 
@@ -58,9 +58,9 @@ async fn states_are_answered_as_their_messages_with_the_revision_as_etag() {
     let port = StubPort::new();
     for (topic, payload) in [
         (CsTopic::Position, Payload::Position(Position::default())),
-        (CsTopic::Program, Payload::Program(ProgramPlace::default())),
+        (CsTopic::Program, Payload::Program(ProgramLocation::default())),
         (CsTopic::Modal, Payload::Modal(Modal::default())),
-        (CsTopic::Captured, Payload::Captured(Captured::default())),
+        (CsTopic::Captured, Payload::Captured(CapturedPositions::default())),
         (CsTopic::Pending, Payload::Pending(Pending::default())),
         (CsTopic::Override, Payload::Override(Overrides::default())),
         (CsTopic::Spindle, Payload::Spindle(Spindle::default())),

@@ -3,7 +3,7 @@
 use plc_api::types::request::Input;
 use serde_json::json;
 
-use super::mqtt::{Client, broker, mqtt_end_that};
+use super::mqtt::{TestClient, broker, mqtt_end_that};
 use super::*;
 
 #[tokio::test]
@@ -11,7 +11,8 @@ async fn behind_a_foreign_broker_the_topic_names_the_sender() {
     let port = StubPort::new();
     let (broker, address) = broker("127.0.0.1:0".parse().unwrap());
     let end = mqtt_end_that(false, &port, address);
-    let mut client = Client::connect(address, "raw", &["reply/+", "presence", "cs/1/m_code/5/result"]).await;
+    let mut client =
+        TestClient::connect(address, "raw", &["reply/+", "presence", "cs/1/m_code/5/result"]).await;
     client.next("presence", |value| value["online"] == true).await;
     let door = |owner: &str| json!({"source": "door", "value": false, "handler_id": owner});
     let command = |id: &str, client_id: &str| json!({"command_id": id, "client_id": client_id});

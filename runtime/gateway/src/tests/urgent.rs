@@ -5,7 +5,7 @@ use rumqttc::QoS;
 use serde_json::json;
 
 use super::access::mqtt_options;
-use super::mqtt::{Client, ROOT};
+use super::mqtt::{ROOT, TestClient};
 use super::*;
 use crate::access::Account;
 use crate::urgent_slots::UrgentKind;
@@ -22,14 +22,15 @@ async fn urgent_requests_of_each_quality_pass_messages_that_nobody_takes() {
     let port = StubPort::new();
     let users = Users::new();
     let gateway = start_with(&port, users.settings.clone()).await;
-    let flood = Client::with_options(mqtt_options(&gateway, "flood", "view", users.token("view")), &[]).await;
+    let flood =
+        TestClient::with_options(mqtt_options(&gateway, "flood", "view", users.token("view")), &[]).await;
     port.silent.store(true, Ordering::Relaxed);
     for n in 0..MORE_THAN_UNANSWERED {
         let get =
             json!({"command_id": n.to_string(), "client_id": "view", "kind": "P", "from": 0, "count": 1});
         flood.publish("cs/1/variable/get", false, &get).await;
     }
-    let panel = Client::with_options(
+    let panel = TestClient::with_options(
         mqtt_options(&gateway, "panel", "operate", users.token("operate")),
         &[],
     )
@@ -54,7 +55,7 @@ async fn each_stop_is_answered_once_and_also_the_one_that_is_refused() {
     let users = Users::new();
     let gateway = start_with(&port, users.settings.clone()).await;
     let options = mqtt_options(&gateway, "panel", "operate", users.token("operate"));
-    let mut panel = Client::with_options(options, &["reply/panel"]).await;
+    let mut panel = TestClient::with_options(options, &["reply/panel"]).await;
     for n in 0..3 {
         let id = format!("stop-{n}");
         let stop = json!({"command_id": id, "client_id": "panel"});
@@ -93,7 +94,7 @@ async fn a_start_that_arrived_before_a_stop_and_comes_after_it_is_refused() {
     let users = Users::new();
     let gateway = start_with(&port, users.settings.clone()).await;
     let options = mqtt_options(&gateway, "panel", "operate", users.token("operate"));
-    let mut panel = Client::with_options(options, &["reply/panel"]).await;
+    let mut panel = TestClient::with_options(options, &["reply/panel"]).await;
     let (mut slow, _) = mqtt_as(&gateway, 4, "operate", users.token("operate")).await;
     let command = |id: &str| json!({"command_id": id, "client_id": "panel"});
     let start = publish_2("cs/1/command/start", 7, &command("start").to_string());

@@ -6,15 +6,15 @@ use tandem_model::plane::Plane;
 use tandem_model::settings::{ARC_RADIUS_TOLERANCE_MM, CompensationRules};
 use tandem_syntax::{Address, Block, Value, Word, block_bytes, diagnostics};
 
-use super::explore::{Explorer, Next, Step, returned};
-use super::graph::{Call, Here, Kind, Place, Way};
-use super::state::{Caller, State};
+use super::explore::{BlockOutcome, Explorer, Next, returned};
+use super::graph::{BlockPosition, Call, CurrentBlock, Decision, Reachability};
+use super::state::{Caller, CheckState};
 use super::verdict::Weight;
 use crate::block_words::{BlockWords, Reading};
-use crate::codes::value::judge_value;
+use crate::codes::value::validate_value;
 use crate::codes::{Code, ModalGroup};
 use crate::dialect::Dialect;
-use crate::evaluation::{Known, Trust};
+use crate::evaluation::{Trust, VariableSource};
 use crate::meaning::{ModalValue, MotionKind, Role};
 use crate::restrictions;
 
@@ -27,8 +27,8 @@ const REPETITIONS_COUNTED: u16 = 16;
 
 impl Explorer<'_> {
     /// Follows a block of words.
-    pub(super) fn block(&mut self, here: Here<'_>, state: &mut State) -> Step {
-        let Here { block, .. } = here;
+    pub(super) fn block(&mut self, here: CurrentBlock<'_>, state: &mut CheckState) -> BlockOutcome {
+        let CurrentBlock { block, .. } = here;
         let before = (block.skip_numbers() != 0).then(|| state.clone());
         self.length(here, state);
         self.read(here, state);
@@ -56,32 +56,38 @@ impl Explorer<'_> {
 
     /// Leaves two states for a block that may be skipped, if it changes the modal state or the path.
     #[inline(never)]
-    fn skippable(&self, here: Here<'_>, step: Step, mut before: State, state: &mut State) -> Step {
+    fn skippable(
+        &self,
+        here: CurrentBlock<'_>,
+        step: BlockOutcome,
+        mut before: CheckState,
+        state: &mut CheckState,
+    ) -> BlockOutcome {
         let moved = self.words.axis_words;
         before.lose(moved);
         state.lose(moved);
-        let is_plain = matches!(step, Step::On)
+        let is_plain = matches!(step, BlockOutcome::On)
             && before.modal == state.modal
             && before.has_feed == state.has_feed
             && before.has_speed == state.has_speed
             && before.is_open == state.is_open;
         if is_plain {
             state.at_rest = state.at_rest.min(before.at_rest);
-            return Step::On;
+            return BlockOutcome::On;
         }
-        let on = here.behind();
+        let on = here.next_position();
         let mut parts = match step {
-            Step::On => vec![Next {
+            BlockOutcome::On => vec![Next {
                 place: on,
                 state: state.clone(),
-                way: Way::Skip(false),
-                kind: Kind::Real,
+                way: Decision::Skip(false),
+                kind: Reachability::Real,
             }],
-            Step::Parts(parts) => parts
+            BlockOutcome::Parts(parts) => parts
                 .into_iter()
-                .filter(|part| part.kind == Kind::Real)
+                .filter(|part| part.kind == Reachability::Real)
                 .map(|part| Next {
-                    way: Way::Skip(false),
+                    way: Decision::Skip(false),
                     ..part
                 })
                 .collect(),
@@ -89,24 +95,24 @@ impl Explorer<'_> {
         parts.push(Next {
             place: on,
             state: before,
-            way: Way::Skip(true),
-            kind: Kind::Real,
+            way: Decision::Skip(true),
+            kind: Reachability::Real,
         });
         // the end of the program is also a path: it is not certain that a run reaches this block
         if parts.len() == 1 {
             parts.push(Next {
                 place: on,
                 state: parts[0].state.clone(),
-                way: Way::Skip(true),
-                kind: Kind::Real,
+                way: Decision::Skip(true),
+                kind: Reachability::Real,
             });
         }
-        Step::Parts(parts)
+        BlockOutcome::Parts(parts)
     }
 
     /// Reports a block whose line in the intermediate code is too long (D03).
-    fn length(&mut self, here: Here<'_>, state: &State) {
-        let Here { tree, block, .. } = here;
+    fn length(&mut self, here: CurrentBlock<'_>, state: &CheckState) {
+        let CurrentBlock { tree, block, .. } = here;
         let span = tree.span(block);
         if span.end - span.start <= LONG_BYTES || block.has_errors() {
             return;
@@ -120,45 +126,45 @@ impl Explorer<'_> {
                 format!("the block's line in the intermediate code is longer than {BLOCK_BYTES_MAX} bytes"),
                 "Write the words in several blocks.",
             );
-            self.note(here, finding, Weight::Sure);
+            self.record_finding(here, finding, Weight::Sure);
         }
     }
 
     /// Reads the words in the given state, and records their faults.
-    fn read(&mut self, here: Here<'_>, state: &State) {
+    fn read(&mut self, here: CurrentBlock<'_>, state: &CheckState) {
         let mut found = Vec::new();
         self.read_with(here, state, Trust::Own, &mut found);
         if state.is_open || !self.words.indirect.is_empty() || !found.is_empty() {
-            self.judge(here, state, found);
+            self.classify_findings(here, state, found);
         }
     }
 
     /// Records the findings, and those of values that the text does not fully show.
     #[inline(never)]
-    fn judge(&mut self, here: Here<'_>, state: &State, mut found: Vec<Diagnostic>) {
+    fn classify_findings(&mut self, here: CurrentBlock<'_>, state: &CheckState, mut found: Vec<Diagnostic>) {
         if state.is_open {
             self.read_in_all(here, state, &mut found);
         }
         if !self.words.indirect.is_empty() {
-            self.judge_ranges(here, state, &mut found);
+            self.report_ranges(here, state, &mut found);
         }
         let is_doubtful = !self.words.doubtful.is_empty();
         if is_doubtful || !self.calculates(here.node) && !found.is_empty() {
             self.read_by_trust(here, state, &mut found);
         }
         for finding in found {
-            self.note(here, finding, Weight::Sure);
+            self.record_finding(here, finding, Weight::Sure);
         }
     }
 
     /// Separates findings that the text alone shows, those that depend on calculated values and on the path, and those
     /// that depend on values that another writer may have changed.
-    fn read_by_trust(&mut self, here: Here<'_>, state: &State, found: &mut Vec<Diagnostic>) {
+    fn read_by_trust(&mut self, here: CurrentBlock<'_>, state: &CheckState, found: &mut Vec<Diagnostic>) {
         if !self.words.doubtful.is_empty() {
             let mut believed = Vec::new();
             self.read_with(here, state, Trust::Believed, &mut believed);
             for finding in believed.into_iter().filter(|finding| !found.contains(finding)) {
-                self.note(here, finding, Weight::Doubtful);
+                self.record_finding(here, finding, Weight::Doubtful);
             }
         }
         if !self.calculates(here.node) && !found.is_empty() {
@@ -176,18 +182,24 @@ impl Explorer<'_> {
             *found = sure;
             let calculated: Vec<Diagnostic> = calculated;
             for finding in calculated {
-                self.note(here, finding, Weight::Calculated);
+                self.record_finding(here, finding, Weight::Calculated);
             }
         }
         self.read_with(here, state, Trust::Own, &mut Vec::new());
     }
 
-    fn read_with(&mut self, here: Here<'_>, state: &State, trust: Trust, found: &mut Vec<Diagnostic>) {
-        let Here { tree, block, .. } = here;
+    fn read_with(
+        &mut self,
+        here: CurrentBlock<'_>,
+        state: &CheckState,
+        trust: Trust,
+        found: &mut Vec<Diagnostic>,
+    ) {
+        let CurrentBlock { tree, block, .. } = here;
         let reading = Reading {
             dialect: self.dialect,
             modal: &state.modal,
-            known: Known::Text {
+            known: VariableSource::Text {
                 values: &state.values,
                 trust,
             },
@@ -203,7 +215,7 @@ impl Explorer<'_> {
     }
 
     /// Records, if motion or plane is unknown, the faults that occur with every possible one.
-    fn read_in_all(&mut self, here: Here<'_>, state: &State, found: &mut Vec<Diagnostic>) {
+    fn read_in_all(&mut self, here: CurrentBlock<'_>, state: &CheckState, found: &mut Vec<Diagnostic>) {
         let is_arc = |code: &Code| code.role == Role::Motion(MotionKind::Arc);
         let no_plane = state.modal.in_force.plane.is_none() && self.words.taker.is_some_and(is_arc);
         if !(no_plane || self.words.is_taking_unclear()) {
@@ -268,8 +280,8 @@ impl Explorer<'_> {
     }
 
     /// Reports values that are out of range for every possible value of the variable.
-    fn judge_ranges(&self, here: Here<'_>, state: &State, found: &mut Vec<Diagnostic>) {
-        let Here { tree, block, .. } = here;
+    fn report_ranges(&self, here: CurrentBlock<'_>, state: &CheckState, found: &mut Vec<Diagnostic>) {
+        let CurrentBlock { tree, block, .. } = here;
         for word in tree.words(block) {
             let Value::Indirection(variable) = word.value() else {
                 continue;
@@ -290,15 +302,15 @@ impl Explorer<'_> {
             };
             let apart = range.low > spec.max || range.high < spec.min;
             if apart && outside(near) && outside(far) {
-                judge_value(spec, near, word.span(), &mut |finding| found.push(finding));
+                validate_value(spec, near, word.span(), &mut |finding| found.push(finding));
             }
         }
     }
 
     /// Warns of two consecutive blocks without motion in the plane in tool-diameter offset that does not check for
     /// overcuts.
-    fn rest_in_offset(&mut self, here: Here<'_>, state: &mut State) {
-        let Here { tree, block, .. } = here;
+    fn rest_in_offset(&mut self, here: CurrentBlock<'_>, state: &mut CheckState) {
+        let CurrentBlock { tree, block, .. } = here;
         let unchecked = self.dialect.path.compensation == CompensationRules::Unchecked;
         let within = unchecked && state.modal.compensates() && !state.modal.lead_pending;
         let at_rest = state.at_rest;
@@ -313,12 +325,12 @@ impl Explorer<'_> {
                 "the second block in a row without a motion along X or Y in tool-diameter offset",
                 "Move one of the two blocks.",
             );
-            self.note(here, finding, Weight::Sure);
+            self.record_finding(here, finding, Weight::Sure);
         }
     }
 
     /// Records the M codes that a fixed cycle outputs.
-    fn cycle_outputs(&mut self, here: Here<'_>) {
+    fn cycle_outputs(&mut self, here: CurrentBlock<'_>) {
         let Some(taker) = self.words.taker else { return };
         let Some(ModalValue::Cycle(Some(cycle))) = taker.sets else {
             return;
@@ -331,8 +343,8 @@ impl Explorer<'_> {
         }
     }
 
-    fn auxiliary(&mut self, here: Here<'_>, number: u16, needs_settings: bool) {
-        let Here {
+    fn auxiliary(&mut self, here: CurrentBlock<'_>, number: u16, needs_settings: bool) {
+        let CurrentBlock {
             place, tree, block, ..
         } = here;
         let span = tree.span_of(block, Address::M);
@@ -347,35 +359,40 @@ impl Explorer<'_> {
 
     /// Applies the M code of the block.
     #[inline]
-    fn m_code(&mut self, here: Here<'_>, state: &mut State) -> Step {
+    fn m_code(&mut self, here: CurrentBlock<'_>, state: &mut CheckState) -> BlockOutcome {
         match self.words.m_code() {
-            Some(code) => self.do_m_code(here, code, state),
-            None => Step::On,
+            Some(code) => self.apply_m_code(here, code, state),
+            None => BlockOutcome::On,
         }
     }
 
     #[inline(never)]
-    fn do_m_code(&mut self, here: Here<'_>, code: &'static Code, state: &mut State) -> Step {
-        let Here { place, .. } = here;
-        let after = |kind, state: &State| Next {
-            place: Place {
+    fn apply_m_code(
+        &mut self,
+        here: CurrentBlock<'_>,
+        code: &'static Code,
+        state: &mut CheckState,
+    ) -> BlockOutcome {
+        let CurrentBlock { place, .. } = here;
+        let after = |kind, state: &CheckState| Next {
+            place: BlockPosition {
                 block: place.block + 1,
                 ..place
             },
             state: state.clone(),
-            way: Way::On,
+            way: Decision::On,
             kind,
         };
         match code.role {
             Role::Auxiliary => {
                 let needs_settings = *code == *self.dialect.auxiliary;
                 self.auxiliary(here, self.words.m_number(), needs_settings);
-                Step::On
+                BlockOutcome::On
             }
             Role::Call => self.call(here, code, state),
-            Role::Return if !state.callers.is_empty() => Step::Parts(returned(state, place)),
-            _ if code.ends() => Step::Parts(vec![after(Kind::Supposed, state)]),
-            _ => Step::On,
+            Role::Return if !state.callers.is_empty() => BlockOutcome::Parts(returned(state, place)),
+            _ if code.ends() => BlockOutcome::Parts(vec![after(Reachability::Supposed, state)]),
+            _ => BlockOutcome::On,
         }
     }
 
@@ -398,20 +415,20 @@ impl Explorer<'_> {
     }
 
     #[inline(never)]
-    fn call(&mut self, here: Here<'_>, code: &Code, state: &mut State) -> Step {
-        let Here {
+    fn call(&mut self, here: CurrentBlock<'_>, code: &Code, state: &mut CheckState) -> BlockOutcome {
+        let CurrentBlock {
             place, tree, block, ..
         } = here;
         let (number, times) = self.number_and_times(code);
         let is_none = |word: &Word| word.address == Address::L && word.whole() == Some(0);
         if tree.words(block).iter().any(is_none) {
-            return Step::On;
+            return BlockOutcome::On;
         }
         let of = &mut self.programs[place.program];
         let Some(number) = number else {
             of.calls_any = true;
             state.forget_all();
-            return Step::On;
+            return BlockOutcome::On;
         };
         let span = tree.span_of(block, Address::P);
         let call = of.programs.entry(number).or_insert(Call {
@@ -424,7 +441,7 @@ impl Explorer<'_> {
         // a program is also checked if it is not called in this state
         let program = self.called(number);
         if times == Some(0) {
-            return Step::On;
+            return BlockOutcome::On;
         }
         // a call is not allowed in a fixed cycle, which is reported: presumably a G80 is missing before it
         if state.modal.fixed_cycle().is_some() {
@@ -435,12 +452,12 @@ impl Explorer<'_> {
                 "on one path, the call of program {number} is nested deeper than {CALL_DEPTH_MAX}, and is skipped"
             );
             let help = "Call the program at a lower depth, or write its blocks here.";
-            self.note(
+            self.record_finding(
                 here,
                 diagnostics::CALL_TOO_DEEP.at(span, text, help),
                 Weight::Sure,
             );
-            return Step::On;
+            return BlockOutcome::On;
         }
         let Some(program) = program else {
             let is_missing = self.context.programs.is_some();
@@ -448,7 +465,7 @@ impl Explorer<'_> {
                 call.is_missing = is_missing;
             }
             state.forget_all();
-            return Step::On;
+            return BlockOutcome::On;
         };
         let mut inside = state.clone();
         let locals = inside.values.enter();
@@ -460,18 +477,18 @@ impl Explorer<'_> {
                 .filter(|left| *left <= REPETITIONS_COUNTED),
             locals,
         });
-        Step::Parts(vec![Next {
-            place: Place { program, block: 0 },
+        BlockOutcome::Parts(vec![Next {
+            place: BlockPosition { program, block: 0 },
             state: inside,
-            way: Way::Called,
-            kind: Kind::Real,
+            way: Decision::Called,
+            kind: Reachability::Real,
         }])
     }
 }
 
 /// Updates the modal state.
 #[inline]
-fn follow(dialect: &'static Dialect, words: &BlockWords, block: &Block, state: &mut State) {
+fn follow(dialect: &'static Dialect, words: &BlockWords, block: &Block, state: &mut CheckState) {
     restrictions::follow(words, &mut state.modal);
     for code in words.codes() {
         match code.group {

@@ -2,10 +2,10 @@
 
 use tandem_syntax::{Expression, ExpressionId, NcProgram, Operator, ProgramCode, Statement, diagnostics};
 
-use super::explore::{Explorer, Next, Step};
+use super::explore::{BlockOutcome, Explorer, Next};
 use super::expressions::{holds, number, suppose};
-use super::graph::{Here, Kind, Place, Way};
-use super::state::State;
+use super::graph::{BlockPosition, CurrentBlock, Decision, Reachability};
+use super::state::CheckState;
 use super::verdict::Weight;
 use crate::arithmetic::label;
 use crate::range::Range;
@@ -13,58 +13,65 @@ use crate::text_values::Values;
 
 impl Explorer<'_> {
     /// Follows a program code.
-    pub(super) fn program_code(&mut self, here: Here<'_>, state: &mut State) -> Step {
-        let Here {
+    pub(super) fn program_code(&mut self, here: CurrentBlock<'_>, state: &mut CheckState) -> BlockOutcome {
+        let CurrentBlock {
             place, tree, block, ..
         } = here;
         let Some(code) = tree.program_code(block) else {
-            return Step::On;
+            return BlockOutcome::On;
         };
         self.calculation(here, code, state);
-        let to = |block: u32| Place {
+        let to = |block: u32| BlockPosition {
             block: block as usize,
             ..place
         };
-        let on = here.behind();
+        let on = here.next_position();
         let (holds_way, other_way) = match code.statement {
             Statement::Assignment(target) => {
                 let range = code
                     .expression
                     .map_or(Range::ANY, |id| number(tree, id, &state.values));
                 state.values.set(target, range);
-                return Step::On;
+                return BlockOutcome::On;
             }
             Statement::Switch { first, count } => return switch(tree, code, (first, count), place, state),
             Statement::Else | Statement::Break | Statement::Repeat => {
                 if code.statement == Statement::Repeat {
                     state.values.pass_time();
                 }
-                let Some(target) = code.to else { return Step::On };
-                return Step::Parts(vec![
-                    part(to(target), state, Way::On, Kind::Real),
-                    part(on, state, Way::On, Kind::Supposed),
+                let Some(target) = code.to else {
+                    return BlockOutcome::On;
+                };
+                return BlockOutcome::Parts(vec![
+                    part(to(target), state, Decision::On, Reachability::Real),
+                    part(on, state, Decision::On, Reachability::Supposed),
                 ]);
             }
-            Statement::If => ((on, Way::If(true)), code.to.map(|at| (to(at), Way::If(false)))),
+            Statement::If => (
+                (on, Decision::If(true)),
+                code.to.map(|at| (to(at), Decision::If(false))),
+            ),
             Statement::While => (
-                (on, Way::Loop(true)),
-                code.to.map(|at| (to(at), Way::Loop(false))),
+                (on, Decision::Loop(true)),
+                code.to.map(|at| (to(at), Decision::Loop(false))),
             ),
             Statement::DoWhile => {
-                let Some(back) = code.to else { return Step::On };
-                ((to(back), Way::Again), Some((on, Way::On)))
+                let Some(back) = code.to else {
+                    return BlockOutcome::On;
+                };
+                ((to(back), Decision::Again), Some((on, Decision::On)))
             }
-            _ => return Step::On,
+            _ => return BlockOutcome::On,
         };
         match (code.expression, other_way) {
             (Some(condition), Some(other)) => branch(tree, condition, [holds_way, other], state),
-            _ => Step::On,
+            _ => BlockOutcome::On,
         }
     }
 
     /// Reports a calculation that has no result.
-    fn calculation(&mut self, here: Here<'_>, code: &ProgramCode, state: &State) {
-        let Here { tree, .. } = here;
+    fn calculation(&mut self, here: CurrentBlock<'_>, code: &ProgramCode, state: &CheckState) {
+        let CurrentBlock { tree, .. } = here;
         if let Some(id) = code.expression
             && self.is_real(here.node)
             && let Some(what) = undefined(tree, id, &state.values)
@@ -74,33 +81,38 @@ impl Explorer<'_> {
                 what,
                 "Test the value before, or correct the calculation. If a word takes the result, the block is an alarm.",
             );
-            self.note(here, finding, Weight::Sure);
+            self.record_finding(here, finding, Weight::Sure);
         }
     }
 }
 
 /// Returns the two paths of a condition: for true and for false.
-fn branch(tree: &NcProgram, condition: ExpressionId, ways: [(Place, Way); 2], state: &State) -> Step {
+fn branch(
+    tree: &NcProgram,
+    condition: ExpressionId,
+    ways: [(BlockPosition, Decision); 2],
+    state: &CheckState,
+) -> BlockOutcome {
     let known = holds(tree, condition, &state.values);
     let parts = ways.into_iter().zip([true, false]).map(|((place, way), is_so)| {
         let kind = if known == Some(!is_so) {
-            Kind::Supposed
+            Reachability::Supposed
         } else {
-            Kind::Real
+            Reachability::Real
         };
         let mut part = part(place, state, way, kind);
         if known.is_none() {
             suppose(tree, condition, is_so, &mut part.state.values);
         }
-        if way == Way::Again {
+        if way == Decision::Again {
             part.state.values.pass_time();
         }
         part
     });
-    Step::Parts(parts.collect())
+    BlockOutcome::Parts(parts.collect())
 }
 
-fn part(place: Place, state: &State, way: Way, kind: Kind) -> Next {
+fn part(place: BlockPosition, state: &CheckState, way: Decision, kind: Reachability) -> Next {
     Next {
         place,
         state: state.clone(),
@@ -113,9 +125,9 @@ fn switch(
     tree: &NcProgram,
     code: &ProgramCode,
     (first, count): (u32, u32),
-    place: Place,
-    state: &State,
-) -> Step {
+    place: BlockPosition,
+    state: &CheckState,
+) -> BlockOutcome {
     let range = code
         .expression
         .map_or(Range::ANY, |id| number(tree, id, &state.values));
@@ -125,14 +137,14 @@ fn switch(
             .and_then(|label| tree.case(first, count, label))
             .or(code.to)
     });
-    let to = |block: u32| Place {
+    let to = |block: u32| BlockPosition {
         block: block as usize,
         ..place
     };
     let mut parts = Vec::new();
     let kind = |block: u32| match taken {
-        Some(taken) if taken != Some(block) => Kind::Supposed,
-        _ => Kind::Real,
+        Some(taken) if taken != Some(block) => Reachability::Supposed,
+        _ => Reachability::Real,
     };
     for block in tree.case_blocks(first, count) {
         let label = match tree
@@ -146,12 +158,12 @@ fn switch(
             }) => Some(*label),
             _ => None,
         };
-        parts.push(part(to(block), state, Way::Case(label), kind(block)));
+        parts.push(part(to(block), state, Decision::Case(label), kind(block)));
     }
     if let Some(default) = code.to {
-        parts.push(part(to(default), state, Way::Case(None), kind(default)));
+        parts.push(part(to(default), state, Decision::Case(None), kind(default)));
     }
-    Step::Parts(parts)
+    BlockOutcome::Parts(parts)
 }
 
 /// Finds the innermost operation without a defined result: a division by zero, a function outside of its domain (manual

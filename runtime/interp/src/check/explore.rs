@@ -12,9 +12,11 @@ use tandem_model::Diagnostic;
 use tandem_model::limits::PROGRAM_BYTES_MAX;
 use tandem_syntax::{Content, NcProgram};
 
-use super::graph::{Checked, Here, JOIN, Kind, LOOKED_AT, Node, Place, REACHED, Tree, Way};
-use super::state::State;
-use super::verdict::{Found, Groups, Weight};
+use super::graph::{
+    BlockPosition, CheckedProgram, CurrentBlock, Decision, JOIN, LOOKED_AT, Node, REACHED, Reachability, Tree,
+};
+use super::state::CheckState;
+use super::verdict::{Groups, StateFinding, Weight};
 use super::{Check, CheckContext, Findings, structure};
 use crate::block_words::BlockWords;
 use crate::dialect::Dialect;
@@ -30,14 +32,14 @@ const STEPS_HARD: usize = 4;
 
 /// The place where a run continues, and the decision that leads there.
 pub(super) struct Next {
-    pub place: Place,
-    pub state: State,
-    pub way: Way,
-    pub kind: Kind,
+    pub place: BlockPosition,
+    pub state: CheckState,
+    pub way: Decision,
+    pub kind: Reachability,
 }
 
 /// Result of a block.
-pub(super) enum Step {
+pub(super) enum BlockOutcome {
     /// The next block.
     On,
     /// These places; a run is certain to take one that is alone.
@@ -47,14 +49,14 @@ pub(super) enum Step {
 pub(super) struct Explorer<'a> {
     pub dialect: &'static Dialect,
     pub context: &'a CheckContext<'a>,
-    pub programs: Vec<Checked<'a>>,
+    pub programs: Vec<CheckedProgram<'a>>,
     pub nodes: Vec<Node>,
     pub groups: Groups,
     pub words: BlockWords,
     /// If faults of calculated values are no errors: the state as the text shows it since paths have joined. `None` if
     /// it equals the state.
-    pub shown: Option<State>,
-    heads: HashMap<Place, Vec<usize>>,
+    pub shown: Option<CheckState>,
+    heads: HashMap<BlockPosition, Vec<usize>>,
     open: BinaryHeap<Reverse<(usize, usize)>>,
     supposed: VecDeque<(usize, Next)>,
     steps: usize,
@@ -89,8 +91,8 @@ impl<'a> Explorer<'a> {
         if main.len() > PROGRAM_BYTES_MAX {
             return;
         }
-        let head = Place { program: 0, block: 0 };
-        let mut start = State::start_up(self.dialect, self.context);
+        let head = BlockPosition { program: 0, block: 0 };
+        let mut start = CheckState::start_up(self.dialect, self.context);
         let tree = self.programs[0].tree.clone();
         let mut is_certain = true;
         if self.context.goes_on {
@@ -101,18 +103,18 @@ impl<'a> Explorer<'a> {
             // the caller may have programmed F
             start.has_feed |= self.context.default_feedrate_mm_min.is_none();
             is_certain = false;
-            self.begin(head, called, Kind::Real, false);
+            self.start_path(head, called, Reachability::Real, false);
         }
-        self.begin(head, start, Kind::Real, is_certain);
+        self.start_path(head, start, Reachability::Real, is_certain);
         self.follow_all();
-        self.look_at_the_rest();
+        self.check_unreached_blocks();
     }
 
-    fn begin(&mut self, place: Place, state: State, kind: Kind, is_certain: bool) {
+    fn start_path(&mut self, place: BlockPosition, state: CheckState, kind: Reachability, is_certain: bool) {
         let next = Next {
             place,
             state,
-            way: Way::On,
+            way: Decision::On,
             kind,
         };
         self.arrive(None, next, is_certain);
@@ -140,7 +142,7 @@ impl<'a> Explorer<'a> {
                 *marks |= JOIN;
             }
         }
-        self.programs.push(Checked {
+        self.programs.push(CheckedProgram {
             number,
             tree,
             marks,
@@ -164,7 +166,7 @@ impl<'a> Explorer<'a> {
             let Some((from, next)) = self.supposed.pop_front() else {
                 return;
             };
-            let Place { program, block } = next.place;
+            let BlockPosition { program, block } = next.place;
             if !self.programs[program].has(block, LOOKED_AT) {
                 self.arrive(Some(from), next, false);
             }
@@ -172,7 +174,7 @@ impl<'a> Explorer<'a> {
     }
 
     /// Checks blocks that no state has reached.
-    fn look_at_the_rest(&mut self) {
+    fn check_unreached_blocks(&mut self) {
         let mut program = 0;
         // checked blocks may call programs that no other block calls
         while program < self.programs.len() {
@@ -181,12 +183,12 @@ impl<'a> Explorer<'a> {
                 if self.programs[program].has(block, LOOKED_AT) {
                     continue;
                 }
-                let mut state = State::start_up(self.dialect, self.context);
+                let mut state = CheckState::start_up(self.dialect, self.context);
                 state.forget_all();
                 state.values = Values::unknown();
                 self.nodes.push(Node {
-                    place: Place { program, block },
-                    kind: Kind::Supposed,
+                    place: BlockPosition { program, block },
+                    kind: Reachability::Supposed,
                     is_certain: false,
                     is_open: true,
                     before: None,
@@ -204,43 +206,46 @@ impl<'a> Explorer<'a> {
 
     /// Follows a node to the next fork or join of paths.
     fn run(&mut self, node: usize) {
-        let Place {
+        let BlockPosition {
             program,
             block: start,
         } = self.nodes[node].place;
         let tree = self.programs[program].tree.clone();
-        let mut state = State::clone(&self.nodes[node].state);
+        let mut state = CheckState::clone(&self.nodes[node].state);
         let kind = self.nodes[node].kind;
         self.shown = self.shown_at(node, &state);
-        let reached = if kind == Kind::Real { REACHED } else { 0 };
+        let reached = if kind == Reachability::Real { REACHED } else { 0 };
         let mut at = start;
         loop {
             let checked = &mut self.programs[program];
             let Some(block) = tree.blocks().get(at) else {
                 checked.set(at, reached);
                 // a missing M99 is reported; a called program is assumed to return
-                let place = Place { program, block: at };
+                let place = BlockPosition { program, block: at };
                 let parts = returned(&state, place).into_iter();
-                self.part(node, parts.filter(|next| next.kind == Kind::Real).collect());
+                self.fork_path(
+                    node,
+                    parts.filter(|next| next.kind == Reachability::Real).collect(),
+                );
                 break;
             };
             if at != start && checked.has(at, JOIN) {
                 checked.set(at, reached);
-                self.go_on(node, at, state);
+                self.continue_path(node, at, state);
                 break;
             }
             checked.set(at, reached | LOOKED_AT);
             self.steps += 1;
-            let here = Here {
+            let here = CurrentBlock {
                 node,
-                place: Place { program, block: at },
+                place: BlockPosition { program, block: at },
                 tree: &tree,
                 block,
             };
             let step = self.step(here, &mut state);
             at += 1;
-            if let Step::Parts(parts) = step {
-                self.part(node, parts);
+            if let BlockOutcome::Parts(parts) = step {
+                self.fork_path(node, parts);
                 break;
             }
         }
@@ -249,11 +254,11 @@ impl<'a> Explorer<'a> {
 
     /// Returns the state that the text alone shows before a node: none after a jump, a call or a block that may be
     /// skipped.
-    fn shown_at(&self, node: usize, state: &State) -> Option<State> {
+    fn shown_at(&self, node: usize, state: &CheckState) -> Option<CheckState> {
         let Node { place, before, .. } = &self.nodes[node];
         let (before, way) = before.filter(|_| !self.calculates(node))?;
         let is_behind = self.programs[place.program].has(place.block, JOIN)
-            || matches!(way, Way::Skip(_) | Way::Called)
+            || matches!(way, Decision::Skip(_) | Decision::Called)
             || self.nodes[before].place.program != place.program;
         is_behind.then(|| {
             let mut shown = state.clone();
@@ -269,38 +274,41 @@ impl<'a> Explorer<'a> {
     }
 
     pub fn is_real(&self, node: usize) -> bool {
-        self.nodes[node].kind == Kind::Real
+        self.nodes[node].kind == Reachability::Real
     }
 
-    fn step(&mut self, here: Here<'_>, state: &mut State) -> Step {
+    fn step(&mut self, here: CurrentBlock<'_>, state: &mut CheckState) -> BlockOutcome {
         match here.block.content {
             Content::ProgramCode(_) => self.program_code(here, state),
             Content::Words { .. } => self.block(here, state),
         }
     }
 
-    fn go_on(&mut self, node: usize, block: usize, state: State) {
+    fn continue_path(&mut self, node: usize, block: usize, state: CheckState) {
         let Node {
             place,
             kind,
             is_certain,
             ..
         } = self.nodes[node];
-        let place = Place { block, ..place };
+        let place = BlockPosition { block, ..place };
         let next = Next {
             place,
             state,
-            way: Way::On,
+            way: Decision::On,
             kind,
         };
         self.arrive(Some(node), next, is_certain);
     }
 
-    fn part(&mut self, node: usize, parts: Vec<Next>) {
+    fn fork_path(&mut self, node: usize, parts: Vec<Next>) {
         let Node { kind, is_certain, .. } = self.nodes[node];
-        let real = parts.iter().filter(|next| next.kind == Kind::Real).count();
+        let real = parts
+            .iter()
+            .filter(|next| next.kind == Reachability::Real)
+            .count();
         for next in parts {
-            if next.kind == Kind::Supposed {
+            if next.kind == Reachability::Supposed {
                 self.supposed.push_back((node, next));
             } else {
                 let next = Next { kind, ..next };
@@ -317,7 +325,7 @@ impl<'a> Explorer<'a> {
             way,
             kind,
         } = next;
-        if kind == Kind::Supposed && self.programs[place.program].has(place.block, REACHED) {
+        if kind == Reachability::Supposed && self.programs[place.program].has(place.block, REACHED) {
             return;
         }
         let heads = self.heads.entry(place).or_default();
@@ -364,7 +372,7 @@ impl<'a> Explorer<'a> {
     }
 
     /// Joins a state to that of a node, which is followed again when it has grown.
-    fn join(&mut self, node: usize, state: &State) {
+    fn join(&mut self, node: usize, state: &CheckState) {
         let of = &mut self.nodes[node];
         of.is_certain = false;
         if Arc::make_mut(&mut of.state).widen(state) {
@@ -376,11 +384,11 @@ impl<'a> Explorer<'a> {
     }
 
     /// Records a finding in a block that a node reaches. In blocks that no run reaches, no value is calculated.
-    pub fn note(&mut self, here: Here<'_>, finding: Diagnostic, weight: Weight) {
+    pub fn record_finding(&mut self, here: CurrentBlock<'_>, finding: Diagnostic, weight: Weight) {
         if weight != Weight::Sure && !self.is_real(here.node) {
             return;
         }
-        self.groups.note(Found {
+        self.groups.record(StateFinding {
             node: here.node,
             place: here.place,
             finding,
@@ -399,16 +407,16 @@ impl<'a> Explorer<'a> {
             is_cut,
             ..
         } = self;
-        let mut verdicts = groups.judge((dialect.grammar)(), &nodes, &programs);
+        let mut verdicts = groups.into_reports((dialect.grammar)(), &nodes, &programs);
         let mut main = Check::default();
         for (index, of) in programs.into_iter().enumerate() {
             let mut findings = Findings::new(dialect);
             for finding in verdicts.remove(&index).unwrap_or_default() {
                 findings.push(finding);
             }
-            of.tell_what_is_missing(dialect, context, &mut findings);
+            of.report_missing(dialect, context, &mut findings);
             if !(is_cut || of.tree.source().len() > PROGRAM_BYTES_MAX) {
-                structure::judge(&of, dialect, &mut findings);
+                structure::report_flow_faults(&of, dialect, &mut findings);
             }
             if index > 0 || !context.manual {
                 of.mark(dialect, &mut findings);
@@ -432,7 +440,7 @@ impl<'a> Explorer<'a> {
 }
 
 /// Returns the places after the called program has ended: another repetition, or the caller.
-pub(super) fn returned(state: &State, place: Place) -> Vec<Next> {
+pub(super) fn returned(state: &CheckState, place: BlockPosition) -> Vec<Next> {
     let mut outside = state.clone();
     let Some(caller) = outside.callers.pop() else {
         return Vec::new();
@@ -445,32 +453,32 @@ pub(super) fn returned(state: &State, place: Place) -> Vec<Next> {
             last.repetitions = last.repetitions.map(|left| left - 1);
         }
         parts.push(Next {
-            place: Place { block: 0, ..place },
+            place: BlockPosition { block: 0, ..place },
             state: again,
-            way: Way::On,
-            kind: Kind::Real,
+            way: Decision::On,
+            kind: Reachability::Real,
         });
     }
     if caller.repetitions.is_none_or(|left| left == 0) {
         outside.values.leave(&caller.locals);
         parts.push(Next {
-            place: Place {
+            place: BlockPosition {
                 program: caller.program,
                 block: caller.block,
             },
             state: outside,
-            way: Way::On,
-            kind: Kind::Real,
+            way: Decision::On,
+            kind: Reachability::Real,
         });
     }
     parts.push(Next {
-        place: Place {
+        place: BlockPosition {
             block: place.block + 1,
             ..place
         },
         state: state.clone(),
-        way: Way::On,
-        kind: Kind::Supposed,
+        way: Decision::On,
+        kind: Reachability::Supposed,
     });
     parts
 }

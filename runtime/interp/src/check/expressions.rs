@@ -10,7 +10,7 @@ use crate::text_values::Values;
 pub(super) fn number(program: &NcProgram, id: ExpressionId, values: &Values) -> Range {
     let of = |id| number(program, id, values);
     match program.expression(id).copied() {
-        Some(Expression::Number(value)) => Range::of(value),
+        Some(Expression::Number(value)) => Range::from_value(value),
         Some(Expression::Variable(variable)) => values.get(variable),
         Some(Expression::Negation(operand)) => {
             let Range { low, high, nan, own } = of(operand);
@@ -118,7 +118,7 @@ pub(super) fn suppose(program: &NcProgram, id: ExpressionId, is_so: bool, values
                 bound(values, *variable, operator, is_so, of_right);
             }
             if let Some(Expression::Variable(variable)) = program.expression(right) {
-                bound(values, *variable, turned(operator), is_so, of_left);
+                bound(values, *variable, mirrored(operator), is_so, of_left);
             }
         }
         _ => {}
@@ -126,7 +126,7 @@ pub(super) fn suppose(program: &NcProgram, id: ExpressionId, is_so: bool, values
 }
 
 /// Returns the equivalent operator for exchanged sides.
-fn turned(operator: Operator) -> Operator {
+fn mirrored(operator: Operator) -> Operator {
     match operator {
         Operator::Less => Operator::Greater,
         Operator::Greater => Operator::Less,

@@ -6,13 +6,13 @@ use std::sync::Arc;
 use tandem_model::Span;
 use tandem_syntax::{Block, NcProgram, diagnostics};
 
-use super::state::State;
+use super::state::CheckState;
 use super::{CheckContext, Findings};
 use crate::dialect::{Dialect, OtherMCodes};
 
 /// A decision taken on a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Way {
+pub(super) enum Decision {
     /// No decision.
     On,
     /// `if`: its commands are executed, or not.
@@ -31,7 +31,7 @@ pub(super) enum Way {
 
 /// Whether a run reaches a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum Reachability {
     /// A run may reach the node.
     Real,
     /// No run reaches the node, because of compared values or because it follows the end; it is checked
@@ -41,24 +41,24 @@ pub(super) enum Kind {
 
 /// A place of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) struct Place {
+pub(super) struct BlockPosition {
     pub program: usize,
     pub block: usize,
 }
 
 /// The block that is checked: its node, its place, and its text.
 #[derive(Clone, Copy)]
-pub(super) struct Here<'t> {
+pub(super) struct CurrentBlock<'t> {
     pub node: usize,
-    pub place: Place,
+    pub place: BlockPosition,
     pub tree: &'t NcProgram,
     pub block: &'t Block,
 }
 
-impl Here<'_> {
+impl CurrentBlock<'_> {
     /// Returns the place after the block.
-    pub fn behind(&self) -> Place {
-        Place {
+    pub fn next_position(&self) -> BlockPosition {
+        BlockPosition {
             block: self.place.block + 1,
             ..self.place
         }
@@ -66,24 +66,24 @@ impl Here<'_> {
 }
 
 pub(super) struct Node {
-    pub place: Place,
-    pub kind: Kind,
+    pub place: BlockPosition,
+    pub kind: Reachability,
     /// True if a run reaches this node, independent of other writers.
     pub is_certain: bool,
     /// True if a modal value is unknown.
     pub is_open: bool,
     /// The node from which this node was first reached, and the decision there.
-    pub before: Option<(usize, Way)>,
+    pub before: Option<(usize, Decision)>,
     /// One past the last block of its run.
     pub end: usize,
     /// State after the last block of its run, where the path continues.
-    pub state: Arc<State>,
+    pub state: Arc<CheckState>,
     /// True if the node must be followed, or followed again.
     pub waits: bool,
 }
 
 /// A program that is checked.
-pub(super) struct Checked<'a> {
+pub(super) struct CheckedProgram<'a> {
     pub number: u16,
     pub tree: Tree<'a>,
     /// Knowledge about each block, and about the place past the last one.
@@ -107,7 +107,7 @@ pub(super) const REACHED: u8 = 2;
 /// The block has been checked.
 pub(super) const LOOKED_AT: u8 = 4;
 
-impl Checked<'_> {
+impl CheckedProgram<'_> {
     /// Returns true for a block with this mark.
     pub fn has(&self, block: usize, mark: u8) -> bool {
         self.marks.get(block).is_some_and(|marks| marks & mark != 0)
@@ -139,14 +139,9 @@ impl std::ops::Deref for Tree<'_> {
     }
 }
 
-impl Checked<'_> {
+impl CheckedProgram<'_> {
     /// Reports M codes without settings and missing programs, each at its first place.
-    pub fn tell_what_is_missing(
-        &self,
-        dialect: &Dialect,
-        context: &CheckContext<'_>,
-        findings: &mut Findings,
-    ) {
+    pub fn report_missing(&self, dialect: &Dialect, context: &CheckContext<'_>, findings: &mut Findings) {
         let warns = dialect.policy.other_m_codes == OtherMCodes::Output;
         if let Some(known) = context.m_codes_with_settings.filter(|_| warns) {
             for (number, (span, needs_settings)) in &self.m_codes {

@@ -4,8 +4,8 @@
 use tandem_syntax::{Address, AddressSet, diagnostics};
 
 use super::explore::Explorer;
-use super::graph::Here;
-use super::state::State;
+use super::graph::CurrentBlock;
+use super::state::CheckState;
 use super::verdict::Weight;
 use crate::codes::{Code, ModalGroup};
 use crate::dialect::{SpindleWord, Spiral};
@@ -14,7 +14,7 @@ use crate::meaning::{ModalValue, MotionKind, Role};
 use crate::restrictions;
 
 /// The words of an arc's centre.
-const CENTRES: AddressSet = AddressSet::of(&[Address::I, Address::J, Address::K]);
+const CENTRES: AddressSet = AddressSet::from_addresses(&[Address::I, Address::J, Address::K]);
 
 /// Allowed distance of an arc's end from its circle, as a share of the radius.
 const BESIDE_MAX: f64 = 0.01;
@@ -24,8 +24,8 @@ const ROUNDING_MAX: f64 = 0.01;
 
 impl Explorer<'_> {
     /// Checks words against the known data of the coordinate system.
-    pub(super) fn context_of_words(&mut self, here: Here<'_>, state: &State) {
-        let Here { tree, block, .. } = here;
+    pub(super) fn context_of_words(&mut self, here: CurrentBlock<'_>, state: &CheckState) {
+        let CurrentBlock { tree, block, .. } = here;
         let words = &self.words;
         let mut found = Vec::new();
         if let Some(axes) = self.context.axes {
@@ -78,13 +78,13 @@ impl Explorer<'_> {
             } else {
                 Weight::Sure
             };
-            self.note(here, finding, weight);
+            self.record_finding(here, finding, weight);
         }
     }
 
     /// Warns of words of an arc that it does not use.
-    pub(super) fn arc_words(&mut self, here: Here<'_>, state: &State) {
-        let Here { tree, block, .. } = here;
+    pub(super) fn arc_words(&mut self, here: CurrentBlock<'_>, state: &CheckState) {
+        let CurrentBlock { tree, block, .. } = here;
         let words = &self.words;
         let is_arc = |code: &Code| code.role == Role::Motion(MotionKind::Arc);
         let centres = words.taken.intersection(CENTRES);
@@ -97,7 +97,7 @@ impl Explorer<'_> {
             let Some(plane) = state.modal.in_force.plane else {
                 return;
             };
-            let used = AddressSet::of(&plane.axes().map(restrictions::centre));
+            let used = AddressSet::from_addresses(&plane.axes().map(restrictions::centre));
             if centres.intersection(used).is_empty() {
                 // that is reported as a separate error
                 return;
@@ -116,12 +116,12 @@ impl Explorer<'_> {
             })
             .collect();
         for finding in found {
-            self.note(here, finding, Weight::Sure);
+            self.record_finding(here, finding, Weight::Sure);
         }
     }
 
     /// Warns of an arc whose end is not on its circle, as far as the text shows. `state` is that before the block.
-    pub(super) fn arc_end(&mut self, here: Here<'_>, state: &State) {
+    pub(super) fn arc_end(&mut self, here: CurrentBlock<'_>, state: &CheckState) {
         let words = &self.words;
         let is_arc = |code: &Code| code.role == Role::Motion(MotionKind::Arc);
         let is_doubted = self.dialect.policy.spiral == Spiral::Doubted;
@@ -134,26 +134,26 @@ impl Explorer<'_> {
         };
         let distance = own.distance.or(in_force.distance);
         let axes = plane.axes();
-        let [x, y] = axes.map(|axis| state.position.way(words, distance, axis));
+        let [x, y] = axes.map(|axis| state.position.move_distance(words, distance, axis));
         let [i, j] = axes.map(|axis| words.get(restrictions::centre(axis)).unwrap_or_default());
         let (start, end) = (i.hypot(j), (x - i).hypot(y - j));
         let difference = (start - end).abs();
         // NaN, and so no reason to warn, if the text does not show the path
         if start > 0.0 && difference > ROUNDING_MAX && difference > BESIDE_MAX * start {
-            let Here { tree, block, .. } = here;
+            let CurrentBlock { tree, block, .. } = here;
             let finding = diagnostics::ARC_END_OFF.at(
                 tree.span(block),
                 format!("the arc begins {start:.3} from its centre and ends {end:.3} from it"),
                 "Write I, J and K as distances from the start of the arc to its centre.",
             );
-            self.note(here, finding, Weight::Sure);
+            self.record_finding(here, finding, Weight::Sure);
         }
     }
 
     /// Reports a cutting motion before the first F, if the machine has no default feedrate or is unknown (alarm 101),
     /// and a thread before the first S (alarm 113).
-    pub(super) fn feed_and_speed(&mut self, here: Here<'_>, state: &mut State) {
-        let Here { tree, block, .. } = here;
+    pub(super) fn feed_and_speed(&mut self, here: CurrentBlock<'_>, state: &mut CheckState) {
+        let CurrentBlock { tree, block, .. } = here;
         let words = &self.words;
         let has = |address| words.present.contains(address) && !words.own.contains(address);
         let lacks_feed =
@@ -175,7 +175,7 @@ impl Explorer<'_> {
                 "the block moves at the feedrate, but no feedrate is programmed",
                 "Write F in this block or before it, or set default_feedrate.",
             );
-            self.note(here, finding, Weight::Sure);
+            self.record_finding(here, finding, Weight::Sure);
         }
         if lacks_speed {
             let finding = diagnostics::SPEED_MISSING.at(
@@ -183,7 +183,7 @@ impl Explorer<'_> {
                 "the block cuts a thread, but no spindle speed is programmed",
                 "Write S in this block or before it: the pitch is F / S.",
             );
-            self.note(here, finding, Weight::Sure);
+            self.record_finding(here, finding, Weight::Sure);
         }
     }
 }

@@ -23,7 +23,7 @@ pub(super) struct Caller {
 
 /// Known state of a run before a block.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct State {
+pub(super) struct CheckState {
     pub modal: Modal,
     pub position: TextPosition,
     pub values: Values,
@@ -38,11 +38,11 @@ pub(super) struct State {
     pub is_open: bool,
 }
 
-impl State {
+impl CheckState {
     /// Returns the state at the start of a main program.
     pub fn start_up(dialect: &Dialect, context: &CheckContext<'_>) -> Self {
         Self {
-            modal: Modal::of_text(dialect, context.unit),
+            modal: Modal::start_up_from_text(dialect, context.unit),
             position: TextPosition::unknown(),
             values: Values::default(),
             callers: Vec::new(),

@@ -4,13 +4,13 @@ use tandem_model::Span;
 use tandem_syntax::{Address, Block, NcProgram, ProgramCode, Statement, Word, diagnostics};
 
 use super::Findings;
-use super::graph::{Checked, REACHED};
+use super::graph::{CheckedProgram, REACHED};
 use crate::codes::{Code, tenths};
 use crate::dialect::Dialect;
 use crate::meaning::Role;
 
 /// Reports blocks that are never executed, and a program that runs past its last block (D06).
-pub(super) fn judge(of: &Checked<'_>, dialect: &Dialect, findings: &mut Findings) {
+pub(super) fn report_flow_faults(of: &CheckedProgram<'_>, dialect: &Dialect, findings: &mut Findings) {
     let program: &NcProgram = &of.tree;
     let blocks = program.blocks();
     let dead = of.marks.iter().position(|marks| marks & REACHED == 0);

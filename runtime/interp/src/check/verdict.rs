@@ -6,15 +6,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use tandem_model::{Diagnostic, Severity};
 use tandem_syntax::{Grammar, NcProgram, diagnostics};
 
-use super::graph::{Checked, Kind, Node, Place, Way};
+use super::graph::{BlockPosition, CheckedProgram, Decision, Node, Reachability};
 
 /// Beyond the number that can be listed, findings need not be distinguished.
 const GROUPS_MAX: usize = 4 * tandem_syntax::DIAGNOSTICS_MAX;
 
 /// A finding in one state.
-pub(super) struct Found {
+pub(super) struct StateFinding {
     pub node: usize,
-    pub place: Place,
+    pub place: BlockPosition,
     pub finding: Diagnostic,
     pub weight: Weight,
 }
@@ -32,7 +32,7 @@ pub(super) enum Weight {
 
 /// One fault, and the states that have it.
 struct Group {
-    place: Place,
+    place: BlockPosition,
     finding: Diagnostic,
     nodes: BTreeSet<usize>,
     weight: Weight,
@@ -43,7 +43,7 @@ struct Group {
 pub(super) struct Groups(BTreeMap<(usize, u32, &'static str, u32), Group>);
 
 impl Groups {
-    pub fn note(&mut self, found: Found) {
+    pub fn record(&mut self, found: StateFinding) {
         let span = found.finding.span;
         let key = (found.place.program, span.start, found.finding.code, span.end);
         if self.0.len() >= GROUPS_MAX && !self.0.contains_key(&key) {
@@ -60,18 +60,18 @@ impl Groups {
     }
 
     /// Returns the reports on each program.
-    pub fn judge(
+    pub fn into_reports(
         self,
         grammar: &Grammar,
         nodes: &[Node],
-        programs: &[Checked<'_>],
+        programs: &[CheckedProgram<'_>],
     ) -> BTreeMap<usize, Vec<Diagnostic>> {
         let mut all: BTreeMap<usize, Vec<Diagnostic>> = BTreeMap::new();
         for group in self.0.into_values() {
             let program = group.place.program;
             all.entry(program)
                 .or_default()
-                .extend(judge(group, grammar, nodes, programs));
+                .extend(summarize_group(group, grammar, nodes, programs));
         }
         all
     }
@@ -84,7 +84,12 @@ enum Verdict {
     Never,
 }
 
-fn judge(group: Group, grammar: &Grammar, nodes: &[Node], programs: &[Checked<'_>]) -> Option<Diagnostic> {
+fn summarize_group(
+    group: Group,
+    grammar: &Grammar,
+    nodes: &[Node],
+    programs: &[CheckedProgram<'_>],
+) -> Option<Diagnostic> {
     let mut finding = group.finding;
     if finding.severity == Severity::Warning {
         return Some(finding);
@@ -101,7 +106,10 @@ fn judge(group: Group, grammar: &Grammar, nodes: &[Node], programs: &[Checked<'_
         Verdict::Sometimes { with, without } => {
             let parting = parting(nodes, with, without);
             match parting {
-                Some((at, way)) => format!(" {}", told(programs, group.place.program, at, nodes, way)),
+                Some((at, way)) => format!(
+                    " {}",
+                    describe_decision(programs, group.place.program, at, nodes, way)
+                ),
                 None if is_root_of_two(nodes) => " if the program is started as a main program".to_owned(),
                 None => String::new(),
             }
@@ -115,19 +123,18 @@ fn judge(group: Group, grammar: &Grammar, nodes: &[Node], programs: &[Checked<'_
     Some(finding)
 }
 
-fn verdict(place: Place, found: &BTreeSet<usize>, nodes: &[Node]) -> Verdict {
-    if found
-        .iter()
-        .any(|node| nodes[*node].is_certain && nodes[*node].kind == Kind::Real && !nodes[*node].is_open)
-    {
+fn verdict(place: BlockPosition, found: &BTreeSet<usize>, nodes: &[Node]) -> Verdict {
+    if found.iter().any(|node| {
+        nodes[*node].is_certain && nodes[*node].kind == Reachability::Real && !nodes[*node].is_open
+    }) {
         return Verdict::Always;
     }
     let comes = |node: &Node| {
         node.place.program == place.program && (node.place.block..node.end).contains(&place.block)
     };
     let all = nodes.iter().enumerate().filter(|(_, node)| comes(node));
-    let is_real = all.clone().any(|(_, node)| node.kind == Kind::Real);
-    let of_kind = all.filter(|(_, node)| !is_real || node.kind == Kind::Real);
+    let is_real = all.clone().any(|(_, node)| node.kind == Reachability::Real);
+    let of_kind = all.filter(|(_, node)| !is_real || node.kind == Reachability::Real);
     let mut with = None;
     let (mut without, mut without_open) = (None, None);
     for (at, node) in of_kind {
@@ -150,13 +157,13 @@ fn verdict(place: Place, found: &BTreeSet<usize>, nodes: &[Node]) -> Verdict {
 fn is_root_of_two(nodes: &[Node]) -> bool {
     let roots = nodes
         .iter()
-        .filter(|node| node.before.is_none() && node.kind == Kind::Real);
+        .filter(|node| node.before.is_none() && node.kind == Reachability::Real);
     roots.count() > 1
 }
 
 /// Returns the node and the decision at which the path to `with` leaves the path to `without`; if there is no
 /// other path, the last decision.
-fn parting(nodes: &[Node], with: usize, without: Option<usize>) -> Option<(usize, Way)> {
+fn parting(nodes: &[Node], with: usize, without: Option<usize>) -> Option<(usize, Decision)> {
     let mut others = BTreeSet::new();
     let mut at = without;
     while let Some(node) = at {
@@ -166,7 +173,7 @@ fn parting(nodes: &[Node], with: usize, without: Option<usize>) -> Option<(usize
     let mut at = with;
     let mut last = None;
     while let Some((before, way)) = nodes[at].before {
-        if way != Way::On {
+        if way != Decision::On {
             last = Some((before, way));
         }
         if others.contains(&before) {
@@ -178,7 +185,13 @@ fn parting(nodes: &[Node], with: usize, without: Option<usize>) -> Option<(usize
 }
 
 /// Describes a decision that was taken in the last block of a node's run.
-fn told(programs: &[Checked<'_>], reader: usize, node: usize, nodes: &[Node], way: Way) -> String {
+fn describe_decision(
+    programs: &[CheckedProgram<'_>],
+    reader: usize,
+    node: usize,
+    nodes: &[Node],
+    way: Decision,
+) -> String {
     let program = nodes[node].place.program;
     let of = &programs[program];
     let tree: &NcProgram = &of.tree;
@@ -192,16 +205,16 @@ fn told(programs: &[Checked<'_>], reader: usize, node: usize, nodes: &[Node], wa
         format!("line {line} of program {}", of.number)
     };
     match way {
-        Way::On => String::new(),
-        Way::If(true) => format!("if the condition in {here} is true"),
-        Way::If(false) => format!("if the condition in {here} is false"),
-        Way::Loop(true) => format!("in the loop of {here}"),
-        Way::Loop(false) => format!("after the loop of {here}"),
-        Way::Again => format!("in a further turn of the loop of {here}"),
-        Way::Case(Some(label)) => format!("if case {label} in {here} matches"),
-        Way::Case(None) => format!("if no case in {here} matches"),
-        Way::Skip(true) => format!("if the block in {here} is skipped"),
-        Way::Skip(false) => format!("if the block in {here} is not skipped"),
-        Way::Called => format!("if {here} calls the program"),
+        Decision::On => String::new(),
+        Decision::If(true) => format!("if the condition in {here} is true"),
+        Decision::If(false) => format!("if the condition in {here} is false"),
+        Decision::Loop(true) => format!("in the loop of {here}"),
+        Decision::Loop(false) => format!("after the loop of {here}"),
+        Decision::Again => format!("in a further turn of the loop of {here}"),
+        Decision::Case(Some(label)) => format!("if case {label} in {here} matches"),
+        Decision::Case(None) => format!("if no case in {here} matches"),
+        Decision::Skip(true) => format!("if the block in {here} is skipped"),
+        Decision::Skip(false) => format!("if the block in {here} is not skipped"),
+        Decision::Called => format!("if {here} calls the program"),
     }
 }

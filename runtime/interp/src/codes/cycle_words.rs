@@ -11,7 +11,7 @@ use tandem_syntax::Address;
 
 use super::{POSITION_MAX, WordSpec, axis_word};
 use crate::execution::Execution;
-use crate::fixed_cycles::{Cycle, Expansion, Hole, Peck};
+use crate::fixed_cycles::{Expansion, FixedCycle, Hole, Peck};
 use crate::meaning::ReturnLevel;
 use crate::modal::CycleLevel;
 
@@ -27,7 +27,7 @@ pub static CYCLE_WORDS: [WordSpec; 6] = [
 
 /// Stores the words of a block in the active fixed cycle, and starts its steps.
 pub fn run(execution: &mut Execution<'_>, words: AxisWords) {
-    take_over(execution, words.distance);
+    store_cycle_words(execution, words.distance);
     let kept = execution.modal.cycle;
     let in_force = execution.modal.in_force.cycle.flatten();
     let (Some(cycle), Some(z), Some(r)) = (in_force, kept.z, kept.r) else {
@@ -37,25 +37,25 @@ pub fn run(execution: &mut Execution<'_>, words: AxisWords) {
     };
     let initial = initial_level(execution);
     let r_point = r.above(initial);
-    begin(execution, words, cycle, Levels { initial, r_point, z });
+    start_cycle(execution, words, cycle, HoleLevels { initial, r_point, z });
 }
 
 /// The levels of a hole, mm; the initial one and the R point are programmed positions.
 #[derive(Clone, Copy)]
-pub(super) struct Levels {
+pub(super) struct HoleLevels {
     pub initial: f64,
     pub r_point: f64,
     pub z: CycleLevel,
 }
 
 /// Starts the steps of a block. Z in G91 is a distance from the R point.
-pub(super) fn begin(
+pub(super) fn start_cycle(
     execution: &mut Execution<'_>,
     position: AxisWords,
-    cycle: &'static Cycle,
-    levels: Levels,
+    cycle: &'static FixedCycle,
+    levels: HoleLevels,
 ) {
-    let Levels { initial, r_point, z } = levels;
+    let HoleLevels { initial, r_point, z } = levels;
     let kept = execution.modal.cycle;
     let z_point = z.above(r_point);
     let returns = execution.modal.in_force.return_level == Some(ReturnLevel::Initial);
@@ -83,7 +83,7 @@ pub(super) fn begin(
     clippy::cast_sign_loss,
     reason = "the range has been checked, and a cast saturates"
 )]
-pub(super) fn take_over(execution: &mut Execution<'_>, distance: Distance) {
+pub(super) fn store_cycle_words(execution: &mut Execution<'_>, distance: Distance) {
     let level = |address| {
         execution
             .length(address)

@@ -36,7 +36,7 @@ pub static FEED_AND_SPEED: [WordSpec; 2] = [
 /// Stores the words of a block that no code has as its own. F above the maximum gives a warning, S above the spindle's
 /// maximum is an alarm (D11). F keeps its written value, since it determines the pitch of a thread (M1h); no motion is
 /// faster than the maximum.
-pub(crate) fn take_over(execution: &mut Execution<'_>) {
+pub(crate) fn store_feed_words(execution: &mut Execution<'_>) {
     if let Some(programmed) = execution.free_word(Address::F) {
         let max = execution.limits.max_feedrate_mm_min;
         if programmed > max {

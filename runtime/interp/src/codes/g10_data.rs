@@ -119,7 +119,7 @@ fn set(execution: &mut Execution<'_>) {
     )]
     let number = execution.words.get(Address::P).unwrap_or_default() as u16;
     if let Some(radius) = execution.length(Address::R) {
-        execution.keep().radii.insert(number, radius);
+        execution.retained_mut().radii.insert(number, radius);
         return;
     }
     let words = execution.own_axis_words();

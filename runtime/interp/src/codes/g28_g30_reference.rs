@@ -47,7 +47,10 @@ fn remembered(execution: &mut Execution<'_>) {
         distance: Distance::Absolute,
         ..own
     };
-    for (axis, kept) in Axis::ORTHOGONAL.into_iter().zip(&mut execution.keep().middle) {
+    for (axis, kept) in Axis::ORTHOGONAL
+        .into_iter()
+        .zip(&mut execution.retained_mut().middle)
+    {
         let named = own.named.contains(axis);
         let by_distance = own.distance == Distance::Incremental;
         if named {

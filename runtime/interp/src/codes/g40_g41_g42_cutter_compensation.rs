@@ -82,7 +82,7 @@ pub fn compensate(execution: &mut Execution<'_>) {
 fn compensate_by_number(execution: &mut Execution<'_>) {
     compensate_with(execution, |execution| {
         let (number, tool) = execution.offset_entry(Address::D);
-        match execution.kept().radii.get(&number) {
+        match execution.retained().radii.get(&number) {
             _ if number == 0 => 0.0,
             Some(radius) => *radius,
             None => tool.radius,

@@ -9,7 +9,7 @@ use tandem_syntax::Address;
 
 use super::Code;
 use super::cycle_words::{self, CYCLE_WORDS};
-use crate::fixed_cycles::{Cycle, Level, Step, Steps};
+use crate::fixed_cycles::{CycleStep, FixedCycle, Level, Steps};
 use crate::meaning::ModalValue;
 use crate::modal::CycleWords;
 
@@ -52,9 +52,9 @@ macro_rules! tapping {
 }
 
 /// Left-hand threads.
-pub static LEFT_HAND: Cycle = tapping!(CounterClockwise 4, Clockwise 3);
+pub static LEFT_HAND: FixedCycle = tapping!(CounterClockwise 4, Clockwise 3);
 /// Right-hand threads.
-pub static RIGHT_HAND: Cycle = tapping!(Clockwise 3, CounterClockwise 4);
+pub static RIGHT_HAND: FixedCycle = tapping!(Clockwise 3, CounterClockwise 4);
 
 /// G74: left-hand threads.
 pub static G74: Code = Code {

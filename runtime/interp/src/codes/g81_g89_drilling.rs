@@ -7,10 +7,10 @@ use tandem_model::flow::{Action, AxisWords};
 use tandem_model::{Axis, AxisSet};
 use tandem_syntax::Address;
 
-use super::cycle_words::{Levels, begin, initial_level, take_over};
+use super::cycle_words::{HoleLevels, initial_level, start_cycle, store_cycle_words};
 use super::{Code, POSITION_MAX, WordSpec, axis_word};
 use crate::execution::Execution;
-use crate::fixed_cycles::{Cycle, Level, Step, Steps};
+use crate::fixed_cycles::{CycleStep, FixedCycle, Level, Steps};
 use crate::meaning::ModalValue;
 
 const X: WordSpec = axis_word(Address::X);
@@ -32,9 +32,9 @@ static WITH_DWELL: [WordSpec; 6] = [X, Y, Z, R, P, K];
 static WITH_PECKS: [WordSpec; 6] = [X, Y, Z, R, Q, K];
 
 /// Creates a cycle that moves into the hole and out of it by these steps.
-const fn drilling(repetition: &'static [Step]) -> Cycle {
+const fn drilling(repetition: &'static [CycleStep]) -> FixedCycle {
     let steps = Steps::new(&[], repetition, &[]);
-    Cycle {
+    FixedCycle {
         name: "a fixed cycle",
         needed: &[],
         with_spindle: steps,
@@ -42,23 +42,24 @@ const fn drilling(repetition: &'static [Step]) -> Cycle {
     }
 }
 
-const POSITION: Step = Step::Position;
-const APPROACH: Step = Step::Approach;
-const DOWN: Step = Step::Linear(Level::ZPoint);
-const UP: Step = Step::Rapid(Level::Return);
-const SLOWLY_UP: Step = Step::Linear(Level::RPoint);
-const INITIAL: Step = Step::Rapid(Level::Initial);
+const POSITION: CycleStep = CycleStep::Position;
+const APPROACH: CycleStep = CycleStep::Approach;
+const DOWN: CycleStep = CycleStep::Linear(Level::ZPoint);
+const UP: CycleStep = CycleStep::Rapid(Level::Return);
+const SLOWLY_UP: CycleStep = CycleStep::Linear(Level::RPoint);
+const INITIAL: CycleStep = CycleStep::Rapid(Level::Initial);
 
-static DRILL: Cycle = drilling(&[POSITION, APPROACH, DOWN, UP]);
-static DRILL_AND_DWELL: Cycle = drilling(&[POSITION, APPROACH, DOWN, Step::Dwell, UP]);
-static PECK: Cycle = drilling(&[POSITION, APPROACH, Step::Peck, UP]);
-static BORE: Cycle = drilling(&[POSITION, APPROACH, DOWN, SLOWLY_UP, INITIAL]);
-static BORE_AND_DWELL: Cycle = drilling(&[POSITION, APPROACH, DOWN, Step::Dwell, SLOWLY_UP, INITIAL]);
-static BORE_AND_OUT: Cycle = drilling(&[POSITION, APPROACH, DOWN, UP]);
+static DRILL: FixedCycle = drilling(&[POSITION, APPROACH, DOWN, UP]);
+static DRILL_AND_DWELL: FixedCycle = drilling(&[POSITION, APPROACH, DOWN, CycleStep::Dwell, UP]);
+static PECK: FixedCycle = drilling(&[POSITION, APPROACH, CycleStep::Peck, UP]);
+static BORE: FixedCycle = drilling(&[POSITION, APPROACH, DOWN, SLOWLY_UP, INITIAL]);
+static BORE_AND_DWELL: FixedCycle =
+    drilling(&[POSITION, APPROACH, DOWN, CycleStep::Dwell, SLOWLY_UP, INITIAL]);
+static BORE_AND_OUT: FixedCycle = drilling(&[POSITION, APPROACH, DOWN, UP]);
 
 const fn cycle(
     code: &'static str,
-    of: &'static Cycle,
+    of: &'static FixedCycle,
     words: &'static [WordSpec],
     docs: &'static str,
 ) -> Code {
@@ -121,7 +122,7 @@ pub static G89: Code = cycle(
 /// Stores the words of a block in the active fixed cycle, and starts its steps.
 fn run(execution: &mut Execution<'_>, words: AxisWords) {
     execution.modal.cycle.repetitions = None;
-    take_over(execution, words.distance);
+    store_cycle_words(execution, words.distance);
     let Some(cycle) = execution.modal.in_force.cycle.flatten() else {
         return;
     };
@@ -130,7 +131,7 @@ fn run(execution: &mut Execution<'_>, words: AxisWords) {
         return only_position(execution, words);
     };
     let r_point = kept.r.map_or(initial, |r| r.above(initial));
-    begin(execution, words, cycle, Levels { initial, r_point, z });
+    start_cycle(execution, words, cycle, HoleLevels { initial, r_point, z });
 }
 
 fn only_position(execution: &mut Execution<'_>, mut words: AxisWords) {

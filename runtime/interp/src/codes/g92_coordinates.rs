@@ -36,7 +36,7 @@ fn set(execution: &mut Execution<'_>) {
     }
     let missing = machine.minus(transform.forward(wanted));
     for axis in words.named.iter() {
-        execution.keep().shift[axis] += missing[axis];
+        execution.retained_mut().shift[axis] += missing[axis];
     }
-    work_offset::put_into_force(execution);
+    work_offset::activate_selected(execution);
 }

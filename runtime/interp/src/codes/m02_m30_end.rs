@@ -4,7 +4,7 @@ use super::Code;
 use crate::execution::Flow;
 use crate::meaning::Role;
 
-const fn end(code: &'static str) -> Code {
+const fn end_of_program(code: &'static str) -> Code {
     Code {
         code,
         name: "End of Program",
@@ -17,6 +17,6 @@ const fn end(code: &'static str) -> Code {
 }
 
 /// M02.
-pub static M02: Code = end("M02");
+pub static M02: Code = end_of_program("M02");
 /// M30.
-pub static M30: Code = end("M30");
+pub static M30: Code = end_of_program("M30");

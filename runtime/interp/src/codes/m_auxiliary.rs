@@ -40,7 +40,7 @@ pub static AUXILIARY: Code = Code {
 };
 
 /// Returns the place among the parameters: that of VA to VH, and the first for the tool of a tool change.
-pub(crate) fn parameter_place(address: Address) -> Option<usize> {
+pub(crate) fn parameter_index(address: Address) -> Option<usize> {
     match address {
         Address::T => Some(0),
         _ => address.parameter_index(),
@@ -52,7 +52,7 @@ pub(super) fn output(execution: &mut Execution<'_>) {
     let words = execution.words;
     let mut params = [None; 8];
     for address in words.present.iter() {
-        if let Some(index) = parameter_place(address) {
+        if let Some(index) = parameter_index(address) {
             params[index] = words.get(address);
         }
     }

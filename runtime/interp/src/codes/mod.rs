@@ -133,7 +133,7 @@ impl Code {
         Self {
             code,
             name,
-            group: ModalGroup::of(value),
+            group: ModalGroup::for_value(value),
             sets: Some(value),
             docs,
             ..Self::BASE
@@ -309,7 +309,7 @@ modal_groups! {
 
 impl ModalGroup {
     /// Returns the group of the codes that set a value.
-    const fn of(value: ModalValue) -> Self {
+    const fn for_value(value: ModalValue) -> Self {
         match value {
             ModalValue::Plane(_) => Self::Plane,
             ModalValue::Distance(_) => Self::Distance,
@@ -329,7 +329,7 @@ impl ModalGroup {
 }
 
 /// The letters of axes.
-pub const AXIS_ADDRESSES: AddressSet = AddressSet::of(&[
+pub const AXIS_ADDRESSES: AddressSet = AddressSet::from_addresses(&[
     Address::X,
     Address::Y,
     Address::Z,

@@ -33,14 +33,14 @@ pub(super) fn speed(programmed: f64, limits: &Limits) -> f64 {
             clippy::cast_sign_loss,
             reason = "the range is tested"
         )]
-        of_code(programmed as usize, slowest, fastest)
+        speed_from_code(programmed as usize, slowest, fastest)
     } else {
         programmed
     };
     limits.options.spindle_speed_within(wanted).min(motor)
 }
 
-fn of_code(code: usize, slowest: f64, fastest: f64) -> f64 {
+fn speed_from_code(code: usize, slowest: f64, fastest: f64) -> f64 {
     match code {
         SLOWEST => slowest,
         FASTEST if fastest.is_finite() => fastest,

@@ -7,15 +7,15 @@ use super::WordSpec;
 
 /// Checks a value against the description of its word (D07, D11).
 #[inline]
-pub(crate) fn judge_value(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(Diagnostic)) {
+pub(crate) fn validate_value(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(Diagnostic)) {
     if spec.integer || !value.is_finite() || !spec.holds(value) {
-        judge_closely(spec, value, span, fault);
+        report_invalid_value(spec, value, span, fault);
     }
 }
 
 /// Checks a value that must be a whole number, or that is out of range.
 #[cold]
-fn judge_closely(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(Diagnostic)) {
+fn report_invalid_value(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(Diagnostic)) {
     let name = spec.address.text();
     if !value.is_finite() {
         fault(diagnostics::NUMBER_TOO_LARGE.at(

@@ -40,14 +40,14 @@ pub static G58: Code = work_offset("G58", "5th Work Coordinate System selection"
 pub static G59: Code = work_offset("G59", "6th Work Coordinate System selection", select::<5>);
 
 fn select<const INDEX: usize>(execution: &mut Execution<'_>) {
-    if let Some(offset) = of_table(execution, INDEX) {
+    if let Some(offset) = table_offset(execution, INDEX) {
         execution.release_shape();
         execution.transform(|transform| transform.work_offset = offset);
     }
 }
 
 /// Returns the offset of the table; `None`, with an alarm, if its value is lost.
-fn of_table(execution: &mut Execution<'_>, index: usize) -> Option<AxisVector> {
+fn table_offset(execution: &mut Execution<'_>, index: usize) -> Option<AxisVector> {
     let offset = execution.inputs.work_offsets.0[index];
     let lost = Axis::ALL.into_iter().find(|axis| is_lost(offset[*axis]));
     if let Some(axis) = lost {
@@ -80,23 +80,24 @@ pub static G58_SHIFTED: Code = selection("G58", "Select workpiece coordinate sys
 pub static G59_SHIFTED: Code = selection("G59", "Select workpiece coordinate system 6", select_shifted::<5>);
 
 fn select_shifted<const INDEX: usize>(execution: &mut Execution<'_>) {
-    execution.keep().selected = INDEX;
-    put_into_force(execution);
+    execution.retained_mut().selected = INDEX;
+    activate_selected(execution);
 }
 
 /// Activates the origin of the selected work coordinate system: its offset, EXOFS and the shift of G92.
-pub(super) fn put_into_force(execution: &mut Execution<'_>) {
-    let index = execution.kept().selected;
-    let Some(own) = execution.kept().work_offsets[index].or_else(|| of_table(execution, index)) else {
+pub(super) fn activate_selected(execution: &mut Execution<'_>) {
+    let index = execution.retained().selected;
+    let Some(own) = execution.retained().work_offsets[index].or_else(|| table_offset(execution, index))
+    else {
         return;
     };
-    let offset = own.plus(external(execution)).plus(execution.kept().shift);
+    let offset = own.plus(external(execution)).plus(execution.retained().shift);
     execution.transform(|transform| transform.work_offset = offset);
 }
 
 /// Returns the current EXOFS.
 fn external(execution: &Execution<'_>) -> AxisVector {
-    let kept = execution.kept().external_offset;
+    let kept = execution.retained().external_offset;
     kept.unwrap_or(execution.limits.options.external_offset)
 }
 
@@ -109,14 +110,14 @@ pub(super) fn set(execution: &mut Execution<'_>, number: usize, words: &AxisWord
         offset
     };
     match number.checked_sub(1) {
-        None => execution.keep().external_offset = Some(change(external(execution))),
+        None => execution.retained_mut().external_offset = Some(change(external(execution))),
         Some(index) => {
-            let before = execution.kept().work_offsets[index];
-            let Some(before) = before.or_else(|| of_table(execution, index)) else {
+            let before = execution.retained().work_offsets[index];
+            let Some(before) = before.or_else(|| table_offset(execution, index)) else {
                 return;
             };
-            execution.keep().work_offsets[index] = Some(change(before));
+            execution.retained_mut().work_offsets[index] = Some(change(before));
         }
     }
-    put_into_force(execution);
+    activate_selected(execution);
 }

@@ -20,8 +20,8 @@ use tandem_model::settings::{Calculator, NcOptions, Unit};
 use tandem_model::{AxisVector, Diagnostic};
 use tandem_syntax::{Grammar, LineIndex, NcProgram, Token, TokenKind, parse, tokens};
 
+use self::state::ConversionState;
 pub use self::state::Source;
-use self::state::State;
 use crate::check::{CheckContext, check, check_source};
 use crate::dialects;
 
@@ -55,16 +55,16 @@ impl From<&NcOptions> for Settings {
 
 /// A program of nj, and the parts that could not be converted.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Converted {
+pub struct ConvertedProgram {
     /// The text.
     pub text: String,
     /// Lines that could not be converted, ascending.
-    pub left: Vec<Left>,
+    pub left: Vec<UnconvertedLine>,
 }
 
 /// A line that could not be converted, or with blocks that dialect nj rejects.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Left {
+pub struct UnconvertedLine {
     /// Line of the source, from 1.
     pub line: u32,
     /// True if its blocks are in the text. The text does not load until they are corrected.
@@ -76,7 +76,7 @@ pub struct Left {
 }
 
 /// Writes a program in dialect nj. Every word of the source is in the text, or its line is in `left`.
-pub fn convert(source: &str, from: Source, settings: impl Into<Settings>) -> Converted {
+pub fn convert(source: &str, from: Source, settings: impl Into<Settings>) -> ConvertedProgram {
     let Settings {
         mut options,
         mut unit,
@@ -102,7 +102,7 @@ pub fn convert(source: &str, from: Source, settings: impl Into<Settings>) -> Con
         };
         found.extend(check(&program, dialects::dgshape(), &context).diagnostics);
     }
-    let mut state = State::new(from, options, unit);
+    let mut state = ConversionState::new(from, options, unit);
     let mut lines = vec![(0, start(unit))];
     if from == Source::Fanuc && fanuc::is_subprogram(&program) {
         // a subprogram begins in the modal state of the calling program
@@ -139,7 +139,7 @@ pub fn convert(source: &str, from: Source, settings: impl Into<Settings>) -> Con
     }
     writer.leave_settings();
     if !others.is_empty() {
-        writer.leave_others(read.lines().count(), others.lines().count());
+        writer.leave_further_programs(read.lines().count(), others.lines().count());
     }
     writer.finish()
 }
@@ -170,16 +170,16 @@ struct Writer<'a> {
     shown: Vec<&'a str>,
     program: &'a NcProgram,
     wrong: BTreeMap<u32, String>,
-    state: State,
+    state: ConversionState,
     /// Lines of nj, each with the line number of the source.
     lines: Vec<(u32, String)>,
-    left: Vec<Left>,
+    left: Vec<UnconvertedLine>,
     /// Index of the next block.
     at: usize,
 }
 
 impl Writer<'_> {
-    fn of(&self, token: &Token) -> &str {
+    fn token_text(&self, token: &Token) -> &str {
         let range = token.span.start as usize..token.span.end as usize;
         self.source.get(range).unwrap_or_default()
     }
@@ -189,7 +189,7 @@ impl Writer<'_> {
         let mut comments: Vec<String> = line
             .iter()
             .filter(is_comment)
-            .map(|token| comment(self.of(token)))
+            .map(|token| comment(self.token_text(token)))
             .collect();
         let Some(code) = line.iter().find(|token| !is_comment(token)) else {
             let text = with_comments("", &comments);
@@ -205,7 +205,7 @@ impl Writer<'_> {
             (None, _) => self.block(number),
         };
         if let Some(rest) = line.iter().find(|token| token.kind == TokenKind::Rest)
-            && !self.of(rest).trim().is_empty()
+            && !self.token_text(rest).trim().is_empty()
         {
             self.leave(number, "the text after the program is not converted");
         }
@@ -231,9 +231,9 @@ impl Writer<'_> {
     /// Converts a line with a program number to a comment. Other words of the line would be lost.
     fn program_number(&self, number: &Token, line: &[Token]) -> Result<Vec<String>, String> {
         let is_alone = line.iter().all(|token| {
-            token == number || token.kind == TokenKind::Comment || self.of(token).trim().is_empty()
+            token == number || token.kind == TokenKind::Comment || self.token_text(token).trim().is_empty()
         });
-        let text = self.of(number);
+        let text = self.token_text(number);
         let digits = text.get(1..).unwrap_or_default();
         if digits.is_empty() || !digits.bytes().all(|byte| byte.is_ascii_digit()) {
             return Err("O is not followed by a program number. Calls by name and O-words of other controls have no equivalent in nj: write M98 with the number of a subprogram, or the blocks themselves.".to_owned());
@@ -258,7 +258,7 @@ impl Writer<'_> {
     }
 
     /// Keeps the lines of further programs as comments, and reports the line at which they begin.
-    fn leave_others(&mut self, lines_before: usize, lines: usize) {
+    fn leave_further_programs(&mut self, lines_before: usize, lines: usize) {
         let first = u32::try_from(lines_before).unwrap_or(u32::MAX).saturating_add(1);
         for line in (first..).take(lines) {
             let raw = self.raw(line);
@@ -284,7 +284,7 @@ impl Writer<'_> {
 
     fn report(&mut self, line: u32, is_written: bool, reason: String) {
         let text = self.raw(line).to_owned();
-        self.left.push(Left {
+        self.left.push(UnconvertedLine {
             line,
             is_written,
             text,
@@ -311,7 +311,7 @@ impl Writer<'_> {
     /// Returns nj blocks for the modal state that an unconverted line sets for later lines.
     fn keep(&mut self, line: &[Token]) -> Vec<String> {
         let mut state = self.state.clone();
-        let written = left::in_force(line, |token| self.of(token)).and_then(|text| {
+        let written = left::in_force(line, |token| self.token_text(token)).and_then(|text| {
             let (program, _) = parse(text, self.grammar);
             state.block(&program, program.blocks().first()?).ok()
         });
@@ -319,15 +319,15 @@ impl Writer<'_> {
             self.state = state;
             return lines;
         }
-        let codes: Vec<u32> = left::codes(line, |token| self.of(token)).collect();
+        let codes: Vec<u32> = left::codes(line, |token| self.token_text(token)).collect();
         for code in codes {
-            self.state.put_in_force(code);
+            self.state.activate_code(code);
         }
         Vec::new()
     }
 
     /// Returns the converted program, as far as it is valid in nj.
-    fn finish(mut self) -> Converted {
+    fn finish(mut self) -> ConvertedProgram {
         let text: String = self
             .lines
             .iter()
@@ -347,7 +347,7 @@ impl Writer<'_> {
             }
         }
         self.left.sort_by_key(|left| left.line);
-        Converted {
+        ConvertedProgram {
             text,
             left: self.left,
         }

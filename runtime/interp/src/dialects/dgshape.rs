@@ -45,7 +45,8 @@ use crate::codes::work_offset::{
 };
 use crate::codes::{AXIS_WORDS, CodeTable};
 use crate::dialect::{
-    Dialect, MCodeTime, ModalWords, Numbers, OtherMCodes, OutputDefault, Policy, Rivals, SpindleWord, Spiral,
+    Dialect, GroupConflict, MCodeTime, ModalWords, Numbers, OtherMCodes, OutputDefault, Policy, SpindleWord,
+    Spiral,
 };
 use crate::restrictions;
 
@@ -120,7 +121,7 @@ pub(super) static DGSHAPE: Dialect = Dialect {
     home: "G91 G28",
     block_end: "M999.002",
     policy: Policy {
-        rivals: Rivals::LastHolds,
+        rivals: GroupConflict::LastHolds,
         m_code: MCodeTime::BeforeMotion,
         numbers: Numbers::Counted,
         spindle_word: SpindleWord::SpeedOrCode,

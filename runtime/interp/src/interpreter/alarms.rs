@@ -19,7 +19,7 @@ pub(super) fn value_lost(variable: Variable) -> Alarm {
 
 /// Returns the alarm for a fault that a check would report as an error.
 #[cold]
-pub(super) fn alarm_of(fault: &Diagnostic) -> Alarm {
+pub(super) fn alarm_for(fault: &Diagnostic) -> Alarm {
     let alarms = [
         (&diagnostics::NUMBER_TOO_LARGE, &VALUE_NOT_FINITE),
         (&diagnostics::OUT_OF_RANGE, &VALUE_OUT_OF_RANGE),

@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use super::Interpreter;
 use crate::codes::ModalGroup;
-use crate::modal::{Kept, Modal};
+use crate::modal::{Modal, RetainedData};
 
 /// The modal state between two programs, to be restored later.
 #[derive(Debug, Clone)]
 pub struct ModalState {
     modal: Modal,
-    kept: Option<Arc<Kept>>,
+    kept: Option<Arc<RetainedData>>,
     opens: bool,
 }
 

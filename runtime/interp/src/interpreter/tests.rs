@@ -1,13 +1,13 @@
 use tandem_model::Span;
 
 use super::*;
-use crate::codes::value::judge_value;
+use crate::codes::value::validate_value;
 use crate::codes::{AXIS_WORDS, m_auxiliary::AUXILIARY};
 
 fn alarm(spec: &crate::codes::WordSpec, value: f64) -> Option<Alarm> {
     let mut alarm = None;
-    judge_value(spec, value, Span::default(), &mut |fault| {
-        alarm = Some(alarm_of(&fault));
+    validate_value(spec, value, Span::default(), &mut |fault| {
+        alarm = Some(alarm_for(&fault));
     });
     alarm
 }

@@ -30,7 +30,7 @@ pub(super) fn find(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
         return None;
     }
     let distance = own.distance.or(in_force.distance);
-    let [first, second] = axes.map(|axis| with.position.way(words, distance, axis));
+    let [first, second] = axes.map(|axis| with.position.move_distance(words, distance, axis));
     // NaN, and so no reason to reject, if the text does not show the path
     let chord = first.hypot(second);
     // a difference in the current unit: an inch is more than a millimetre, so this never rejects too much; the path

@@ -4,18 +4,24 @@ use tandem_syntax::diagnostics::{
     COMPENSATION_RULE, FIXED_CYCLE_RULE, M_NOT_ALONE, MACHINE_POSITION_RULE, TOOL_OFFSET_RULE, UNIT_CHANGE,
 };
 
-use super::{During, Restriction, What};
+use super::{ForbiddenElement, Restriction, RestrictionScope};
 use crate::meaning::{MotionKind, Role};
 
-const fn in_compensation(what: What, message: &'static str) -> Restriction {
-    Restriction::new(&COMPENSATION_RULE, During::Compensation, what, message, LEAD_OUT)
+const fn in_compensation(what: ForbiddenElement, message: &'static str) -> Restriction {
+    Restriction::new(
+        &COMPENSATION_RULE,
+        RestrictionScope::Compensation,
+        what,
+        message,
+        LEAD_OUT,
+    )
 }
 
 const fn alone(role: Role) -> Restriction {
     Restriction::new(
         &M_NOT_ALONE,
-        During::Always,
-        What::Accompanied(role),
+        RestrictionScope::Always,
+        ForbiddenElement::Accompanied(role),
         "{code} is not alone in its block",
         "Write it in a block of its own.",
     )
@@ -34,106 +40,109 @@ pub static DGSHAPE: [Restriction; 20] = [
     alone(Role::End),
     Restriction::new(
         &UNIT_CHANGE,
-        During::UnitSettled,
-        What::OtherUnit,
+        RestrictionScope::UnitSettled,
+        ForbiddenElement::OtherUnit,
         "{code} changes the unit during the program",
         "Write one unit at the start of the program, before all coordinates.",
     ),
     Restriction::new(
         &COMPENSATION_RULE,
-        During::SideSwitch,
-        What::ArcInForce,
+        RestrictionScope::SideSwitch,
+        ForbiddenElement::ArcInForce,
         STRAIGHT,
         BY_LINES,
     ),
     Restriction::new(
         &COMPENSATION_RULE,
-        During::Lead,
-        What::MovesBy(MotionKind::Arc),
+        RestrictionScope::Lead,
+        ForbiddenElement::MovesBy(MotionKind::Arc),
         STRAIGHT,
         BY_LINES,
     ),
-    in_compensation(What::OtherSide, "the side of the tool-diameter offset changes"),
     in_compensation(
-        What::OffsetNumber,
+        ForbiddenElement::OtherSide,
+        "the side of the tool-diameter offset changes",
+    ),
+    in_compensation(
+        ForbiddenElement::OffsetNumber,
         "the number of the tool-diameter offset changes",
     ),
     Restriction::new(
         &COMPENSATION_RULE,
-        During::CompensatedBlock,
-        What::NotXy,
+        RestrictionScope::CompensatedBlock,
+        ForbiddenElement::NotXy,
         ONLY_XY,
         SELECT_XY,
     ),
-    in_compensation(What::Has(Role::Coordinates), DURING),
-    in_compensation(What::CycleCode, DURING),
+    in_compensation(ForbiddenElement::Has(Role::Coordinates), DURING),
+    in_compensation(ForbiddenElement::CycleCode, DURING),
     Restriction::new(
         &COMPENSATION_RULE,
-        During::CompensatedBlock,
-        What::MovesByCycle,
+        RestrictionScope::CompensatedBlock,
+        ForbiddenElement::MovesByCycle,
         DURING,
         LEAD_OUT,
     ),
     Restriction::new(
         &COMPENSATION_RULE,
-        During::AnyCompensation,
-        What::Has(Role::ToReference),
+        RestrictionScope::AnyCompensation,
+        ForbiddenElement::Has(Role::ToReference),
         DURING,
         LEAD_OUT,
     ),
     Restriction::new(
         &COMPENSATION_RULE,
-        During::AnyCompensation,
-        What::Has(Role::ToMachine),
+        RestrictionScope::AnyCompensation,
+        ForbiddenElement::Has(Role::ToMachine),
         DURING,
         LEAD_OUT,
     ),
     Restriction::new(
         &COMPENSATION_RULE,
-        During::CompensatedEnd,
-        What::Has(Role::End),
+        RestrictionScope::CompensatedEnd,
+        ForbiddenElement::Has(Role::End),
         "the program ends during tool-diameter offset",
         LEAD_OUT,
     ),
     Restriction::new(
         &COMPENSATION_RULE,
-        During::CompensatedEnd,
-        What::Has(Role::Stop),
+        RestrictionScope::CompensatedEnd,
+        ForbiddenElement::Has(Role::Stop),
         "the program waits during tool-diameter offset",
         LEAD_OUT,
     ),
     Restriction::new(
         &COMPENSATION_RULE,
-        During::NoCompensation,
-        What::Has(Role::Corner),
+        RestrictionScope::NoCompensation,
+        ForbiddenElement::Has(Role::Corner),
         "{code} is not allowed without tool-diameter offset",
         "Write {compensation} before it, or remove the code.",
     ),
     Restriction::new(
         &TOOL_OFFSET_RULE,
-        During::ToolOffset,
-        What::Has(Role::ToMachine),
+        RestrictionScope::ToolOffset,
+        ForbiddenElement::Has(Role::ToMachine),
         "{code} is not allowed with a tool-length offset",
         "Write {no tool offset} before it, with G90 and a free Z. Without axis words, that moves Z down by the offset.",
     ),
     Restriction::new(
         &MACHINE_POSITION_RULE,
-        During::Incremental,
-        What::Has(Role::ToMachine),
+        RestrictionScope::Incremental,
+        ForbiddenElement::Has(Role::ToMachine),
         "{code} is not allowed in incremental programming",
         "Write G90 in its block or before it.",
     ),
     Restriction::new(
         &FIXED_CYCLE_RULE,
-        During::Drilling,
-        What::NotXy,
+        RestrictionScope::Drilling,
+        ForbiddenElement::NotXy,
         ONLY_XY,
         SELECT_XY,
     ),
     Restriction::new(
         &FIXED_CYCLE_RULE,
-        During::Drilling,
-        What::SpindleAtRest,
+        RestrictionScope::Drilling,
+        ForbiddenElement::SpindleAtRest,
         "{code} drills while the spindle rests",
         "Write M03 before it.",
     ),

@@ -2,12 +2,12 @@
 
 use tandem_syntax::diagnostics::{COMPENSATION_RULE, FIXED_CYCLE_RULE, TOOL_OFFSET_RULE};
 
-use super::{During, Restriction, What};
+use super::{ForbiddenElement, Restriction, RestrictionScope};
 use crate::meaning::{MotionKind, Role};
 
 const fn in_compensation(
-    during: During,
-    what: What,
+    during: RestrictionScope,
+    what: ForbiddenElement,
     message: &'static str,
     help: &'static str,
 ) -> Restriction {
@@ -23,77 +23,82 @@ const WAIT_ELSEWHERE: &str = "Write it before {compensation}, or after the lead-
 pub static USUAL: [Restriction; 13] = [
     Restriction::new(
         &FIXED_CYCLE_RULE,
-        During::CycleBegin,
-        What::MissingOfCycle,
+        RestrictionScope::CycleBegin,
+        ForbiddenElement::MissingOfCycle,
         "the first block of a fixed cycle has no {code}",
         "Write {needed} in it.",
     ),
     Restriction::new(
         &FIXED_CYCLE_RULE,
-        During::Cycle,
-        What::ForeignToCycles,
+        RestrictionScope::Cycle,
+        ForbiddenElement::ForeignToCycles,
         "{code} is not allowed in a fixed cycle",
         "Write {no cycle} before it.",
     ),
     in_compensation(
-        During::Lead,
-        What::MovesBy(MotionKind::Arc),
+        RestrictionScope::Lead,
+        ForbiddenElement::MovesBy(MotionKind::Arc),
         "an arc leads cutter compensation in or out",
         "Lead in and out with {linear}.",
     ),
     in_compensation(
-        During::Compensation,
-        What::OtherSide,
+        RestrictionScope::Compensation,
+        ForbiddenElement::OtherSide,
         "the side of the compensation changes",
         LEAD_OUT,
     ),
     in_compensation(
-        During::Compensation,
-        What::OtherPlane,
+        RestrictionScope::Compensation,
+        ForbiddenElement::OtherPlane,
         "the plane changes during cutter compensation",
         LEAD_OUT,
     ),
     in_compensation(
-        During::CompensatedBlock,
-        What::MovesBy(MotionKind::Rapid),
+        RestrictionScope::CompensatedBlock,
+        ForbiddenElement::MovesBy(MotionKind::Rapid),
         CUTTING,
         LEAD_OUT,
     ),
     in_compensation(
-        During::CompensationOrWayOut,
-        What::MovesByCycle,
+        RestrictionScope::CompensationOrWayOut,
+        ForbiddenElement::MovesByCycle,
         CUTTING,
         LEAD_OUT,
     ),
     in_compensation(
-        During::CompensationOrWayOut,
-        What::Has(Role::Skip),
+        RestrictionScope::CompensationOrWayOut,
+        ForbiddenElement::Has(Role::Skip),
         CUTTING,
         LEAD_OUT,
     ),
     in_compensation(
-        During::CompensatedEnd,
-        What::Has(Role::End),
+        RestrictionScope::CompensatedEnd,
+        ForbiddenElement::Has(Role::End),
         "the program ends during cutter compensation",
         "Write {no compensation} and a lead-out before it.",
     ),
     in_compensation(
-        During::CompensatedEnd,
-        What::Has(Role::Stop),
+        RestrictionScope::CompensatedEnd,
+        ForbiddenElement::Has(Role::Stop),
         WAITS,
         WAIT_ELSEWHERE,
     ),
-    in_compensation(During::CompensatedEnd, What::Parameters, WAITS, WAIT_ELSEWHERE),
     in_compensation(
-        During::AnyCompensation,
-        What::Has(Role::ToMachine),
+        RestrictionScope::CompensatedEnd,
+        ForbiddenElement::Parameters,
+        WAITS,
+        WAIT_ELSEWHERE,
+    ),
+    in_compensation(
+        RestrictionScope::AnyCompensation,
+        ForbiddenElement::Has(Role::ToMachine),
         "{code} is not allowed during cutter compensation",
         "Write {no compensation} and a lead-out before it.",
     ),
     Restriction::new(
         &TOOL_OFFSET_RULE,
-        During::ToolOffset,
-        What::Has(Role::ToMachine),
+        RestrictionScope::ToolOffset,
+        ForbiddenElement::Has(Role::ToMachine),
         "{code} is not allowed with a tool offset",
         "Write {no tool offset} before it, with G90 and a motion to a free Z. Under G91, Z comes down by the offset.",
     ),

@@ -11,7 +11,7 @@ const LATE_PERIODS: f64 = 3.0;
 /// The planned motion that is not yet free to be passed.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Braking {
-    parts: VecDeque<Part>,
+    parts: VecDeque<BrakingPart>,
     /// The last segment through which the motion may continue.
     pub(super) free_to: u64,
     /// True if segment numbers fall.
@@ -29,7 +29,7 @@ fn ends_apart(whole_s: f64, period_s: f64) -> [f64; 3] {
 
 /// At least one servo period of the motion.
 #[derive(Debug, Clone, Copy)]
-struct Part {
+struct BrakingPart {
     segment: u64,
     duration_s: f64,
     room: SlewRoom,
@@ -37,7 +37,7 @@ struct Part {
 
 impl Braking {
     /// Begins a chain with this segment; the motion before it ends at rest.
-    pub(super) fn begin(&mut self, segment: u64, is_backward: bool) {
+    pub(super) fn start_chain(&mut self, segment: u64, is_backward: bool) {
         self.parts.clear();
         self.is_backward = is_backward;
         self.free_to = self.before(segment);
@@ -53,7 +53,7 @@ impl Braking {
     }
 
     /// Ends the chain at rest with this segment.
-    pub(super) fn end(&mut self, segment: u64) {
+    pub(super) fn end_chain(&mut self, segment: u64) {
         self.parts.clear();
         self.free_to = segment;
     }
@@ -68,7 +68,7 @@ impl Braking {
                     last.duration_s += duration_s;
                     last.room = last.room.worst(room);
                 }
-                None => self.parts.push_back(Part {
+                None => self.parts.push_back(BrakingPart {
                     segment,
                     duration_s,
                     room,

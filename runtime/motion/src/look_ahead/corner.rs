@@ -15,7 +15,7 @@ use tandem_model::{Axis, AxisVector};
 
 use super::curve;
 use super::limits::{Motors, SQUARE_MIN};
-use super::way::{self, Way};
+use super::way::{self, BlendedBlock};
 
 /// Rounding of an acceleration, relative to its limit.
 const ROUNDING: f64 = 1e-9;
@@ -56,7 +56,7 @@ impl Side {
 
 /// Returns the largest square of the rate on the ramp from rest at the start of a block; infinite without a
 /// limit.
-pub(super) fn from_rest(way: &Way<'_>, motors: &Motors) -> f64 {
+pub(super) fn from_rest(way: &BlendedBlock<'_>, motors: &Motors) -> f64 {
     if !motors.has_jerk || !way.begins_at_rest() {
         return f64::INFINITY;
     }
@@ -66,7 +66,7 @@ pub(super) fn from_rest(way: &Way<'_>, motors: &Motors) -> f64 {
 }
 
 /// Returns the same on the ramp at the end of a block.
-pub(super) fn at_end(way: &Way<'_>, motors: &Motors) -> f64 {
+pub(super) fn at_end(way: &BlendedBlock<'_>, motors: &Motors) -> f64 {
     if !motors.has_jerk {
         return f64::INFINITY;
     }

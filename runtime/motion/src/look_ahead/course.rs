@@ -15,12 +15,12 @@ use tandem_model::flow::Path;
 use tandem_model::profile::SpeedGrowth;
 use tandem_model::{Axis, AxisVector};
 
-use super::way::{self, Along, End, Most, Motion, Way};
+use super::way::{self, BlendedBlock, DerivativeBounds, PathDerivatives, PieceEnd, PieceMotion};
 
 /// A piece in the measure of its rate: plan time or distance.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Course {
-    pub(super) motion: Motion,
+    pub(super) motion: PieceMotion,
     /// Plan time, or distance at its initial speed, s.
     pub(super) length_s: f64,
     /// No growth if measured by plan time.
@@ -34,7 +34,7 @@ pub(super) struct Course {
 
 impl Course {
     /// Creates a course of this length in plan time, s.
-    pub(super) fn by_plan_time(motion: &Motion, length_s: f64) -> Self {
+    pub(super) fn by_plan_time(motion: &PieceMotion, length_s: f64) -> Self {
         Self {
             motion: *motion,
             length_s,
@@ -47,7 +47,7 @@ impl Course {
 
 /// The ramp at one end of a piece.
 #[derive(Debug, Clone, Copy)]
-struct Place {
+struct RampPoint {
     t_s: f64,
     /// S, and its derivatives in the phase of the piece.
     share: f64,
@@ -55,11 +55,11 @@ struct Place {
     bend: f64,
 }
 
-impl Way<'_> {
+impl BlendedBlock<'_> {
     /// Returns a piece within one phase by plan time.
     pub(super) fn by_plan_time(&self, from_s: f64, to_s: f64) -> Course {
         let within_s = f64::midpoint(from_s, to_s);
-        let (from, to) = (self.end(from_s, within_s), self.end(to_s, within_s));
+        let (from, to) = (self.piece_end(from_s, within_s), self.piece_end(to_s, within_s));
         Course::by_plan_time(&self.between(&from, &to), to_s - from_s)
     }
 
@@ -84,7 +84,7 @@ impl Way<'_> {
                 .stop
                 .slopes(t_s - stop_begins_s, within_s - stop_begins_s);
             let share = self.block.stop.speed(t_s - stop_begins_s);
-            Place {
+            RampPoint {
                 t_s,
                 share,
                 slope,
@@ -112,7 +112,7 @@ impl Way<'_> {
         })
     }
 
-    fn motion_by_distance(&self, ramp: &Ramp, places: [Place; 2], length_s: f64) -> Option<Motion> {
+    fn motion_by_distance(&self, ramp: &Ramp, places: [RampPoint; 2], length_s: f64) -> Option<PieceMotion> {
         let [own, next] = [&self.block.path, &self.block.next.as_ref()?.path];
         let within_s = f64::midpoint(places[0].t_s, places[1].t_s);
         let alongs = places.map(|place| ramp.along(&place, self.along(place.t_s, within_s)));
@@ -120,7 +120,7 @@ impl Way<'_> {
         let ends = places.map(|place| place.t_s);
         let [from, to] = [0, 1].map(|k| {
             let along = alongs[k];
-            let mut end = End::at(ends[k], along);
+            let mut end = PieceEnd::at(ends[k], along);
             let first = end.add(own, self.slopes[0], along[0]);
             let second = end.add(next, self.slopes[1], along[1]);
             turn = turn.zip(second.minus(first), |most, off| most.max(off.abs()));
@@ -130,12 +130,12 @@ impl Way<'_> {
                 end
             }
         });
-        let mut motion = Motion::of(&from, &to);
+        let mut motion = PieceMotion::from_ends(&from, &to);
         let (most, snap) = ramp.most(&places);
         for (n, path) in [own, next].into_iter().enumerate() {
             if let Path::Arc(arc) = path {
                 let [from, to] = alongs.map(|along| along[n]);
-                let most = Most {
+                let most = DerivativeBounds {
                     speed: from.speed.max(to.speed),
                     ..most
                 };
@@ -168,7 +168,7 @@ struct Ramp {
 }
 
 impl Ramp {
-    fn new([own, next]: [f64; 2], begin: &Place) -> Self {
+    fn new([own, next]: [f64; 2], begin: &RampPoint) -> Self {
         let speed = own + (next - own) * begin.share;
         Self {
             speeds: [own, next],
@@ -179,11 +179,11 @@ impl Ramp {
     }
 
     /// Returns U divided by U at the start.
-    fn speed(&self, place: &Place) -> f64 {
+    fn speed(&self, place: &RampPoint) -> f64 {
         self.own + self.change * place.share
     }
 
-    fn growth(&self, begin: &Place) -> SpeedGrowth {
+    fn growth(&self, begin: &RampPoint) -> SpeedGrowth {
         SpeedGrowth {
             first: self.change * begin.slope,
             second: self.change * begin.bend,
@@ -191,18 +191,18 @@ impl Ramp {
     }
 
     /// Its own block and the next one by distance, from those by plan time.
-    fn along(&self, place: &Place, by_plan_time: [Along; 2]) -> [Along; 2] {
+    fn along(&self, place: &RampPoint, by_plan_time: [PathDerivatives; 2]) -> [PathDerivatives; 2] {
         let r = self.speed(place);
         let [own, next] = self.speeds;
         let acceleration = self.product * place.slope / (r * r * r);
         let [first, second] = by_plan_time;
         [
-            Along {
+            PathDerivatives {
                 speed: own * (1.0 - place.share) / r,
                 acceleration: -acceleration,
                 ..first
             },
-            Along {
+            PathDerivatives {
                 speed: next * place.share / r,
                 acceleration,
                 ..second
@@ -212,12 +212,12 @@ impl Ramp {
 
     /// Returns the bounds between two places of a phase, and of the fourth derivative. S and U are monotone
     /// there.
-    fn most(&self, places: &[Place; 2]) -> (Most, f64) {
+    fn most(&self, places: &[RampPoint; 2]) -> (DerivativeBounds, f64) {
         let [begin, end] = places;
         let r = self.speed(begin).min(self.speed(end));
         let (r3, p) = (r * r * r, self.change.abs());
         let (slope, bend) = (begin.slope.abs().max(end.slope.abs()), begin.bend.abs());
-        let most = Most {
+        let most = DerivativeBounds {
             speed: 0.0,
             acceleration: self.product * slope / r3,
             jerk: self.product * (bend + 3.0 * p * slope * slope / r) / (r3 * r),

@@ -8,7 +8,7 @@ use tandem_model::{ArcPath, Axis};
 
 use super::limits::{Bounds, SQUARE_MIN};
 use super::straight::Straight;
-use super::way::{self, Way};
+use super::way::{self, BlendedBlock};
 
 /// The largest share of a limit for the curvature; the rest changes the rate.
 const SHARE: f64 = 0.75;
@@ -18,7 +18,11 @@ const SPIRAL_MAX: f64 = 1.5;
 
 /// Returns the limits of the rate on an arc, and its largest square; `None` unless a motor that it moves has
 /// a maximum jerk, and for a spiral that opens wide.
-pub(super) fn straightened(way: &Way<'_>, arc: &ArcPath, bounds: Bounds<'_>) -> Option<(Straight, f64)> {
+pub(super) fn straightened(
+    way: &BlendedBlock<'_>,
+    arc: &ArcPath,
+    bounds: Bounds<'_>,
+) -> Option<(Straight, f64)> {
     let motors = bounds.motors;
     if !motors.has_jerk || opens_wide(arc) {
         return None;

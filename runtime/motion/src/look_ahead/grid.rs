@@ -9,7 +9,7 @@ use super::course::Course;
 use super::limits::{self, Bounds, Spread};
 use super::piece::{Piece, Shape};
 use super::straight::Straight;
-use super::way::{End, Part, Phase, Way};
+use super::way::{BlendedBlock, BlockPart, Phase, PieceEnd};
 use super::{corner, curve};
 
 /// The largest change of a velocity on one piece of a ramp, as a share of it.
@@ -47,7 +47,7 @@ const RAMP_MIN: f64 = 1e-14;
 const BETWEEN_MIN: f64 = 1e-8;
 
 /// Adds the pieces of a block, and returns their number.
-pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece>) -> usize {
+pub(super) fn cut(way: &BlendedBlock<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece>) -> usize {
     let before = pieces.len();
     let begin_s = way.passage.from_s;
     let mut at_s = begin_s;
@@ -59,8 +59,8 @@ pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece
     let at_end = at_most(corner::at_end(way, bounds.motors));
     for phase in way.phases() {
         let least = match phase.part {
-            Part::Between => BETWEEN_MIN,
-            Part::Start | Part::Stop => RAMP_MIN,
+            BlockPart::Between => BETWEEN_MIN,
+            BlockPart::Start | BlockPart::Stop => RAMP_MIN,
         };
         if phase.to_s - phase.from_s.max(at_s) <= least * way.block.plan_s {
             continue;
@@ -71,17 +71,17 @@ pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece
         };
         at_s = phase.to_s;
         let bounds = match phase.part {
-            Part::Start => from_rest,
-            Part::Between => bounds,
-            Part::Stop => at_end,
+            BlockPart::Start => from_rest,
+            BlockPart::Between => bounds,
+            BlockPart::Stop => at_end,
         };
         let mut cutter = Cutter::new(way, bounds, [phase.from_s, phase.to_s], pieces);
         match (phase.part, &way.block.path) {
-            (Part::Between, Path::Line { .. }) => {
+            (BlockPart::Between, Path::Line { .. }) => {
                 let (straight, cap) = on_line(way, bounds);
                 cutter.pieces.push_back(Piece::straight(straight, cap, phase));
             }
-            (Part::Between, Path::Arc(arc)) => {
+            (BlockPart::Between, Path::Arc(arc)) => {
                 if let Some((straight, cap)) = curve::straightened(way, arc, bounds) {
                     cutter.pieces.push_back(Piece::straight(straight, cap, phase));
                     continue;
@@ -89,7 +89,7 @@ pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece
                 let swept = arc.sweep().abs() * way.block.speed * (phase.to_s - phase.from_s) / arc.length();
                 cutter.whole((swept / TURN_MAX).ceil().clamp(1.0, PIECES_MAX), false);
             }
-            (Part::Start | Part::Stop, _) => cutter.whole(1.0, false),
+            (BlockPart::Start | BlockPart::Stop, _) => cutter.whole(1.0, false),
         }
     }
     if pieces.len() == before && way.block.plan_s > begin_s {
@@ -103,7 +103,12 @@ pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece
 }
 
 /// Cuts a piece that was planned as a whole, because its rate changes.
-pub(super) fn cut_finer(way: &Way<'_>, bounds: Bounds<'_>, piece: &Piece, pieces: &mut VecDeque<Piece>) {
+pub(super) fn cut_finer(
+    way: &BlendedBlock<'_>,
+    bounds: Bounds<'_>,
+    piece: &Piece,
+    pieces: &mut VecDeque<Piece>,
+) {
     let bounds = Bounds {
         cap: piece.cap,
         ..bounds
@@ -112,7 +117,7 @@ pub(super) fn cut_finer(way: &Way<'_>, bounds: Bounds<'_>, piece: &Piece, pieces
 }
 
 /// Returns the limits of the rate on a line, and its largest square.
-fn on_line(way: &Way<'_>, bounds: Bounds<'_>) -> (Straight, f64) {
+fn on_line(way: &BlendedBlock<'_>, bounds: Bounds<'_>) -> (Straight, f64) {
     let most = |inverse: &[f64; AXES_MAX]| {
         Axis::ALL.into_iter().fold(0.0, |most: f64, axis| {
             most.max(way.block.path.steepest(axis) * inverse[axis.index()])
@@ -134,7 +139,7 @@ fn on_line(way: &Way<'_>, bounds: Bounds<'_>) -> (Straight, f64) {
 
 /// Cuts an interval within one phase.
 struct Cutter<'a> {
-    way: &'a Way<'a>,
+    way: &'a BlendedBlock<'a>,
     bounds: Bounds<'a>,
     from_s: f64,
     to_s: f64,
@@ -143,7 +148,7 @@ struct Cutter<'a> {
 
 impl<'a> Cutter<'a> {
     fn new(
-        way: &'a Way<'a>,
+        way: &'a BlendedBlock<'a>,
         bounds: Bounds<'a>,
         [from_s, to_s]: [f64; 2],
         pieces: &'a mut VecDeque<Piece>,
@@ -158,22 +163,22 @@ impl<'a> Cutter<'a> {
     }
 
     /// Returns an end of a piece.
-    fn end(&self, t_s: f64) -> End {
-        self.way.end(t_s, f64::midpoint(self.from_s, self.to_s))
+    fn piece_end(&self, t_s: f64) -> PieceEnd {
+        self.way.piece_end(t_s, f64::midpoint(self.from_s, self.to_s))
     }
 
     /// Cuts all of it into n parts. `finer`: for a rate that changes.
     fn whole(&mut self, n: f64, finer: bool) {
-        let (from, to) = (self.end(self.from_s), self.end(self.to_s));
+        let (from, to) = (self.piece_end(self.from_s), self.piece_end(self.to_s));
         self.even([&from, &to], n, 0, finer);
     }
 
     /// Cuts into n parts of equal length, and each further where needed.
-    fn even(&mut self, [from, to]: [&End; 2], n: f64, depth: u32, finer: bool) {
+    fn even(&mut self, [from, to]: [&PieceEnd; 2], n: f64, depth: u32, finer: bool) {
         let mut middle = None;
         let mut k = 1.0;
         while k < n {
-            let right = self.end(from.t_s + (to.t_s - from.t_s) * k / n);
+            let right = self.piece_end(from.t_s + (to.t_s - from.t_s) * k / n);
             self.part([middle.as_ref().unwrap_or(from), &right], depth, finer);
             middle = Some(right);
             k += 1.0;
@@ -184,7 +189,7 @@ impl<'a> Cutter<'a> {
     /// Cuts until an arc bends little. A piece on which no motor exceeds its limit at the block's largest rate stays whole;
     /// any other is also cut until its velocity changes little against the slower end: evenly where its direction stays,
     /// else in halves.
-    fn part(&mut self, ends: [&End; 2], depth: u32, finer: bool) {
+    fn part(&mut self, ends: [&PieceEnd; 2], depth: u32, finer: bool) {
         let [from, to] = ends;
         let h_s = to.t_s - from.t_s;
         let planned = Course::by_plan_time(&self.way.between(from, to), h_s);

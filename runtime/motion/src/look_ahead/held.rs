@@ -1,13 +1,13 @@
 //! The blocks that look-ahead holds back until their rate is final.
 
 use super::limits::{Bounds, HalfPlane, Motors};
-use super::rate::{Bent, Limits};
-use super::way::{Passage, Way};
+use super::rate::{BentPiece, Limits};
+use super::way::{BlendedBlock, Passage};
 use crate::block::RampedBlock;
 
 /// A block that is not final.
 #[derive(Debug, Clone)]
-pub(super) struct Held {
+pub(super) struct HeldBlock {
     pub(super) block: RampedBlock,
     pub(super) passage: Passage,
     /// True for the last block of its chain.
@@ -18,17 +18,17 @@ pub(super) struct Held {
     pub(super) cap: f64,
 }
 
-impl Held {
+impl HeldBlock {
     /// Returns the limits of its pieces.
     pub(super) fn limits<'a>(&'a self, motors: &'a Motors, planes: &'a mut Vec<HalfPlane>) -> Limits<'a> {
         Limits {
-            way: Way::new(&self.block.ramped, self.passage),
+            way: BlendedBlock::new(&self.block.ramped, self.passage),
             bounds: Bounds {
                 motors,
                 cap: self.cap,
             },
             planes,
-            bent: Bent::default(),
+            bent: BentPiece::default(),
             is_even: [false; 2],
         }
     }

@@ -11,7 +11,7 @@ use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
 use tandem_model::{AXES_MAX, Axis};
 
 use super::course::Course;
-use super::way::Motion;
+use super::way::PieceMotion;
 use crate::limit::ACCELERATION_RESERVE;
 
 /// Smallest square of the rate: a millionth of the rate without look-ahead. The rate is never lower, so every block ends.
@@ -173,7 +173,7 @@ pub(super) struct Spread {
 }
 
 impl Spread {
-    pub(super) fn new(motion: &Motion, inverse: &[f64; AXES_MAX]) -> Self {
+    pub(super) fn new(motion: &PieceMotion, inverse: &[f64; AXES_MAX]) -> Self {
         let mut spread = Self::default();
         let mut speeds = [0.0_f64; 2];
         for axis in Axis::ALL {

@@ -46,12 +46,12 @@ use tandem_model::profile::{Law, Profile};
 use tandem_model::settings::CoordinateSystemSettings;
 
 use self::braking::Braking;
-use self::held::Held;
+use self::held::HeldBlock;
 use self::limits::{Bounds, HalfPlane, Motors, SQUARE_MIN};
 use self::piece::Piece;
-use self::step::Step;
+use self::step::RateStep;
+use self::way::BlendedBlock;
 pub(crate) use self::way::Passage;
-use self::way::Way;
 use crate::block::RampedBlock;
 use crate::record::{Entry, Record};
 
@@ -86,7 +86,7 @@ pub(crate) struct LookAhead {
     motors: Motors,
     /// Feed override for further blocks; 1 or more.
     feed_override: f64,
-    blocks: VecDeque<Held>,
+    blocks: VecDeque<HeldBlock>,
     pieces: VecDeque<Piece>,
     /// Plan times of the chain's last blocks, s.
     in_a_row: VecDeque<f64>,
@@ -101,7 +101,7 @@ pub(crate) struct LookAhead {
     planes: Vec<HalfPlane>,
     renewed: Vec<Piece>,
     cut: Vec<Piece>,
-    steps: Vec<Step>,
+    steps: Vec<RateStep>,
 }
 
 impl LookAhead {
@@ -156,7 +156,7 @@ impl LookAhead {
     pub(crate) fn begin_at_rest(&mut self, segment: u64, is_backward: bool) {
         self.square = Some(SQUARE_MIN);
         self.is_even = false;
-        self.braking.begin(segment, is_backward);
+        self.braking.start_chain(segment, is_backward);
     }
 
     /// Takes the next block of a chain, and outputs the blocks that are final; one that ends at rest ends the chain.
@@ -174,9 +174,9 @@ impl LookAhead {
         record: &mut Record,
         out: &mut VecDeque<Profile>,
     ) {
-        let way = Way::new(&block.ramped, passage);
+        let way = BlendedBlock::new(&block.ramped, passage);
         if self.blocks.is_empty() && self.square.is_none() {
-            self.braking.begin(block.segment, passage.is_backward);
+            self.braking.start_chain(block.segment, passage.is_backward);
         }
         let cap = self.cap(way.block.plan_s);
         let bounds = Bounds {
@@ -189,7 +189,7 @@ impl LookAhead {
         } else {
             block.ends_at_rest()
         };
-        self.blocks.push_back(Held {
+        self.blocks.push_back(HeldBlock {
             block,
             passage,
             is_last,
@@ -237,7 +237,7 @@ impl LookAhead {
         }
         let first = out.len();
         for block in 0..finals {
-            self.put_out(block, end.unwrap_or(SQUARE_MAX), out);
+            self.release_block(block, end.unwrap_or(SQUARE_MAX), out);
             if block % BLOCKS_MIN == 0 {
                 self.braking.free(self.motors.period_s);
             }
@@ -249,7 +249,7 @@ impl LookAhead {
             && let Law::Paced { pace, .. } = &mut last.law
         {
             if end.is_some() {
-                self.braking.end(last.segment);
+                self.braking.end_chain(last.segment);
             } else {
                 self.braking.free(self.motors.period_s);
             }
@@ -299,7 +299,7 @@ impl LookAhead {
     }
 
     /// Passes a block forward as fast as its limits allow; the pieces of earlier blocks are already removed.
-    fn put_out(&mut self, block: usize, end: f64, out: &mut VecDeque<Profile>) {
+    fn release_block(&mut self, block: usize, end: f64, out: &mut VecDeque<Profile>) {
         let Some(held) = self.blocks.get(block) else {
             return;
         };
@@ -320,7 +320,7 @@ impl LookAhead {
             }
             let limit = limit_at(0);
             self.square = Some(task.pass_cut(&self.cut, before, limit, &mut self.steps));
-            self.is_even = self.steps.last().map_or(self.is_even, Step::is_even);
+            self.is_even = self.steps.last().map_or(self.is_even, RateStep::is_even);
         }
         paced::profiles(held, &self.steps, self.braking.free_to, out);
         let steps = self.steps.iter().map(|step| (step.duration_s(), step.room));
@@ -332,13 +332,13 @@ impl LookAhead {
 mod tests {
     use std::cell::Cell;
 
-    use tandem_model::flow::{Feed, MultiBlock, Path};
+    use tandem_model::flow::{MultiBlock, Path, SegmentFeed};
     use tandem_model::plane::{Plane, Turn};
     use tandem_model::settings::{MotorKind, MotorSettings, ShortBlock};
     use tandem_model::{ArcPath, Axis, AxisVector, Origin};
 
     use super::*;
-    use crate::chain::{Block, Chain};
+    use crate::chain::{Chain, ChainBlock};
     use crate::ramped;
 
     /// Maximum acceleration of Z, mm/s^2.
@@ -370,14 +370,14 @@ mod tests {
                 Turn::Clockwise,
             );
             let path = Path::Arc(arc);
-            let feed = Feed {
+            let feed = SegmentFeed {
                 feedrate_mm_min: if turn % 2 == 0 { 9000.0 } else { 4000.0 },
                 ta_ms: 1.0,
                 td_ms: 1.0,
                 ts_ms: 0.3,
-                ..Feed::default()
+                ..SegmentFeed::default()
             };
-            let block = Block {
+            let block = ChainBlock {
                 segment: u64::from(turn) + 1,
                 epoch: 0,
                 origin: Origin::default(),

@@ -4,11 +4,11 @@ use std::collections::VecDeque;
 
 use tandem_model::profile::{PACE_PIECES_MAX, Pace, PacePiece, Profile};
 
-use super::held::Held;
-use super::step::Step;
+use super::held::HeldBlock;
+use super::step::RateStep;
 
 /// Outputs a block with these steps, in as many profiles as they need.
-pub(super) fn profiles(held: &Held, steps: &[Step], free_to: u64, out: &mut VecDeque<Profile>) {
+pub(super) fn profiles(held: &HeldBlock, steps: &[RateStep], free_to: u64, out: &mut VecDeque<Profile>) {
     let block = &held.block;
     let is_backward = held.passage.is_backward;
     let sign = if is_backward { -1.0 } else { 1.0 };

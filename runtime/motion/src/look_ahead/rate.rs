@@ -10,9 +10,9 @@ use super::course::Course;
 use super::grid;
 use super::limits::{self, Bounds, HalfPlane, SQUARE_MIN, Spread};
 use super::piece::{Piece, Shape};
-use super::step::{self, Step};
+use super::step::{self, RateStep};
 use super::straight::Straight;
-use super::way::Way;
+use super::way::BlendedBlock;
 
 /// A piece is halved when that gains more than this share of the square of the rate.
 const GAIN: f64 = 7e-4;
@@ -33,17 +33,17 @@ const WITHIN: f64 = 1e-8;
 
 /// The limits of one block.
 pub(super) struct Limits<'a> {
-    pub(super) way: Way<'a>,
+    pub(super) way: BlendedBlock<'a>,
     pub(super) bounds: Bounds<'a>,
     pub(super) planes: &'a mut Vec<HalfPlane>,
-    pub(super) bent: Bent,
+    pub(super) bent: BentPiece,
     /// The rate is constant on the ramps before and after a straight piece.
     pub(super) is_even: [bool; 2],
 }
 
 /// The bent piece in `planes`, in addition to its half planes.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Bent {
+pub(super) struct BentPiece {
     /// [`Spread::sway`].
     sway: f64,
     /// [`Course::scale`].
@@ -53,13 +53,13 @@ pub(super) struct Bent {
 }
 
 impl Limits<'_> {
-    fn take(&mut self, course: &Course, piece: &Piece) {
+    fn load_piece(&mut self, course: &Course, piece: &Piece) {
         let bounds = Bounds {
             cap: piece.cap,
             ..self.bounds
         };
         limits::half_planes(course, bounds, self.planes);
-        self.bent = Bent {
+        self.bent = BentPiece {
             sway: Spread::new(&course.motion, &self.bounds.motors.inverse).sway(),
             scale: course.scale,
             cap: piece.cap / (1.0 + course.excess),
@@ -90,16 +90,16 @@ impl Limits<'_> {
     /// limits. Leaves its half planes in `planes`.
     fn better(&mut self, piece: &Piece, value: impl Fn(&Self) -> f64) -> Course {
         let by_plan_time = self.way.by_plan_time(piece.from_s, piece.to_s);
-        self.take(&by_plan_time, piece);
+        self.load_piece(&by_plan_time, piece);
         let Some(by_distance) = self.way.by_distance(piece.from_s, piece.to_s) else {
             return by_plan_time;
         };
         let least = value(self);
-        self.take(&by_distance, piece);
+        self.load_piece(&by_distance, piece);
         if value(self) >= least {
             return by_distance;
         }
-        self.take(&by_plan_time, piece);
+        self.load_piece(&by_plan_time, piece);
         by_plan_time
     }
 
@@ -154,7 +154,7 @@ impl Limits<'_> {
         pieces: &[Piece],
         before: f64,
         limit: f64,
-        steps: &mut Vec<Step>,
+        steps: &mut Vec<RateStep>,
     ) -> f64 {
         let [first, others @ ..] = pieces else {
             return before;
@@ -167,7 +167,7 @@ impl Limits<'_> {
         if before <= self.bent.cap && is_within(&step) {
             let mut each = Vec::new();
             let end = self.pass_each(pieces, before, limit, &mut each);
-            let least_s: f64 = each.iter().map(Step::duration_s).sum();
+            let least_s: f64 = each.iter().map(RateStep::duration_s).sum();
             if step.end * (1.0 + GAIN) >= end && step.duration_s() <= least_s * (1.0 + GAIN) {
                 step::push(steps, step, whole.length_s());
                 return step.end;
@@ -179,7 +179,7 @@ impl Limits<'_> {
         self.pass_cut(second, middle, limit, steps)
     }
 
-    fn pass_each(&mut self, pieces: &[Piece], before: f64, limit: f64, steps: &mut Vec<Step>) -> f64 {
+    fn pass_each(&mut self, pieces: &[Piece], before: f64, limit: f64, steps: &mut Vec<RateStep>) -> f64 {
         let limits = pieces.iter().skip(1).map(|next| next.limit).chain([limit]);
         let mut at = before;
         for (piece, limit) in pieces.iter().zip(limits) {
@@ -189,7 +189,7 @@ impl Limits<'_> {
     }
 
     /// Returns true if halves are faster than a step over both of them; the limits are those after each half.
-    fn gains(&mut self, whole: &Step, [first, second]: [&Piece; 2], most: f64, limit: f64) -> bool {
+    fn gains(&mut self, whole: &RateStep, [first, second]: [&Piece; 2], most: f64, limit: f64) -> bool {
         let one = self.fastest(first, whole.start, most);
         let two = self.fastest(second, one.end, limit);
         let is_faster = one.duration_s() + two.duration_s() < whole.duration_s() * (1.0 - GAIN)
@@ -199,7 +199,7 @@ impl Limits<'_> {
     }
 
     /// Passes a piece from this square of the rate on, as fast as the limit after it allows; returns the one at its end.
-    pub(super) fn pass(&mut self, piece: &Piece, before: f64, limit: f64, steps: &mut Vec<Step>) -> f64 {
+    pub(super) fn pass(&mut self, piece: &Piece, before: f64, limit: f64, steps: &mut Vec<RateStep>) -> f64 {
         let limit = limit.min(piece.cap);
         if before >= piece.cap
             && limit >= piece.cap
@@ -260,7 +260,7 @@ impl Limits<'_> {
     }
 
     /// Returns a bent piece in one step.
-    fn fastest(&mut self, piece: &Piece, before: f64, limit: f64) -> Step {
+    fn fastest(&mut self, piece: &Piece, before: f64, limit: f64) -> RateStep {
         let course = self.better(piece, |limits| {
             let may_begin = limits.bent_start(limit)[0] >= before;
             if may_begin {
@@ -271,7 +271,7 @@ impl Limits<'_> {
         });
         let after = self.bent_end(before, limit);
         let room = limits::room(&course, &self.bounds.motors.inverse, [before, after]);
-        Step {
+        RateStep {
             from_s: piece.from_s,
             to_s: piece.to_s,
             start: before,
@@ -279,7 +279,7 @@ impl Limits<'_> {
             growth: course.growth,
             rate_change: (after * course.scale - before) / (2.0 * course.length_s),
             room,
-            ..Step::default()
+            ..RateStep::default()
         }
     }
 }
@@ -290,18 +290,18 @@ fn changes(start: f64, end: f64) -> bool {
 }
 
 /// Returns true if no motor exceeds its limit.
-fn is_within(step: &Step) -> bool {
+fn is_within(step: &RateStep) -> bool {
     step.room.braking.max(step.room.driving) <= 1.0 + WITHIN
 }
 
 /// Returns a piece at its largest rate.
-fn at_cap(piece: &Piece, room: SlewRoom) -> Step {
-    Step {
+fn at_cap(piece: &Piece, room: SlewRoom) -> RateStep {
+    RateStep {
         from_s: piece.from_s,
         to_s: piece.to_s,
         start: piece.cap,
         end: piece.cap,
         room,
-        ..Step::default()
+        ..RateStep::default()
     }
 }

@@ -15,7 +15,7 @@ const KEPT_APART: f64 = 0.5;
 
 /// A part of a block on which the square of the rate goes linearly from `start` to `end`.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Step {
+pub(super) struct RateStep {
     pub(super) from_s: f64,
     pub(super) to_s: f64,
     pub(super) start: f64,
@@ -29,7 +29,7 @@ pub(super) struct Step {
     pub(super) room: SlewRoom,
 }
 
-impl Step {
+impl RateStep {
     fn is_at(&self, square: f64) -> bool {
         (self.start - square).abs() < SAME_RATE * square && (self.end - square).abs() < SAME_RATE * square
     }
@@ -55,15 +55,15 @@ impl Step {
         self.growth.is_none() && self.rate_change == 0.0 && self.rate_jerk == 0.0
     }
 
-    fn joins(&self, next: &Step) -> bool {
-        let busy = |step: &Step| step.room.braking.max(step.room.driving) > KEPT_APART;
-        let as_planned = |step: &Step| step.growth.is_none() && step.is_at(self.start);
+    fn joins(&self, next: &RateStep) -> bool {
+        let busy = |step: &RateStep| step.room.braking.max(step.room.driving) > KEPT_APART;
+        let as_planned = |step: &RateStep| step.growth.is_none() && step.is_at(self.start);
         as_planned(self) && as_planned(next) && busy(self) == busy(next)
     }
 }
 
 /// Adds a step, unless it is rounding; joins steps that are as planned.
-pub(super) fn push(steps: &mut Vec<Step>, step: Step, piece_s: f64) {
+pub(super) fn push(steps: &mut Vec<RateStep>, step: RateStep, piece_s: f64) {
     if step.to_s - step.from_s <= SHARE_MIN * piece_s {
         return;
     }
@@ -73,7 +73,7 @@ pub(super) fn push(steps: &mut Vec<Step>, step: Step, piece_s: f64) {
         driving: step.room.driving * (1.0 - ACCELERATION_RESERVE),
         ..step.room
     };
-    let step = Step { room, ..step };
+    let step = RateStep { room, ..step };
     if let Some(last) = steps.last_mut()
         && last.joins(&step)
     {
@@ -92,14 +92,14 @@ mod tests {
 
     #[test]
     fn steps_at_one_rate_join_to_one_without_change() {
-        let step = |from_s, to_s, end, rate_change, rate_jerk| Step {
+        let step = |from_s, to_s, end, rate_change, rate_jerk| RateStep {
             from_s,
             to_s,
             start: 0.25,
             end,
             rate_change,
             rate_jerk,
-            ..Step::default()
+            ..RateStep::default()
         };
         let mut steps = Vec::new();
         // A deceleration caused by rounding, longer than the limit below which steps are omitted.

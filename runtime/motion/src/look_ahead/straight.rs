@@ -7,7 +7,7 @@
 use tandem_model::bisect;
 use tandem_model::profile::SlewRoom;
 
-use super::step::{self, Step};
+use super::step::{self, RateStep};
 
 /// Halvings of the range of the peak: to the last significant bits.
 const HALVINGS: u32 = 60;
@@ -35,8 +35,8 @@ struct FlankPart {
 
 impl FlankPart {
     /// Returns the step from one plan time to another, up to the peak.
-    fn step(&self, from_s: f64, to_s: f64, room: SlewRoom) -> Step {
-        Step {
+    fn step(&self, from_s: f64, to_s: f64, room: SlewRoom) -> RateStep {
+        RateStep {
             from_s,
             to_s,
             start: self.squares[0],
@@ -44,7 +44,7 @@ impl FlankPart {
             rate_change: self.rate_changes[0],
             rate_jerk: self.rate_jerk,
             room,
-            ..Step::default()
+            ..RateStep::default()
         }
     }
 
@@ -75,7 +75,7 @@ impl Straight {
         cap: f64,
         ends: [f64; 2],
         is_even: [bool; 2],
-        steps: &mut Vec<Step>,
+        steps: &mut Vec<RateStep>,
     ) {
         let h_s = to_s - from_s;
         let peak = |is_even| Some((self.peak(h_s, cap, ends, is_even)?, is_even));
@@ -113,17 +113,17 @@ impl Straight {
     }
 
     /// Adds one step at a constant acceleration, without a peak.
-    fn pass_evenly(self, [from_s, to_s]: [f64; 2], [before, after]: [f64; 2], steps: &mut Vec<Step>) {
+    fn pass_evenly(self, [from_s, to_s]: [f64; 2], [before, after]: [f64; 2], steps: &mut Vec<RateStep>) {
         let h_s = to_s - from_s;
         let share = (after - before) / (self.change * h_s);
-        let step = Step {
+        let step = RateStep {
             from_s,
             to_s,
             start: before,
             end: after,
             rate_change: (after - before) / (2.0 * h_s),
             room: self.room(before.max(after), [(-share).max(0.0), share.max(0.0)]),
-            ..Step::default()
+            ..RateStep::default()
         };
         step::push(steps, step, h_s);
     }

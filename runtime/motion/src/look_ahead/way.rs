@@ -1,7 +1,7 @@
 //! A blended block as planned: velocity and acceleration of each axis by plan time, with bounds between the samples.
 
 use tandem_model::flow::Path;
-use tandem_model::profile::{Lead, Ramped};
+use tandem_model::profile::{Lead, RampedMotion};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::{ArcPath, Axis, AxisVector};
 
@@ -13,8 +13,8 @@ const RATIO_MAX: f64 = 1e4;
 
 /// The motion of a block and the start of the next one in plan time.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Way<'a> {
-    pub(super) block: &'a Ramped,
+pub(super) struct BlendedBlock<'a> {
+    pub(super) block: &'a RampedMotion,
     /// Change of each axis per unit of length, of the block and the next one.
     pub(super) slopes: [AxisVector; 2],
     /// Speeds of both blocks, if they differ.
@@ -36,12 +36,12 @@ pub(crate) struct Passage {
 pub(super) struct Phase {
     pub(super) from_s: f64,
     pub(super) to_s: f64,
-    pub(super) part: Part,
+    pub(super) part: BlockPart,
 }
 
 /// The part of a block that a phase belongs to.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Part {
+pub(super) enum BlockPart {
     /// The ramp at the start of its block.
     Start,
     /// Its block between its ramps.
@@ -52,17 +52,17 @@ pub(super) enum Part {
 
 /// One end of a piece in plan time: velocity and acceleration by plan time.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct End {
+pub(super) struct PieceEnd {
     pub(super) t_s: f64,
     /// Motion along its own block and along the next one.
-    along: [Along; 2],
+    along: [PathDerivatives; 2],
     velocity: AxisVector,
     acceleration: AxisVector,
 }
 
 /// Bounds of the derivatives of the distance along a block over a piece, by plan time or by distance along both blocks.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Most {
+pub(super) struct DerivativeBounds {
     pub(super) speed: f64,
     pub(super) acceleration: f64,
     pub(super) jerk: f64,
@@ -71,7 +71,7 @@ pub(super) struct Most {
 /// First and second derivative of the position by plan time at both ends of a piece, and bounds of the third and fourth
 /// derivative over it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Motion {
+pub(super) struct PieceMotion {
     pub(super) velocity: [AxisVector; 2],
     pub(super) acceleration: [AxisVector; 2],
     pub(super) third: AxisVector,
@@ -80,15 +80,15 @@ pub(super) struct Motion {
 
 /// Distance along a path and its first three derivatives by plan time; the third is constant within a phase.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Along {
+pub(super) struct PathDerivatives {
     pub(super) distance: f64,
     pub(super) speed: f64,
     pub(super) acceleration: f64,
     pub(super) jerk: f64,
 }
 
-impl<'a> Way<'a> {
-    pub(super) fn new(block: &'a Ramped, passage: Passage) -> Self {
+impl<'a> BlendedBlock<'a> {
+    pub(super) fn new(block: &'a RampedMotion, passage: Passage) -> Self {
         let next = block.next.as_ref();
         Self {
             block,
@@ -119,20 +119,20 @@ impl<'a> Way<'a> {
 
     /// Its phases in order, each of smooth motion.
     pub(super) fn phases(&self) -> [Phase; 7] {
-        let ramp = |ramp: UnitRamp, begins_s: f64, part: Part| {
+        let ramp = |ramp: UnitRamp, begins_s: f64, part: BlockPart| {
             ramp.phases().map(|[from_s, to_s]| Phase {
                 from_s: begins_s + from_s,
                 to_s: begins_s + to_s,
                 part,
             })
         };
-        let [a, b, c] = ramp(self.block.start, -self.block.begun_s, Part::Start);
-        let [e, f, mut g] = ramp(self.block.stop, self.stop_begins_s(), Part::Stop);
+        let [a, b, c] = ramp(self.block.start, -self.block.begun_s, BlockPart::Start);
+        let [e, f, mut g] = ramp(self.block.stop, self.stop_begins_s(), BlockPart::Stop);
         g.to_s = self.block.plan_s;
         let between = Phase {
             from_s: c.to_s.max(0.0),
             to_s: e.from_s,
-            part: Part::Between,
+            part: BlockPart::Between,
         };
         let phases = [a, b, c, between, e, f, g];
         if self.passage.is_backward {
@@ -147,21 +147,21 @@ impl<'a> Way<'a> {
     }
 
     /// Its own block and the next one; `within_s` lies in the phase whose formula counts.
-    pub(super) fn along(&self, t_s: f64, within_s: f64) -> [Along; 2] {
+    pub(super) fn along(&self, t_s: f64, within_s: f64) -> [PathDerivatives; 2] {
         let stopping_s = self.stop_begins_s();
         let [begun, within] = [t_s + self.block.begun_s, within_s + self.block.begun_s];
         let [s1, s2] = self.block.start.slopes(begun, within);
         let [p1, p2] = self.block.stop.slopes(t_s - stopping_s, within_s - stopping_s);
         let stopped = self.block.stop.speed(t_s - stopping_s);
         let stopped_s = self.block.stop.distance(t_s - stopping_s);
-        let own = Along {
+        let own = PathDerivatives {
             distance: self.block.speed * (self.block.start.distance(begun) - stopped_s),
             speed: self.block.speed * (self.block.start.speed(begun) - stopped).max(0.0),
             acceleration: self.block.speed * (s1 - p1),
             jerk: self.block.speed * (s2 - p2),
         };
         let speed = self.block.next.as_ref().map_or(0.0, |next| next.speed);
-        let next = Along {
+        let next = PathDerivatives {
             distance: speed * stopped_s,
             speed: speed * stopped,
             acceleration: speed * p1,
@@ -171,10 +171,10 @@ impl<'a> Way<'a> {
     }
 
     /// Returns one end of a piece, likewise.
-    pub(super) fn end(&self, t_s: f64, within_s: f64) -> End {
+    pub(super) fn piece_end(&self, t_s: f64, within_s: f64) -> PieceEnd {
         if self.passage.is_backward {
             let end = self.forward_end(self.block.plan_s - t_s, self.block.plan_s - within_s);
-            return End {
+            return PieceEnd {
                 t_s,
                 ..end.reversed()
             };
@@ -182,9 +182,9 @@ impl<'a> Way<'a> {
         self.forward_end(t_s, within_s)
     }
 
-    fn forward_end(&self, t_s: f64, within_s: f64) -> End {
+    fn forward_end(&self, t_s: f64, within_s: f64) -> PieceEnd {
         let [own, next] = self.along(t_s, within_s);
-        let mut end = End::at(t_s, [own, next]);
+        let mut end = PieceEnd::at(t_s, [own, next]);
         end.add(&self.block.path, self.slopes[0], own);
         if let Some(Lead { path, .. }) = &self.block.next
             && !next.rests()
@@ -195,12 +195,12 @@ impl<'a> Way<'a> {
     }
 
     /// Returns the motion over a piece between two ends of one phase.
-    pub(super) fn between(&self, from: &End, to: &End) -> Motion {
-        let mut motion = Motion::of(from, to);
+    pub(super) fn between(&self, from: &PieceEnd, to: &PieceEnd) -> PieceMotion {
+        let mut motion = PieceMotion::from_ends(from, to);
         motion.bound(&self.block.path, self.slopes[0], [from.along[0], to.along[0]]);
         let along = [from.along[1], to.along[1]];
         if let Some(Lead { path, .. }) = &self.block.next
-            && !along.iter().all(Along::rests)
+            && !along.iter().all(PathDerivatives::rests)
         {
             motion.bound(path, self.slopes[1], along);
         }
@@ -216,16 +216,16 @@ fn slopes(path: &Path) -> AxisVector {
     }
 }
 
-impl Along {
+impl PathDerivatives {
     /// Returns true if it does not move.
     fn rests(&self) -> bool {
         self.speed == 0.0 && self.acceleration == 0.0 && self.jerk == 0.0
     }
 }
 
-impl End {
+impl PieceEnd {
     /// Creates an end without the motion of any block.
-    pub(super) fn at(t_s: f64, along: [Along; 2]) -> Self {
+    pub(super) fn at(t_s: f64, along: [PathDerivatives; 2]) -> Self {
         Self {
             t_s,
             along,
@@ -243,7 +243,7 @@ impl End {
     }
 
     /// Adds the motion of a block, with `p(s)` the path and `s` the distance along it, by the chain rule; returns `dp/ds`.
-    pub(super) fn add(&mut self, path: &Path, slopes: AxisVector, along: Along) -> AxisVector {
+    pub(super) fn add(&mut self, path: &Path, slopes: AxisVector, along: PathDerivatives) -> AxisVector {
         let (first, second) = match path {
             Path::Line { .. } => (slopes, AxisVector::ZERO),
             Path::Arc(arc) => {
@@ -260,7 +260,7 @@ impl End {
     }
 }
 
-impl Motion {
+impl PieceMotion {
     /// Returns the bound of the velocity of an axis anywhere on a piece of this length.
     pub(super) fn fastest(&self, axis: Axis, h_s: f64) -> f64 {
         let [begin, end] = self.velocity.map(|velocity| velocity[axis].abs());
@@ -268,7 +268,7 @@ impl Motion {
     }
 
     /// Creates the motion without bounds.
-    pub(super) fn of(from: &End, to: &End) -> Self {
+    pub(super) fn from_ends(from: &PieceEnd, to: &PieceEnd) -> Self {
         Self {
             velocity: [from.velocity, to.velocity],
             acceleration: [from.acceleration, to.acceleration],
@@ -277,7 +277,7 @@ impl Motion {
     }
 
     /// Adds the bounds of a block by plan time.
-    fn bound(&mut self, path: &Path, slopes: AxisVector, [from, to]: [Along; 2]) {
+    fn bound(&mut self, path: &Path, slopes: AxisVector, [from, to]: [PathDerivatives; 2]) {
         let jerk = from.jerk.abs();
         match path {
             Path::Line { .. } => {
@@ -287,7 +287,7 @@ impl Motion {
             }
             Path::Arc(arc) => {
                 // Speed and acceleration along the path are monotone within a phase.
-                let most = Most {
+                let most = DerivativeBounds {
                     speed: from.speed.max(to.speed),
                     acceleration: from.acceleration.abs().max(to.acceleration.abs()),
                     jerk,
@@ -298,8 +298,8 @@ impl Motion {
     }
 
     /// Adds the bounds of an arc with this jerk along it.
-    pub(super) fn bend(&mut self, arc: &ArcPath, [from, to]: [f64; 2], most: Most, along: f64) {
-        let Most {
+    pub(super) fn bend(&mut self, arc: &ArcPath, [from, to]: [f64; 2], most: DerivativeBounds, along: f64) {
+        let DerivativeBounds {
             speed: v,
             acceleration: a,
             jerk: j,

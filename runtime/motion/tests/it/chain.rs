@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use proptest::prelude::*;
 use tandem_model::alarm::LIMIT_ZERO;
-use tandem_model::flow::{Feed, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::flow::{Path, Segment, SegmentEnd, SegmentFeed, SegmentMotion};
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::profile::Profile;
 use tandem_model::settings::{CoordinateSystemSettings, ShortBlock};
@@ -42,7 +42,7 @@ pub struct Formula {
 
 impl Formula {
     pub fn new(segments: &[Segment], rule: ShortBlock) -> Self {
-        let blocks: Vec<(Path, Feed)> = segments
+        let blocks: Vec<(Path, SegmentFeed)> = segments
             .iter()
             .map(|segment| match &segment.motion {
                 SegmentMotion::Feed { path, feed, .. } => (path.clone(), *feed),
@@ -158,11 +158,11 @@ fn position(profiles: &[Profile], t: f64) -> AxisVector {
         }
         t -= profile.duration_s;
     }
-    profiles[profiles.len() - 1].end()
+    profiles[profiles.len() - 1].end_position()
 }
 
 /// Lines through these points of X, Y, Z with one feed.
-fn lines(points: &[[f64; 3]], feed: Feed) -> Vec<Segment> {
+fn lines(points: &[[f64; 3]], feed: SegmentFeed) -> Vec<Segment> {
     points
         .windows(2)
         .map(|ends| line(vector(&ends[0]), vector(&ends[1]), feed))
@@ -380,7 +380,7 @@ fn what_comes_before_a_refused_block_ends_at_rest() {
     );
     assert_eq!(out.len(), 1);
     assert!(out[0].exact_stop);
-    assert_eq!(out[0].end(), vector(&[10.0]));
+    assert_eq!(out[0].end_position(), vector(&[10.0]));
 }
 
 proptest! {
@@ -412,10 +412,10 @@ proptest! {
             prop_assert!(off < 1e-7, "{off} at {t}");
         }
         prop_assert_eq!(position(&profiles, 0.0), AxisVector::ZERO);
-        prop_assert_eq!(profiles[profiles.len() - 1].end(), at);
+        prop_assert_eq!(profiles[profiles.len() - 1].end_position(), at);
         // Each profile begins where the one before ends.
         for pair in profiles.windows(2) {
-            let gap = pair[1].position(0.0).minus(pair[0].end()).orthogonal_length();
+            let gap = pair[1].position(0.0).minus(pair[0].end_position()).orthogonal_length();
             prop_assert!(gap < 1e-9, "{gap}");
         }
     }

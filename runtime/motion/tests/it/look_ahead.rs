@@ -4,7 +4,7 @@
 use std::collections::VecDeque;
 
 use tandem_model::alarm::LIMIT_ZERO;
-use tandem_model::flow::{Feed, MultiBlock};
+use tandem_model::flow::{MultiBlock, SegmentFeed};
 use tandem_model::profile::Profile;
 use tandem_motion::Planner;
 
@@ -59,7 +59,7 @@ fn m1d_the_time_is_within_2_percent_of_the_best_possible() {
 }
 
 /// Lines through points in X and Y at one feed.
-fn through(points: &[[f64; 2]], feed: Feed, acceleration: f64) -> Chain {
+fn through(points: &[[f64; 2]], feed: SegmentFeed, acceleration: f64) -> Chain {
     let blocks = points
         .windows(2)
         .map(|ends| (line(vector(&ends[0]), vector(&ends[1]), feed), Shape::Line))

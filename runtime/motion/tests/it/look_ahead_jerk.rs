@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use tandem_model::alarm::LIMIT_ZERO;
-use tandem_model::flow::{Feed, MultiBlock, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::flow::{MultiBlock, Path, Segment, SegmentEnd, SegmentFeed, SegmentMotion};
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::profile::{Law, PathPlace, Profile};
 use tandem_model::settings::{CoordinateSystemSettings, ShortBlock};
@@ -21,7 +21,7 @@ use crate::rig::{
 pub const LEFT: f64 = 1.0 - 2e-3;
 
 /// Lines through points with G500, from rest to rest.
-fn lines(points: &[AxisVector], feed: Feed) -> Vec<Segment> {
+fn lines(points: &[AxisVector], feed: SegmentFeed) -> Vec<Segment> {
     let ends = points.windows(2);
     ends.map(|ends| Segment {
         multi_block: MultiBlock::On,
@@ -80,7 +80,7 @@ impl Motion {
             }
             left -= profile.duration_s;
         }
-        self.0[self.0.len() - 1].end()
+        self.0[self.0.len() - 1].end_position()
     }
 
     /// Returns the time at which X, which does not fall, reaches this position.

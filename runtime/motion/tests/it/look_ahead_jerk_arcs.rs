@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use tandem_model::flow::{Feed, MultiBlock, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::flow::{MultiBlock, Path, Segment, SegmentEnd, SegmentFeed, SegmentMotion};
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{ArcPath, Axis, AxisVector};
@@ -41,7 +41,7 @@ impl Machine {
         }
     }
 
-    fn feed(&self) -> Feed {
+    fn feed(&self) -> SegmentFeed {
         let [ta, ts] = self.ramp.map(|time| time * 1000.0);
         feed(self.v * 60.0, [ta, ta, ts])
     }

@@ -5,7 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 
-use tandem_model::flow::{Feed, Path, Segment, SegmentMotion};
+use tandem_model::flow::{Path, Segment, SegmentFeed, SegmentMotion};
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::{ArcPath, Axis, AxisVector};
 
@@ -155,7 +155,7 @@ fn arc(
     direction: f64,
     length: f64,
     random: &mut Random,
-    feed: Feed,
+    feed: SegmentFeed,
 ) -> (Segment, Shape) {
     let plane = random.one_of(&[Plane::Xy, Plane::Xy, Plane::Zx, Plane::Yz]);
     let [first, second] = plane.axes();

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use tandem_model::AxisVector;
-use tandem_model::flow::{Feed, Path, Segment, SegmentMotion};
+use tandem_model::flow::{Path, Segment, SegmentFeed, SegmentMotion};
 use tandem_model::plane::Plane;
 
 use crate::look_ahead_random::{Random, chains, each_seed};
@@ -24,7 +24,7 @@ impl Drawing {
         }
     }
 
-    fn to(mut self, x: f64, y: f64, feed: Feed) -> Self {
+    fn to(mut self, x: f64, y: f64, feed: SegmentFeed) -> Self {
         let end = vector(&[x, y]);
         self.blocks.push((line(self.at, end, feed), Shape::Line));
         self.at = end;
@@ -32,7 +32,7 @@ impl Drawing {
     }
 
     /// A line in a direction.
-    fn along(self, direction: f64, length: f64, feed: Feed) -> Self {
+    fn along(self, direction: f64, length: f64, feed: SegmentFeed) -> Self {
         let at = self.at.0;
         self.to(
             at[0] + length * direction.cos(),
@@ -42,7 +42,7 @@ impl Drawing {
     }
 
     /// An arc in X and Y that begins in a direction, through a signed angle.
-    fn arc(mut self, direction: f64, radius: f64, sweep: f64, feed: Feed) -> Self {
+    fn arc(mut self, direction: f64, radius: f64, sweep: f64, feed: SegmentFeed) -> Self {
         let arc = turning(self.at, direction, radius, sweep);
         let (end, centre) = (arc.end(), arc.centre());
         let path = Path::Arc(arc);
@@ -61,7 +61,14 @@ impl Drawing {
     }
 
     /// A line or, with this share of them, an arc of this length in a direction, which turns with the arc.
-    fn any(self, random: &mut Random, arcs: f64, direction: &mut f64, length: f64, feed: Feed) -> Self {
+    fn any(
+        self,
+        random: &mut Random,
+        arcs: f64,
+        direction: &mut f64,
+        length: f64,
+        feed: SegmentFeed,
+    ) -> Self {
         if random.unit() >= arcs {
             return self.along(*direction, length, feed);
         }

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
 use tandem_model::alarm::AlarmEntry;
-use tandem_model::flow::{Feed, MultiBlock, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::flow::{MultiBlock, Path, Segment, SegmentEnd, SegmentFeed, SegmentMotion};
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::profile::Profile;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
@@ -52,7 +52,7 @@ pub fn segment(motion: SegmentMotion) -> Segment {
     }
 }
 
-pub fn line(from: AxisVector, to: AxisVector, feed: Feed) -> Segment {
+pub fn line(from: AxisVector, to: AxisVector, feed: SegmentFeed) -> Segment {
     let way = to.minus(from);
     let length = if way.orthogonal_length() > 0.0 {
         way.orthogonal_length()
@@ -79,13 +79,13 @@ pub fn turning(at: AxisVector, direction: f64, radius: f64, sweep: f64) -> ArcPa
     ArcPath::new(at, to, Plane::Xy, centre, turn)
 }
 
-pub fn feed(feedrate_mm_min: f64, [ta_ms, td_ms, ts_ms]: [f64; 3]) -> Feed {
-    Feed {
+pub fn feed(feedrate_mm_min: f64, [ta_ms, td_ms, ts_ms]: [f64; 3]) -> SegmentFeed {
+    SegmentFeed {
         feedrate_mm_min,
         ta_ms,
         td_ms,
         ts_ms,
-        ..Feed::default()
+        ..SegmentFeed::default()
     }
 }
 

@@ -35,7 +35,11 @@ fn the_emergency_stop_is_what_its_input_says_while_somebody_writes_that() {
         version: Version::V2_3,
         emergency_stop: Some("e_stop_ok".into()),
     };
-    let mut feed = Feed::new(Device::of(&birth()), &settings, &"2026-01-01T00:00:00Z".into());
+    let mut feed = DeviceFeed::new(
+        Device::from_birth(&birth()),
+        &settings,
+        &"2026-01-01T00:00:00Z".into(),
+    );
     let mut said = |name: &str, value: bool, lost: bool| {
         let state = IoState {
             value: value.into(),

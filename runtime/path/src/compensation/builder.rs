@@ -1,13 +1,13 @@
 //! Converts pieces to the segments of the tool centre: joins the motion in the plane with that of the other
 //! axes, and adds the feedrate.
 
-use tandem_model::flow::{Feed, Path, Segment, SegmentMotion};
+use tandem_model::flow::{Path, Segment, SegmentFeed, SegmentMotion};
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::settings::CompensationFeed;
 use tandem_model::{Alarm, ArcPath, AxisVector};
 
 use super::curve::{Curve, Vec2};
-use super::piece::{Leg, Piece, Way};
+use super::piece::{CentrePath, Leg, Piece};
 use crate::length::line_between;
 
 /// An arc shorter than this is output as a line, mm: an arc path between equal directions would be a full turn.
@@ -22,7 +22,7 @@ pub(super) struct Builder {
     /// End of the last segment.
     at: AxisVector,
     /// Feedrate of the last block built.
-    feed: Feed,
+    feed: SegmentFeed,
     /// True if a stop is due before a block that had no motion.
     stop: bool,
     /// True if the block built last is in G61.
@@ -36,13 +36,13 @@ impl Builder {
             max_feedrate_mm_min,
             plane: Plane::Xy,
             at: AxisVector::ZERO,
-            feed: Feed::default(),
+            feed: SegmentFeed::default(),
             stop: false,
             is_exact: false,
         }
     }
 
-    pub fn begin(&mut self, plane: Plane, at: AxisVector) {
+    pub fn start_contour(&mut self, plane: Plane, at: AxisVector) {
         (self.plane, self.at, self.stop) = (plane, at, false);
     }
 
@@ -70,7 +70,13 @@ impl Builder {
         piece.stills.iter().try_for_each(|leg| self.still(leg, out))
     }
 
-    fn along(&mut self, piece: &Piece, way: &Way, path: &Path, out: &mut Vec<Leg>) -> Result<(), Alarm> {
+    fn along(
+        &mut self,
+        piece: &Piece,
+        way: &CentrePath,
+        path: &Path,
+        out: &mut Vec<Leg>,
+    ) -> Result<(), Alarm> {
         let segment = &piece.leg.segment;
         let (start, end) = (path.start(), path.end());
         let [head, second, curve, tail] = &way.parts;
@@ -88,7 +94,7 @@ impl Builder {
     fn rapid(
         &mut self,
         segment: &Segment,
-        way: &Way,
+        way: &CentrePath,
         to: AxisVector,
         out: &mut Vec<Leg>,
     ) -> Result<(), Alarm> {
@@ -98,9 +104,9 @@ impl Builder {
                 Some(arc @ Curve::Arc(_)) => self.cut(segment, arc, self.at, self.feed, out)?,
                 Some(Curve::Line(line)) => {
                     let others = if Some(place) == last { to } else { self.at };
-                    let to = line.to.put_into(others, self.plane);
+                    let to = line.to.onto_plane(others, self.plane);
                     let motion = SegmentMotion::Rapid { from: self.at, to };
-                    self.put(segment, motion, to, out);
+                    self.push_leg(segment, motion, to, out);
                 }
                 None => {}
             }
@@ -114,10 +120,10 @@ impl Builder {
         segment: &Segment,
         curve: &Curve,
         others: AxisVector,
-        feed: Feed,
+        feed: SegmentFeed,
         out: &mut Vec<Leg>,
     ) -> Result<(), Alarm> {
-        let to = curve.to().put_into(others, self.plane);
+        let to = curve.to().onto_plane(others, self.plane);
         let path = match curve {
             Curve::Arc(arc) if curve.length() >= ARC_MIN => {
                 let turn = if arc.sweep > 0.0 {
@@ -133,38 +139,38 @@ impl Builder {
                 None => return Ok(()),
             },
         };
-        self.put(segment, SegmentMotion::Feed { path, feed }, to, out);
+        self.push_leg(segment, SegmentMotion::Feed { path, feed }, to, out);
         Ok(())
     }
 
     /// Outputs a block that moves no axis of the plane, at the position of the centre.
     fn still(&mut self, leg: &Leg, out: &mut Vec<Leg>) -> Result<(), Alarm> {
         self.stop |= leg.stop_before;
-        let (segment, centre) = (&leg.segment, Vec2::of(self.at, self.plane));
-        let there = |to: AxisVector| centre.put_into(to, self.plane);
+        let (segment, centre) = (&leg.segment, Vec2::project(self.at, self.plane));
+        let there = |to: AxisVector| centre.onto_plane(to, self.plane);
         match &segment.motion {
             SegmentMotion::Feed { path, feed } => {
                 let to = there(path.end());
                 if let Some(path) = line_between(self.at, to).map_err(|alarm| alarm.at(segment.origin))? {
                     let feed = *feed;
-                    self.put(segment, SegmentMotion::Feed { path, feed }, to, out);
+                    self.push_leg(segment, SegmentMotion::Feed { path, feed }, to, out);
                 }
             }
             SegmentMotion::Rapid { to, .. }
             | SegmentMotion::Skip { to, .. }
             | SegmentMotion::Tap { to, .. } => {
                 let to = there(*to);
-                self.put(segment, SegmentMotion::Rapid { from: self.at, to }, to, out);
+                self.push_leg(segment, SegmentMotion::Rapid { from: self.at, to }, to, out);
             }
             SegmentMotion::Dwell { dwell_s, .. } => {
                 let (at, dwell_s) = (self.at, *dwell_s);
-                self.put(segment, SegmentMotion::Dwell { at, dwell_s }, at, out);
+                self.push_leg(segment, SegmentMotion::Dwell { at, dwell_s }, at, out);
             }
         }
         Ok(())
     }
 
-    fn put(&mut self, segment: &Segment, motion: SegmentMotion, to: AxisVector, out: &mut Vec<Leg>) {
+    fn push_leg(&mut self, segment: &Segment, motion: SegmentMotion, to: AxisVector, out: &mut Vec<Leg>) {
         out.push(Leg {
             segment: Segment {
                 origin: segment.origin,
@@ -181,7 +187,7 @@ impl Builder {
 
     /// Returns the feedrate of the centre on an offset curve. If F applies to the edge, the centre and the
     /// edge take the same time for the same angle: `F |R -+ r|/R` in the plane, with the other axes included.
-    fn curve_feed(&self, wall: &Curve, centre: &Curve, way: AxisVector) -> Feed {
+    fn curve_feed(&self, wall: &Curve, centre: &Curve, way: AxisVector) -> SegmentFeed {
         let (Curve::Arc(wall), Curve::Arc(centre), CompensationFeed::Edge) = (wall, centre, self.basis)
         else {
             return self.feed;
@@ -191,7 +197,7 @@ impl Builder {
         let rate = |radius: f64| (radius * centre.sweep).hypot(height);
         let programmed = self.feed.feedrate_mm_min;
         let feedrate = programmed * rate(mean(centre.radii)) / rate(mean(wall.radii));
-        Feed {
+        SegmentFeed {
             feedrate_mm_min: if feedrate.is_finite() && feedrate > 0.0 {
                 feedrate.min((self.max_feedrate_mm_min * self.feed.unit_mm).max(programmed))
             } else {

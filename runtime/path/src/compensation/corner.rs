@@ -112,7 +112,7 @@ pub(super) fn between(before: &Curve, after: &Curve, corner: Vec2, tool: f64) ->
         (Curve::Line(line), Curve::Arc(arc)) => on_line_and_circle(line, arc, arc.radii[0]),
         (Curve::Arc(arc), Curve::Line(line)) => on_line_and_circle(line, arc, arc.radii[1]),
         (Curve::Arc(a), Curve::Arc(b)) => {
-            let chord = Chord::of_circles([a.centre, b.centre], [a.radii[1], b.radii[0]]);
+            let chord = Chord::between_circles([a.centre, b.centre], [a.radii[1], b.radii[0]]);
             chord.and_then(|chord| chord.end_towards(corner - a.centre))
         }
         (Curve::Line(_), Curve::Line(_)) => None,

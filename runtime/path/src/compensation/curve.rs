@@ -18,13 +18,13 @@ const POINT_RADIUS: f64 = 1e-7;
 pub(crate) struct Vec2(pub f64, pub f64);
 
 impl Vec2 {
-    pub fn of(vector: AxisVector, plane: Plane) -> Self {
+    pub fn project(vector: AxisVector, plane: Plane) -> Self {
         let [first, second] = plane.axes();
         Self(vector[first], vector[second])
     }
 
     /// Returns the vector with these values on the plane's axes.
-    pub fn put_into(self, mut vector: AxisVector, plane: Plane) -> AxisVector {
+    pub fn onto_plane(self, mut vector: AxisVector, plane: Plane) -> AxisVector {
         let [first, second] = plane.axes();
         vector[first] = self.0;
         vector[second] = self.1;
@@ -107,8 +107,11 @@ pub(super) struct Arc {
 
 impl Curve {
     /// Returns the projection of a path to the plane; `None` if it does not move there.
-    pub fn of(path: &Path, plane: Plane) -> Option<Self> {
-        let (from, to) = (Vec2::of(path.start(), plane), Vec2::of(path.end(), plane));
+    pub fn project(path: &Path, plane: Plane) -> Option<Self> {
+        let (from, to) = (
+            Vec2::project(path.start(), plane),
+            Vec2::project(path.end(), plane),
+        );
         match path {
             Path::Line { .. } => Self::line(from, to),
             Path::Arc(arc) => Some(Self::Arc(Arc {
@@ -269,7 +272,7 @@ pub(super) struct Bounds {
 }
 
 impl Bounds {
-    pub fn of(curve: &Curve) -> Self {
+    pub fn from_curve(curve: &Curve) -> Self {
         let (from, to) = (curve.from(), curve.to());
         let ends = Self {
             low: Vec2(from.0.min(to.0), from.1.min(to.1)),

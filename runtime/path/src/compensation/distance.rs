@@ -81,19 +81,19 @@ pub(super) fn first_on(curve: &Curve, points: Points) -> Option<Vec2> {
 pub(super) fn intersections(a: &Curve, b: &Curve) -> Points {
     let mean = |arc: &Arc| f64::midpoint(arc.radii[0], arc.radii[1]);
     let candidates = match (a, b) {
-        (Curve::Line(first), Curve::Line(second)) => [of_lines(first, second), None],
+        (Curve::Line(first), Curve::Line(second)) => [line_intersection(first, second), None],
         (Curve::Line(line), Curve::Arc(arc)) | (Curve::Arc(arc), Curve::Line(line)) => {
             Chord::on_line(line, arc.centre, mean(arc)).ends()
         }
         (Curve::Arc(first), Curve::Arc(second)) => {
             let radii = [mean(first), mean(second)];
-            Chord::of_circles([first.centre, second.centre], radii).map_or([None; 2], Chord::ends)
+            Chord::between_circles([first.centre, second.centre], radii).map_or([None; 2], Chord::ends)
         }
     };
     candidates.map(|point| point.filter(|point| is_on(a, *point) && is_on(b, *point)))
 }
 
-fn of_lines(a: &Line, b: &Line) -> Option<Vec2> {
+fn line_intersection(a: &Line, b: &Line) -> Option<Vec2> {
     let (sin, between) = (a.along.cross(b.along), b.from - a.from);
     if sin.abs() > LENGTH_MIN {
         return Some(a.from + a.along * (between.cross(b.along) / sin));
@@ -131,7 +131,7 @@ impl Chord {
     }
 
     /// Returns the chord of two circles; `None` for circles about one centre.
-    pub fn of_circles([a, b]: [Vec2; 2], [first, second]: [f64; 2]) -> Option<Self> {
+    pub fn between_circles([a, b]: [Vec2; 2], [first, second]: [f64; 2]) -> Option<Self> {
         let way = b - a;
         let distance = way.length();
         if distance < LENGTH_MIN {

@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 
 use super::curve::Curve;
 use super::distance::distance;
-use super::piece::{Piece, Role, Way};
+use super::piece::{CentrePath, Piece, Role};
 
 /// Overcuts by less than this are the rounding of programs, mm.
 pub(super) const OVERCUT_MIN: f64 = 1e-3;
@@ -56,8 +56,8 @@ pub(super) fn with_earlier(queue: &VecDeque<Piece>, place: usize, radius: f64) -
 /// Finds an overcut of an arc added before the lead-out, which follows the pieces in the queue and leaves the
 /// last piece's corner: it belongs to no block of the contour, but the tool can cut on it too. The lead-out
 /// itself is not measured.
-pub(super) fn of_last_arc(queue: &VecDeque<Piece>, arc: Curve, radius: f64) -> Option<Overcut> {
-    let way = Way::of(&[Some(arc), None, None, None])?;
+pub(super) fn with_last_arc(queue: &VecDeque<Piece>, arc: Curve, radius: f64) -> Option<Overcut> {
+    let way = CentrePath::from_parts(&[Some(arc), None, None, None])?;
     let mut found = None;
     for (earlier, other) in queue.iter().enumerate().rev() {
         if other.role != Role::Contour || other.lifts() {
@@ -71,7 +71,7 @@ pub(super) fn of_last_arc(queue: &VecDeque<Piece>, arc: Curve, radius: f64) -> O
 }
 
 /// Returns the distance of the tool's centre from the programmed curve of a piece, when that is too small.
-pub(super) fn to_wall(way: &Way, other: &Piece, radius: f64) -> Option<f64> {
+pub(super) fn to_wall(way: &CentrePath, other: &Piece, radius: f64) -> Option<f64> {
     let allowed = radius - OVERCUT_MIN;
     if !way.bounds.is_near(&other.wall_bounds, allowed) {
         return None;

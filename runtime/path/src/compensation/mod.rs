@@ -66,7 +66,7 @@ pub(crate) enum Rounding {
 
 /// The active compensation.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Side {
+pub(crate) struct CompensationSide {
     pub plane: Plane,
     /// Tool radius, mm; negative when the tool is on the right of the path in machine coordinates.
     pub tool: f64,
@@ -90,7 +90,7 @@ pub(crate) struct Compensator {
     start: CompensationStart,
     spiral_min_mm: f64,
     /// The compensation from the lead-in to the lead-out.
-    pub side: Option<Side>,
+    pub side: Option<CompensationSide>,
     queue: VecDeque<Piece>,
     builder: Builder,
     /// Number of pieces since the lead-in.
@@ -177,22 +177,22 @@ impl Compensator {
     pub fn take(
         &mut self,
         leg: Leg,
-        side: Side,
-        wanted: Option<Side>,
+        side: CompensationSide,
+        wanted: Option<CompensationSide>,
         out: &mut Vec<Leg>,
     ) -> Result<(), Alarm> {
-        let taken = self.take_compensated(leg, side, wanted, out);
+        let taken = self.compensate_leg(leg, side, wanted, out);
         if taken.is_err() {
             self.abandon(out);
         }
         taken
     }
 
-    fn take_compensated(
+    fn compensate_leg(
         &mut self,
         mut leg: Leg,
-        side: Side,
-        wanted: Option<Side>,
+        side: CompensationSide,
+        wanted: Option<CompensationSide>,
         out: &mut Vec<Leg>,
     ) -> Result<(), Alarm> {
         if wanted.is_some_and(|wanted| wanted != side) {
@@ -203,7 +203,7 @@ impl Compensator {
             return refused("A rapid moves during cutter compensation");
         }
         leg.stop_before |= std::mem::take(&mut self.stop_next);
-        let way = way_in_plane(&leg.segment.motion, side.plane)?;
+        let way = curve_in_plane(&leg.segment.motion, side.plane)?;
         match (way, self.is_on(), wanted) {
             (None, false, _) => out.push(leg),
             (None, true, _) => self.keep_still(leg)?,
@@ -236,11 +236,11 @@ impl Compensator {
         Ok(())
     }
 
-    fn lead_in(&mut self, leg: Leg, way: Curve, side: Side) -> Result<(), Alarm> {
+    fn lead_in(&mut self, leg: Leg, way: Curve, side: CompensationSide) -> Result<(), Alarm> {
         let lead = straight_lead(way, side, "lead-in", self.rules)?;
         match &leg.segment.motion {
-            SegmentMotion::Feed { path, .. } => self.builder.begin(side.plane, path.start()),
-            SegmentMotion::Rapid { from, .. } => self.builder.begin(side.plane, *from),
+            SegmentMotion::Feed { path, .. } => self.builder.start_contour(side.plane, path.start()),
+            SegmentMotion::Rapid { from, .. } => self.builder.start_contour(side.plane, *from),
             SegmentMotion::Skip { .. } | SegmentMotion::Tap { .. } | SegmentMotion::Dwell { .. } => {}
         }
         (self.side, self.count) = (Some(side), 0);
@@ -249,7 +249,7 @@ impl Compensator {
         Ok(())
     }
 
-    fn contour(&mut self, leg: Leg, wall: Curve, side: Side) -> Result<(), Alarm> {
+    fn contour(&mut self, leg: Leg, wall: Curve, side: CompensationSide) -> Result<(), Alarm> {
         let offset = self.offset(&wall, side.tool)?;
         let Some(last) = self.queue.back() else {
             return Ok(());
@@ -286,12 +286,17 @@ impl Compensator {
             );
             Alarm::new(&COMPENSATION_CORNER, text).at(origin)
         });
-        self.judge(unsolved, side.tool.abs())
+        self.check_solved_piece(unsolved, side.tool.abs())
     }
 
     /// Returns the arc about a corner that must be rounded. `None` if the corner is not to be rounded or is an inside
     /// one.
-    fn rounded(&mut self, next: &Curve, corner: Vec2, side: Side) -> Result<Option<Joint>, Alarm> {
+    fn rounded(
+        &mut self,
+        next: &Curve,
+        corner: Vec2,
+        side: CompensationSide,
+    ) -> Result<Option<Joint>, Alarm> {
         let Some(wanted) = self.round_next.take() else {
             return Ok(None);
         };
@@ -301,7 +306,7 @@ impl Compensator {
         let along = next.start_direction();
         let wanted = match wanted {
             Rounding::Free => None,
-            Rounding::Towards(way) => Curve::line(Vec2(0.0, 0.0), Vec2::of(way, side.plane)),
+            Rounding::Towards(way) => Curve::line(Vec2(0.0, 0.0), Vec2::project(way, side.plane)),
         };
         let off = wanted.map_or(0.0, |way| way.start_direction().angle_to(along).abs());
         if off > DIRECTION_TOLERANCE {
@@ -310,7 +315,13 @@ impl Compensator {
         Ok(straight_corner::round(&last.offset, next, corner, side.tool))
     }
 
-    fn lead_out(&mut self, leg: Leg, way: Curve, side: Side, out: &mut Vec<Leg>) -> Result<(), Alarm> {
+    fn lead_out(
+        &mut self,
+        leg: Leg,
+        way: Curve,
+        side: CompensationSide,
+        out: &mut Vec<Leg>,
+    ) -> Result<(), Alarm> {
         let lead = straight_lead(way, side, "lead-out", self.rules)?;
         let Some(last) = self.queue.back().filter(|last| last.role == Role::Contour) else {
             return refused("No block between the lead-in and the lead-out moves in the plane");
@@ -326,9 +337,9 @@ impl Compensator {
         let overcut = joint
             .arc
             .filter(|_| self.rules == CompensationRules::Checked)
-            .and_then(|arc| interference::of_last_arc(&self.queue, arc, radius));
+            .and_then(|arc| interference::with_last_arc(&self.queue, arc, radius));
         self.append(leg, lead, lead, joint, Role::LeadOut);
-        self.judge(None, radius)?;
+        self.check_solved_piece(None, radius)?;
         if let Some(overcut) = overcut {
             self.cut_by_last_arc(overcut, radius);
         }
@@ -400,7 +411,7 @@ impl Compensator {
             role,
             id: self.count,
             wall,
-            wall_bounds: curve::Bounds::of(&wall),
+            wall_bounds: curve::Bounds::from_curve(&wall),
             offset,
             joint,
             heading,
@@ -414,7 +425,7 @@ impl Compensator {
     }
 
     /// Checks whether the piece before the last one, whose end is now known, can stay as it is.
-    fn judge(&mut self, unsolved: Option<Alarm>, radius: f64) -> Result<(), Alarm> {
+    fn check_solved_piece(&mut self, unsolved: Option<Alarm>, radius: f64) -> Result<(), Alarm> {
         let Some(place) = self.queue.len().checked_sub(2) else {
             return Ok(());
         };
@@ -465,7 +476,7 @@ impl Compensator {
 }
 
 /// Returns the curve of a segment in the plane; `None` if it does not move there.
-fn way_in_plane(motion: &SegmentMotion, plane: Plane) -> Result<Option<Curve>, Alarm> {
+fn curve_in_plane(motion: &SegmentMotion, plane: Plane) -> Result<Option<Curve>, Alarm> {
     match motion {
         SegmentMotion::Feed { path, .. } => {
             if let Path::Arc(arc) = path
@@ -476,19 +487,25 @@ fn way_in_plane(motion: &SegmentMotion, plane: Plane) -> Result<Option<Curve>, A
                     format!("The arc is in {}, the compensation in {plane}", arc.plane()),
                 ));
             }
-            Ok(Curve::of(path, plane))
+            Ok(Curve::project(path, plane))
         }
         SegmentMotion::Rapid { from, to }
         | SegmentMotion::Skip { from, to }
-        | SegmentMotion::Tap { from, to, .. } => {
-            Ok(Curve::line(Vec2::of(*from, plane), Vec2::of(*to, plane)))
-        }
+        | SegmentMotion::Tap { from, to, .. } => Ok(Curve::line(
+            Vec2::project(*from, plane),
+            Vec2::project(*to, plane),
+        )),
         SegmentMotion::Dwell { .. } => Ok(None),
     }
 }
 
 /// Returns a lead-in or lead-out: straight, and not shorter than the tool's radius.
-fn straight_lead(way: Curve, side: Side, what: &str, rules: CompensationRules) -> Result<Curve, Alarm> {
+fn straight_lead(
+    way: Curve,
+    side: CompensationSide,
+    what: &str,
+    rules: CompensationRules,
+) -> Result<Curve, Alarm> {
     let (length, radius) = (way.length(), side.tool.abs());
     match way {
         Curve::Arc(_) => refused(&format!("The {what} is an arc")),

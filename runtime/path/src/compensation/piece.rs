@@ -24,17 +24,17 @@ pub(super) enum Role {
 
 /// The path of the tool centre on a block.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Way {
+pub(super) struct CentrePath {
     /// One or two parts from the joint with the block before to the block's own offset curve, that curve, and
     /// a part to the joint with the next block.
     pub parts: [Option<Curve>; 4],
     pub bounds: Bounds,
 }
 
-impl Way {
+impl CentrePath {
     /// Returns `None` without any part.
-    pub fn of(parts: &[Option<Curve>; 4]) -> Option<Self> {
-        let all = parts.iter().flatten().map(Bounds::of);
+    pub fn from_parts(parts: &[Option<Curve>; 4]) -> Option<Self> {
+        let all = parts.iter().flatten().map(Bounds::from_curve);
         let bounds = all.reduce(|all, part| all.with(&part))?;
         Some(Self {
             parts: *parts,
@@ -66,7 +66,7 @@ pub(super) struct Piece {
     /// Lowest and highest direction, including an arc added before it.
     pub directions: [f64; 2],
     /// `None` until the next block determines its end, and if no part of it is left.
-    pub way: Option<Way>,
+    pub way: Option<CentrePath>,
     /// True if overcuts are not checked.
     pub may_go_back: bool,
     /// True if the piece is left out to prevent an overcut.
@@ -77,7 +77,7 @@ pub(super) struct Piece {
 
 impl Piece {
     /// Returns the path when the joint with the next piece is known; `None` if nothing is left.
-    pub fn up_to(&self, next: &Joint) -> Option<Way> {
+    pub fn up_to(&self, next: &Joint) -> Option<CentrePath> {
         let joint = &self.joint;
         let curve = match self.role {
             Role::LeadIn | Role::LeadOut => Curve::line(joint.start, next.end),
@@ -90,7 +90,7 @@ impl Piece {
         let head = joint
             .arc
             .or_else(|| Curve::line(joint.meet, joint.via.unwrap_or(joint.start)));
-        Way::of(&[head, second, Some(curve), Curve::line(next.end, next.meet)])
+        CentrePath::from_parts(&[head, second, Some(curve), Curve::line(next.end, next.meet)])
     }
 
     /// Returns the path against the direction of a line that is too short for the tool, if overcuts are not checked.

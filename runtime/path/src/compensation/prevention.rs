@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use super::distance::{first_on, intersections};
 use super::interference::to_wall;
-use super::piece::{Piece, Role, Way};
+use super::piece::{CentrePath, Piece, Role};
 
 /// Tries to join the piece at `place` with an earlier one so that the pieces from `first` on, except these two, are
 /// omitted. Returns `false`, without any change, when each such path has an overcut. Pieces followed by blocks that do
@@ -31,7 +31,7 @@ pub(super) fn prevent(queue: &mut VecDeque<Piece>, place: usize, first: u64, rad
     false
 }
 
-fn joined(queue: &VecDeque<Piece>, earlier: usize, place: usize) -> Option<[Way; 2]> {
+fn joined(queue: &VecDeque<Piece>, earlier: usize, place: usize) -> Option<[CentrePath; 2]> {
     let before = queue.get(earlier)?.way.as_ref()?;
     join(before, queue.get(place)?.way.as_ref()?)
 }
@@ -41,10 +41,10 @@ fn is_free(
     queue: &VecDeque<Piece>,
     earlier: usize,
     place: usize,
-    [before, after]: &[Way; 2],
+    [before, after]: &[CentrePath; 2],
     radius: f64,
 ) -> bool {
-    let hits = |way: &Way, piece: &Piece| to_wall(way, piece, radius).is_some();
+    let hits = |way: &CentrePath, piece: &Piece| to_wall(way, piece, radius).is_some();
     // Pieces that were skipped while they had no path are measured here for the first time.
     let shortened_hits = |piece: &Piece| hits(before, piece) || hits(after, piece);
     if queue.range(earlier..=place).any(shortened_hits) {
@@ -66,7 +66,7 @@ fn is_free(
     true
 }
 
-fn apply(queue: &mut VecDeque<Piece>, earlier: usize, place: usize, [before, after]: [Way; 2]) {
+fn apply(queue: &mut VecDeque<Piece>, earlier: usize, place: usize, [before, after]: [CentrePath; 2]) {
     for (i, piece) in queue.iter_mut().enumerate().take(place + 1).skip(earlier) {
         piece.dropped = i != earlier && i != place;
         piece.way = match i {
@@ -78,7 +78,7 @@ fn apply(queue: &mut VecDeque<Piece>, earlier: usize, place: usize, [before, aft
 }
 
 /// Joins two paths where they meet first, without the parts between. `None` if they do not meet.
-fn join(earlier: &Way, later: &Way) -> Option<[Way; 2]> {
+fn join(earlier: &CentrePath, later: &CentrePath) -> Option<[CentrePath; 2]> {
     for (i, part) in earlier.parts.iter().enumerate() {
         let Some(part) = part else { continue };
         for (k, other) in later.parts.iter().enumerate() {
@@ -91,7 +91,7 @@ fn join(earlier: &Way, later: &Way) -> Option<[Way; 2]> {
             before[i + 1..].fill(None);
             after[..k].fill(None);
             after[k] = Some(other.between(meet, other.to())?);
-            return Some([Way::of(&before)?, Way::of(&after)?]);
+            return Some([CentrePath::from_parts(&before)?, CentrePath::from_parts(&after)?]);
         }
     }
     None

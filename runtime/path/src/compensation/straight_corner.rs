@@ -24,7 +24,7 @@ struct End {
 }
 
 impl End {
-    fn of_last(curve: &Curve) -> Self {
+    fn from_last(curve: &Curve) -> Self {
         Self {
             foot: curve.to(),
             along: curve.end_direction(),
@@ -32,7 +32,7 @@ impl End {
         }
     }
 
-    fn of_next(curve: &Curve) -> Self {
+    fn from_next(curve: &Curve) -> Self {
         Self {
             foot: curve.from(),
             along: curve.start_direction(),
@@ -40,7 +40,7 @@ impl End {
         }
     }
 
-    fn of_lead(direction: Vec2, corner: Vec2, tool: f64) -> Self {
+    fn from_lead(direction: Vec2, corner: Vec2, tool: f64) -> Self {
         Self {
             foot: corner + direction.left() * tool,
             along: direction,
@@ -51,7 +51,7 @@ impl End {
 
 /// Returns the joint of two offset curves; see [`corner::between`].
 pub(super) fn between(before: &Curve, after: &Curve, corner: Vec2, tool: f64) -> (Joint, bool) {
-    let (last, next) = (End::of_last(before), End::of_next(after));
+    let (last, next) = (End::from_last(before), End::from_next(after));
     let turn = last.along.angle_to(next.along);
     if tool.abs() < LENGTH_MIN || turn.abs() < TANGENT {
         return corner::between(before, after, corner, tool);
@@ -77,7 +77,7 @@ pub(super) fn leading_in(
     tool: f64,
     start: CompensationStart,
 ) -> Joint {
-    let (lead, next) = (End::of_lead(direction, corner, tool), End::of_next(after));
+    let (lead, next) = (End::from_lead(direction, corner, tool), End::from_next(after));
     let turn = lead.along.angle_to(next.along);
     if is_straight(turn, tool, start) {
         return Joint::at(next.foot, turn);
@@ -93,7 +93,7 @@ pub(super) fn leading_out(
     tool: f64,
     start: CompensationStart,
 ) -> Joint {
-    let (last, lead) = (End::of_last(before), End::of_lead(direction, corner, tool));
+    let (last, lead) = (End::from_last(before), End::from_lead(direction, corner, tool));
     let turn = last.along.angle_to(lead.along);
     if is_straight(turn, tool, start) {
         return Joint::at(last.foot, turn);

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use proptest::prelude::*;
-use tandem_model::flow::{Feed, MultiBlock, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::flow::{MultiBlock, Path, Segment, SegmentEnd, SegmentFeed, SegmentMotion};
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::profile::{PathPlace, Profile};
 use tandem_model::settings::CoordinateSystemSettings;
@@ -11,7 +11,7 @@ use tandem_model::{ArcPath, AxisVector};
 use tandem_motion::Planner;
 use tandem_servo::{Control, Splice, profile_queue};
 
-use crate::look_ahead::{Feeds, Way, feeds, is_fault, jerks, machine, soft_machine, ways};
+use crate::look_ahead::{BlockDistance, Feeds, feeds, is_fault, jerks, machine, soft_machine, ways};
 use crate::planned::Machine;
 use crate::rig::{close, origin, vector};
 use crate::splice::slow_feed;
@@ -179,7 +179,7 @@ proptest! {
         prop_assert!(worst <= acceleration * (1.0 + 1e-6), "{worst} of {acceleration}");
         prop_assert!(fastest <= 500.0 * (1.0 + 1e-6), "{fastest} of 500");
         prop_assert!(!machine.events.iter().any(is_fault), "{:?}", machine.events);
-        prop_assert_eq!(machine.rig.position(), machine.profiles[machine.profiles.len() - 1].end());
+        prop_assert_eq!(machine.rig.position(), machine.profiles[machine.profiles.len() - 1].end_position());
     }
 }
 
@@ -226,7 +226,7 @@ proptest! {
         let worst = machine.watch.worst;
         prop_assert!(worst <= acceleration * (1.0 + 1e-6), "{worst} of {acceleration}");
         prop_assert!(!machine.events.iter().any(is_fault), "{:?}", machine.events);
-        prop_assert_eq!(machine.rig.position(), machine.profiles[machine.profiles.len() - 1].end());
+        prop_assert_eq!(machine.rig.position(), machine.profiles[machine.profiles.len() - 1].end_position());
     }
 }
 
@@ -249,7 +249,7 @@ fn back_trace_ends_at_rest_at_the_begin_of_the_chain_or_at_a_bar() {
     machine.events.clear();
     machine.until_finished(1);
     assert_eq!(machine.rig.position(), vector(&[0.0, 0.0]));
-    machine.planner.bar_way_back();
+    machine.planner.forbid_retrace();
     assert_eq!(machine.planner.retrace(at), VecDeque::new());
 }
 
@@ -345,7 +345,7 @@ fn what_is_passed_within_a_rapid_has_the_position_of_its_time() {
 /// cycles.
 fn go_back_through_a_ring(
     settings: &CoordinateSystemSettings,
-    ways: &[Way],
+    ways: &[BlockDistance],
     feeds: impl Into<Feeds>,
     room: usize,
     every: u32,
@@ -401,12 +401,12 @@ proptest! {
 fn m1d_back_trace_with_nanoseconds_of_motion_in_the_ring_reaches_its_end() {
     // 376 profiles a block, the shortest of them passed in 0.2 ns
     let (acceleration, jerk) = (2000.0, 4000.0);
-    let feed = Feed {
+    let feed = SegmentFeed {
         feedrate_mm_min: 600.0,
         ta_ms: 0.0,
         td_ms: 0.0,
         ts_ms: 0.0,
-        ..Feed::default()
+        ..SegmentFeed::default()
     };
     let settings = soft_machine(acceleration, Some(jerk));
     let machine = go_back_through_a_ring(&settings, &[(1e-5, 0.0, false); 2], feed, 4, 1).unwrap();

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use proptest::prelude::*;
-use tandem_model::flow::{Feed, MultiBlock, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::flow::{MultiBlock, Path, Segment, SegmentEnd, SegmentFeed, SegmentMotion};
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::profile::{ChainPlace, Law, Profile};
 use tandem_model::{ArcPath, Axis, AxisVector};
@@ -36,12 +36,12 @@ fn chain() -> Vec<Profile> {
         line([97.0, 20.0, 8.0], [99.0, 21.0, 8.0]),
         line([99.0, 21.0, 8.0], [130.0, 0.0, 0.0]),
     ];
-    let feed = Feed {
+    let feed = SegmentFeed {
         feedrate_mm_min: 6000.0,
         ta_ms: 100.0,
         td_ms: 120.0,
         ts_ms: 50.0,
-        ..Feed::default()
+        ..SegmentFeed::default()
     };
     let mut planner = Planner::new(&settings());
     let mut out = VecDeque::new();
@@ -71,7 +71,7 @@ fn position(profiles: &[Profile], t: f64) -> AxisVector {
         }
         t -= profile.duration_s;
     }
-    profiles[profiles.len() - 1].end()
+    profiles[profiles.len() - 1].end_position()
 }
 
 /// The point of the chain at this X, by halving its time.
@@ -146,7 +146,7 @@ fn s1i_a_chain_whose_next_block_is_late_waits_for_it_on_its_path() {
     let off = rest.minus(position_at_x(&profiles, rest[Axis::X]));
     assert!(off.orthogonal_length() < 1e-9);
     // It rests where the second profile ends, or up to two samples of 0.1 mm before.
-    let left = profiles[1].end()[Axis::X] - rest[Axis::X];
+    let left = profiles[1].end_position()[Axis::X] - rest[Axis::X];
     assert!((0.0..0.2).contains(&left), "{left}");
     rig.cycles(10);
     assert!(rig.position().minus(rest).orthogonal_length() < 1e-9);
@@ -251,7 +251,7 @@ fn s1i_single_block_in_a_chain_rests_on_the_path_behind_the_joint() {
     for profile in profiles.clone() {
         rig.push(profile);
     }
-    let end = profiles[profiles.len() - 1].end();
+    let end = profiles[profiles.len() - 1].end_position();
     let ends = profiles.iter().scan(0.0, |end_s, profile| {
         *end_s += profile.duration_s;
         Some(*end_s)

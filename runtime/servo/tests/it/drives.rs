@@ -15,7 +15,7 @@ const POWER_UP: u32 = 5;
 
 /// Switches by which a test changes the drives, and their observed commands.
 #[derive(Debug, Default)]
-struct Switches {
+struct DriveSwitches {
     /// Frames that are still to be lost, and late.
     lose: AtomicU32,
     late: AtomicU32,
@@ -31,7 +31,7 @@ struct Switches {
 /// Ideal drives.
 #[derive(Debug)]
 struct Bus {
-    switches: Arc<Switches>,
+    switches: Arc<DriveSwitches>,
     powered: u32,
 }
 
@@ -70,8 +70,8 @@ impl DriveBus for Bus {
 }
 
 /// Homed drives without power.
-fn rig_with(at_start: Feedback) -> (Rig, Arc<Switches>) {
-    let switches = Arc::<Switches>::default();
+fn rig_with(at_start: Feedback) -> (Rig, Arc<DriveSwitches>) {
+    let switches = Arc::<DriveSwitches>::default();
     switches.is_homed.store(at_start.is_homed, Relaxed);
     let bus = Bus {
         switches: Arc::clone(&switches),
@@ -87,7 +87,7 @@ fn rig_with(at_start: Feedback) -> (Rig, Arc<Switches>) {
     (Rig { servo, handle }, switches)
 }
 
-fn rig() -> (Rig, Arc<Switches>) {
+fn rig() -> (Rig, Arc<DriveSwitches>) {
     rig_with(Feedback {
         is_enabled: false,
         ..Feedback::following(0.0)
@@ -95,7 +95,7 @@ fn rig() -> (Rig, Arc<Switches>) {
 }
 
 /// Moving at 100 mm/s.
-fn moving() -> (Rig, Arc<Switches>) {
+fn moving() -> (Rig, Arc<DriveSwitches>) {
     let (mut rig, switches) = rig();
     rig.push(rapid(1, 0.0, 100.0));
     rig.until(|event| matches!(event, Event::Started { .. }));

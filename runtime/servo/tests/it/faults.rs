@@ -11,9 +11,9 @@ use crate::rig::{Rig, T, close, dwell, is_stopped, rapid, settings, vector};
 
 /// A bus whose second motor always stays half a millimetre behind.
 #[derive(Debug)]
-struct Stuck;
+struct StuckMotorBus;
 
-impl DriveBus for Stuck {
+impl DriveBus for StuckMotorBus {
     fn exchange(&mut self, commands: &[Command], feedback: &mut [Feedback]) -> CycleResult {
         for (command, feedback) in commands.iter().zip(&mut *feedback) {
             feedback.position = command.position;
@@ -32,7 +32,7 @@ fn fault(events: &[Event]) -> Fault {
 
 #[test]
 fn s1c_motor_not_in_position_after_its_timeout_is_a_fault() {
-    let mut rig = Rig::on_bus(&settings(), Stuck);
+    let mut rig = Rig::on_bus(&settings(), StuckMotorBus);
     rig.push(dwell(1, AxisVector::ZERO, 0.1));
     rig.push(dwell(2, AxisVector::ZERO, 0.1));
     rig.cycles(101);

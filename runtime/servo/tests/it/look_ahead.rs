@@ -5,7 +5,7 @@
 use std::collections::VecDeque;
 
 use proptest::prelude::*;
-use tandem_model::flow::{Feed, MultiBlock, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::flow::{MultiBlock, Path, Segment, SegmentEnd, SegmentFeed, SegmentMotion};
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::profile::{Law, Profile};
 use tandem_model::settings::CoordinateSystemSettings;
@@ -16,17 +16,17 @@ use tandem_servo::{Control, Event};
 use crate::rig::{Rig, T, close, is_finished, is_stopped, origin, settings, vector};
 
 /// Way of each block in X and Y, mm, and whether it is an arc.
-pub type Way = (f64, f64, bool);
+pub type BlockDistance = (f64, f64, bool);
 
 /// Feeds of a program: each block runs at its share of a feedrate, in turn, and at F600 at least.
 #[derive(Debug, Clone, Copy)]
 pub struct Feeds {
-    pub feed: Feed,
+    pub feed: SegmentFeed,
     pub shares: [f64; 3],
 }
 
-impl From<Feed> for Feeds {
-    fn from(feed: Feed) -> Self {
+impl From<SegmentFeed> for Feeds {
+    fn from(feed: SegmentFeed) -> Self {
         Self {
             feed,
             shares: [1.0; 3],
@@ -36,8 +36,8 @@ impl From<Feed> for Feeds {
 
 impl Feeds {
     /// Of block n.
-    pub fn of(&self, n: usize) -> Feed {
-        Feed {
+    pub fn of(&self, n: usize) -> SegmentFeed {
+        SegmentFeed {
             feedrate_mm_min: (self.feed.feedrate_mm_min * self.shares[n % self.shares.len()]).max(600.0),
             ..self.feed
         }
@@ -66,7 +66,11 @@ pub fn jerks() -> impl Strategy<Value = Option<f64>> {
     prop_oneof![2 => Just(None), 1 => Just(Some(4000.0)), 1 => Just(Some(40_000.0))]
 }
 
-pub fn plan(settings: &CoordinateSystemSettings, ways: &[Way], feeds: impl Into<Feeds>) -> Vec<Profile> {
+pub fn plan(
+    settings: &CoordinateSystemSettings,
+    ways: &[BlockDistance],
+    feeds: impl Into<Feeds>,
+) -> Vec<Profile> {
     let mut planner = Planner::new(settings);
     let mut out = VecDeque::new();
     push(&mut planner, ways, feeds, &mut out);
@@ -74,7 +78,12 @@ pub fn plan(settings: &CoordinateSystemSettings, ways: &[Way], feeds: impl Into<
 }
 
 /// Pushes the ways from zero, and ends at rest.
-pub fn push(planner: &mut Planner, ways: &[Way], feeds: impl Into<Feeds>, out: &mut VecDeque<Profile>) {
+pub fn push(
+    planner: &mut Planner,
+    ways: &[BlockDistance],
+    feeds: impl Into<Feeds>,
+    out: &mut VecDeque<Profile>,
+) {
     let feeds = feeds.into();
     let mut at = AxisVector::ZERO;
     for (n, (x, y, bends)) in ways.iter().enumerate() {
@@ -138,12 +147,12 @@ pub fn is_fault(event: &Event) -> bool {
     matches!(event, Event::Fault(_))
 }
 
-pub fn ways() -> impl Strategy<Value = Vec<Way>> {
+pub fn ways() -> impl Strategy<Value = Vec<BlockDistance>> {
     let size = prop_oneof![Just(20.0), Just(1.0), Just(0.05), Just(0.001)];
     let way = (-1.0..1.0, -1.0..1.0, size, prop::bool::weighted(0.2))
         .prop_map(|(x, y, size, bends): (f64, f64, f64, bool)| (x * size, y * size, bends))
         .prop_filter("moves", |(x, y, _)| x.hypot(*y) > 1e-5);
-    let straight = |ways: Vec<Way>| {
+    let straight = |ways: Vec<BlockDistance>| {
         ways.iter()
             .map(|(x, _, _)| (x.abs() + 1e-5, 0.0, false))
             .collect()
@@ -157,12 +166,12 @@ pub fn feeds() -> impl Strategy<Value = Feeds> {
     let time = prop_oneof![Just(0.0), Just(1.0), Just(20.0), Just(100.0)];
     let shares = prop_oneof![Just([1.0; 3]), prop::array::uniform3(0.01..1.0)];
     (600.0..30_000.0, time.clone(), time, shares).prop_map(|(feedrate_mm_min, ta_ms, ts_ms, shares)| Feeds {
-        feed: Feed {
+        feed: SegmentFeed {
             feedrate_mm_min,
             ta_ms,
             td_ms: ta_ms,
             ts_ms,
-            ..Feed::default()
+            ..SegmentFeed::default()
         },
         shares,
     })
@@ -190,7 +199,7 @@ proptest! {
         settings.hold_slew_ms = hold_slew_ms;
         settings.override_slew_ms = hold_slew_ms;
         let profiles = plan(&settings, &ways, feed);
-        let end = profiles[profiles.len() - 1].end();
+        let end = profiles[profiles.len() - 1].end_position();
         let mut rig = Rig::with_room(&settings, 100_000);
         for profile in profiles {
             rig.push(profile);
@@ -232,9 +241,9 @@ proptest! {
     ) {
         let settings = soft_machine(acceleration, jerk);
         // Several times the same way, so that look-ahead gives it in parts.
-        let ways: Vec<Way> = (0..3).flat_map(|_| ways.clone()).collect();
+        let ways: Vec<BlockDistance> = (0..3).flat_map(|_| ways.clone()).collect();
         let profiles = plan(&settings, &ways, feed);
-        let end = profiles[profiles.len() - 1].end();
+        let end = profiles[profiles.len() - 1].end_position();
         let mut rig = Rig::with_room(&settings, 100_000);
         let mut watch = Watch::new();
         let mut events = Vec::new();
@@ -265,15 +274,15 @@ proptest! {
 fn m1d_what_is_known_always_ends_in_a_stop_on_the_path() {
     let acceleration = 1000.0;
     let settings = machine(acceleration);
-    let feed = Feed {
+    let feed = SegmentFeed {
         feedrate_mm_min: 9000.0,
         ta_ms: 50.0,
         td_ms: 50.0,
         ts_ms: 0.0,
-        ..Feed::default()
+        ..SegmentFeed::default()
     };
     // 400 lines of 2 mm and a little up and down.
-    let ways: Vec<Way> = (0..400)
+    let ways: Vec<BlockDistance> = (0..400)
         .map(|n| (2.0, if n % 2 == 0 { 0.1 } else { -0.1 }, false))
         .collect();
     let profiles = plan(&settings, &ways, feed);
@@ -296,7 +305,7 @@ fn m1d_what_is_known_always_ends_in_a_stop_on_the_path() {
     }
     let rest = rig.x();
     assert!(rest > 2.0 * free_to(&profiles[known]) as f64, "{rest}");
-    assert!(rest < profiles[known].end().0[0], "{rest}");
+    assert!(rest < profiles[known].end_position().0[0], "{rest}");
     assert_eq!(watch.cycle(&mut rig), []);
     close(rig.x(), rest);
     for profile in &profiles[known + 1..] {
@@ -307,5 +316,5 @@ fn m1d_what_is_known_always_ends_in_a_stop_on_the_path() {
         assert!(!events.iter().any(is_fault));
     }
     assert!(watch.worst <= acceleration * (1.0 + 1e-6), "{}", watch.worst);
-    assert_eq!(rig.position(), profiles[profiles.len() - 1].end());
+    assert_eq!(rig.position(), profiles[profiles.len() - 1].end_position());
 }

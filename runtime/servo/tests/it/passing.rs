@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use tandem_model::AxisVector;
-use tandem_model::flow::Feed;
+use tandem_model::flow::SegmentFeed;
 use tandem_model::profile::Profile;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_servo::{Control, Event, Servo, SpindleDirection};
@@ -215,12 +215,12 @@ fn line_with_late_next_block_slows_the_same_passed_or_cycle_by_cycle() {
 #[test]
 fn g500_chain_with_late_blocks_slows_the_same_passed_or_cycle_by_cycle() {
     let settings = crate::look_ahead::machine(1000.0);
-    let feed = Feed {
+    let feed = SegmentFeed {
         feedrate_mm_min: 6000.0,
         ta_ms: 50.0,
         td_ms: 50.0,
         ts_ms: 0.0,
-        ..Feed::default()
+        ..SegmentFeed::default()
     };
     let profiles = crate::look_ahead::plan(&settings, &[(20.0, 1.0, false); 8], feed);
     for known in 2..profiles.len() {

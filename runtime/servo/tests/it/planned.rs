@@ -7,7 +7,7 @@ use tandem_model::settings::CoordinateSystemSettings;
 use tandem_motion::Planner;
 use tandem_servo::{Control, Event, Splice, profile_queue};
 
-use crate::look_ahead::{Feeds, Watch, Way, push};
+use crate::look_ahead::{BlockDistance, Feeds, Watch, push};
 use crate::rig::{Rig, is_finished};
 
 /// A machine that runs planned profiles, and can be given new plans.
@@ -22,7 +22,7 @@ pub struct Machine {
 }
 
 impl Machine {
-    pub fn new(settings: &CoordinateSystemSettings, ways: &[Way], feeds: impl Into<Feeds>) -> Self {
+    pub fn new(settings: &CoordinateSystemSettings, ways: &[BlockDistance], feeds: impl Into<Feeds>) -> Self {
         let mut planner = Planner::new(settings);
         let mut out = VecDeque::new();
         push(&mut planner, ways, feeds, &mut out);

@@ -1,7 +1,7 @@
 //! One channel with its handle, and profiles made by hand.
 
 use tandem_model::flow::Path;
-use tandem_model::profile::{ChainPlace, Law, MotorMove, Profile, Ramped, Stretch};
+use tandem_model::profile::{ChainPlace, Law, MotorMove, Profile, RampedMotion, Stretch};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
 use tandem_model::{AXES_MAX, AxisVector, Origin};
@@ -61,7 +61,7 @@ pub fn line(segment: u64, from: AxisVector, to: AxisVector, speed: f64, ta_s: f6
     let ramp = UnitRamp::new(ta_s, 0.0);
     let duration_s = length / speed + ta_s;
     let law = Law::Ramped {
-        block: Ramped {
+        block: RampedMotion {
             path: Path::Line { from, to, length },
             speed,
             start: ramp,

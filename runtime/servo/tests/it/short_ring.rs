@@ -2,12 +2,12 @@
 //! on its path and within its limits, and never runs out of profiles.
 
 use proptest::prelude::*;
-use tandem_model::flow::{Feed, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::flow::{Path, Segment, SegmentEnd, SegmentFeed, SegmentMotion};
 use tandem_model::profile::Profile;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_servo::{Control, Event};
 
-use crate::look_ahead::{Watch, Way, is_fault, jerks, machine, plan, soft_machine};
+use crate::look_ahead::{BlockDistance, Watch, is_fault, jerks, machine, plan, soft_machine};
 use crate::rig::{Rig, T, close, is_finished, settings};
 
 /// Runs profiles through a ring that is filled again before each cycle; gives the cycles that it takes.
@@ -38,25 +38,25 @@ fn run(
             rig.position().0[0]
         );
         if events.iter().any(is_finished(last)) {
-            assert_eq!(rig.position(), profiles[profiles.len() - 1].end());
+            assert_eq!(rig.position(), profiles[profiles.len() - 1].end_position());
             return (cycle, watch);
         }
     }
     panic!("it never ends");
 }
 
-fn fast() -> Feed {
-    Feed {
+fn fast() -> SegmentFeed {
+    SegmentFeed {
         feedrate_mm_min: 9000.0,
         ta_ms: 20.0,
         td_ms: 20.0,
         ts_ms: 0.0,
-        ..Feed::default()
+        ..SegmentFeed::default()
     }
 }
 
 /// Lines along X with a little up and down.
-fn lines(n: usize, length: f64) -> Vec<Way> {
+fn lines(n: usize, length: f64) -> Vec<BlockDistance> {
     (0..n)
         .map(|k| (length, if k % 2 == 0 { 0.1 } else { -0.1 } * length, false))
         .collect()
@@ -80,7 +80,7 @@ fn m1d_g500_ring_shorter_than_the_stopping_distance_only_slows_motion() {
 }
 
 /// The same blocks with G501.
-fn with_g501(settings: &CoordinateSystemSettings, ways: &[Way], feed: Feed) -> Vec<Profile> {
+fn with_g501(settings: &CoordinateSystemSettings, ways: &[BlockDistance], feed: SegmentFeed) -> Vec<Profile> {
     let mut planner = tandem_motion::Planner::new(settings);
     let mut out = std::collections::VecDeque::new();
     let mut from = tandem_model::AxisVector::ZERO;
@@ -139,7 +139,7 @@ fn m1d_a_chain_of_which_the_ring_holds_only_picoseconds_comes_to_its_end() {
 fn m1b_chain_beyond_the_blocks_per_period_limit_slows_and_never_jumps() {
     // 10,000 blocks of 2e-5 mm in a period at F, 20,000 at 200 percent: 4,096 are passed; then one of 20 mm
     let settings = settings();
-    let ways: Vec<Way> = std::iter::repeat_n((2e-5, 0.0, false), 60_000)
+    let ways: Vec<BlockDistance> = std::iter::repeat_n((2e-5, 0.0, false), 60_000)
         .chain([(20.0, 0.0, false)])
         .collect();
     let mut feed = fast();
@@ -181,7 +181,7 @@ proptest! {
         jerk in jerks(),
         feed_override in 0.1..1.0,
     ) {
-        let ways: Vec<Way> = ways
+        let ways: Vec<BlockDistance> = ways
             .into_iter()
             .map(|(x, y, bends): (f64, f64, bool)| (x * size, (y + 0.01) * size, bends))
             .collect();

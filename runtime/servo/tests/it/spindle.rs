@@ -60,7 +60,7 @@ const POWER_UP: u32 = 5;
 
 /// Switches by which a test changes the spindle's drive, and its observed commands.
 #[derive(Debug, Default)]
-struct Switches {
+struct SpindleSwitches {
     /// Goes when it is cleared, unless it stays.
     fault: AtomicU16,
     fault_stays: AtomicBool,
@@ -71,7 +71,7 @@ struct Switches {
 /// Turns at once as it is commanded, where it has power.
 #[derive(Debug, Default)]
 struct Drive {
-    switches: Arc<Switches>,
+    switches: Arc<SpindleSwitches>,
     powered: u32,
     rpm: f64,
     orients: bool,
@@ -135,7 +135,7 @@ impl Spindle for Drive {
     }
 }
 
-fn rig_with_drive(settings: &CoordinateSystemSettings) -> (Rig, Arc<Switches>) {
+fn rig_with_drive(settings: &CoordinateSystemSettings) -> (Rig, Arc<SpindleSwitches>) {
     let drive = Drive::default();
     let switches = Arc::clone(&drive.switches);
     let bus = SimulatedBus::new([settings]);
@@ -150,7 +150,7 @@ fn rig_with_drive(settings: &CoordinateSystemSettings) -> (Rig, Arc<Switches>) {
 }
 
 /// The spindle turns, and X moves at 100 mm/s.
-fn moving() -> (Rig, Arc<Switches>) {
+fn moving() -> (Rig, Arc<SpindleSwitches>) {
     let (mut rig, switches) = rig_with_drive(&with_spindle());
     rig.control(command(SpindleDirection::Cw, 500.0));
     rig.cycles(20);

@@ -4,7 +4,7 @@
 use std::cell::Cell;
 
 use proptest::prelude::*;
-use tandem_model::flow::Feed;
+use tandem_model::flow::SegmentFeed;
 use tandem_servo::Control;
 
 use crate::look_ahead::{Feeds, feeds, is_fault, jerks, machine, soft_machine, ways};
@@ -98,18 +98,18 @@ fn m1d_override_up_to_200_percent_keeps_motor_limits_and_the_path() {
         prop_assert!(worst <= acceleration * (1.0 + 1e-6), "{worst} of {acceleration}");
         prop_assert!(fastest <= 500.0 * (1.0 + 1e-6), "{fastest} of 500");
         prop_assert!(!machine.events.iter().any(is_fault), "{:?}", machine.events);
-        prop_assert_eq!(machine.rig.position(), machine.profiles[machine.profiles.len() - 1].end());
+        prop_assert_eq!(machine.rig.position(), machine.profiles[machine.profiles.len() - 1].end_position());
     });
     assert!(taken.get() > 0, "no case has taken another plan");
 }
 
-pub fn slow_feed() -> Feed {
-    Feed {
+pub fn slow_feed() -> SegmentFeed {
+    SegmentFeed {
         feedrate_mm_min: 6000.0,
         ta_ms: 100.0,
         td_ms: 100.0,
         ts_ms: 0.0,
-        ..Feed::default()
+        ..SegmentFeed::default()
     }
 }
 
@@ -166,12 +166,12 @@ fn m1d_motor_reserve_holds_beyond_a_joint_inside_the_next_profile() {
         (-18.834_760_552_182_694, 7.178_908_512_507_611, true),
         (-0.908_082_539_516_207_9, 0.0, false),
     ];
-    let feed = Feed {
+    let feed = SegmentFeed {
         feedrate_mm_min: 22_484.411_134_740_116,
         ta_ms: 0.0,
         td_ms: 0.0,
         ts_ms: 20.0,
-        ..Feed::default()
+        ..SegmentFeed::default()
     };
     let mut settings = machine(10_000.0);
     settings.hold_slew_ms = 0.0;
@@ -207,12 +207,12 @@ fn m1d_what_the_motors_leave_counts_beyond_a_joint_that_is_not_taken() {
         15.263_361_061_549_388,
     ];
     let feeds = Feeds {
-        feed: Feed {
+        feed: SegmentFeed {
             feedrate_mm_min: 4_387.144_858_601_284,
             ta_ms: 0.0,
             td_ms: 0.0,
             ts_ms: 0.0,
-            ..Feed::default()
+            ..SegmentFeed::default()
         },
         shares: [
             0.159_835_947_443_025_23,

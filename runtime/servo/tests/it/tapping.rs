@@ -80,12 +80,12 @@ fn oriented_at_the_hole(settings: &CoordinateSystemSettings, turns: f64) -> Rig 
 }
 
 /// The spindle's revolutions since the tool was at R, from the angles of each cycle.
-struct Turned {
+struct SpindleRevolutions {
     revolutions: f64,
     last_deg: f64,
 }
 
-impl Turned {
+impl SpindleRevolutions {
     fn new(rig: &Rig) -> Self {
         Self {
             revolutions: 0.0,
@@ -128,7 +128,7 @@ fn way(t: f64) -> f64 {
 fn m1h_spindle_is_in_phase_with_z_in_every_cycle_with_ramps_and_dwell() {
     for sense in [1.0, -1.0] {
         let mut rig = oriented_at_the_hole(&with_spindle(), 15.0 * sense);
-        let mut turned = Turned::new(&rig);
+        let mut turned = SpindleRevolutions::new(&rig);
         let mut events = rig.cycle();
         for k in 0..=3140 {
             close(rig.position().0[2], R - way(f64::from(k) * T));
@@ -178,7 +178,7 @@ fn m1i_a_hold_in_the_thread_comes_after_the_way_out() {
     // on the way in, in the dwell, and on the way out
     for cycles in [1000, 3300, 5000] {
         let mut rig = oriented_at_the_hole(&with_spindle(), 15.0);
-        let mut turned = Turned::new(&rig);
+        let mut turned = SpindleRevolutions::new(&rig);
         let mut events = Vec::new();
         let mut step = |rig: &mut Rig, events: &mut Vec<Event>| {
             events.extend(rig.cycle());
@@ -210,7 +210,7 @@ fn m1h_hold_in_phase_rests_in_the_thread_and_leaves_it_in_phase() {
     for cycles in [100, 1000, 3000, 3300, 5000] {
         for waits in [false, true] {
             let mut rig = oriented_at_the_hole(&with_spindle(), 15.0);
-            let mut turned = Turned::new(&rig);
+            let mut turned = SpindleRevolutions::new(&rig);
             let mut step = |rig: &mut Rig| {
                 let events = rig.cycle();
                 turned.check(rig, PER_MM);
@@ -268,7 +268,7 @@ fn m1i_without_a_spindle_a_hold_waits_through_gaps_in_the_thread() {
 #[test]
 fn m1h_a_stop_in_the_thread_decelerates_in_phase() {
     let mut rig = oriented_at_the_hole(&with_spindle(), 15.0);
-    let mut turned = Turned::new(&rig);
+    let mut turned = SpindleRevolutions::new(&rig);
     for _ in 0..1000 {
         rig.cycle();
         turned.check(&rig, PER_MM);
@@ -320,7 +320,7 @@ fn m1h_an_abort_brakes_each_motor_on_its_own() {
 fn a_spindle_command_waits_until_the_tool_is_out() {
     let mut rig = oriented_at_the_hole(&with_spindle(), 15.0);
     rig.cycles(1000);
-    let mut turned = Turned::new(&rig);
+    let mut turned = SpindleRevolutions::new(&rig);
     turned.revolutions = (R - rig.position().0[2]) * PER_MM;
     rig.control(Control::Spindle {
         direction: SpindleDirection::Cw,

@@ -25,14 +25,14 @@ pub struct Difference {
     /// `path`, `m_codes`, `time`.
     what: Vec<&'static str>,
     /// Lines of the old program; null if only the new one has these elements.
-    pub old: Option<Part>,
+    pub old: Option<ProgramPart>,
     /// Lines of the new program; null if only the old one has these elements.
-    pub new: Option<Part>,
+    pub new: Option<ProgramPart>,
 }
 
 /// A part of a program.
 #[derive(Debug, Serialize)]
-pub struct Part {
+pub struct ProgramPart {
     program: u16,
     from_line: u32,
     to_line: u32,
@@ -44,8 +44,8 @@ pub struct Part {
     pub elements: Range<usize>,
 }
 
-impl Part {
-    fn of(all: &[Element], elements: Range<usize>) -> Option<Self> {
+impl ProgramPart {
+    fn from_elements(all: &[Element], elements: Range<usize>) -> Option<Self> {
         let part = &all[elements.clone()];
         let first = part.first()?;
         let of_program = || part.iter().filter(|element| element.program == first.program);
@@ -94,7 +94,7 @@ impl Difference {
 
 impl fmt::Display for Difference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let part = |part: &Option<Part>| match part {
+        let part = |part: &Option<ProgramPart>| match part {
             None => "nothing".to_owned(),
             Some(part) => {
                 let lines = if part.from_line == part.to_line {
@@ -130,8 +130,8 @@ pub fn compare(programs: [&[Element]; 2], [tolerance, time_tolerance]: [f64; 2])
     let mut push = |what: Vec<&'static str>, of_old: Range<usize>, of_new: Range<usize>| {
         differences.push(Difference {
             what,
-            old: Part::of(old, of_old),
-            new: Part::of(new, of_new),
+            old: ProgramPart::from_elements(old, of_old),
+            new: ProgramPart::from_elements(new, of_new),
         });
     };
     let (mut i, mut j) = (0, 0);

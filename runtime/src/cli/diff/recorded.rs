@@ -7,9 +7,9 @@ use plc_api::types::output::Params;
 use tandem_model::flow::{Path, Segment, SegmentMotion};
 use tandem_model::{AxisVector, Origin};
 use tandem_runtime::journal::{Event, Line};
-use tandem_runtime::simulation::Planned;
+use tandem_runtime::simulation::PlannedMotion;
 
-use crate::cli::simulate::{Outcome, Plan, Watch};
+use crate::cli::simulate::{Outcome, SimulationPlan, SimulationWatch};
 
 /// Number of lines that represent an arc in the drawing.
 const LINES_OF_ARC: u32 = 64;
@@ -59,7 +59,7 @@ impl Does {
 }
 
 impl Element {
-    fn of(segment: &Segment) -> Self {
+    fn from_segment(segment: &Segment) -> Self {
         let Origin { program, line, .. } = segment.origin;
         let (does, time_s) = match &segment.motion {
             SegmentMotion::Feed { path, .. } => (Does::Feed(path.clone()), 0.0),
@@ -102,7 +102,7 @@ impl Element {
     }
 
     /// Returns the points of its path for the drawing.
-    pub fn way(&self) -> Option<Vec<AxisVector>> {
+    pub fn path_points(&self) -> Option<Vec<AxisVector>> {
         match &self.does {
             Does::Feed(Path::Line { from, to, .. })
             | Does::Alone { from, to, .. }
@@ -120,7 +120,7 @@ impl Element {
     }
 
     /// Extends a line if the next one continues in the same direction.
-    fn take(&mut self, next: &Self) -> bool {
+    fn extend_line(&mut self, next: &Self) -> bool {
         let (
             Does::Feed(Path::Line { from, to, length }),
             Does::Feed(Path::Line {
@@ -154,10 +154,12 @@ fn alone(skips: bool, from: AxisVector, to: AxisVector) -> Does {
 struct Recording(Vec<(u64, Element)>);
 
 impl Recording {
-    fn plan(&mut self, planned: Planned<'_>) {
+    fn plan(&mut self, planned: PlannedMotion<'_>) {
         match planned {
-            Planned::Segment { number, segment, .. } => self.0.push((number, Element::of(segment))),
-            Planned::Profile(profile) => {
+            PlannedMotion::Segment { number, segment, .. } => {
+                self.0.push((number, Element::from_segment(segment)))
+            }
+            PlannedMotion::Profile(profile) => {
                 let mut latest = self.0.iter_mut().rev();
                 let element = latest.find(|(segment, _)| *segment == profile.segment);
                 if let Some((_, element)) = element {
@@ -167,7 +169,7 @@ impl Recording {
         }
     }
 
-    fn hear(&mut self, line: &Line) {
+    fn record_line(&mut self, line: &Line) {
         let (program, line, does) = match &line.event {
             Event::Output(notice) => {
                 let (m, params) = (notice.m, notice.params);
@@ -192,7 +194,7 @@ impl Recording {
         let mut elements: Vec<Element> = Vec::new();
         let moving = self.0.into_iter().map(|(_, element)| element);
         for element in moving.filter(|element| !element.is_nothing()) {
-            if !elements.last_mut().is_some_and(|last| last.take(&element)) {
+            if !elements.last_mut().is_some_and(|last| last.extend_line(&element)) {
                 elements.push(element);
             }
         }
@@ -204,13 +206,13 @@ impl Recording {
 ///
 /// # Errors
 /// Fails if a command is rejected.
-pub fn record(plan: Plan) -> anyhow::Result<(Vec<Element>, Outcome)> {
+pub fn record(plan: SimulationPlan) -> anyhow::Result<(Vec<Element>, Outcome)> {
     let recording = Arc::new(Mutex::new(Recording::default()));
     let (planned, heard) = (Arc::clone(&recording), Arc::clone(&recording));
-    let outcome = plan.simulate(Watch {
+    let outcome = plan.simulate(SimulationWatch {
         on_plan: Some(Box::new(move |of_plan| planned.lock().plan(of_plan))),
-        on_line: Some(Box::new(move |line| heard.lock().hear(line))),
-        ..Watch::default()
+        on_line: Some(Box::new(move |line| heard.lock().record_line(line))),
+        ..SimulationWatch::default()
     })?;
     let recording = std::mem::take(&mut *recording.lock());
     Ok((recording.finish(), outcome))

@@ -83,7 +83,7 @@ impl Order<'_> {
 
 /// Counters of one machine, or of all.
 #[derive(Debug, Default)]
-pub(super) struct Counted {
+pub(super) struct FleetCounters {
     /// Time from each output to its reset, s.
     pub(super) m_code_s: Vec<f64>,
     /// Messages that the HMI has read.
@@ -95,8 +95,8 @@ pub(super) struct Counted {
     pub(super) handlers_lost: u64,
 }
 
-impl Counted {
-    pub(super) fn add(&mut self, mut other: Counted) {
+impl FleetCounters {
+    pub(super) fn add(&mut self, mut other: FleetCounters) {
         self.m_code_s.append(&mut other.m_code_s);
         self.messages += other.messages;
         self.cycles += other.cycles;
@@ -187,11 +187,11 @@ impl FleetMachine {
         })
     }
 
-    pub(super) async fn counted(&self) -> anyhow::Result<Counted> {
+    pub(super) async fn counted(&self) -> anyhow::Result<FleetCounters> {
         let state = self.plc.coordinate_system(1).state().await?;
         let is_running = matches!(state.execution, Execution::Active | Execution::Wait);
         let (before, now) = (*self.before.lock(), self.servo());
-        Ok(Counted {
+        Ok(FleetCounters {
             m_code_s: std::mem::take(&mut *self.counts.m_code_s.lock()),
             messages: self.counts.messages.load(Ordering::Relaxed),
             cycles: now.0 - before.0,

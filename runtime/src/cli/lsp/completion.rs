@@ -13,7 +13,7 @@ use super::features::codes;
 const OF_EVERY_BLOCK: [Address; 5] = [Address::F, Address::S, Address::Ta, Address::Td, Address::Ts];
 
 /// Context of a position.
-enum Place {
+enum CompletionPlace {
     /// The words of a block, or nothing.
     Block,
     /// A part of an expression or of a condition.
@@ -34,10 +34,10 @@ pub(super) fn completion(document: &Document, at: Position) -> Vec<CompletionIte
     if !(dialect.grammar)().program_codes {
         return block(document, &line);
     }
-    match place(document, &line) {
-        Place::Brackets => variables().collect(),
-        Place::Expression => variables().chain(functions()).collect(),
-        Place::Block => {
+    match completion_place(document, &line) {
+        CompletionPlace::Brackets => variables().collect(),
+        CompletionPlace::Expression => variables().chain(functions()).collect(),
+        CompletionPlace::Block => {
             let mut items = block(document, &line);
             items.extend(Keyword::ALL.iter().map(|keyword| keyword_item(*keyword)));
             items.extend(functions());
@@ -46,8 +46,8 @@ pub(super) fn completion(document: &Document, at: Position) -> Vec<CompletionIte
     }
 }
 
-fn place(document: &Document, line: &[Token]) -> Place {
-    let is = |token: &Token, text: &str| document.of(token.span) == text;
+fn completion_place(document: &Document, line: &[Token]) -> CompletionPlace {
+    let is = |token: &Token, text: &str| document.text_at(token.span) == text;
     let opened = |open: &str, close: &str| {
         let opens = line.iter().filter(|token| is(token, open)).count();
         opens > line.iter().filter(|token| is(token, close)).count()
@@ -57,11 +57,11 @@ fn place(document: &Document, line: &[Token]) -> Place {
         [first, ..] if matches!(first.kind, TokenKind::Variable(_))
     );
     if opened("[", "]") {
-        Place::Brackets
+        CompletionPlace::Brackets
     } else if opened("(", ")") || (assigns && line.iter().any(|token| is(token, "="))) {
-        Place::Expression
+        CompletionPlace::Expression
     } else {
-        Place::Block
+        CompletionPlace::Block
     }
 }
 
@@ -118,7 +118,7 @@ fn variables() -> impl Iterator<Item = CompletionItem> {
 fn in_comment(document: &Document, byte: usize) -> bool {
     let inside = |token: &Token| (token.span.start as usize) < byte && byte <= token.span.end as usize;
     let mut comments = document.tokens().filter(|token| token.kind == TokenKind::Comment);
-    comments.any(|token| inside(&token) && !document.of(token.span).ends_with(['/', ')']))
+    comments.any(|token| inside(&token) && !document.text_at(token.span).ends_with(['/', ')']))
 }
 
 fn item(label: &str, kind: CompletionItemKind, detail: &str, docs: &str) -> CompletionItem {

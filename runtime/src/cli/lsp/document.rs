@@ -106,7 +106,7 @@ impl Document {
         text.trim_end_matches(['\n', '\r'])
     }
 
-    pub fn of(&self, span: Span) -> &str {
+    pub fn text_at(&self, span: Span) -> &str {
         let range = span.start as usize..span.end as usize;
         self.text.get(range).unwrap_or_default()
     }

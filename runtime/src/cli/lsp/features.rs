@@ -62,13 +62,13 @@ pub(super) fn hover(document: &Document, at: Position) -> Option<Hover> {
 /// Returns the name under which a token has a page: a code, an address, a variable, a keyword or a function.
 fn name_of(document: &Document, line: &[Token], index: usize) -> Option<String> {
     let token = line.get(index)?;
-    let text = document.of(token.span);
+    let text = document.text_at(token.span);
     match token.kind {
         TokenKind::Address(Address::G | Address::M) => {
             let number = line.get(index + 1).filter(|next| next.kind == TokenKind::Number);
             Some(format!(
                 "{text}{}",
-                number.map_or("", |next| document.of(next.span))
+                number.map_or("", |next| document.text_at(next.span))
             ))
         }
         TokenKind::Address(address) => Some(address.text().to_owned()),
@@ -88,7 +88,7 @@ pub(super) fn codes(document: &Document, line: &[Token]) -> Vec<&'static Code> {
         let TokenKind::Address(address @ (Address::G | Address::M)) = pair[0].kind else {
             return None;
         };
-        let number = (pair[1].kind == TokenKind::Number).then(|| document.of(pair[1].span))?;
+        let number = (pair[1].kind == TokenKind::Number).then(|| document.text_at(pair[1].span))?;
         dialect.code(address, number.parse().ok()?)
     });
     pairs.collect()
@@ -103,7 +103,7 @@ pub(super) fn definition(document: &Document, at: Position) -> Option<Location> 
     let call = line
         .windows(2)
         .find(|pair| pair[0].kind == TokenKind::Address(Address::P))?;
-    let number = document.of(call[1].span).parse().ok()?;
+    let number = document.text_at(call[1].span).parse().ok()?;
     let data_dir = document
         .target
         .machine

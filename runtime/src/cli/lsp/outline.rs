@@ -59,7 +59,7 @@ pub(super) fn semantic_tokens(document: &Document, first: u32, last: u32) -> Vec
         if start.line > last {
             break;
         }
-        for (line, text) in document.of(token.span).split('\n').enumerate() {
+        for (line, text) in document.text_at(token.span).split('\n').enumerate() {
             let line = start.line + small(line);
             let start = if line == start.line { start.character } else { 0 };
             let length = small(text.trim_end_matches('\r').chars().map(char::len_utf16).sum());
@@ -89,7 +89,7 @@ fn sections(document: &Document) -> Vec<(u32, String)> {
         match token.kind {
             TokenKind::LineEnd => {
                 if let Some(comment) = open.take() {
-                    titles.push((comment.span.start, title(document.of(comment.span))));
+                    titles.push((comment.span.start, title(document.text_at(comment.span))));
                 }
                 before_is_empty = line_begins;
                 line_begins = true;
@@ -128,7 +128,7 @@ pub(super) fn symbols(document: &Document) -> Vec<DocumentSymbol> {
         .filter(|token| token.kind == TokenKind::ProgramNumber)
         .map(|token| {
             symbol(
-                document.of(token.span).to_owned(),
+                document.text_at(token.span).to_owned(),
                 SymbolKind::MODULE,
                 document.range(token.span),
             )
@@ -156,7 +156,7 @@ pub(super) fn symbols(document: &Document) -> Vec<DocumentSymbol> {
                 at,
                 Position::new(at.line, small(line.chars().map(char::len_utf16).sum())),
             );
-            let name = format!("N{}", document.of(token.span));
+            let name = format!("N{}", document.text_at(token.span));
             numbered.push(symbol(name, SymbolKind::KEY, range));
             if numbered.len() > NUMBERED_MAX {
                 return symbols;

@@ -96,7 +96,7 @@ pub(super) fn serve(connection: &Connection, setup: Setup, command: PathBuf) -> 
                 Err(_) => return Ok(false),
             },
             recv(server.timing.ended) -> ended => {
-                if ended.is_ok_and(|ended| server.timing.take(ended)) {
+                if ended.is_ok_and(|ended| server.timing.accept_result(ended)) {
                     server.refresh_times();
                 }
             },
@@ -104,7 +104,7 @@ pub(super) fn serve(connection: &Connection, setup: Setup, command: PathBuf) -> 
                 server.timing.give_up();
                 server.refresh_times();
             },
-            recv(quiet) -> _ => server.go_on(),
+            recv(quiet) -> _ => server.start_next_job(),
         }
     }
 }
@@ -178,7 +178,7 @@ impl Server<'_> {
         let _ = self.connection.sender.send(message.into());
     }
 
-    fn tell<N: notification::Notification>(&self, params: N::Params) {
+    fn notify_client<N: notification::Notification>(&self, params: N::Params) {
         self.send(Notification::new(N::METHOD.to_owned(), params));
     }
 
@@ -308,13 +308,13 @@ impl Server<'_> {
                 self.documents.remove(uri.as_str());
                 self.due.remove(uri.as_str());
                 self.timing.forget(uri.as_str());
-                self.tell::<notification::PublishDiagnostics>(PublishDiagnosticsParams::new(
+                self.notify_client::<notification::PublishDiagnostics>(PublishDiagnosticsParams::new(
                     uri,
                     Vec::new(),
                     None,
                 ));
             }
-            MALFORMED => self.tell::<notification::LogMessage>(LogMessageParams {
+            MALFORMED => self.notify_client::<notification::LogMessage>(LogMessageParams {
                 typ: MessageType::ERROR,
                 message: notice.params.as_str().unwrap_or_default().to_owned(),
             }),
@@ -333,7 +333,7 @@ impl Server<'_> {
 
     fn warn(&self, wrong: Option<String>) {
         if let Some(message) = wrong {
-            self.tell::<notification::ShowMessage>(ShowMessageParams {
+            self.notify_client::<notification::ShowMessage>(ShowMessageParams {
                 typ: MessageType::WARNING,
                 message,
             });
@@ -341,7 +341,7 @@ impl Server<'_> {
     }
 
     /// Starts the next pending job.
-    fn go_on(&mut self) {
+    fn start_next_job(&mut self) {
         if self.due.is_empty() {
             self.start_timing();
         } else {
@@ -384,7 +384,7 @@ impl Server<'_> {
             let document = &self.documents[&uri];
             let found = features::diagnostics(document);
             let params = PublishDiagnosticsParams::new(document.uri.clone(), found, Some(document.version));
-            self.tell::<notification::PublishDiagnostics>(params);
+            self.notify_client::<notification::PublishDiagnostics>(params);
             self.warn(wrong);
         }
         self.check_took = begun.elapsed();

@@ -17,11 +17,11 @@ const CONFIG_NAME: &str = "tandem.toml";
 pub(super) struct Setup {
     config: Option<PathBuf>,
     dialect: Option<&'static Dialect>,
-    known: BTreeMap<PathBuf, Known>,
+    known: BTreeMap<PathBuf, CachedConfig>,
 }
 
 /// A configuration with the time of its last change; `None` if it cannot be read.
-struct Known {
+struct CachedConfig {
     changed: Option<SystemTime>,
     machine: Option<Arc<Machine>>,
 }
@@ -83,7 +83,7 @@ impl Setup {
             Ok((_, machine)) => (Some(Arc::new(machine)), None),
             Err(error) => (None, Some(format!("{error:#}"))),
         };
-        let known = Known {
+        let known = CachedConfig {
             changed,
             machine: machine.clone(),
         };

@@ -38,7 +38,7 @@ impl Editor {
             requests: 0,
         };
         editor.ask("initialize", json!({"capabilities": {}}));
-        editor.tell("initialized", json!({}));
+        editor.notify_server("initialized", json!({}));
         editor
     }
 
@@ -46,7 +46,7 @@ impl Editor {
         format!("file://{}", self.folder.path().join(name).display())
     }
 
-    fn tell(&self, method: &str, params: Value) {
+    fn notify_server(&self, method: &str, params: Value) {
         let notice = Notification::new(method.to_owned(), params);
         self.connection.sender.send(notice.into()).unwrap();
     }
@@ -77,12 +77,12 @@ impl Editor {
 
     fn open(&self, name: &str, text: &str) {
         let item = json!({"uri": self.uri(name), "languageId": "nc", "version": 1, "text": text});
-        self.tell("textDocument/didOpen", json!({"textDocument": item}));
+        self.notify_server("textDocument/didOpen", json!({"textDocument": item}));
     }
 
     fn change(&self, name: &str, version: i32, changes: &Value) {
         let item = json!({"uri": self.uri(name), "version": version});
-        self.tell(
+        self.notify_server(
             "textDocument/didChange",
             json!({"textDocument": item, "contentChanges": changes}),
         );
@@ -167,7 +167,7 @@ fn findings_come_while_typing_with_the_version_and_utf_16_columns() {
     );
     editor.change("a.nc", 4, &json!([{"text": "G00 X1\nM30\n"}]));
     assert_eq!(editor.diagnostics(), (json!(4), vec![]));
-    editor.tell("textDocument/didClose", editor.of("a.nc"));
+    editor.notify_server("textDocument/didClose", editor.of("a.nc"));
     assert_eq!(editor.diagnostics(), (Value::Null, vec![]));
 }
 
@@ -177,7 +177,7 @@ fn a_save_checks_the_open_programs_that_call_what_is_there_now() {
     editor.open("a.nc", "M98 P1000\nM30\n");
     assert_eq!(editor.diagnostics().1.len(), 1, "1000 is not there");
     fs::write(editor.folder.path().join("1000.nc"), "M99\n").unwrap();
-    editor.tell("textDocument/didSave", editor.of("a.nc"));
+    editor.notify_server("textDocument/didSave", editor.of("a.nc"));
     assert_eq!(editor.diagnostics().1, []);
 }
 
@@ -248,7 +248,7 @@ fn the_nearest_configuration_says_dialect_axes_and_m_codes() {
     let all = editor.labels(3, 0);
     assert!(all.iter().any(|label| label == "G83") && all.iter().all(|label| label != "while"));
     fs::write(editor.folder.path().join("tandem.toml"), "[machine]\nname = 5\n").unwrap();
-    editor.tell("textDocument/didSave", editor.of("a.nc"));
+    editor.notify_server("textDocument/didSave", editor.of("a.nc"));
     let warned = loop {
         if let Message::Notification(notice) = editor.next()
             && notice.method == "window/showMessage"
@@ -378,16 +378,16 @@ fn what_is_not_offered_malformed_or_not_open_is_answered_and_nothing_ends() {
         editor.ask("textDocument/hover", editor.at("a.nc", 0, 0)),
         Value::Null
     );
-    editor.tell("textDocument/didChange", json!(5));
-    editor.tell("textDocument/didOpen", json!({}));
+    editor.notify_server("textDocument/didChange", json!(5));
+    editor.notify_server("textDocument/didOpen", json!({}));
     editor.change("a.nc", 1, &json!([{"text": "x"}]));
-    editor.tell("$/cancelRequest", json!({"id": 1}));
+    editor.notify_server("$/cancelRequest", json!({"id": 1}));
     let backward = json!({"range": {"start": {"line": 9, "character": 9}, "end": {"line": 0, "character": 0}}, "text": "\u{e4}"});
     editor.open("a.nc", "\u{1f600}X1");
     editor.change("a.nc", 2, &json!([backward]));
     editor.diagnostics();
     editor.ask("shutdown", Value::Null);
-    editor.tell("exit", Value::Null);
+    editor.notify_server("exit", Value::Null);
     assert!(editor.server.join().unwrap().unwrap(), "it has ended in order");
 }
 
@@ -398,7 +398,7 @@ fn an_answer_or_a_question_between_shutdown_and_exit_is_no_failure() {
     let late = lsp_server::Response::new_ok(1.into(), Value::Null);
     editor.connection.sender.send(late.into()).unwrap();
     assert_eq!(editor.ask("textDocument/hover", json!({}))["code"], -32600);
-    editor.tell("exit", Value::Null);
+    editor.notify_server("exit", Value::Null);
     assert!(editor.server.join().unwrap().unwrap(), "it has ended in order");
 }
 

@@ -37,7 +37,7 @@ struct Running {
 
 /// Part of the simulation result that is used.
 #[derive(Deserialize)]
-struct Simulated {
+struct SimulationSummary {
     outcome: String,
     cycle_time_s: f64,
     alarm: Option<Alarm>,
@@ -52,12 +52,12 @@ struct Alarm {
 
 /// Part of the result that is used if a called program has errors.
 #[derive(Deserialize)]
-struct Refused {
-    diagnostics: Vec<Found>,
+struct RefusedSimulation {
+    diagnostics: Vec<ReportedDiagnostic>,
 }
 
 #[derive(Deserialize)]
-struct Found {
+struct ReportedDiagnostic {
     file: String,
     line: u32,
     message: String,
@@ -81,7 +81,7 @@ impl Timing {
     pub fn forget(&mut self, uri: &str) {
         self.titles.remove(uri);
         if self.running.as_ref().is_some_and(|running| running.uri == uri) {
-            self.end();
+            self.stop_simulation();
         }
     }
 
@@ -94,7 +94,7 @@ impl Timing {
     /// Simulates a program without errors; ends the simulation that is running.
     pub fn start(&mut self, document: &Document) {
         let uri = document.uri.as_str().to_owned();
-        self.end();
+        self.stop_simulation();
         let mut command = Command::new(&self.command);
         command.args([
             "simulate",
@@ -141,14 +141,14 @@ impl Timing {
     }
 
     /// Handles the end of a simulation. Returns true if it is the current one, so that there is a new time.
-    pub fn take(&mut self, (number, printed): (u64, String)) -> bool {
+    pub fn accept_result(&mut self, (number, printed): (u64, String)) -> bool {
         if number != self.started {
             return false;
         }
         let Some(uri) = self.running.as_ref().map(|running| running.uri.clone()) else {
             return false;
         };
-        self.end();
+        self.stop_simulation();
         self.titles.insert(uri, title(&printed));
         true
     }
@@ -159,10 +159,10 @@ impl Timing {
             let title = format!("no time: the simulation takes longer than {} s", LIMIT.as_secs());
             self.titles.insert(running.uri.clone(), title);
         }
-        self.end();
+        self.stop_simulation();
     }
 
-    fn end(&mut self) {
+    fn stop_simulation(&mut self) {
         self.late = never();
         if let Some(mut running) = self.running.take() {
             // the process may already have ended
@@ -188,17 +188,17 @@ impl Timing {
 
 impl Drop for Timing {
     fn drop(&mut self) {
-        self.end();
+        self.stop_simulation();
     }
 }
 
 fn title(printed: &str) -> String {
-    let Ok(simulated) = serde_json::from_str::<Simulated>(printed) else {
-        let refused = serde_json::from_str::<Refused>(printed).ok();
+    let Ok(simulated) = serde_json::from_str::<SimulationSummary>(printed) else {
+        let refused = serde_json::from_str::<RefusedSimulation>(printed).ok();
         let found = refused.and_then(|refused| refused.diagnostics.into_iter().next());
         return found.map_or_else(
             || "no time: the program cannot be simulated".to_owned(),
-            |Found { file, line, message }| format!("no time: {file}, line {line}: {message}"),
+            |ReportedDiagnostic { file, line, message }| format!("no time: {file}, line {line}: {message}"),
         );
     };
     let time = format!("{:.3} s", simulated.cycle_time_s);

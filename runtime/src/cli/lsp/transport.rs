@@ -19,7 +19,7 @@ const HEADER_BYTES_MAX: u64 = 4096;
 pub(super) const MALFORMED: &str = "$/tandem/malformed";
 
 /// Next input.
-enum Next {
+enum NextInput {
     Message(Message),
     /// Input that is not a valid message, with the reason.
     Malformed(String),
@@ -56,13 +56,13 @@ pub(super) fn stdio() -> (Connection, JoinHandle<io::Result<()>>) {
 /// Reads the next message, or returns a notification that it cannot be read; `None` at the end of the input.
 fn read_message(input: &mut impl BufRead) -> io::Result<Option<Message>> {
     Ok(match next(input)? {
-        Next::Message(message) => Some(message),
-        Next::Malformed(why) => Some(Notification::new(MALFORMED.to_owned(), why).into()),
-        Next::End => None,
+        NextInput::Message(message) => Some(message),
+        NextInput::Malformed(why) => Some(Notification::new(MALFORMED.to_owned(), why).into()),
+        NextInput::End => None,
     })
 }
 
-fn next(input: &mut impl BufRead) -> io::Result<Next> {
+fn next(input: &mut impl BufRead) -> io::Result<NextInput> {
     let (mut length, mut wrong) = (None, None);
     loop {
         let mut line = Vec::new();
@@ -71,7 +71,7 @@ fn next(input: &mut impl BufRead) -> io::Result<Next> {
             .take(HEADER_BYTES_MAX)
             .read_until(b'\n', &mut line)?;
         if line.is_empty() {
-            return Ok(Next::End);
+            return Ok(NextInput::End);
         }
         let line = String::from_utf8_lossy(line.trim_ascii());
         if line.is_empty() {
@@ -86,25 +86,25 @@ fn next(input: &mut impl BufRead) -> io::Result<Next> {
         }
     }
     if let Some(why) = wrong {
-        return Ok(Next::Malformed(why));
+        return Ok(NextInput::Malformed(why));
     }
     let Some(length) = length else {
-        return Ok(Next::Malformed("a message has no Content-Length".to_owned()));
+        return Ok(NextInput::Malformed("a message has no Content-Length".to_owned()));
     };
     let mut body = input.by_ref().take(length);
     if length > MESSAGE_BYTES_MAX {
         io::copy(&mut body, &mut io::sink())?;
         let why = format!("a message has {length} bytes; the maximum is {MESSAGE_BYTES_MAX}");
-        return Ok(Next::Malformed(why));
+        return Ok(NextInput::Malformed(why));
     }
     let mut bytes = Vec::new();
     body.read_to_end(&mut bytes)?;
     if (bytes.len() as u64) < length {
-        return Ok(Next::End);
+        return Ok(NextInput::End);
     }
     Ok(match serde_json::from_slice(&bytes) {
-        Ok(message) => Next::Message(message),
-        Err(error) => Next::Malformed(format!("a message is not valid JSON-RPC: {error}")),
+        Ok(message) => NextInput::Message(message),
+        Err(error) => NextInput::Malformed(format!("a message is not valid JSON-RPC: {error}")),
     })
 }
 

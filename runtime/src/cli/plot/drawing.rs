@@ -4,7 +4,7 @@ use std::fmt::{self, Write as _};
 
 use tandem_model::Axis;
 
-use super::{Line, Stroke};
+use super::{Stroke, ToolPathLine};
 
 /// Longer side of the picture, in the unit of its text.
 const SIDE: f64 = 1000.0;
@@ -24,7 +24,7 @@ pub struct Drawing<'a> {
     /// Strokes explained below the picture.
     pub legend: &'a [Stroke],
     /// The tool path.
-    pub lines: &'a [Line],
+    pub lines: &'a [ToolPathLine],
 }
 
 impl Drawing<'_> {
@@ -124,7 +124,7 @@ struct Frame {
 }
 
 impl Frame {
-    fn around(lines: &[Line]) -> Self {
+    fn around(lines: &[ToolPathLine]) -> Self {
         let points = || lines.iter().flat_map(|line| &line.points);
         let values = |axis: usize| points().map(move |point| point.0[axis]);
         let lowest = [0, 1].map(|axis| values(axis).reduce(f64::min).unwrap_or_default());
@@ -215,8 +215,8 @@ mod tests {
     use super::*;
 
     fn picture(points: &[[f64; 2]], rapid: bool) -> String {
-        let lines = [Line {
-            stroke: Stroke::of(rapid),
+        let lines = [ToolPathLine {
+            stroke: Stroke::from_rapid(rapid),
             points: points.iter().copied().map(Point).collect(),
         }];
         let drawing = Drawing {

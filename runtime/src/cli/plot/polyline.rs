@@ -15,13 +15,13 @@ pub struct Polyline {
     /// At least one point.
     kept: Vec<Point>,
     end: Point,
-    cone: Option<Cone>,
+    cone: Option<DirectionCone>,
 }
 
 /// Directions from the last kept point that pass each later point, in radians about `middle`, and the distance of the
 /// farthest.
 #[derive(Debug, Clone, Copy)]
-struct Cone {
+struct DirectionCone {
     middle: f64,
     lowest: f64,
     highest: f64,
@@ -39,7 +39,7 @@ impl Polyline {
     }
 
     /// Returns the last added point.
-    pub fn end(&self) -> Point {
+    pub fn end_point(&self) -> Point {
         self.end
     }
 
@@ -50,10 +50,10 @@ impl Polyline {
         }
         let anchor = self.anchor();
         let narrowed = self.cone.map(|cone| cone.narrowed(anchor, point));
-        self.cone = narrowed.unwrap_or_else(|| Some(Cone::to(anchor, point)));
+        self.cone = narrowed.unwrap_or_else(|| Some(DirectionCone::to(anchor, point)));
         if self.cone.is_none() {
             self.kept.push(self.end);
-            self.cone = Some(Cone::to(self.end, point));
+            self.cone = Some(DirectionCone::to(self.end, point));
         }
         self.end = point;
     }
@@ -72,7 +72,7 @@ impl Polyline {
     }
 }
 
-impl Cone {
+impl DirectionCone {
     fn to(anchor: Point, point: Point) -> Self {
         let (middle, reach) = polar(anchor, point);
         let half = half_angle(reach);

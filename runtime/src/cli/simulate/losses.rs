@@ -3,16 +3,16 @@
 use std::collections::VecDeque;
 
 use serde::Serialize;
-use tandem_model::profile::{Law, Profile, Ramped};
+use tandem_model::profile::{Law, Profile, RampedMotion};
 use tandem_model::{AxisVector, Origin, bisect};
-use tandem_runtime::simulation::Planned;
+use tandem_runtime::simulation::PlannedMotion;
 
 /// Number of bisections of a profile's time, enough to reach the last significant bits.
 const HALVINGS: u32 = 60;
 
 /// Time lost between two blocks.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub(super) struct Loss {
+pub(super) struct TransitionLoss {
     /// Number of block transitions with a loss.
     places: u64,
     /// Sum of all losses, s.
@@ -29,7 +29,7 @@ struct Worst {
     lost_s: f64,
 }
 
-impl Loss {
+impl TransitionLoss {
     fn add(&mut self, at: Origin, lost_s: f64) {
         self.places += 1;
         self.lost_s += lost_s;
@@ -83,8 +83,8 @@ pub(super) struct Losses {
     chain: (f64, f64),
     /// The program has waited since the last block.
     waited: bool,
-    pub stops: Loss,
-    pub corners: Loss,
+    pub stops: TransitionLoss,
+    pub corners: TransitionLoss,
 }
 
 impl Losses {
@@ -95,9 +95,9 @@ impl Losses {
         }
     }
 
-    pub fn plan(&mut self, planned: Planned<'_>) {
+    pub fn plan(&mut self, planned: PlannedMotion<'_>) {
         match planned {
-            Planned::Segment {
+            PlannedMotion::Segment {
                 number,
                 segment,
                 speed_limit,
@@ -111,7 +111,7 @@ impl Losses {
                 target: None,
                 begun: None,
             }),
-            Planned::Profile(profile) => self.add(profile),
+            PlannedMotion::Profile(profile) => self.add(profile),
         }
     }
 
@@ -150,7 +150,7 @@ impl Losses {
     /// Records that the servo has reached this segment at this time.
     pub fn reach(&mut self, segment: u64, now_s: f64) {
         while self.planned.front().is_some_and(|piece| piece.segment <= segment) {
-            self.begin(now_s);
+            self.begin_piece(now_s);
             if self.planned.front().is_some_and(|piece| piece.segment == segment) {
                 return;
             }
@@ -159,7 +159,7 @@ impl Losses {
     }
 
     /// Records the end of the run.
-    pub fn end(&mut self) {
+    pub fn end_run(&mut self) {
         while self.planned.front().is_some_and(|piece| piece.begun.is_some()) {
             self.pass();
         }
@@ -172,7 +172,7 @@ impl Losses {
         self.before.as_ref()?.target
     }
 
-    fn begin(&mut self, now_s: f64) {
+    fn begin_piece(&mut self, now_s: f64) {
         let (began_s, passed_s) = self.chain;
         let Some(piece) = self.planned.front_mut().filter(|piece| piece.begun.is_none()) else {
             return;
@@ -209,9 +209,9 @@ impl Losses {
 
 /// Returns the time that a profile takes in addition to the time of its path at the limits of its own block and of the
 /// next one, for the first and the second half of the length of its own block.
-fn lost(profile: &Profile, block: &Ramped, [own_limit, next_limit]: [f64; 2]) -> [f64; 2] {
+fn lost(profile: &Profile, block: &RampedMotion, [own_limit, next_limit]: [f64; 2]) -> [f64; 2] {
     let at = |t_s: f64| {
-        let (gone, next_s) = block.gone(profile.plan_time(t_s));
+        let (gone, next_s) = block.covered_distances(profile.plan_time(t_s));
         let next_speed = block.next.as_ref().map_or(0.0, |next| next.speed);
         (gone, gone / own_limit + next_s * next_speed / next_limit)
     };

@@ -7,11 +7,11 @@ use tandem_model::flow::Transform;
 use tandem_model::profile::TimeBase;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Axis, AxisVector, Origin};
-use tandem_runtime::simulation::Planned;
+use tandem_runtime::simulation::PlannedMotion;
 use tandem_servo::Servo;
 
-use super::super::say;
-use super::losses::{Loss, Losses};
+use super::super::print_line;
+use super::losses::{Losses, TransitionLoss};
 
 /// Returns the transform in force.
 pub(super) type Coordinates = Box<dyn Fn() -> Transform + Send>;
@@ -27,7 +27,7 @@ enum Doing {
 
 /// Time and distance of a tool or a program.
 #[derive(Debug, Clone, Default, Serialize)]
-pub(super) struct Share {
+pub(super) struct TimeShare {
     time_s: f64,
     feed_s: f64,
     rapid_s: f64,
@@ -36,7 +36,7 @@ pub(super) struct Share {
     rapid_mm: f64,
 }
 
-impl Share {
+impl TimeShare {
     fn add(&mut self, doing: Doing, time_s: f64, way_mm: f64) {
         self.time_s += time_s;
         match doing {
@@ -106,7 +106,7 @@ pub(super) struct Ranges {
 
 /// A peak value, and the block that causes it.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
-pub(super) struct Peak {
+pub(super) struct BlockPeak {
     pub value: f64,
     program: u16,
     pub line: u32,
@@ -117,9 +117,9 @@ pub(super) struct Peak {
 pub(super) struct MotorPeaks {
     pub axis: String,
     motor: u16,
-    pub speed: Peak,
-    pub acceleration: Peak,
-    pub jerk: Peak,
+    pub speed: BlockPeak,
+    pub acceleration: BlockPeak,
+    pub jerk: BlockPeak,
 }
 
 impl MotorPeaks {
@@ -130,7 +130,7 @@ impl MotorPeaks {
         {
             // values that are equal except for rounding are assigned to the first block
             if value.abs() > peak.value * (1.0 + 1e-6) {
-                *peak = Peak {
+                *peak = BlockPeak {
                     value: value.abs(),
                     program: at.program,
                     line: at.line,
@@ -143,17 +143,17 @@ impl MotorPeaks {
 /// Time lost between blocks at feedrate.
 #[derive(Debug, Clone, Default, Serialize)]
 pub(super) struct TimeLost {
-    pub exact_stops: Loss,
-    pub corners: Loss,
+    pub exact_stops: TransitionLoss,
+    pub corners: TransitionLoss,
 }
 
 /// Results of the measurement.
 #[derive(Debug, Clone, Default, Serialize)]
-pub(super) struct Measured {
+pub(super) struct SimulationMeasurements {
     /// By tool number.
-    pub tools: BTreeMap<u16, Share>,
+    pub tools: BTreeMap<u16, TimeShare>,
     /// By program number, without called programs.
-    pub programs: BTreeMap<u16, Share>,
+    pub programs: BTreeMap<u16, TimeShare>,
     /// By axis letter.
     pub ranges: BTreeMap<char, Ranges>,
     pub motors: Vec<MotorPeaks>,
@@ -162,13 +162,13 @@ pub(super) struct Measured {
 
 const HEADING: &str = "     time s feed % rapid % wait %      feed mm     rapid mm";
 
-impl Measured {
+impl SimulationMeasurements {
     /// Prints tables for people.
     pub fn print(&self) {
         for (name, shares) in [("tool", &self.tools), ("program", &self.programs)] {
-            say(format!("  {name:<8}{HEADING}"));
+            print_line(format!("  {name:<8}{HEADING}"));
             for (number, share) in shares {
-                say(format!("  {number:<8}{}", share.cells()));
+                print_line(format!("  {number:<8}{}", share.cells()));
             }
         }
         for (letter, ranges) in &self.ranges {
@@ -180,13 +180,13 @@ impl Measured {
                 format!("{:.4} to {:.4}", range.lowest, range.highest)
             };
             let (machine, program) = (text(ranges.machine), text(ranges.program));
-            say(format!("  range {letter}  machine {machine}, program {program}"));
+            print_line(format!("  range {letter}  machine {machine}, program {program}"));
         }
         for motor in self.motors.iter().filter(|motor| motor.speed.value > 0.0) {
             let unit = if "XYZ".contains(&motor.axis) { "mm" } else { "deg" };
             let peak =
-                |peak: &Peak, per: &str| format!("{:.3} {unit}/{per} in line {}", peak.value, peak.line);
-            say(format!(
+                |peak: &BlockPeak, per: &str| format!("{:.3} {unit}/{per} in line {}", peak.value, peak.line);
+            print_line(format!(
                 "  motor {}  {}, {}, {}",
                 motor.axis,
                 peak(&motor.speed, "s"),
@@ -194,8 +194,8 @@ impl Measured {
                 peak(&motor.jerk, "s3")
             ));
         }
-        say(format!("  lost to exact stops: {}", self.lost.exact_stops.text()));
-        say(format!("  lost to corners: {}", self.lost.corners.text()));
+        print_line(format!("  lost to exact stops: {}", self.lost.exact_stops.text()));
+        print_line(format!("  lost to corners: {}", self.lost.corners.text()));
     }
 }
 
@@ -217,7 +217,7 @@ pub(super) struct Measure {
     /// Motion whose coordinates are not known yet, because the block may have changed them.
     moved: Option<[AxisVector; 2]>,
     losses: Losses,
-    measured: Measured,
+    measured: SimulationMeasurements,
 }
 
 impl Measure {
@@ -243,9 +243,9 @@ impl Measure {
             last: [AxisVector::ZERO; 3],
             moved: None,
             losses: Losses::new(feed_override),
-            measured: Measured {
+            measured: SimulationMeasurements {
                 motors: motors.collect(),
-                ..Measured::default()
+                ..SimulationMeasurements::default()
             },
             axes,
         }
@@ -255,7 +255,7 @@ impl Measure {
         self.coordinates = Some(coordinates);
     }
 
-    pub fn plan(&mut self, planned: Planned<'_>) {
+    pub fn plan(&mut self, planned: PlannedMotion<'_>) {
         self.losses.plan(planned);
     }
 
@@ -282,10 +282,10 @@ impl Measure {
         self.losses.wait();
     }
 
-    pub fn end(&mut self, now_s: f64) {
+    pub fn end_run(&mut self, now_s: f64) {
         self.spend(now_s - self.now_s, 0.0);
         self.range();
-        self.losses.end();
+        self.losses.end_run();
         self.running = false;
     }
 
@@ -300,7 +300,7 @@ impl Measure {
         self.transform
     }
 
-    pub fn finish(&mut self) -> Measured {
+    pub fn finish(&mut self) -> SimulationMeasurements {
         self.measured.lost = TimeLost {
             exact_stops: self.losses.stops.clone(),
             corners: self.losses.corners.clone(),

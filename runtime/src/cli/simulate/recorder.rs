@@ -20,20 +20,20 @@ use serde_json::{Value, json};
 use tandem_model::Axis;
 use tandem_runtime::Runtime;
 use tandem_runtime::journal::{Event, Line, RaisedAlarm};
-use tandem_runtime::simulation::{OnCycle, Planned};
+use tandem_runtime::simulation::{OnCycle, PlannedMotion};
 use tandem_servo::Servo;
 
-use super::Plan;
-use super::measure::{Measure, Measured};
-use super::steps::{End, Steps, published};
+use super::SimulationPlan;
+use super::measure::{Measure, SimulationMeasurements};
+use super::steps::{BlockEndState, UnfinishedBlocks, published};
 
 /// A file of lines. Write errors are reported at the end, because the servo cycle and the journal must not fail.
-struct Lines {
+struct LineFile {
     file: BufWriter<File>,
     failed: Option<io::Error>,
 }
 
-impl Lines {
+impl LineFile {
     fn create(path: &Path) -> io::Result<Self> {
         let file = BufWriter::new(File::create(path)?);
         Ok(Self { file, failed: None })
@@ -66,14 +66,14 @@ pub(super) struct Record {
     pub warnings: Vec<Value>,
     pub alarm: Value,
     #[serde(flatten)]
-    pub measured: Measured,
+    pub measured: SimulationMeasurements,
 }
 
 /// A simulated coordinate system.
 struct System {
     record: Record,
     measure: Measure,
-    steps: Option<Steps>,
+    steps: Option<UnfinishedBlocks>,
     axes: Vec<Axis>,
     /// M number of the code that changes tools by its word T, where no sequence program selects the tool.
     tool_changer: Option<u16>,
@@ -85,20 +85,20 @@ struct System {
 pub(super) struct Recorder {
     systems: BTreeMap<CoordinateSystemNumber, System>,
     port: Option<Arc<dyn Port>>,
-    events: Option<Lines>,
-    steps: Option<Lines>,
+    events: Option<LineFile>,
+    steps: Option<LineFile>,
 }
 
 impl Recorder {
-    pub fn new(plan: &Plan, events: Option<&Path>, steps: Option<&Path>) -> anyhow::Result<Self> {
+    pub fn new(plan: &SimulationPlan, events: Option<&Path>, steps: Option<&Path>) -> anyhow::Result<Self> {
         let create =
-            |path: &Path| Lines::create(path).with_context(|| format!("cannot write {}", path.display()));
+            |path: &Path| LineFile::create(path).with_context(|| format!("cannot write {}", path.display()));
         let systems = plan.systems().map(|(index, system)| {
             let cs = system.settings.number;
             let system = System {
                 record: Record::default(),
                 measure: Measure::new(index, &system.settings, plan.arguments.feed_override / 100.0),
-                steps: steps.map(|_| Steps::new(cs)),
+                steps: steps.map(|_| UnfinishedBlocks::new(cs)),
                 axes: system.settings.axes().iter().collect(),
                 tool_changer: plan.tool_changer(system.dialect),
                 tool: 0,
@@ -129,7 +129,7 @@ impl Recorder {
         }
     }
 
-    pub fn on_plan(&mut self, cs: CoordinateSystemNumber, planned: Planned<'_>) {
+    pub fn on_plan(&mut self, cs: CoordinateSystemNumber, planned: PlannedMotion<'_>) {
         if let Some(system) = self.systems.get_mut(&cs) {
             system.measure.plan(planned);
         }
@@ -158,7 +158,7 @@ impl Recorder {
     pub fn finish(&mut self) -> anyhow::Result<BTreeMap<CoordinateSystemNumber, Record>> {
         let files = [("--events", &mut self.events), ("--steps", &mut self.steps)];
         for (name, file) in files {
-            file.as_mut().map_or(Ok(()), Lines::finish).context(name)?;
+            file.as_mut().map_or(Ok(()), LineFile::finish).context(name)?;
         }
         let systems = std::mem::take(&mut self.systems).into_iter();
         Ok(systems.map(|(cs, system)| (cs, system.finish())).collect())
@@ -182,7 +182,7 @@ impl System {
                 }
             }
             Event::Stop { .. } => self.measure.wait(),
-            Event::End(_) => self.measure.end(line.t_s),
+            Event::End(_) => self.measure.end_run(line.t_s),
             _ => {}
         }
         self.follow_tool(line.cs, port);
@@ -204,7 +204,7 @@ impl System {
             return Vec::new();
         };
         let [at, target] = self.measure.position();
-        let end = |machine| End {
+        let end = |machine| BlockEndState {
             at_s: line.t_s - self.record.start_s,
             machine,
             transform: self.measure.transform(),
@@ -218,7 +218,7 @@ impl System {
                 let place = (program.unwrap_or_default(), line.unwrap_or_default());
                 steps.stop(port, place, *m, &end(at))
             }
-            Event::End(_) => return steps.end(&end(at)),
+            Event::End(_) => return steps.end_run(&end(at)),
             _ => None,
         };
         over.into_iter().collect()
@@ -268,10 +268,10 @@ impl Record {
 }
 
 /// Positions of each servo period as CSV, and the progress on a terminal.
-pub(super) struct Trace(Arc<Mutex<Traced>>);
+pub(super) struct CsvTrace(Arc<Mutex<CsvTraceState>>);
 
-struct Traced {
-    file: Option<Lines>,
+struct CsvTraceState {
+    file: Option<LineFile>,
     index: usize,
     axes: Vec<Axis>,
     with_spindle: bool,
@@ -282,11 +282,12 @@ struct Traced {
     shown: Option<Instant>,
 }
 
-impl Trace {
-    pub fn new(path: Option<&Path>, with_spindle: bool, plan: &Plan) -> anyhow::Result<Self> {
+impl CsvTrace {
+    pub fn new(path: Option<&Path>, with_spindle: bool, plan: &SimulationPlan) -> anyhow::Result<Self> {
         let (index, settings) = plan.first_system();
-        let create = |path: &Path| Lines::create(path).with_context(|| format!("--trace {}", path.display()));
-        let mut trace = Traced {
+        let create =
+            |path: &Path| LineFile::create(path).with_context(|| format!("--trace {}", path.display()));
+        let mut trace = CsvTraceState {
             file: path.map(create).transpose()?,
             index,
             axes: settings.axes().iter().collect(),
@@ -335,11 +336,11 @@ impl Trace {
             crate::cli::complain("");
         }
         let file = trace.file.as_mut();
-        file.map_or(Ok(()), Lines::finish).context("--trace")
+        file.map_or(Ok(()), LineFile::finish).context("--trace")
     }
 }
 
-impl Traced {
+impl CsvTraceState {
     fn write(&mut self, time_s: f64, position: &[f64], spindle_deg: f64) {
         let Some(file) = &mut self.file else { return };
         let mut line = format!("{time_s:.6},{},{}", self.program, self.line);

@@ -10,21 +10,21 @@ use tandem_model::alarm::AlarmEntry;
 use tandem_model::variables::VariableArray;
 use tandem_runtime::Runtime;
 
-use super::super::say;
+use super::super::print_line;
 use super::recorder::Record;
 
 /// Result of a simulation: the part of the first coordinate system, and the parts of the others.
 #[derive(Serialize)]
 pub(in crate::cli) struct Outcome {
     #[serde(flatten)]
-    first: Part,
+    first: SystemResult,
     #[serde(rename = "with", skip_serializing_if = "BTreeMap::is_empty")]
-    others: BTreeMap<CoordinateSystemNumber, Part>,
+    others: BTreeMap<CoordinateSystemNumber, SystemResult>,
 }
 
 /// Result of one coordinate system.
 #[derive(Serialize)]
-struct Part {
+struct SystemResult {
     outcome: &'static str,
     cycle_time_s: f64,
     #[serde(flatten)]
@@ -46,7 +46,7 @@ impl Outcome {
         let mut parts = Vec::new();
         for system in systems {
             let record = records.remove(&system.number()).unwrap_or_default();
-            let part = Part::new(runtime, system, record, ended_by).await;
+            let part = SystemResult::new(runtime, system, record, ended_by).await;
             parts.push((system.number(), part));
         }
         let (_, first) = parts.remove(0);
@@ -65,23 +65,25 @@ impl Outcome {
 
     /// Returns the reason why the first incomplete program ended, as a sentence; empty if all programs completed.
     pub fn alarm_text(&self) -> String {
-        self.parts().find_map(Part::alarm_text).unwrap_or_default()
+        self.parts()
+            .find_map(SystemResult::alarm_text)
+            .unwrap_or_default()
     }
 
-    fn parts(&self) -> impl Iterator<Item = &Part> {
+    fn parts(&self) -> impl Iterator<Item = &SystemResult> {
         std::iter::once(&self.first).chain(self.others.values())
     }
 
     pub fn print(&self) {
         self.first.print("");
         for (cs, part) in &self.others {
-            say("");
+            print_line("");
             part.print(&format!("coordinate system {cs}: "));
         }
     }
 }
 
-impl Part {
+impl SystemResult {
     async fn new(
         runtime: &Runtime,
         system: &CoordinateSystem,
@@ -130,7 +132,7 @@ impl Part {
     }
 
     fn print(&self, heading: &str) {
-        say(format!(
+        print_line(format!(
             "{heading}{} after {:.3} s, {} blocks",
             self.outcome, self.cycle_time_s, self.record.blocks
         ));
@@ -139,7 +141,7 @@ impl Part {
                 .iter()
                 .map(|(letter, value)| format!("{letter} {:.4}", without_rounding(*value)))
                 .collect();
-            say(format!("  {name:8} {}", axes.join("  ")));
+            print_line(format!("  {name:8} {}", axes.join("  ")));
         }
         for output in &self.record.m_codes {
             let params: Vec<_> = (output["params"].as_object().into_iter().flatten())
@@ -152,28 +154,28 @@ impl Part {
             };
             let at_s = output["output_s"].as_f64().unwrap_or_default();
             let line = &output["line"];
-            say(format!(
+            print_line(format!(
                 "  M{m:02}{} in line {line}: output at {at_s:.3} s, {reset}",
                 params.concat()
             ));
         }
         for stop in &self.record.stops {
             let at_s = stop["at_s"].as_f64().unwrap_or_default();
-            say(format!(
+            print_line(format!(
                 "  M{:02} in line {}: program stop at {at_s:.3} s",
                 stop["m"].as_u64().unwrap_or_default(),
                 stop["line"]
             ));
         }
         for warning in &self.record.warnings {
-            say(format!(
+            print_line(format!(
                 "  warning in line {}: {}",
                 warning["line"],
                 warning["text"].as_str().unwrap_or_default()
             ));
         }
         if let Some(text) = self.alarm_text() {
-            say(format!("  {text}"));
+            print_line(format!("  {text}"));
         }
         self.record.measured.print();
     }

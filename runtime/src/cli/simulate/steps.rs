@@ -18,7 +18,7 @@ pub(super) fn published(port: &dyn Port, cs: CoordinateSystemNumber, topic: CsTo
 
 /// A block in execution.
 #[derive(Debug)]
-struct Step {
+struct ExecutingBlock {
     program: u16,
     line: u32,
     start_s: f64,
@@ -27,7 +27,7 @@ struct Step {
     stop: Value,
 }
 
-impl Step {
+impl ExecutingBlock {
     fn is_at(&self, program: u16, line: u32) -> bool {
         (self.program, self.line) == (program, line)
     }
@@ -50,14 +50,14 @@ impl Step {
 }
 
 /// End of a block.
-pub(super) struct End<'a> {
+pub(super) struct BlockEndState<'a> {
     pub at_s: f64,
     pub machine: AxisVector,
     pub transform: Transform,
     pub axes: &'a [Axis],
 }
 
-impl End<'_> {
+impl BlockEndState<'_> {
     fn by_letter(&self, values: AxisVector) -> Value {
         let values = self.axes.iter().map(|axis| {
             // the addition removes the sign of a negative zero
@@ -66,7 +66,7 @@ impl End<'_> {
         Value::Object(values.collect::<Map<_, _>>())
     }
 
-    fn line(&self, cs: CoordinateSystemNumber, step: &Step) -> Value {
+    fn line(&self, cs: CoordinateSystemNumber, step: &ExecutingBlock) -> Value {
         let transform = &self.transform;
         json!({
             "cs": cs, "program": step.program, "line": step.line, "start_s": step.start_s, "end_s": self.at_s,
@@ -84,14 +84,14 @@ impl End<'_> {
 
 /// The blocks of a coordinate system that have not ended.
 #[derive(Debug)]
-pub(super) struct Steps {
+pub(super) struct UnfinishedBlocks {
     cs: CoordinateSystemNumber,
-    open: Option<Step>,
+    open: Option<ExecutingBlock>,
     /// Outputs that the program does not wait for.
-    beside: Vec<Step>,
+    beside: Vec<ExecutingBlock>,
 }
 
-impl Steps {
+impl UnfinishedBlocks {
     pub fn new(cs: CoordinateSystemNumber) -> Self {
         Self {
             cs,
@@ -100,7 +100,7 @@ impl Steps {
         }
     }
 
-    fn step(&self, port: &dyn Port, (program, line): (u16, u32), start_s: f64) -> Step {
+    fn step(&self, port: &dyn Port, (program, line): (u16, u32), start_s: f64) -> ExecutingBlock {
         let mut modal = match published(port, self.cs, CsTopic::Modal) {
             Some(Payload::Modal(modal)) => json!(modal),
             _ => Value::Null,
@@ -108,7 +108,7 @@ impl Steps {
         if let Some(Payload::Spindle(spindle)) = published(port, self.cs, CsTopic::Spindle) {
             modal["spindle"] = json!({"direction": spindle.direction, "rpm": spindle.rpm});
         }
-        Step {
+        ExecutingBlock {
             program,
             line,
             start_s,
@@ -119,14 +119,19 @@ impl Steps {
     }
 
     /// Records the start of a motion; returns the line of the previous block.
-    pub fn block(&mut self, port: &dyn Port, at: (u16, u32), end: &End<'_>) -> Option<Value> {
+    pub fn block(&mut self, port: &dyn Port, at: (u16, u32), end: &BlockEndState<'_>) -> Option<Value> {
         let over = self.close(end);
         self.open = Some(self.step(port, at, end.at_s));
         over
     }
 
     /// Records an output; returns the line of the previous block if that is another one.
-    pub fn output(&mut self, port: &dyn Port, notice: &OutputNotice, end: &End<'_>) -> Option<Value> {
+    pub fn output(
+        &mut self,
+        port: &dyn Port,
+        notice: &OutputNotice,
+        end: &BlockEndState<'_>,
+    ) -> Option<Value> {
         let at = (notice.program, notice.line);
         if notice.timing == Timing::WithMotion {
             let mut step = self.step(port, at, end.at_s);
@@ -142,7 +147,13 @@ impl Steps {
     }
 
     /// Records a pause of the program; returns the line of the previous block if that is another one.
-    pub fn stop(&mut self, port: &dyn Port, at: (u16, u32), m: Option<u16>, end: &End<'_>) -> Option<Value> {
+    pub fn stop(
+        &mut self,
+        port: &dyn Port,
+        at: (u16, u32),
+        m: Option<u16>,
+        end: &BlockEndState<'_>,
+    ) -> Option<Value> {
         let over = self.enter(port, at, end);
         if let Some(step) = &mut self.open {
             step.stop = json!({"m": m, "at_s": end.at_s});
@@ -151,7 +162,7 @@ impl Steps {
     }
 
     /// Records the reset of an output; returns its line if it has one of its own.
-    pub fn reset(&mut self, seq: u64, end: &End<'_>) -> Option<Value> {
+    pub fn reset(&mut self, seq: u64, end: &BlockEndState<'_>) -> Option<Value> {
         let of_block = self.open.as_mut().is_some_and(|step| step.reset(seq, end.at_s));
         if of_block {
             return None;
@@ -164,7 +175,7 @@ impl Steps {
     }
 
     /// Records the end of the run; returns the remaining lines.
-    pub fn end(&mut self, end: &End<'_>) -> Vec<Value> {
+    pub fn end_run(&mut self, end: &BlockEndState<'_>) -> Vec<Value> {
         let beside = std::mem::take(&mut self.beside);
         let beside = beside.iter().map(|step| end.line(self.cs, step));
         let beside: Vec<Value> = beside.collect();
@@ -172,15 +183,16 @@ impl Steps {
     }
 
     /// Assigns an event to the block that moved to this line, unless that block already has its output or stop.
-    fn enter(&mut self, port: &dyn Port, at: (u16, u32), end: &End<'_>) -> Option<Value> {
-        let goes_on = |step: &Step| step.is_at(at.0, at.1) && step.outputs.is_empty() && step.stop.is_null();
+    fn enter(&mut self, port: &dyn Port, at: (u16, u32), end: &BlockEndState<'_>) -> Option<Value> {
+        let goes_on =
+            |step: &ExecutingBlock| step.is_at(at.0, at.1) && step.outputs.is_empty() && step.stop.is_null();
         if self.open.as_ref().is_some_and(goes_on) {
             return None;
         }
         self.block(port, at, end)
     }
 
-    fn close(&mut self, end: &End<'_>) -> Option<Value> {
+    fn close(&mut self, end: &BlockEndState<'_>) -> Option<Value> {
         let step = self.open.take()?;
         Some(end.line(self.cs, &step))
     }

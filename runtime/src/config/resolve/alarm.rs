@@ -21,7 +21,7 @@ pub(super) fn alarm_texts(
         problems.add("alarm", text);
     }
     for (key, config) in config {
-        let mut of_table = problems.of(format!("alarm.{key}"), format!("[alarm.{key}] "));
+        let mut of_table = problems.check_table(format!("alarm.{key}"), format!("[alarm.{key}] "));
         let Ok(code) = key.parse::<u16>() else {
             of_table.problem("", "name the table by the code of the alarm, 0 to 9999");
             continue;

@@ -11,7 +11,7 @@ use tandem_model::{AXES_MAX, Axis, AxisVector};
 
 use super::super::error::nearest;
 use super::super::{CoordinateSystemConfig, POSITION_MAX};
-use super::Checked;
+use super::TableCheck;
 
 /// The table of the dialect of this name.
 const DGSHAPE: &str = "dgshape";
@@ -23,7 +23,7 @@ impl CoordinateSystemConfig {
         servo_period_us: u64,
         (skips, rounds): (&BTreeMap<u16, SimulatedSkip>, &BTreeMap<u8, SimulatedRound>),
         m_codes: MCodeSet,
-        checked: &mut Checked<'_, '_>,
+        checked: &mut TableCheck<'_, '_>,
     ) -> CoordinateSystemSettings {
         let mut of_axis: [Option<MotorSettings>; AXES_MAX] = [const { None }; AXES_MAX];
         let mut simulated_skip = [None; AXES_MAX];
@@ -85,7 +85,7 @@ impl CoordinateSystemConfig {
         }
     }
 
-    fn nc_options(&self, m_codes: MCodeSet, checked: &mut Checked<'_, '_>) -> NcOptions {
+    fn nc_options(&self, m_codes: MCodeSet, checked: &mut TableCheck<'_, '_>) -> NcOptions {
         if self.dgshape.is_some() && self.dialect.name != DGSHAPE {
             let text =
                 format!("dgshape: this table has no effect; remove it, or write dialect = \"{DGSHAPE}\"");
@@ -94,7 +94,10 @@ impl CoordinateSystemConfig {
         let config = self.dgshape.clone().unwrap_or_default();
         let path = format!("{}.{DGSHAPE}", checked.path);
         let name = format!("{}dgshape: ", checked.name);
-        checked.problems.of(path, name).check_ranges(&config, &[]);
+        checked
+            .problems
+            .check_table(path, name)
+            .check_ranges(&config, &[]);
         let mut external_offset = AxisVector::ZERO;
         for (letter, value) in &config.external_offset {
             match axis(letter).filter(|_| self.axes.contains_key(letter) && value.abs() <= POSITION_MAX) {
@@ -120,7 +123,7 @@ impl CoordinateSystemConfig {
         }
     }
 
-    pub(super) fn work_offsets(&self, checked: &mut Checked<'_, '_>) -> WorkOffsets {
+    pub(super) fn work_offsets(&self, checked: &mut TableCheck<'_, '_>) -> WorkOffsets {
         let mut offsets = WorkOffsets::default();
         for (name, values) in &self.work_offset {
             let key = format!("work_offset.{name}");

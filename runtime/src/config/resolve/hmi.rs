@@ -12,7 +12,7 @@ use tandem_model::variables::{COORDINATE_SYSTEM_VARIABLES, GLOBAL_VARIABLES};
 use super::super::machine::CoordinateSystem;
 use super::super::text::Problems;
 use super::super::{Config, HmiConfig};
-use super::Checked;
+use super::TableCheck;
 use crate::program_store::StoredProgram;
 
 /// Largest number of buttons, and of cards. Reason: they are shown on one panel.
@@ -33,7 +33,7 @@ impl Config {
         let hmi = &self.hmi;
         let dir = hmi.dir.as_ref().map(|dir| self.base_dir.join(dir));
         let schema = schemars::schema_for!(HmiConfig);
-        let mut checked = problems.of("hmi", "[hmi] ");
+        let mut checked = problems.check_table("hmi", "[hmi] ");
         checked.check_range(&schema, "jog_step_max", hmi.jog_step_max);
         for (what, count) in [("button", hmi.button.len()), ("card", hmi.card.len())] {
             if count > ADDED_MAX {
@@ -44,8 +44,8 @@ impl Config {
             }
         }
         for (index, button) in hmi.button.iter().enumerate() {
-            let mut added = Added {
-                checked: problems.of(
+            let mut added = HmiElementCheck {
+                checked: problems.check_table(
                     format!("hmi.button.{index}"),
                     format!("[[hmi.button]] \"{:.40}\": ", button.text),
                 ),
@@ -55,8 +55,8 @@ impl Config {
             added.button(button);
         }
         for (index, card) in hmi.card.iter().enumerate() {
-            let mut added = Added {
-                checked: problems.of(
+            let mut added = HmiElementCheck {
+                checked: problems.check_table(
                     format!("hmi.card.{index}"),
                     format!("[[hmi.card]] \"{:.40}\": ", card.text),
                 ),
@@ -69,13 +69,13 @@ impl Config {
 }
 
 /// A button or a card to be checked.
-struct Added<'a, 'b, 'c> {
-    checked: Checked<'a, 'b>,
+struct HmiElementCheck<'a, 'b, 'c> {
+    checked: TableCheck<'a, 'b>,
     systems: &'c [CoordinateSystem],
     dir: Option<&'c Path>,
 }
 
-impl Added<'_, '_, '_> {
+impl HmiElementCheck<'_, '_, '_> {
     fn button(&mut self, button: &HmiButton) {
         self.common(&button.text, button.icon.as_deref(), button.cs, button.m_code);
         let does = [

@@ -11,7 +11,7 @@ const TEXT_MAX: usize = 200;
 impl Config {
     pub(super) fn identification(&self, problems: &mut Problems<'_>) -> Identification {
         let config = &self.identification;
-        let mut checked = problems.of("identification", "[identification] ");
+        let mut checked = problems.check_table("identification", "[identification] ");
         checked.check_ranges(config, &[]);
         for (key, text) in [
             ("manufacturer", &config.manufacturer),

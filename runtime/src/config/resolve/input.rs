@@ -15,7 +15,7 @@ impl InputConfig {
         for (name, lock) in [("interlock", &self.interlock), ("start_lock", &self.start_lock)] {
             for (source, config) in &lock.source {
                 let path = format!("input.{name}.source.{source}");
-                let mut checked = problems.of(path.as_str(), format!("[{path}] "));
+                let mut checked = problems.check_table(path.as_str(), format!("[{path}] "));
                 if !is_client_id(source) {
                     checked.problem("", "write a source name of 1 to 64 characters without / + #");
                 }

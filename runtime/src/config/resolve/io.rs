@@ -7,7 +7,7 @@ use plc_api::types::io::{
 
 use super::super::text::Problems;
 use super::super::{IoConfig, IoPointConfig};
-use super::Checked;
+use super::TableCheck;
 
 /// Largest number of characters of a text. Reason: it is one line of a card.
 const TEXT_MAX: usize = 100;
@@ -32,7 +32,7 @@ impl IoConfig {
             }
             for (name, config) in points {
                 let path = format!("{word}.{name}");
-                let mut checked = problems.of(path.as_str(), format!("[{path}] "));
+                let mut checked = problems.check_table(path.as_str(), format!("[{path}] "));
                 if !is_client_id(name) {
                     checked.problem("", "write a name of 1 to 64 characters without / + #");
                 }
@@ -47,7 +47,7 @@ impl IoConfig {
 
 impl IoPointConfig {
     /// Checks that `keep` is used only for outputs, and `at_start` only with it.
-    fn check_loss(&self, side: IoSide, checked: &mut Checked<'_, '_>) {
+    fn check_loss(&self, side: IoSide, checked: &mut TableCheck<'_, '_>) {
         let is_kept = self.on_loss == Some(IoLoss::KEEP);
         match (is_kept, self.at_start) {
             (true, _) if side == IoSide::In => checked.problem(
@@ -67,7 +67,7 @@ impl IoPointConfig {
         }
     }
 
-    fn declaration(&self, checked: &mut Checked<'_, '_>) -> IoDeclaration {
+    fn declaration(&self, checked: &mut TableCheck<'_, '_>) -> IoDeclaration {
         let numbers = [
             ("unit", self.unit.is_some()),
             ("min", self.min.is_some()),

@@ -13,7 +13,7 @@ impl Config {
         let mut motors = BTreeMap::new();
         for (index, motor) in self.motor.iter().enumerate() {
             let name = format!("[[motor]] number = {}: ", motor.number);
-            let mut checked = problems.of(format!("motor.{index}"), name);
+            let mut checked = problems.check_table(format!("motor.{index}"), name);
             checked.check_ranges(motor, &["soft_limits"]);
             if let Some([low, high]) = motor.soft_limits
                 && !(-POSITION_MAX <= low && low < high && high <= POSITION_MAX)
@@ -51,7 +51,7 @@ impl Config {
         for (index, config) in self.simulated_skip.iter().enumerate() {
             let number = config.motor;
             let name = format!("[[simulated_skip]] motor = {number}: ");
-            let mut checked = problems.of(format!("simulated_skip.{index}"), name);
+            let mut checked = problems.check_table(format!("simulated_skip.{index}"), name);
             let motor = motors.get(&number);
             if motor.is_none_or(|motor| motor.kind == MotorKind::Spindle) {
                 checked.problem("motor", format!("there is no [[motor]] {number} of an axis"));
@@ -77,7 +77,7 @@ impl Config {
         for (index, config) in self.simulated_round.iter().enumerate() {
             let number = config.coordinate_system;
             let name = format!("[[simulated_round]] coordinate_system = {number}: ");
-            let mut checked = problems.of(format!("simulated_round.{index}"), name);
+            let mut checked = problems.check_table(format!("simulated_round.{index}"), name);
             checked.check_ranges(config, &["coordinate_system"]);
             let mut systems = self.coordinate_system.iter();
             let has_plane =

@@ -1,12 +1,12 @@
 //! `[mqtt]`.
 
 use super::super::{Broker, MqttConfig};
-use super::Checked;
+use super::TableCheck;
 
 impl MqttConfig {
     /// Checks the values, and rejects keys that have no effect with this broker. The files are checked when they are
     /// used.
-    pub(super) fn check(&self, checked: &mut Checked<'_, '_>) {
+    pub(super) fn check(&self, checked: &mut TableCheck<'_, '_>) {
         let users = [
             ("username", self.username.is_some()),
             ("password_file", self.password_file.is_some()),

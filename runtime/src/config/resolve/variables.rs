@@ -7,7 +7,7 @@ use tandem_model::variables::{COORDINATE_SYSTEM_VARIABLES, GLOBAL_VARIABLES};
 
 use super::super::text::Problems;
 use super::super::{CoordinateSystemConfig, PublishedConfig, VariablesConfig};
-use super::Checked;
+use super::TableCheck;
 
 /// Ranges of published variables (first, length).
 pub(crate) type PublishedRanges = BTreeMap<VariableArea, Vec<(u32, u32)>>;
@@ -21,7 +21,7 @@ impl VariablesConfig {
         let mut published = PublishedRanges::new();
         for (index, config) in self.published.iter().enumerate() {
             let name = format!("[[variables.published]] from = \"{:.16}\": ", config.from);
-            let mut checked = problems.of(format!("variables.published.{index}"), name);
+            let mut checked = problems.check_table(format!("variables.published.{index}"), name);
             checked.check_ranges(config, &[]);
             let Some(first) = config.first(&mut checked) else {
                 continue;
@@ -49,7 +49,7 @@ impl PublishedConfig {
     }
 
     /// Returns the number of the first variable.
-    fn first(&self, checked: &mut Checked<'_, '_>) -> Option<u32> {
+    fn first(&self, checked: &mut TableCheck<'_, '_>) -> Option<u32> {
         let (letter, len) = if self.is_global() {
             ('P', GLOBAL_VARIABLES)
         } else {
@@ -77,7 +77,11 @@ impl PublishedConfig {
         Some(first)
     }
 
-    fn areas(&self, systems: &[CoordinateSystemConfig], checked: &mut Checked<'_, '_>) -> Vec<VariableArea> {
+    fn areas(
+        &self,
+        systems: &[CoordinateSystemConfig],
+        checked: &mut TableCheck<'_, '_>,
+    ) -> Vec<VariableArea> {
         let numbers = systems.iter().map(|system| system.number);
         match self.coordinate_system {
             None if self.is_global() => vec![VariableArea::Global],

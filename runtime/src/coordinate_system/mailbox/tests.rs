@@ -28,7 +28,7 @@ fn mailbox(journal: Journal) -> (Arc<Mailbox>, Servo) {
     let store = machine.new_store();
     let tables = Tables::new(&machine);
     let boot = BootId("test".into());
-    let shared = Arc::new(Shared::new(
+    let shared = Arc::new(SharedState::new(
         machine,
         boot,
         Clock::simulated(),

@@ -13,7 +13,7 @@ fn after(state: RunState, events: impl IntoIterator<Item = RunEvent>) -> RunStat
     events.into_iter().fold(state, |state, event| state.on(event).0)
 }
 
-fn end(why: End) -> RunEvent {
+fn end(why: EarlyEndCause) -> RunEvent {
     RunEvent::End { why, epoch: EPOCH }
 }
 
@@ -25,7 +25,7 @@ fn stop_at(optional: bool) -> Phase {
 }
 
 fn awaited(is_lost: bool) -> RunEvent {
-    RunEvent::Awaited(Some(Awaited { seq: 3, is_lost }))
+    RunEvent::Awaited(Some(AwaitedOutput { seq: 3, is_lost }))
 }
 
 /// Returns the state after the machine rests, for a state with a pending transition.
@@ -68,10 +68,10 @@ fn state(words: &str) -> RunState {
         "OPTIONAL_STOP" => after(under_way(), [RunEvent::Phase(stop_at(true))]),
         "INTERRUPTED SINGLE_BLOCK" => after(under_way(), [RunEvent::BlockEnded]),
         "INTERRUPTED INTERLOCK" => held(Cause::Interlock),
-        "STOPPED ALARM" => ended(End::Alarm),
-        "STOPPED STOP" => ended(End::Stop),
-        "STOPPED ABORTED" => ended(End::Abort),
-        "STOPPED NO_PROGRAM" => ended(End::Reset { has_program: false }),
+        "STOPPED ALARM" => ended(EarlyEndCause::Alarm),
+        "STOPPED STOP" => ended(EarlyEndCause::Stop),
+        "STOPPED ABORTED" => ended(EarlyEndCause::Abort),
+        "STOPPED NO_PROGRAM" => ended(EarlyEndCause::Reset { has_program: false }),
         "STOPPED RESTARTED" => RunState::Idle((Execution::Stopped, Some(Reason::Restarted))),
         "PROGRAM_COMPLETED" => after(under_way(), [RunEvent::Completed(Execution::ProgramCompleted)]),
         _ => panic!("{words} is no state"),
@@ -121,9 +121,9 @@ fn event_of(verb: Verb, has_program: bool) -> RunEvent {
         Verb::Hold => RunEvent::Hold(Cause::Operator),
         Verb::Resume => RunEvent::Resume,
         Verb::BackTrace => RunEvent::BackTrace { to: 9 },
-        Verb::Stop => end(End::Stop),
-        Verb::Abort => end(End::Abort),
-        Verb::Reset => end(End::Reset { has_program }),
+        Verb::Stop => end(EarlyEndCause::Stop),
+        Verb::Abort => end(EarlyEndCause::Abort),
+        Verb::Reset => end(EarlyEndCause::Reset { has_program }),
         _ => panic!("{verb:?} is in no column"),
     }
 }
@@ -158,9 +158,12 @@ fn each_command_leads_from_each_state_to_that_of_its_row_or_is_refused() {
 fn a_hold_and_an_end_show_the_state_before_until_the_machine_rests() {
     for (event, transition) in [
         (RunEvent::Hold(Cause::Operator), Transition::Holding),
-        (end(End::Stop), Transition::Stopping),
-        (end(End::Alarm), Transition::Stopping),
-        (end(End::Reset { has_program: true }), Transition::Resetting),
+        (end(EarlyEndCause::Stop), Transition::Stopping),
+        (end(EarlyEndCause::Alarm), Transition::Stopping),
+        (
+            end(EarlyEndCause::Reset { has_program: true }),
+            Transition::Resetting,
+        ),
     ] {
         let ending = after(state("WAIT"), [event]);
         assert_eq!(
@@ -196,15 +199,19 @@ fn after_a_back_trace_the_motion_turns_before_it_goes_on() {
 
 #[test]
 fn stop_in_progress_is_not_restarted_except_by_abort_alarm_or_reset() {
-    let stopping = after(state("ACTIVE"), [end(End::Stop)]);
-    for why in [End::Stop, End::JogEnded(JogStop::Commanded)] {
+    let stopping = after(state("ACTIVE"), [end(EarlyEndCause::Stop)]);
+    for why in [EarlyEndCause::Stop, EarlyEndCause::JogEnded(JogStop::Commanded)] {
         let again = stopping.clone().on(RunEvent::End {
             why,
             epoch: EPOCH + 1,
         });
         assert_eq!(again, (stopping.clone(), Vec::new()));
     }
-    for why in [End::Abort, End::Alarm, End::Reset { has_program: true }] {
+    for why in [
+        EarlyEndCause::Abort,
+        EarlyEndCause::Alarm,
+        EarlyEndCause::Reset { has_program: true },
+    ] {
         let epoch = EPOCH + 1;
         let (state, actions) = stopping.clone().on(RunEvent::End { why, epoch });
         assert_eq!(actions, [RunAction::End { why, epoch }]);
@@ -220,7 +227,7 @@ fn stop_in_progress_is_not_restarted_except_by_abort_alarm_or_reset() {
 
 #[test]
 fn a_command_that_waited_is_judged_by_the_state_that_an_alarm_leads_to() {
-    let alarmed = after(state("READY"), [end(End::Alarm)]);
+    let alarmed = after(state("READY"), [end(EarlyEndCause::Alarm)]);
     let judged = (words(alarmed.state_word()), words(alarmed.state_word_at_rest()));
     assert_eq!(judged, ("READY".to_owned(), "STOPPED ALARM".to_owned()));
 }
@@ -328,7 +335,7 @@ impl Model {
                 }
                 RunAction::Ended(why) => {
                     assert!(!self.has_run);
-                    self.has_alarm &= !matches!(why, End::Reset { .. });
+                    self.has_alarm &= !matches!(why, EarlyEndCause::Reset { .. });
                 }
                 RunAction::HoldServo { .. } => assert_eq!(self.state.transition(), Some(Transition::Holding)),
                 _ => assert!(had_run, "an ended run never moves: {action:?}"),
@@ -407,7 +414,7 @@ impl Model {
                 self.has_alarm = true;
                 let epoch = self.epoch + 1;
                 self.on(RunEvent::End {
-                    why: End::Alarm,
+                    why: EarlyEndCause::Alarm,
                     epoch,
                 });
             }
@@ -426,7 +433,9 @@ impl Model {
             Happening::Outputs(lost) => {
                 let waits = matches!(self.state.phase(), Some(Phase::Reset { .. } | Phase::LastOutputs));
                 let lost = lost.filter(|_| waits);
-                self.on(RunEvent::Awaited(lost.map(|is_lost| Awaited { seq: 3, is_lost })));
+                self.on(RunEvent::Awaited(
+                    lost.map(|is_lost| AwaitedOutput { seq: 3, is_lost }),
+                ));
             }
             Happening::Passed => self.on(RunEvent::Passed { segment: 9 }),
         }

@@ -1,7 +1,7 @@
 use std::time::Duration;
 
 use plc_api::types::message::Payload;
-use plc_api::types::planned::PlannedPlace;
+use plc_api::types::planned::PlannedLocation;
 use plc_api::types::request::typed;
 use plc_api::types::start::{StartObstacle, StartObstacleKind};
 use plc_api::types::topic::{CsTopic, Topic};
@@ -84,7 +84,7 @@ fn m_code_without_handler_and_predicted_alarm_refuse_no_start() {
         mill.set_optional_stop(true).await.unwrap();
         let found = obstacles(&scene).await;
         assert_eq!((found.len(), found[0].kind), (1, StartObstacleKind::Prediction));
-        let at = PlannedPlace { program: 51, line: 3 };
+        let at = PlannedLocation { program: 51, line: 3 };
         assert_eq!((found[0].at, found[0].refuses), (Some(at), false));
         assert!(found[0].text.contains("limit"), "{}", found[0].text);
         mill.load(50).await.unwrap();

@@ -3,19 +3,19 @@
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-use super::memory::{Change, Mount};
+use super::memory::{FileChange, Mount};
 use super::{Metadata, OpenOptions};
 
 /// An open file on a disk in memory.
 #[derive(Debug)]
-pub(crate) struct Simulated {
+pub(crate) struct SimulatedFile {
     mount: Mount,
     ino: u64,
     at: u64,
     is_appending: bool,
 }
 
-impl Simulated {
+impl SimulatedFile {
     pub(super) fn open(mount: Mount, path: &Path, options: &OpenOptions) -> io::Result<Self> {
         Ok(Self {
             ino: mount.open(path, options)?,
@@ -35,7 +35,7 @@ impl Simulated {
 
     pub(super) fn set_len(&self, length: u64) -> io::Result<()> {
         self.mount
-            .with(|disk| disk.alter(self.ino, Change::SetLen(length)))
+            .with(|disk| disk.alter(self.ino, FileChange::SetLen(length)))
     }
 
     pub(super) fn write_at(&self, bytes: &[u8], at: u64) -> io::Result<()> {
@@ -43,7 +43,7 @@ impl Simulated {
             if disk.faults.forgets_ahead && bytes.starts_with(b"{\"n\"") {
                 return Ok(());
             }
-            disk.alter(self.ino, Change::Write(at, bytes.to_vec()))
+            disk.alter(self.ino, FileChange::Write(at, bytes.to_vec()))
         })
     }
 
@@ -57,7 +57,7 @@ impl Simulated {
     }
 }
 
-impl Read for Simulated {
+impl Read for SimulatedFile {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let at = usize::try_from(self.at).unwrap();
         let read = self.mount.with(|disk| {
@@ -71,7 +71,7 @@ impl Read for Simulated {
     }
 }
 
-impl Write for Simulated {
+impl Write for SimulatedFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let at = if self.is_appending {
             self.metadata()?.len()
@@ -79,7 +79,7 @@ impl Write for Simulated {
             self.at
         };
         self.mount
-            .with(|disk| disk.alter(self.ino, Change::Write(at, bytes.to_vec())))?;
+            .with(|disk| disk.alter(self.ino, FileChange::Write(at, bytes.to_vec())))?;
         self.at = at + bytes.len() as u64;
         Ok(bytes.len())
     }
@@ -89,7 +89,7 @@ impl Write for Simulated {
     }
 }
 
-impl Seek for Simulated {
+impl Seek for SimulatedFile {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         self.at = match to {
             SeekFrom::Start(at) => at,

@@ -34,7 +34,7 @@ pub(super) fn on<T>(
     real: impl FnOnce(&Path) -> io::Result<T>,
     simulated: impl FnOnce(&mut Disk) -> io::Result<T>,
 ) -> io::Result<T> {
-    match Mount::of(path) {
+    match Mount::for_path(path) {
         None => real(path),
         Some(mount) => mount.with(simulated),
     }
@@ -42,7 +42,7 @@ pub(super) fn on<T>(
 
 impl Mount {
     /// Returns the disk that this thread has mounted at a path.
-    pub(super) fn of(path: &Path) -> Option<Self> {
+    pub(super) fn for_path(path: &Path) -> Option<Self> {
         if !path.starts_with(ROOT) {
             return None;
         }
@@ -135,12 +135,12 @@ enum Node {
 pub(super) struct FileNode {
     pub now: Vec<u8>,
     kept: Vec<u8>,
-    pending: Vec<Change>,
+    pending: Vec<FileChange>,
     modified: SystemTime,
 }
 
 #[derive(Debug, Clone)]
-pub(super) enum Change {
+pub(super) enum FileChange {
     Write(u64, Vec<u8>),
     SetLen(u64),
 }
@@ -149,17 +149,17 @@ pub(super) enum Change {
 struct FolderNode {
     now: BTreeMap<String, u64>,
     kept: BTreeMap<String, u64>,
-    pending: Vec<Entry>,
+    pending: Vec<FolderChange>,
 }
 
 #[derive(Debug, Clone)]
-enum Entry {
+enum FolderChange {
     Link(String, u64),
     Unlink(String),
     Rename(String, String),
 }
 
-impl Entry {
+impl FolderChange {
     fn apply(&self, names: &mut BTreeMap<String, u64>) {
         match self {
             Self::Link(name, ino) => {
@@ -177,7 +177,7 @@ impl Entry {
     }
 }
 
-impl Change {
+impl FileChange {
     fn apply(&self, bytes: &mut Vec<u8>) {
         match self {
             Self::Write(at, data) => put(bytes, *at, data),
@@ -261,7 +261,7 @@ impl Disk {
         }
     }
 
-    fn enter(&mut self, path: &Path, entry: impl FnOnce(String) -> Entry) -> io::Result<()> {
+    fn enter(&mut self, path: &Path, entry: impl FnOnce(String) -> FolderChange) -> io::Result<()> {
         let (folder, name) = self.folder_of(path)?;
         let entry = entry(name);
         entry.apply(&mut folder.now);
@@ -272,7 +272,7 @@ impl Disk {
     fn add(&mut self, path: &Path, node: Node) -> io::Result<u64> {
         self.change()?;
         let ino = self.next;
-        self.enter(path, |name| Entry::Link(name, ino))?;
+        self.enter(path, |name| FolderChange::Link(name, ino))?;
         self.next += 1;
         self.nodes.insert(ino, node);
         Ok(ino)
@@ -338,7 +338,7 @@ impl Disk {
             return Err(io::ErrorKind::IsADirectory.into());
         }
         self.change()?;
-        self.enter(path, Entry::Unlink)
+        self.enter(path, FolderChange::Unlink)
     }
 
     /// Both names are in the same folder.
@@ -346,7 +346,7 @@ impl Disk {
         self.find(from)?;
         self.change()?;
         let to = to.file_name().unwrap().to_str().unwrap().to_owned();
-        self.enter(from, |from| Entry::Rename(from, to))
+        self.enter(from, |from| FolderChange::Rename(from, to))
     }
 
     pub(super) fn copy(&mut self, from: &Path, to: &Path) -> io::Result<u64> {
@@ -354,7 +354,7 @@ impl Disk {
             return Err(io::ErrorKind::IsADirectory.into());
         };
         file.kept = Vec::new();
-        file.pending = vec![Change::Write(0, file.now.clone())];
+        file.pending = vec![FileChange::Write(0, file.now.clone())];
         let length = file.now.len() as u64;
         self.add(to, Node::File(file))?;
         Ok(length)
@@ -368,22 +368,22 @@ impl Disk {
         }
     }
 
-    pub(super) fn alter(&mut self, ino: u64, change: Change) -> io::Result<()> {
+    pub(super) fn alter(&mut self, ino: u64, change: FileChange) -> io::Result<()> {
         let allowed = self.change();
         let now = self.now;
         let change = match (allowed, change) {
             (Ok(()), change) => change,
             // part of a write may have arrived
-            (Err(error), Change::Write(at, mut bytes)) => {
+            (Err(error), FileChange::Write(at, mut bytes)) => {
                 let part = usize::try_from(self.chance(bytes.len() as u64 + 1)).unwrap();
                 bytes.truncate(part);
                 let file = self.file(ino)?;
-                let change = Change::Write(at, bytes);
+                let change = FileChange::Write(at, bytes);
                 change.apply(&mut file.now);
                 file.pending.push(change);
                 return Err(error);
             }
-            (Err(error), Change::SetLen(_)) => return Err(error),
+            (Err(error), FileChange::SetLen(_)) => return Err(error),
         };
         let file = self.file(ino)?;
         file.modified = now;
@@ -450,12 +450,12 @@ impl Disk {
             match change {
                 _ if all_or_none == 0 => {}
                 change if all_or_none == 1 => change.apply(&mut file.kept),
-                Change::SetLen(_) => {
+                FileChange::SetLen(_) => {
                     if self.chance(2) == 0 {
                         change.apply(&mut file.kept);
                     }
                 }
-                Change::Write(mut at, bytes) => {
+                FileChange::Write(mut at, bytes) => {
                     let mut rest = bytes.as_slice();
                     while !rest.is_empty() {
                         let room = SECTOR - usize::try_from(at).unwrap() % SECTOR;
@@ -510,7 +510,7 @@ impl Disk {
     }
 
     /// Returns a number that depends on all of its content.
-    pub fn sum(&self) -> u32 {
+    pub fn content_checksum(&self) -> u32 {
         let mut hasher = crc32fast::Hasher::new();
         for node in self.nodes.values() {
             match node {

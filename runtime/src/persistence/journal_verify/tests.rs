@@ -6,7 +6,7 @@ use serde_json::json;
 
 use super::*;
 use crate::disk::seal;
-use crate::persistence::chain::place;
+use crate::persistence::chain::journal_file_path;
 use crate::persistence::journal_file::JournalThread;
 use crate::persistence::journal_folder::{Files, Object, Own};
 use crate::world::random::Random;
@@ -26,7 +26,7 @@ fn journal(folder: &Path, count: usize, bytes_max: u64) {
     let mut files = open(folder, bytes_max);
     for n in 0..count {
         files
-            .append(&[Object::of(
+            .append(&[Object::from_json(
                 &json!({"event": "request", "n": n, "user": "anna", "ts": "2026-11-25T10:00:00Z"}),
             )])
             .unwrap();
@@ -63,8 +63,8 @@ fn journal_verifies_over_starts_files_and_rotation() {
         let found = verify(folder.path(), None).unwrap();
         assert!(found.is_whole(), "round {round}: {:#?}", found.breaks);
     }
-    assert!(!lines(&place(folder.path(), 7)).is_empty());
-    let first = fs::read_to_string(place(folder.path(), 7)).unwrap();
+    assert!(!lines(&journal_file_path(folder.path(), 7)).is_empty());
+    let first = fs::read_to_string(journal_file_path(folder.path(), 7)).unwrap();
     assert!(!first.contains("\"file\":1,"), "{first}");
 }
 
@@ -75,8 +75,8 @@ fn change(random: &mut Random, kind: usize, lines: &mut Vec<Vec<u8>>, at: usize)
     match kind {
         0 => {
             let line = &mut lines[at];
-            let place = random.place(line.len() - 1);
-            line[place] ^= 1 << random.place(8);
+            let place = random.index(line.len() - 1);
+            line[place] ^= 1 << random.index(8);
         }
         // with a correct checksum again
         1 => {
@@ -95,12 +95,12 @@ fn change(random: &mut Random, kind: usize, lines: &mut Vec<Vec<u8>>, at: usize)
         }
         3 => lines.swap(at, at + 1),
         4 => {
-            let copy = lines[random.place(at)].clone();
+            let copy = lines[random.index(at)].clone();
             lines.insert(at, copy);
         }
         5 => lines.insert(at, seal("{\"event\":\"request\",\"n\":7}").into_bytes()),
         _ => {
-            let keep = 1 + random.place(lines[at].len() - 2);
+            let keep = 1 + random.index(lines[at].len() - 2);
             lines[at].truncate(keep);
             lines.truncate(at + 1);
         }
@@ -113,12 +113,14 @@ fn changed_removed_inserted_or_moved_line_found_and_chain_continues() {
     for round in 0..70 {
         let folder = tempfile::tempdir().unwrap();
         journal(folder.path(), 30, 1500);
-        let files = (0..8).filter(|age| place(folder.path(), *age).exists()).count();
-        let age = random.place(files);
-        let path = place(folder.path(), age);
+        let files = (0..8)
+            .filter(|age| journal_file_path(folder.path(), *age).exists())
+            .count();
+        let age = random.index(files);
+        let path = journal_file_path(folder.path(), age);
         let mut lines = lines(&path);
         let kind = round % CHANGES;
-        let at = 1 + random.place(lines.len().saturating_sub(2));
+        let at = 1 + random.index(lines.len().saturating_sub(2));
         let at = at.min(lines.len() - 1);
         if kind == 3 && at + 1 >= lines.len() {
             continue;
@@ -158,7 +160,7 @@ fn files_that_somebody_removed_are_told_from_those_that_rotation_removed() {
         let folder = tempfile::tempdir().unwrap();
         journal(folder.path(), 60, 1500);
         assert_eq!(breaks(folder.path()), []);
-        fs::remove_file(place(folder.path(), age)).unwrap();
+        fs::remove_file(journal_file_path(folder.path(), age)).unwrap();
         let found = breaks(folder.path());
         assert_eq!(found.len(), 1, "{age}: {found:#?}");
         assert!(found[0].what.contains("missing"), "{found:#?}");
@@ -168,7 +170,7 @@ fn files_that_somebody_removed_are_told_from_those_that_rotation_removed() {
     let folder = tempfile::tempdir().unwrap();
     journal(folder.path(), 60, 1500);
     for age in 0..8 {
-        fs::remove_file(place(folder.path(), age)).unwrap();
+        fs::remove_file(journal_file_path(folder.path(), age)).unwrap();
     }
     let found = breaks(folder.path());
     assert!(
@@ -188,7 +190,7 @@ fn missing_newest_lines_found_by_anchor_and_by_recorded_head() {
     for noted in [head.clone(), head[..16].to_owned(), head.to_uppercase()] {
         assert!(verify(folder.path(), Some(&noted)).unwrap().is_whole());
     }
-    let path = place(folder.path(), 0);
+    let path = journal_file_path(folder.path(), 0);
     let kept = lines(&path)[..15].concat();
     fs::write(&path, &kept).unwrap();
     let found = breaks(folder.path());
@@ -212,7 +214,7 @@ fn missing_newest_lines_found_by_anchor_and_by_recorded_head() {
 fn a_journal_of_a_version_without_a_chain_is_read_and_told_as_not_chained() {
     let folder = tempfile::tempdir().unwrap();
     let old = seal("{\"event\":\"boot\",\"n\":1}") + "{\"event\":\"boot\"}\n";
-    fs::write(place(folder.path(), 0), old).unwrap();
+    fs::write(journal_file_path(folder.path(), 0), old).unwrap();
     let found = verify(folder.path(), None).unwrap();
     assert_eq!(
         (found.chained, found.not_chained, found.is_whole()),

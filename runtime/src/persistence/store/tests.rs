@@ -191,12 +191,12 @@ fn a_sound_store_is_believed_whatever_is_in_the_place_of_its_sums() {
     drop(store);
     let other = folder.path().join("other");
     let sealer = Sealer {
-        kind: Kind::ProgramSums,
+        kind: SealedFileKind::ProgramSums,
         part: StoredPart::Programs,
         generations: Arc::default(),
     };
     let of_programs = [("1".to_owned(), "7".to_owned())].into();
-    SumFile::begin(&other, sealer, 9, of_programs).unwrap();
+    ChecksumFile::create(&other, sealer, 9, of_programs).unwrap();
     let foreign = fs::read(&other).unwrap();
     for (bytes, fault) in [
         (foreign, "it contains lines of program_sums"),

@@ -17,8 +17,8 @@ fn opening(dialect: &'static str, is_mixed: bool) -> Opening {
     }
 }
 
-fn found(folder: &Path) -> BTreeMap<u16, Found> {
-    look(folder, false, PROGRAMS_BYTES_MAX).unwrap().programs
+fn found(folder: &Path) -> BTreeMap<u16, ProgramFileState> {
+    scan_folder(folder, false, PROGRAMS_BYTES_MAX).unwrap().programs
 }
 
 /// Sets the time of a file to that of another.
@@ -37,27 +37,39 @@ fn the_same_time_and_another_sum_is_damage_and_another_time_is_a_change() {
     let copy = folder.path().join("copy");
     fs::copy(&path, &copy).unwrap();
     same_time(&copy, &path);
-    assert_eq!(found(folder.path())[&7], Found::Stored(b"M30\n".to_vec()));
+    assert_eq!(
+        found(folder.path())[&7],
+        ProgramFileState::Stored(b"M30\n".to_vec())
+    );
     file(folder.path(), "7.nc", "M31\n");
-    assert!(matches!(found(folder.path())[&7], Found::FromOutside(..)));
+    assert!(matches!(
+        found(folder.path())[&7],
+        ProgramFileState::FromOutside(..)
+    ));
     same_time(&path, &copy);
-    assert!(matches!(found(folder.path())[&7], Found::Damaged(_)));
+    assert!(matches!(found(folder.path())[&7], ProgramFileState::Damaged(_)));
     assert_eq!(programs.changed().unwrap(), BTreeMap::new());
     // still damaged after an opening, until it is written again
     let (mut programs, look) = ProgramFolder::open(folder.path(), &opening("nj", false)).unwrap();
-    assert!(matches!(look.programs[&7], Found::Damaged(_)));
-    assert!(matches!(found(folder.path())[&7], Found::Damaged(_)));
+    assert!(matches!(look.programs[&7], ProgramFileState::Damaged(_)));
+    assert!(matches!(found(folder.path())[&7], ProgramFileState::Damaged(_)));
     programs.write(7, b"M31\n", "nj", None).unwrap();
-    assert_eq!(found(folder.path())[&7], Found::Stored(b"M31\n".to_vec()));
+    assert_eq!(
+        found(folder.path())[&7],
+        ProgramFileState::Stored(b"M31\n".to_vec())
+    );
     fs::remove_file(&path).unwrap();
     assert_eq!(
         (
-            super::look(folder.path(), false, PROGRAMS_BYTES_MAX)
+            super::scan_folder(folder.path(), false, PROGRAMS_BYTES_MAX)
                 .unwrap()
                 .gone,
             programs.changed().unwrap()
         ),
-        (vec![(7, Some(crate::disk::sum_of(b"M31\n")))], [(7, None)].into())
+        (
+            vec![(7, Some(crate::disk::checksum_hex(b"M31\n")))],
+            [(7, None)].into()
+        )
     );
 }
 
@@ -74,7 +86,10 @@ fn a_kill_between_sum_and_name_leaves_the_program_before_or_after() {
             [("7".to_owned(), Some(format!("{before}|1.000000000 77")))].into(),
         )
         .unwrap();
-    assert_eq!(found(folder.path())[&7], Found::Stored(b"M30\n".to_vec()));
+    assert_eq!(
+        found(folder.path())[&7],
+        ProgramFileState::Stored(b"M30\n".to_vec())
+    );
     programs
         .sums
         .add(
@@ -82,7 +97,10 @@ fn a_kill_between_sum_and_name_leaves_the_program_before_or_after() {
             [("7".to_owned(), Some(format!("1.000000000 77|{before}")))].into(),
         )
         .unwrap();
-    assert_eq!(found(folder.path())[&7], Found::Stored(b"M30\n".to_vec()));
+    assert_eq!(
+        found(folder.path())[&7],
+        ProgramFileState::Stored(b"M30\n".to_vec())
+    );
 }
 
 #[test]
@@ -102,8 +120,8 @@ fn a_program_has_one_name_and_others_are_renamed_once_or_named() {
     assert_eq!(
         texts,
         [
-            (&90, &Found::Stored(b"b".to_vec())),
-            (&91, &Found::Stored(b"d".to_vec()))
+            (&90, &ProgramFileState::Stored(b"b".to_vec())),
+            (&91, &ProgramFileState::Stored(b"d".to_vec()))
         ]
     );
     assert_eq!(look.not_read.len(), 2, "{:?}", look.not_read);

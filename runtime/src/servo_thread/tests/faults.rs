@@ -30,7 +30,7 @@ const SPINDLE_PANICS: u8 = 4;
 
 /// Fault to inject, and the commands received by the drives.
 #[derive(Debug, Default)]
-struct Injected {
+struct InjectedFault {
     fault: AtomicU8,
     /// Commands with power since the fault.
     powered: AtomicU64,
@@ -44,7 +44,7 @@ struct Injected {
 #[derive(Debug)]
 struct FaultyBus {
     inner: Box<dyn DriveBus>,
-    injected: Arc<Injected>,
+    injected: Arc<InjectedFault>,
 }
 
 impl DriveBus for FaultyBus {
@@ -93,7 +93,7 @@ impl DriveBus for FaultyBus {
 #[derive(Debug)]
 struct FaultySpindle {
     inner: Box<dyn Spindle>,
-    injected: Arc<Injected>,
+    injected: Arc<InjectedFault>,
 }
 
 impl Spindle for FaultySpindle {
@@ -123,7 +123,7 @@ impl Spindle for FaultySpindle {
     }
 }
 
-fn hardware(injected: &Arc<Injected>) -> HardwareFactory {
+fn hardware(injected: &Arc<InjectedFault>) -> HardwareFactory {
     let injected = Arc::clone(injected);
     Box::new(move |systems: &[&CoordinateSystemSettings]| {
         let simulated = Hardware::simulated(systems);
@@ -192,7 +192,7 @@ async fn under_way(plc: &Plc) {
 fn p11_fault_of_bus_or_spindle_in_simulated_time_stops_all() {
     for ran in [true, false] {
         for fault in [PANICS, PANICS_ONCE, SPINDLE_PANICS] {
-            let injected = Arc::<Injected>::default();
+            let injected = Arc::<InjectedFault>::default();
             let faulty = Arc::clone(&injected);
             let bench = Bench::new().hardware(hardware(&injected));
             let play = bench.play(async move |scene, runtime| {
@@ -222,7 +222,7 @@ fn p11_fault_of_bus_or_spindle_in_simulated_time_stops_all() {
 }
 
 /// The demo machine in real time, with its data folder.
-async fn in_real_time(injected: &Arc<Injected>) -> (Runtime, tempfile::TempDir) {
+async fn in_real_time(injected: &Arc<InjectedFault>) -> (Runtime, tempfile::TempDir) {
     let folder = tempfile::tempdir().unwrap();
     let mut config = Config::demo();
     config.machine.data_dir = folder.path().to_owned();
@@ -232,7 +232,7 @@ async fn in_real_time(injected: &Arc<Injected>) -> (Runtime, tempfile::TempDir) 
 
 #[tokio::test(flavor = "multi_thread")]
 async fn p11_panic_of_the_relay_cuts_power() {
-    let injected = Arc::<Injected>::default();
+    let injected = Arc::<InjectedFault>::default();
     let (runtime, _folder) = in_real_time(&injected).await;
     let plc = Plc::in_process(runtime.port());
     under_way(&plc).await;
@@ -254,7 +254,7 @@ async fn p11_panic_of_the_relay_cuts_power() {
 #[tokio::test(flavor = "multi_thread")]
 async fn p11_panic_or_stall_of_the_bus_in_real_time_cuts_power() {
     for fault in [PANICS, PANICS_ONCE, STALLS] {
-        let injected = Arc::<Injected>::default();
+        let injected = Arc::<InjectedFault>::default();
         let (runtime, _folder) = in_real_time(&injected).await;
         let plc = Plc::in_process(runtime.port());
         under_way(&plc).await;

@@ -13,7 +13,7 @@ const NO_AIR: UserAlarm = UserAlarm::new(12, "the air pressure is low")
     .in_language("de", "der Luftdruck ist zu niedrig", "Hauptventil öffnen.");
 
 /// Returns the alarm of M20 on the demo machine with these tables, and its explanation.
-fn told(tables: &str) -> (AlarmRecord, String) {
+fn raise_and_explain(tables: &str) -> (AlarmRecord, String) {
     let program = SequenceProgram::new()
         .on(20, async |_output: AuxOutput| Err(NO_AIR.with("2.1 bar")))
         .alarms([NO_AIR]);
@@ -37,7 +37,7 @@ fn told(tables: &str) -> (AlarmRecord, String) {
 
 #[test]
 fn an_alarm_has_the_remedy_and_the_languages_that_its_handler_says() {
-    let (alarm, explained) = told("");
+    let (alarm, explained) = raise_and_explain("");
     assert_eq!(alarm.number, 10_012);
     assert_eq!(alarm.text, "the air pressure is low: 2.1 bar");
     assert_eq!(alarm.remedy.as_deref(), Some("Open the main valve."));
@@ -55,7 +55,8 @@ fn an_alarm_has_the_remedy_and_the_languages_that_its_handler_says() {
 
 #[test]
 fn what_the_configuration_says_of_an_alarm_counts_first() {
-    let (alarm, explained) = told("\n[alarm.12]\ntext = \"no air\"\nremedy = \"Call the fitter.\"\n");
+    let (alarm, explained) =
+        raise_and_explain("\n[alarm.12]\ntext = \"no air\"\nremedy = \"Call the fitter.\"\n");
     assert_eq!(alarm.text, "the air pressure is low: 2.1 bar");
     assert_eq!(alarm.remedy.as_deref(), Some("Call the fitter."));
     assert!(alarm.languages.is_empty());

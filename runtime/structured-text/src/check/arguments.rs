@@ -3,7 +3,7 @@
 use tandem_model::Span;
 
 use super::{Checker, Section};
-use crate::code::{Place, Stmt};
+use crate::code::{Stmt, VariableLocation};
 use crate::finding::{NOT_IN_SUBSET, PARAMETERS, TYPE};
 use crate::tree::{Argument, Expression};
 use crate::types::Type;
@@ -90,8 +90,8 @@ impl Checker<'_> {
     }
 
     /// Returns the variable that is passed as a `VAR_IN_OUT`.
-    pub(super) fn passed(&mut self, argument: &Argument, of: &Type) -> Option<Place> {
-        let found = self.place(&argument.value)?;
+    pub(super) fn passed(&mut self, argument: &Argument, of: &Type) -> Option<VariableLocation> {
+        let found = self.variable_part(&argument.value)?;
         if let Some(why) = found.fixed {
             let what = format!("a VAR_IN_OUT may be assigned, but this cannot be assigned: {why}");
             self.found(
@@ -111,7 +111,7 @@ impl Checker<'_> {
     }
 
     /// Returns the assignment of an expression to a place.
-    pub(super) fn assignment(&mut self, to: Place, of: &Type, value: &Expression) -> Option<Stmt> {
+    pub(super) fn assignment(&mut self, to: VariableLocation, of: &Type, value: &Expression) -> Option<Stmt> {
         self.wanted = of.elementary();
         let typed = self.valued(value)?;
         let mut value = self.become_type(typed, of)?;
@@ -140,11 +140,14 @@ impl Checker<'_> {
     }
 
     /// Returns the assignment of an output to a variable.
-    pub(super) fn output(&mut self, from: Place, of: &Type, to: &Expression) -> Option<Stmt> {
+    pub(super) fn output(&mut self, from: VariableLocation, of: &Type, to: &Expression) -> Option<Stmt> {
         let target = self.assignable(to)?;
         let span = from.span;
-        let typed =
-            super::expressions::Typed::of(crate::code::ExprKind::Load(Box::new(from)), of.clone(), span);
+        let typed = super::expressions::TypedExpr::with_type(
+            crate::code::ExprKind::Load(Box::new(from)),
+            of.clone(),
+            span,
+        );
         let value = self.become_type(typed, &target.of)?;
         if let crate::code::ExprKind::Load(from) = &value.kind
             && !of.is_single()

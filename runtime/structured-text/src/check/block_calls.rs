@@ -2,16 +2,16 @@
 
 use tandem_model::Span;
 
-use super::places::Found;
+use super::places::VariablePart;
 use super::{Checker, Section};
 use crate::blocks::{BuiltIn, Direction, built_in};
-use crate::code::{BlockCall, BlockOf, ExprKind, Place, Stmt};
+use crate::code::{BlockCall, BlockOf, ExprKind, Stmt, VariableLocation};
 use crate::finding::{NOT_CALLABLE, NOT_CONSTANT, NUMBER_RANGE};
 use crate::tree::{Argument, Expression};
 use crate::types::Type;
 
 /// Returns a place within an instance.
-fn within(instance: &Place, offset: usize) -> Place {
+fn within(instance: &VariableLocation, offset: usize) -> VariableLocation {
     let mut place = instance.clone();
     place.offset += offset;
     place
@@ -24,7 +24,7 @@ impl Checker<'_> {
         arguments: &[Argument],
         span: Span,
     ) -> Option<Stmt> {
-        let instance = self.place(callee)?;
+        let instance = self.variable_part(callee)?;
         match instance.of.clone() {
             Type::Block(unit, _) => self.own_block(unit, &instance, arguments, span),
             Type::BuiltIn(name) => self.built_in_block(built_in(name)?, &instance, arguments, span),
@@ -44,7 +44,7 @@ impl Checker<'_> {
     fn own_block(
         &mut self,
         unit: usize,
-        instance: &Found,
+        instance: &VariablePart,
         arguments: &[Argument],
         span: Span,
     ) -> Option<Stmt> {
@@ -93,7 +93,7 @@ impl Checker<'_> {
     fn built_in_block(
         &mut self,
         block: &'static BuiltIn,
-        instance: &Found,
+        instance: &VariablePart,
         arguments: &[Argument],
         span: Span,
     ) -> Option<Stmt> {
@@ -155,7 +155,7 @@ impl Checker<'_> {
     }
 
     /// Returns the value that the declaration of an instance gives to a port.
-    fn declared(&self, instance: &Found, slot: usize) -> Option<i128> {
+    fn declared(&self, instance: &VariablePart, slot: usize) -> Option<i128> {
         let place = &instance.place;
         if place.root != crate::code::Root::Frame || !place.indices.is_empty() {
             return built_in_default(&instance.of, slot);

@@ -3,13 +3,13 @@
 use tandem_model::Span;
 
 use super::arguments::is_output;
-use super::expressions::{Of, Typed};
+use super::expressions::{ExprType, TypedExpr};
 use super::operators::common;
 use super::{Checker, Global, Section};
-use crate::code::{ExprKind, FunctionCall, Operand, Place, Root, Stmt};
+use crate::code::{ExprKind, FunctionCall, Operand, Root, Stmt, VariableLocation};
 use crate::convert::{convert, is_conversion, truncate};
 use crate::finding::{NOT_CALLABLE, NOT_CONSTANT, PARAMETERS, TYPE, UNKNOWN};
-use crate::functions::{Call, Class, Conversion, Function, Gives, OPERATORS, function};
+use crate::functions::{Call, Class, Conversion, Function, OPERATORS, ResultType, function};
 use crate::limits::NESTING_MAX;
 use crate::machine::{MachineFunction, machine_function};
 use crate::tree::{Argument, Binary, Expression, ExpressionKind, UnitKind};
@@ -22,7 +22,7 @@ impl Checker<'_> {
         callee: &Expression,
         arguments: &[Argument],
         (span, wanted): (Span, Option<Elementary>),
-    ) -> Option<Typed> {
+    ) -> Option<TypedExpr> {
         let ExpressionKind::Name(name) = &callee.kind else {
             let help = "call an instance of a function block as a statement";
             self.found(&NOT_CALLABLE, callee.span, "only a function has a value", help);
@@ -90,7 +90,7 @@ impl Checker<'_> {
             .collect()
     }
 
-    fn own_function(&mut self, unit: usize, arguments: &[Argument], span: Span) -> Option<Typed> {
+    fn own_function(&mut self, unit: usize, arguments: &[Argument], span: Span) -> Option<TypedExpr> {
         let name = &self.file.units[unit].name.text;
         self.calls(unit, span);
         let parameters = self.parameters(unit);
@@ -119,7 +119,7 @@ impl Checker<'_> {
                     call.references.push((variable.offset, place));
                 }
                 (Section::Input, Some(argument)) => {
-                    let to = Place {
+                    let to = VariableLocation {
                         root: Root::Frame,
                         offset: 0,
                         indices: Vec::new(),
@@ -133,7 +133,7 @@ impl Checker<'_> {
                     call.inputs.push((variable.offset, operand));
                 }
                 (_, Some(argument)) => {
-                    let from = Place {
+                    let from = VariableLocation {
                         root: Root::Function(unit),
                         offset: variable.offset,
                         indices: Vec::new(),
@@ -147,7 +147,7 @@ impl Checker<'_> {
         let of = self.frames[unit]
             .result
             .as_ref()
-            .map_or(Of::Nothing, |(_, of)| Of::Type(of.clone()));
+            .map_or(ExprType::Nothing, |(_, of)| ExprType::Type(of.clone()));
         self.folded(None, ExprKind::Call(Box::new(call)), of, span)
     }
 
@@ -174,10 +174,10 @@ impl Checker<'_> {
         function: &'static Function,
         arguments: &[Argument],
         (span, wanted): (Span, Option<Elementary>),
-    ) -> Option<Typed> {
+    ) -> Option<TypedExpr> {
         let parameters = Self::standard_parameters(function, arguments.len());
         let typed = self.all_given(function.name, &parameters, arguments, span)?;
-        let mut common: Option<Typed> = None;
+        let mut common: Option<TypedExpr> = None;
         for (typed, (_, class)) in typed.iter().zip(&parameters) {
             if !self.fits(typed, *class, function.name) {
                 return None;
@@ -190,10 +190,12 @@ impl Checker<'_> {
             }
         }
         let is_real = parameters.iter().any(|(_, class)| *class == Class::Real);
-        let literals = typed.iter().filter_map(Typed::value);
+        let literals = typed.iter().filter_map(TypedExpr::value);
         let kind = common.map(|common| match common.of {
-            Of::Integer if !is_real => of_literals(wanted, literals),
-            Of::Integer | Of::Real => wanted.filter(|kind| kind.is_real()).unwrap_or(Elementary::Lreal),
+            ExprType::Integer if !is_real => literal_type(wanted, literals),
+            ExprType::Integer | ExprType::Real => {
+                wanted.filter(|kind| kind.is_real()).unwrap_or(Elementary::Lreal)
+            }
             _ => common.elementary().unwrap_or(Elementary::Lint),
         });
         let mut values = Vec::new();
@@ -208,15 +210,15 @@ impl Checker<'_> {
             values.push(self.become_type(typed, &of.into())?);
         }
         let of = match function.gives {
-            Gives::Of(of) => of,
-            Gives::Common => kind.unwrap_or(Elementary::Lint),
+            ResultType::Of(of) => of,
+            ResultType::Common => kind.unwrap_or(Elementary::Lint),
         };
         let constants: Option<Vec<Value>> = values.iter().map(constant).collect();
         let folded = constants.map(|values| (function.run)(&Call { values: &values, of }));
         self.folded(
             folded,
             ExprKind::Standard(function.run, of, values),
-            Of::Type(of.into()),
+            ExprType::Type(of.into()),
             span,
         )
     }
@@ -228,7 +230,7 @@ impl Checker<'_> {
         parameters: &[(String, Class)],
         arguments: &[Argument],
         span: Span,
-    ) -> Option<Vec<Typed>> {
+    ) -> Option<Vec<TypedExpr>> {
         let named: Vec<_> = parameters.iter().map(|(name, _)| (name.clone(), false)).collect();
         let arranged = self.arranged(name, &named, arguments, span)?;
         let mut typed = Vec::new();
@@ -243,13 +245,16 @@ impl Checker<'_> {
     }
 
     /// Returns true if a value is of a class; otherwise reports a finding.
-    fn fits(&mut self, typed: &Typed, class: Class, name: &str) -> bool {
+    fn fits(&mut self, typed: &TypedExpr, class: Class, name: &str) -> bool {
         let kind = typed.elementary();
-        let is_number = matches!(typed.of, Of::Integer | Of::Real);
+        let is_number = matches!(typed.of, ExprType::Integer | ExprType::Real);
         let is = |fits: fn(Elementary) -> bool| kind.is_some_and(fits);
         let (fits, wanted) = match class {
             Class::Bool => (kind == Some(Elementary::Bool), "a BOOL"),
-            Class::Int => (typed.of == Of::Integer || is(Elementary::is_int), "an integer"),
+            Class::Int => (
+                typed.of == ExprType::Integer || is(Elementary::is_int),
+                "an integer",
+            ),
             Class::Text => (kind == Some(Elementary::String), "a STRING"),
             Class::Any => (is_number || kind.is_some(), "a value of an elementary type"),
             Class::Num => (is_number || is(Elementary::is_num), "a number"),
@@ -280,10 +285,20 @@ impl Checker<'_> {
     }
 
     /// Returns a value converted to the common type of two values.
-    fn with_common(&mut self, one: Typed, other: &Typed, name: &str, span: Span) -> Option<Typed> {
-        let untyped = |typed: &Typed| matches!(typed.of, Of::Integer | Of::Real);
+    fn with_common(
+        &mut self,
+        one: TypedExpr,
+        other: &TypedExpr,
+        name: &str,
+        span: Span,
+    ) -> Option<TypedExpr> {
+        let untyped = |typed: &TypedExpr| matches!(typed.of, ExprType::Integer | ExprType::Real);
         if untyped(&one) && untyped(other) {
-            return Some(if one.of == Of::Real { one } else { other.clone() });
+            return Some(if one.of == ExprType::Real {
+                one
+            } else {
+                other.clone()
+            });
         }
         let Some(kind) = common(&one, other) else {
             let what = format!("{} and {} have no common type for {name}", one.of, other.of);
@@ -295,7 +310,7 @@ impl Checker<'_> {
             );
             return None;
         };
-        Some(Typed::of(one.expr.kind, kind, span))
+        Some(TypedExpr::with_type(one.expr.kind, kind, span))
     }
 
     /// Checks an operator that is written as a function: `ADD(a, b)` is `a + b`.
@@ -305,7 +320,7 @@ impl Checker<'_> {
         operator: &str,
         arguments: &[Argument],
         span: Span,
-    ) -> Option<Typed> {
+    ) -> Option<TypedExpr> {
         let operators = [
             Binary::Multiply,
             Binary::Divide,
@@ -349,17 +364,17 @@ impl Checker<'_> {
         conversion: Conversion,
         arguments: &[Argument],
         span: Span,
-    ) -> Option<Typed> {
+    ) -> Option<TypedExpr> {
         let typed = self
             .all_given(name, &[("IN".to_owned(), Class::Any)], arguments, span)?
             .pop()?;
         let (expr, from) = match (conversion.from, &typed.of) {
             (Some(from), _) => (self.become_type(typed, &from.into())?, from),
-            (None, Of::Integer) => (
+            (None, ExprType::Integer) => (
                 self.become_type(typed, &Elementary::Lint.into())?,
                 Elementary::Lint,
             ),
-            (None, Of::Real) => (
+            (None, ExprType::Real) => (
                 self.become_type(typed, &Elementary::Lreal.into())?,
                 Elementary::Lreal,
             ),
@@ -400,7 +415,7 @@ impl Checker<'_> {
             let folded = value.map(|value| convert(&value, from, to));
             (folded, ExprKind::Convert(Box::new(expr), from, to))
         };
-        self.folded(folded, node, Of::Type(to.into()), span)
+        self.folded(folded, node, ExprType::Type(to.into()), span)
     }
 
     fn machine_function(
@@ -408,7 +423,7 @@ impl Checker<'_> {
         function: &'static MachineFunction,
         arguments: &[Argument],
         span: Span,
-    ) -> Option<Typed> {
+    ) -> Option<TypedExpr> {
         let parameters: Vec<_> = function
             .parameters
             .iter()
@@ -453,7 +468,9 @@ impl Checker<'_> {
             };
             self.needs.variables.insert((cs, number));
         }
-        let of = function.gives.map_or(Of::Nothing, |of| Of::Type(of.into()));
+        let of = function
+            .gives
+            .map_or(ExprType::Nothing, |of| ExprType::Type(of.into()));
         self.folded(None, ExprKind::Machine(function, values), of, span)
     }
 
@@ -465,7 +482,7 @@ impl Checker<'_> {
         span: Span,
     ) -> Option<Stmt> {
         let typed = self.function_call(callee, arguments, (span, None))?;
-        if matches!(typed.expr.kind, ExprKind::Call(_)) || typed.of == Of::Nothing {
+        if matches!(typed.expr.kind, ExprKind::Call(_)) || typed.of == ExprType::Nothing {
             return Some(Stmt::Evaluate(typed.expr));
         }
         self.found(
@@ -492,7 +509,7 @@ fn constant(expr: &crate::code::Expr) -> Option<Value> {
 
 /// Returns the type of integers without a type: the wanted type, otherwise the narrowest that contains all of
 /// them.
-fn of_literals<'v>(wanted: Option<Elementary>, values: impl Iterator<Item = &'v Value>) -> Elementary {
+fn literal_type<'v>(wanted: Option<Elementary>, values: impl Iterator<Item = &'v Value>) -> Elementary {
     use Elementary::{Dint, Int, Lint, Udint, Ulint, Usint};
     if let Some(kind) = wanted.filter(|kind| kind.is_num() || kind.is_bits()) {
         return kind;

@@ -14,7 +14,7 @@ use crate::value::{Fault, Value};
 
 /// The type of an expression.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Of {
+pub(super) enum ExprType {
     Type(Type),
     /// An integer without a type, which takes the wanted type.
     Integer,
@@ -26,13 +26,13 @@ pub(super) enum Of {
 
 /// A checked expression.
 #[derive(Debug, Clone)]
-pub(super) struct Typed {
+pub(super) struct TypedExpr {
     pub expr: Expr,
-    pub of: Of,
+    pub of: ExprType,
 }
 
-impl Typed {
-    pub fn constant(value: Value, of: Of, span: Span) -> Self {
+impl TypedExpr {
+    pub fn constant(value: Value, of: ExprType, span: Span) -> Self {
         let kind = ExprKind::Constant(value);
         Self {
             expr: Expr { kind, span },
@@ -40,23 +40,23 @@ impl Typed {
         }
     }
 
-    pub fn of(kind: ExprKind, of: impl Into<Type>, span: Span) -> Self {
+    pub fn with_type(kind: ExprKind, of: impl Into<Type>, span: Span) -> Self {
         Self {
             expr: Expr { kind, span },
-            of: Of::Type(of.into()),
+            of: ExprType::Type(of.into()),
         }
     }
 
     pub fn elementary(&self) -> Option<Elementary> {
         match &self.of {
-            Of::Type(of) => of.elementary(),
+            ExprType::Type(of) => of.elementary(),
             _ => None,
         }
     }
 
     /// Returns true for an integer with or without a type.
     pub fn is_int(&self) -> bool {
-        self.of == Of::Integer || self.elementary().is_some_and(Elementary::is_int)
+        self.of == ExprType::Integer || self.elementary().is_some_and(Elementary::is_int)
     }
 
     pub fn value(&self) -> Option<&Value> {
@@ -67,20 +67,20 @@ impl Typed {
     }
 }
 
-impl std::fmt::Display for Of {
+impl std::fmt::Display for ExprType {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Of::Type(of) => of.fmt(f),
-            Of::Integer => f.write_str("an integer"),
-            Of::Real => f.write_str("a number with a fraction"),
-            Of::Nothing => f.write_str("no value"),
+            ExprType::Type(of) => of.fmt(f),
+            ExprType::Integer => f.write_str("an integer"),
+            ExprType::Real => f.write_str("a number with a fraction"),
+            ExprType::Nothing => f.write_str("no value"),
         }
     }
 }
 
 impl Checker<'_> {
     /// Returns an expression with its type; `None` after a finding.
-    pub(super) fn expression(&mut self, expression: &Expression) -> Option<Typed> {
+    pub(super) fn expression(&mut self, expression: &Expression) -> Option<TypedExpr> {
         let (span, wanted) = (expression.span, self.wanted.take());
         match &expression.kind {
             ExpressionKind::Literal(literal, of) => self.literal(literal, *of, span),
@@ -94,7 +94,7 @@ impl Checker<'_> {
             ExpressionKind::Name(_) | ExpressionKind::Field(..) | ExpressionKind::Index(..) => {
                 self.load(expression)
             }
-            ExpressionKind::OfEnumeration(of, value) => self.of_enumeration(of, value, span),
+            ExpressionKind::OfEnumeration(of, value) => self.qualified_enumerator(of, value, span),
             ExpressionKind::Call(callee, arguments) => self.function_call(callee, arguments, (span, wanted)),
             ExpressionKind::Unary(operator, of) => {
                 let of = self.expression(of)?;
@@ -108,9 +108,9 @@ impl Checker<'_> {
     }
 
     /// Returns an expression that has a value; `None` after a finding.
-    pub(super) fn valued(&mut self, expression: &Expression) -> Option<Typed> {
+    pub(super) fn valued(&mut self, expression: &Expression) -> Option<TypedExpr> {
         let typed = self.expression(expression)?;
-        if typed.of == Of::Nothing {
+        if typed.of == ExprType::Nothing {
             self.found(
                 &TYPE,
                 expression.span,
@@ -122,44 +122,44 @@ impl Checker<'_> {
         Some(typed)
     }
 
-    fn literal(&mut self, literal: &Literal, of: Option<Elementary>, span: Span) -> Option<Typed> {
+    fn literal(&mut self, literal: &Literal, of: Option<Elementary>, span: Span) -> Option<TypedExpr> {
         let (value, natural) = match literal {
-            Literal::Bool(value) => (Value::Bool(*value), Of::Type(Type::BOOL)),
-            Literal::Integer(value) => (Value::Int(*value), Of::Integer),
-            Literal::Real(value) => (Value::Real(*value), Of::Real),
-            Literal::Text(text) => (Value::Text(text.clone()), Of::Type(Type::STRING)),
-            Literal::Time(ns) => (Value::Int(*ns), Of::Type(Elementary::Time.into())),
+            Literal::Bool(value) => (Value::Bool(*value), ExprType::Type(Type::BOOL)),
+            Literal::Integer(value) => (Value::Int(*value), ExprType::Integer),
+            Literal::Real(value) => (Value::Real(*value), ExprType::Real),
+            Literal::Text(text) => (Value::Text(text.clone()), ExprType::Type(Type::STRING)),
+            Literal::Time(ns) => (Value::Int(*ns), ExprType::Type(Elementary::Time.into())),
         };
-        let typed = Typed::constant(value, natural, span);
+        let typed = TypedExpr::constant(value, natural, span);
         match of {
             None => Some(typed),
             Some(of) => {
                 let expr = self.become_type(typed, &of.into())?;
-                Some(Typed {
+                Some(TypedExpr {
                     expr,
-                    of: Of::Type(of.into()),
+                    of: ExprType::Type(of.into()),
                 })
             }
         }
     }
 
-    fn load(&mut self, expression: &Expression) -> Option<Typed> {
+    fn load(&mut self, expression: &Expression) -> Option<TypedExpr> {
         if let ExpressionKind::Name(name) = &expression.kind
             && let Some(variable) = self.variable(name)
             && let Some(value) = variable.constant.clone()
         {
-            let of = Of::Type(variable.of.clone());
-            return Some(Typed::constant(value, of, expression.span));
+            let of = ExprType::Type(variable.of.clone());
+            return Some(TypedExpr::constant(value, of, expression.span));
         }
-        let found = self.place(expression)?;
-        Some(Typed::of(
+        let found = self.variable_part(expression)?;
+        Some(TypedExpr::with_type(
             ExprKind::Load(Box::new(found.place)),
             found.of,
             expression.span,
         ))
     }
 
-    fn enumerator(&mut self, name: &str, span: Span) -> Option<Typed> {
+    fn enumerator(&mut self, name: &str, span: Span) -> Option<TypedExpr> {
         let found = self.enumerators.get(name).cloned().unwrap_or_default();
         match found.as_slice() {
             [(number, value)] => Some(self.enumeration_value(*number, *value, span)),
@@ -181,12 +181,12 @@ impl Checker<'_> {
         }
     }
 
-    fn enumeration_value(&self, number: usize, value: i128, span: Span) -> Typed {
+    fn enumeration_value(&self, number: usize, value: i128, span: Span) -> TypedExpr {
         let of = Type::Enumeration(number, self.file.types[number].name.text.as_str().into());
-        Typed::constant(Value::Int(value), Of::Type(of), span)
+        TypedExpr::constant(Value::Int(value), ExprType::Type(of), span)
     }
 
-    fn of_enumeration(&mut self, of: &Name, value: &Name, span: Span) -> Option<Typed> {
+    fn qualified_enumerator(&mut self, of: &Name, value: &Name, span: Span) -> Option<TypedExpr> {
         let values = self
             .enumerators
             .get(value.text.as_str())
@@ -203,17 +203,17 @@ impl Checker<'_> {
         None
     }
 
-    fn unary(&mut self, operator: Unary, of: Typed, span: Span) -> Option<Typed> {
+    fn unary(&mut self, operator: Unary, of: TypedExpr, span: Span) -> Option<TypedExpr> {
         let kind = of.elementary();
         match (operator, &of.of, of.value()) {
-            (Unary::Minus, Of::Integer | Of::Real, Some(value)) => {
+            (Unary::Minus, ExprType::Integer | ExprType::Real, Some(value)) => {
                 let value = match value {
                     Value::Real(value) => Value::Real(-value),
                     value => Value::Int(-value.int()),
                 };
-                return Some(Typed::constant(value, of.of, span));
+                return Some(TypedExpr::constant(value, of.of, span));
             }
-            (Unary::Plus, Of::Integer | Of::Real, _) => return Some(of),
+            (Unary::Plus, ExprType::Integer | ExprType::Real, _) => return Some(of),
             _ => {}
         }
         let fits = |kind: &Elementary| match operator {
@@ -246,7 +246,7 @@ impl Checker<'_> {
                 ExprKind::Minus(expr, kind),
             ),
         };
-        self.folded(folded, node, Of::Type(kind.into()), span)
+        self.folded(folded, node, ExprType::Type(kind.into()), span)
     }
 
     /// Returns a node as a constant, if it is one.
@@ -254,9 +254,9 @@ impl Checker<'_> {
         &mut self,
         folded: Option<Result<Value, Fault>>,
         node: ExprKind,
-        of: Of,
+        of: ExprType,
         span: Span,
-    ) -> Option<Typed> {
+    ) -> Option<TypedExpr> {
         let kind = match folded {
             Some(Ok(value)) => ExprKind::Constant(value),
             Some(Err(fault)) => {
@@ -271,16 +271,16 @@ impl Checker<'_> {
             None => node,
         };
         let expr = Expr { kind, span };
-        Some(Typed { expr, of })
+        Some(TypedExpr { expr, of })
     }
 
     /// Returns the expression converted to a type, if the conversion is implicit; `None` after a finding.
-    pub(super) fn become_type(&mut self, typed: Typed, to: &Type) -> Option<Expr> {
+    pub(super) fn become_type(&mut self, typed: TypedExpr, to: &Type) -> Option<Expr> {
         let span = typed.expr.span;
         let wanted = to.elementary();
         match (&typed.of, wanted) {
-            (Of::Integer | Of::Real, Some(to)) => return self.literal_as(&typed, to),
-            (Of::Type(from), Some(to)) => {
+            (ExprType::Integer | ExprType::Real, Some(to)) => return self.literal_as(&typed, to),
+            (ExprType::Type(from), Some(to)) => {
                 if let Some(from) = from.elementary() {
                     if from == to {
                         return Some(typed.expr);
@@ -292,7 +292,7 @@ impl Checker<'_> {
                     return None;
                 }
             }
-            (Of::Type(from), None) if from == to => return Some(typed.expr),
+            (ExprType::Type(from), None) if from == to => return Some(typed.expr),
             _ => {}
         }
         let what = format!("{} is expected here, not {}", to, typed.of);
@@ -315,14 +315,14 @@ impl Checker<'_> {
         }
     }
 
-    fn literal_as(&mut self, typed: &Typed, to: Elementary) -> Option<Expr> {
+    fn literal_as(&mut self, typed: &TypedExpr, to: Elementary) -> Option<Expr> {
         let (span, value) = (typed.expr.span, typed.value()?.clone());
         let constant = |value| {
             let kind = ExprKind::Constant(value);
             Some(Expr { kind, span })
         };
         if to.is_real() {
-            let source = if typed.of == Of::Integer {
+            let source = if typed.of == ExprType::Integer {
                 Elementary::Lint
             } else {
                 Elementary::Lreal
@@ -331,7 +331,7 @@ impl Checker<'_> {
                 return constant(value);
             }
         } else if to.is_int() || to.is_bits() {
-            if typed.of == Of::Real {
+            if typed.of == ExprType::Real {
                 let help = format!("write an integer, or LREAL_TO_{}(...)", to.text());
                 self.found(
                     &NARROWING,
@@ -364,7 +364,7 @@ impl Checker<'_> {
         let range = to
             .range()
             .map_or_else(String::new, |(low, high)| format!("{low} to {high}"));
-        let shown = if typed.of == Of::Integer {
+        let shown = if typed.of == ExprType::Integer {
             value.int().to_string()
         } else {
             value.real().to_string()

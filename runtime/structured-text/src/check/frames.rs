@@ -82,7 +82,7 @@ impl Checker<'_> {
         }
         let is_reference = variable.section == Section::InOut;
         let weight = if is_reference { 1 } else { self.weight(&of) };
-        self.takes_memory(weight, name.span).then_some(())?;
+        self.reserve_memory(weight, name.span).then_some(())?;
         let mut values = self.default(&of);
         if let Some(initial) = &variable.initial {
             self.set_initial(&of, initial, &mut values)?;

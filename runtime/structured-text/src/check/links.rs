@@ -1,6 +1,6 @@
 //! Links units to one program: checks their calls, and assigns the memory of functions.
 
-use super::{Arc, BTreeSet, Checker, Code, CodeUnit, Needs, Section};
+use super::{Arc, BTreeSet, Checker, Code, CodeUnit, MachineNeeds, Section};
 use crate::code::Stmt;
 use crate::finding::{NUMBER_RANGE, RECURSION, TOO_DEEP};
 use crate::limits::CALL_DEPTH_MAX;
@@ -8,7 +8,7 @@ use crate::tree::UnitKind;
 
 impl Checker<'_> {
     /// Returns the whole program; `None` if it has findings.
-    pub(super) fn link(mut self, program: usize, bodies: Vec<Vec<Stmt>>) -> Option<(Code, Needs)> {
+    pub(super) fn link(mut self, program: usize, bodies: Vec<Vec<Stmt>>) -> Option<(Code, MachineNeeds)> {
         let mut depths = vec![None; self.file.units.len()];
         for unit in 0..depths.len() {
             self.depth(unit, &mut depths, &mut BTreeSet::new());

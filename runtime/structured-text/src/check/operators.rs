@@ -3,7 +3,7 @@
 use tandem_model::Span;
 
 use super::Checker;
-use super::expressions::{Of, Typed};
+use super::expressions::{ExprType, TypedExpr};
 use crate::calculate::{calculate, compare, scale_time};
 use crate::code::ExprKind;
 use crate::finding::{CONSTANT_FAULT, TYPE};
@@ -15,11 +15,11 @@ impl Checker<'_> {
     pub(super) fn binary(
         &mut self,
         operator: Binary,
-        left: Typed,
-        right: Typed,
+        left: TypedExpr,
+        right: TypedExpr,
         span: Span,
-    ) -> Option<Typed> {
-        if let (Of::Type(Type::Enumeration(..)), Of::Type(_)) = (&left.of, &right.of)
+    ) -> Option<TypedExpr> {
+        if let (ExprType::Type(Type::Enumeration(..)), ExprType::Type(_)) = (&left.of, &right.of)
             && left.of == right.of
             && matches!(operator, Binary::Equal | Binary::NotEqual)
         {
@@ -32,7 +32,7 @@ impl Checker<'_> {
         if operator == Binary::Power {
             return self.power(left, right, span);
         }
-        let untyped = |typed: &Typed| matches!(typed.of, Of::Integer | Of::Real);
+        let untyped = |typed: &TypedExpr| matches!(typed.of, ExprType::Integer | ExprType::Real);
         if untyped(&left) && untyped(&right) && !matches!(operator, Binary::And | Binary::Or | Binary::Xor) {
             return self.untyped(operator, &left, &right, span);
         }
@@ -55,9 +55,9 @@ impl Checker<'_> {
         let of = Type::from(kind);
         let left = self.become_type(left, &of)?;
         let right = self.become_type(right, &of)?;
-        let typed = |expr| Typed {
+        let typed = |expr| TypedExpr {
             expr,
-            of: Of::Type(of.clone()),
+            of: ExprType::Type(of.clone()),
         };
         let (left, right) = (typed(left), typed(right));
         if operator.is_comparison() {
@@ -66,7 +66,7 @@ impl Checker<'_> {
         let values = left.value().zip(right.value());
         let folded = values.map(|(left, right)| calculate(operator, kind, left, right));
         let node = ExprKind::Calculate(operator, kind, Box::new((left.expr, right.expr)));
-        self.folded(folded, node, Of::Type(of), span)
+        self.folded(folded, node, ExprType::Type(of), span)
     }
 
     /// Returns `None`, after a finding, if an operator does not accept values of a type.
@@ -92,19 +92,31 @@ impl Checker<'_> {
         fits.then_some(())
     }
 
-    fn comparison(&mut self, operator: Binary, left: Typed, right: Typed, span: Span) -> Option<Typed> {
+    fn comparison(
+        &mut self,
+        operator: Binary,
+        left: TypedExpr,
+        right: TypedExpr,
+        span: Span,
+    ) -> Option<TypedExpr> {
         let folded = left
             .value()
             .zip(right.value())
             .map(|(left, right)| Ok(compare(operator, left, right)));
         let node = ExprKind::Compare(operator, Box::new((left.expr, right.expr)));
-        self.folded(folded, node, Of::Type(Type::BOOL), span)
+        self.folded(folded, node, ExprType::Type(Type::BOOL), span)
     }
 
     /// Returns the result of two literals without a type, which has no type either.
-    fn untyped(&mut self, operator: Binary, left: &Typed, right: &Typed, span: Span) -> Option<Typed> {
+    fn untyped(
+        &mut self,
+        operator: Binary,
+        left: &TypedExpr,
+        right: &TypedExpr,
+        span: Span,
+    ) -> Option<TypedExpr> {
         let (one, other) = (left.value()?.clone(), right.value()?.clone());
-        let is_integer = left.of == Of::Integer && right.of == Of::Integer;
+        let is_integer = left.of == ExprType::Integer && right.of == ExprType::Integer;
         let real = |value: &Value| Value::Real(value.real());
         if operator.is_comparison() {
             let value = if is_integer {
@@ -112,7 +124,7 @@ impl Checker<'_> {
             } else {
                 compare(operator, &real(&one), &real(&other))
             };
-            return Some(Typed::constant(value, Of::Type(Type::BOOL), span));
+            return Some(TypedExpr::constant(value, ExprType::Type(Type::BOOL), span));
         }
         if operator == Binary::Modulo && !is_integer {
             self.found(&TYPE, span, "MOD needs integers", "write integers");
@@ -126,9 +138,13 @@ impl Checker<'_> {
             calculate(operator, Elementary::Lreal, &real(&one), &real(&other))
         };
         match calculated {
-            Ok(value) => Some(Typed::constant(
+            Ok(value) => Some(TypedExpr::constant(
                 value,
-                if is_integer { Of::Integer } else { Of::Real },
+                if is_integer {
+                    ExprType::Integer
+                } else {
+                    ExprType::Real
+                },
                 span,
             )),
             Err(fault) => {
@@ -144,10 +160,10 @@ impl Checker<'_> {
     }
 
     /// Checks `TIME * ANY_NUM` and `TIME / ANY_NUM`.
-    fn scaled(&mut self, operator: Binary, time: Typed, by: Typed, span: Span) -> Option<Typed> {
+    fn scaled(&mut self, operator: Binary, time: TypedExpr, by: TypedExpr, span: Span) -> Option<TypedExpr> {
         let by = match by.of {
-            Of::Integer => self.become_type(by, &Elementary::Lint.into())?,
-            Of::Real => self.become_type(by, &Elementary::Lreal.into())?,
+            ExprType::Integer => self.become_type(by, &Elementary::Lint.into())?,
+            ExprType::Real => self.become_type(by, &Elementary::Lreal.into())?,
             _ if by.elementary().is_some_and(Elementary::is_num) => by.expr,
             of => {
                 let what = format!("a TIME can be multiplied and divided only by a number, not by {of}");
@@ -155,22 +171,22 @@ impl Checker<'_> {
                 return None;
             }
         };
-        let by = Typed {
+        let by = TypedExpr {
             expr: by,
-            of: Of::Integer,
+            of: ExprType::Integer,
         };
         let folded = time
             .value()
             .zip(by.value())
             .map(|(time, by)| scale_time(operator, time, by));
         let node = ExprKind::ScaleTime(operator, Box::new((time.expr, by.expr)));
-        self.folded(folded, node, Of::Type(Elementary::Time.into()), span)
+        self.folded(folded, node, ExprType::Type(Elementary::Time.into()), span)
     }
 
     /// Checks `ANY_REAL ** ANY_NUM`.
-    pub(super) fn power(&mut self, base: Typed, exponent: Typed, span: Span) -> Option<Typed> {
+    pub(super) fn power(&mut self, base: TypedExpr, exponent: TypedExpr, span: Span) -> Option<TypedExpr> {
         let kind = match base.of {
-            Of::Integer | Of::Real => exponent
+            ExprType::Integer | ExprType::Real => exponent
                 .elementary()
                 .filter(|kind| kind.is_real())
                 .unwrap_or(Elementary::Lreal),
@@ -191,13 +207,13 @@ impl Checker<'_> {
         let base = self.become_type(base, &kind.into())?;
         // the exponent keeps its own type: the result has the type of the base
         let exponent = self.become_type(exponent, &Elementary::Lreal.into())?;
-        let of = Of::Type(kind.into());
+        let of = ExprType::Type(kind.into());
         let (base, exponent) = (
-            Typed {
+            TypedExpr {
                 expr: base,
                 of: of.clone(),
             },
-            Typed {
+            TypedExpr {
                 expr: exponent,
                 of: of.clone(),
             },
@@ -210,20 +226,20 @@ impl Checker<'_> {
 }
 
 /// Returns the type to which both sides are converted.
-pub(super) fn common(left: &Typed, right: &Typed) -> Option<Elementary> {
+pub(super) fn common(left: &TypedExpr, right: &TypedExpr) -> Option<Elementary> {
     match (&left.of, &right.of) {
-        (Of::Integer | Of::Real, Of::Type(_)) => literal_beside(left, right.elementary()?),
-        (Of::Type(_), Of::Integer | Of::Real) => literal_beside(right, left.elementary()?),
-        (Of::Integer, Of::Integer) => Some(Elementary::Lint),
-        (Of::Integer | Of::Real, Of::Integer | Of::Real) => Some(Elementary::Lreal),
-        (Of::Type(left), Of::Type(right)) => left.elementary()?.common(right.elementary()?),
+        (ExprType::Integer | ExprType::Real, ExprType::Type(_)) => literal_beside(left, right.elementary()?),
+        (ExprType::Type(_), ExprType::Integer | ExprType::Real) => literal_beside(right, left.elementary()?),
+        (ExprType::Integer, ExprType::Integer) => Some(Elementary::Lint),
+        (ExprType::Integer | ExprType::Real, ExprType::Integer | ExprType::Real) => Some(Elementary::Lreal),
+        (ExprType::Type(left), ExprType::Type(right)) => left.elementary()?.common(right.elementary()?),
         _ => None,
     }
 }
 
 /// Returns the type of both, if one is a literal without a type.
-fn literal_beside(literal: &Typed, other: Elementary) -> Option<Elementary> {
-    if literal.of == Of::Real {
+fn literal_beside(literal: &TypedExpr, other: Elementary) -> Option<Elementary> {
+    if literal.of == ExprType::Real {
         if other.is_real() {
             return Some(other);
         }

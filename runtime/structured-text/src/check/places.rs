@@ -2,15 +2,15 @@
 
 use super::Checker;
 use crate::blocks::built_in;
-use crate::code::{Expr, ExprKind, IndexOf, Place, Root};
+use crate::code::{Expr, ExprKind, IndexOf, Root, VariableLocation};
 use crate::finding::{BOUNDS, NOT_ASSIGNABLE, TYPE, UNKNOWN};
 use crate::tree::{Expression, ExpressionKind, Name, Section};
 use crate::types::{ArrayType, Elementary, Type};
 
 /// A variable or a part of one.
 #[derive(Debug)]
-pub(super) struct Found {
-    pub place: Place,
+pub(super) struct VariablePart {
+    pub place: VariableLocation,
     pub of: Type,
     /// Reason why it cannot be assigned.
     pub fixed: Option<&'static str>,
@@ -18,18 +18,18 @@ pub(super) struct Found {
 
 impl Checker<'_> {
     /// Returns the place that an expression names; `None` after a finding.
-    pub(super) fn place(&mut self, expression: &Expression) -> Option<Found> {
+    pub(super) fn variable_part(&mut self, expression: &Expression) -> Option<VariablePart> {
         match &expression.kind {
             ExpressionKind::Name(name) => self.named(name, expression),
             ExpressionKind::Field(of, field) => {
-                let of = self.place(of)?;
+                let of = self.variable_part(of)?;
                 self.field(of, field, expression)
             }
             ExpressionKind::Index(of, indices) => {
-                let of = self.place(of)?;
+                let of = self.variable_part(of)?;
                 self.element(of, indices, expression)
             }
-            ExpressionKind::Parenthesized(inner) => self.place(inner),
+            ExpressionKind::Parenthesized(inner) => self.variable_part(inner),
             _ => {
                 let help = "write the name of a variable, with fields and indices";
                 self.found(&NOT_ASSIGNABLE, expression.span, "this is not a variable", help);
@@ -38,7 +38,7 @@ impl Checker<'_> {
         }
     }
 
-    fn named(&mut self, name: &str, expression: &Expression) -> Option<Found> {
+    fn named(&mut self, name: &str, expression: &Expression) -> Option<VariablePart> {
         let Some(variable) = self.variable(name) else {
             if !self.is_refused(name) {
                 let what = format!("the variable {name} is unknown");
@@ -65,8 +65,8 @@ impl Checker<'_> {
         } else {
             fixed
         };
-        Some(Found {
-            place: Place {
+        Some(VariablePart {
+            place: VariableLocation {
                 root,
                 offset,
                 indices: Vec::new(),
@@ -77,7 +77,7 @@ impl Checker<'_> {
         })
     }
 
-    fn field(&mut self, mut of: Found, field: &Name, expression: &Expression) -> Option<Found> {
+    fn field(&mut self, mut of: VariablePart, field: &Name, expression: &Expression) -> Option<VariablePart> {
         let found = match &of.of {
             Type::Struct(number, _) => {
                 let mut fields = self.types[*number].fields.iter();
@@ -125,14 +125,19 @@ impl Checker<'_> {
         };
         of.place.offset += offset;
         of.place.span = expression.span;
-        Some(Found {
+        Some(VariablePart {
             place: of.place,
             of: part,
             fixed,
         })
     }
 
-    fn element(&mut self, mut of: Found, indices: &[Expression], expression: &Expression) -> Option<Found> {
+    fn element(
+        &mut self,
+        mut of: VariablePart,
+        indices: &[Expression],
+        expression: &Expression,
+    ) -> Option<VariablePart> {
         let Type::Array(array) = of.of.clone() else {
             let what = format!("{} is not an array", of.of);
             self.found(&TYPE, expression.span, what, "remove the index");
@@ -158,16 +163,16 @@ impl Checker<'_> {
             stride *= usize::try_from(high - low + 1).unwrap_or(usize::MAX);
         }
         of.place.span = expression.span;
-        Some(Found {
+        Some(VariablePart {
             place: of.place,
-            of: of_element(&array),
+            of: element_type(&array),
             fixed: of.fixed,
         })
     }
 
     fn index(
         &mut self,
-        place: &mut Place,
+        place: &mut VariableLocation,
         index: &Expression,
         (low, high): (i64, i64),
         stride: usize,
@@ -210,8 +215,8 @@ impl Checker<'_> {
     }
 
     /// Returns a place that may be assigned; `None` after a finding.
-    pub(super) fn assignable(&mut self, expression: &Expression) -> Option<Found> {
-        let found = self.place(expression)?;
+    pub(super) fn assignable(&mut self, expression: &Expression) -> Option<VariablePart> {
+        let found = self.variable_part(expression)?;
         if let Some(why) = found.fixed {
             let what = format!("this cannot be assigned: {why}");
             self.found(&NOT_ASSIGNABLE, expression.span, what, "assign another variable");
@@ -231,6 +236,6 @@ impl Checker<'_> {
     }
 }
 
-fn of_element(array: &ArrayType) -> Type {
+fn element_type(array: &ArrayType) -> Type {
     array.element.clone()
 }

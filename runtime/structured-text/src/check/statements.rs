@@ -115,7 +115,7 @@ impl Checker<'_> {
     ) -> Option<Stmt> {
         let typed = self.valued(selector);
         let of = typed.as_ref().and_then(|typed| match &typed.of {
-            super::expressions::Of::Type(of) => Some(of.clone()),
+            super::expressions::ExprType::Type(of) => Some(of.clone()),
             _ => None,
         });
         let is_ordinal = |of: &Type| {

@@ -83,7 +83,7 @@ impl Checker<'_> {
                 self.found(&TWICE, field.name.span, what, "take another name");
                 continue;
             }
-            if !self.takes_memory(self.weight(&of), field.name.span) {
+            if !self.reserve_memory(self.weight(&of), field.name.span) {
                 return;
             }
             let mut values = self.default(&of);

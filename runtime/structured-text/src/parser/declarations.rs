@@ -1,6 +1,6 @@
 //! Types, units and their variables.
 
-use super::{Parsed, Parser};
+use super::{ParseResult, Parser};
 use crate::finding::{LITERAL_RANGE, NOT_IN_SUBSET};
 use crate::limits::DIMENSIONS_MAX;
 use crate::tree::{
@@ -28,19 +28,19 @@ const OTHER_TYPES: [(&str, &str); 15] = [
 
 impl Parser<'_> {
     /// Reads the types after `TYPE`.
-    pub(super) fn types(&mut self, types: &mut Vec<TypeDeclaration>) -> Parsed<()> {
-        while !self.takes("END_TYPE") {
+    pub(super) fn types(&mut self, types: &mut Vec<TypeDeclaration>) -> ParseResult<()> {
+        while !self.accept("END_TYPE") {
             let name = self.name()?;
             self.expect(":")?;
-            let definition = if self.takes("STRUCT") {
+            let definition = if self.accept("STRUCT") {
                 let mut fields = Vec::new();
-                while !self.takes("END_STRUCT") {
+                while !self.accept("END_STRUCT") {
                     self.variables(Section::Local, false, &mut fields)?;
                 }
                 Definition::Struct(fields)
-            } else if self.takes("(") {
+            } else if self.accept("(") {
                 let mut values = vec![self.name()?];
-                while self.takes(",") {
+                while self.accept(",") {
                     values.push(self.name()?);
                 }
                 self.expect(")")?;
@@ -65,9 +65,9 @@ impl Parser<'_> {
     }
 
     /// Reads a unit after `PROGRAM`, `FUNCTION_BLOCK` or `FUNCTION`.
-    pub(super) fn unit(&mut self, kind: UnitKind) -> Parsed<Unit> {
+    pub(super) fn unit(&mut self, kind: UnitKind) -> ParseResult<Unit> {
         let name = self.name()?;
-        let result = if kind == UnitKind::Function && self.takes(":") {
+        let result = if kind == UnitKind::Function && self.accept(":") {
             Some(self.type_name()?)
         } else {
             None
@@ -102,16 +102,16 @@ impl Parser<'_> {
         ];
         sections
             .into_iter()
-            .find(|(word, _)| self.takes(word))
+            .find(|(word, _)| self.accept(word))
             .map(|(_, section)| section)
     }
 
-    fn section_of(&mut self, section: Section, variables: &mut Vec<Variable>) -> Parsed<()> {
-        let is_constant = self.takes("CONSTANT");
+    fn section_of(&mut self, section: Section, variables: &mut Vec<Variable>) -> ParseResult<()> {
+        let is_constant = self.accept("CONSTANT");
         if self.is_any(&["RETAIN", "NON_RETAIN", "PERSISTENT"]) {
             return Err(self.expected("a name"));
         }
-        while !self.takes("END_VAR") {
+        while !self.accept("END_VAR") {
             self.variables(section, is_constant, variables)?;
         }
         Ok(())
@@ -123,14 +123,14 @@ impl Parser<'_> {
         section: Section,
         is_constant: bool,
         variables: &mut Vec<Variable>,
-    ) -> Parsed<()> {
+    ) -> ParseResult<()> {
         let mut names = vec![self.name()?];
-        while self.takes(",") {
+        while self.accept(",") {
             names.push(self.name()?);
         }
         self.expect(":")?;
         let of = self.type_name()?;
-        let initial = if self.takes(":=") {
+        let initial = if self.accept(":=") {
             Some(self.initial()?)
         } else {
             None
@@ -146,18 +146,18 @@ impl Parser<'_> {
         Ok(())
     }
 
-    fn type_name(&mut self) -> Parsed<TypeName> {
+    fn type_name(&mut self) -> ParseResult<TypeName> {
         let span = self.span();
         if self.is_any(&["POINTER", "REFERENCE", "REF_TO"]) {
             return Err(self.expected("a type"));
         }
-        if self.takes("ARRAY") {
+        if self.accept("ARRAY") {
             return self.array();
         }
-        if self.takes("STRING") {
-            let close = if self.takes("[") {
+        if self.accept("STRING") {
+            let close = if self.accept("[") {
                 "]"
-            } else if self.takes("(") {
+            } else if self.accept("(") {
                 ")"
             } else {
                 return Ok(TypeName::Text(None, span));
@@ -184,7 +184,7 @@ impl Parser<'_> {
         Ok(TypeName::Named(name))
     }
 
-    fn array(&mut self) -> Parsed<TypeName> {
+    fn array(&mut self) -> ParseResult<TypeName> {
         let start = self.last_span();
         self.expect("[")?;
         let mut bounds: Vec<(Expression, Expression)> = Vec::new();
@@ -192,7 +192,7 @@ impl Parser<'_> {
             let low = self.expression()?;
             self.expect("..")?;
             bounds.push((low, self.expression()?));
-            if !self.takes(",") {
+            if !self.accept(",") {
                 break;
             }
         }
@@ -211,11 +211,11 @@ impl Parser<'_> {
         })
     }
 
-    fn initial(&mut self) -> Parsed<Initial> {
+    fn initial(&mut self) -> ParseResult<Initial> {
         let start = self.span();
-        if self.takes("[") {
+        if self.accept("[") {
             let mut list = Vec::new();
-            while !self.takes("]") {
+            while !self.accept("]") {
                 list.push(self.deeper(Self::element)?);
                 if !self.is("]") {
                     self.expect(",")?;
@@ -234,7 +234,7 @@ impl Parser<'_> {
                 let name = self.name()?;
                 self.expect(":=")?;
                 fields.push((name, self.deeper(Self::initial)?));
-                if !self.takes(",") {
+                if !self.accept(",") {
                     break;
                 }
             }
@@ -245,7 +245,7 @@ impl Parser<'_> {
     }
 
     /// Reads an element of a list, or several equal ones: `3(0)`.
-    fn element(&mut self) -> Parsed<Initial> {
+    fn element(&mut self) -> ParseResult<Initial> {
         use crate::tokens::TokenKind;
         let is_literal = self
             .token()

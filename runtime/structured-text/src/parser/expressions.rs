@@ -3,7 +3,7 @@
 
 use tandem_model::Span;
 
-use super::{KEYWORDS, Parsed, Parser};
+use super::{KEYWORDS, ParseResult, Parser};
 use crate::finding::{NOT_IN_SUBSET, SYNTAX, TOO_DEEP};
 use crate::limits::NESTING_MAX;
 use crate::tokens::TokenKind;
@@ -30,11 +30,11 @@ const LEVELS: [&[(&str, Binary)]; 7] = [
 ];
 
 impl Parser<'_> {
-    pub(super) fn expression(&mut self) -> Parsed<Expression> {
+    pub(super) fn expression(&mut self) -> ParseResult<Expression> {
         self.deeper(|parser| parser.level(0))
     }
 
-    fn level(&mut self, level: usize) -> Parsed<Expression> {
+    fn level(&mut self, level: usize) -> ParseResult<Expression> {
         let Some(operators) = LEVELS.get(level) else {
             return self.power();
         };
@@ -49,7 +49,7 @@ impl Parser<'_> {
 
     /// Creates the node of an expression; reports a finding if the nesting is too deep. Operators in a row,
     /// `a + b + c`, are nested too.
-    fn node(&mut self, kind: ExpressionKind, span: Span) -> Parsed<Expression> {
+    fn node(&mut self, kind: ExpressionKind, span: Span) -> ParseResult<Expression> {
         let node = Expression::new(kind, span);
         if node.height > NESTING_MAX {
             let what = format!("more than {NESTING_MAX} operators are nested or in a row");
@@ -63,7 +63,7 @@ impl Parser<'_> {
         Ok(node)
     }
 
-    fn binary(&mut self, operator: Binary, left: Expression, right: Expression) -> Parsed<Expression> {
+    fn binary(&mut self, operator: Binary, left: Expression, right: Expression) -> ParseResult<Expression> {
         let span = left.span.to(right.span);
         self.node(
             ExpressionKind::Binary(operator, Box::new(left), Box::new(right)),
@@ -71,7 +71,7 @@ impl Parser<'_> {
         )
     }
 
-    fn power(&mut self) -> Parsed<Expression> {
+    fn power(&mut self) -> ParseResult<Expression> {
         let mut left = self.unary()?;
         while self.is("**") {
             // in edition 2 of the standard, ** has a higher priority than a sign, in edition 3 a lower one
@@ -91,10 +91,10 @@ impl Parser<'_> {
         Ok(left)
     }
 
-    fn unary(&mut self) -> Parsed<Expression> {
+    fn unary(&mut self) -> ParseResult<Expression> {
         let start = self.span();
         let operators = [("-", Unary::Minus), ("+", Unary::Plus), ("NOT", Unary::Not)];
-        let Some((_, operator)) = operators.into_iter().find(|(text, _)| self.takes(text)) else {
+        let Some((_, operator)) = operators.into_iter().find(|(text, _)| self.accept(text)) else {
             return self.primary();
         };
         let of = self.deeper(Self::unary)?;
@@ -108,13 +108,13 @@ impl Parser<'_> {
     }
 
     /// Reads a literal, a variable with its parts, a call, or an expression in parentheses.
-    pub(super) fn primary(&mut self) -> Parsed<Expression> {
+    pub(super) fn primary(&mut self) -> ParseResult<Expression> {
         let span = self.span();
         if let Some(TokenKind::Literal(literal, of)) = self.token().map(|token| token.kind.clone()) {
             self.advance();
             return self.node(ExpressionKind::Literal(literal, of), span);
         }
-        if self.takes("(") {
+        if self.accept("(") {
             let inner = self.expression()?;
             self.expect(")")?;
             let kind = ExpressionKind::Parenthesized(Box::new(inner));
@@ -130,7 +130,7 @@ impl Parser<'_> {
             return Err(self.expected("a value"));
         };
         self.advance();
-        if self.takes("#") {
+        if self.accept("#") {
             let value = self.name()?;
             let of = crate::tree::Name { text: name, span };
             let span = span.to(value.span);
@@ -141,11 +141,11 @@ impl Parser<'_> {
     }
 
     /// Reads fields, indices and parameters after a name.
-    fn parts(&mut self, of: Expression) -> Parsed<Expression> {
+    fn parts(&mut self, of: Expression) -> ParseResult<Expression> {
         let mut whole = of;
         loop {
             let start = whole.span;
-            let kind = if self.takes(".") {
+            let kind = if self.accept(".") {
                 if self.is("%")
                     || matches!(
                         self.token().map(|token| &token.kind),
@@ -162,14 +162,14 @@ impl Parser<'_> {
                     ));
                 }
                 ExpressionKind::Field(Box::new(whole), self.name()?)
-            } else if self.takes("[") {
+            } else if self.accept("[") {
                 let mut indices = vec![self.expression()?];
-                while self.takes(",") {
+                while self.accept(",") {
                     indices.push(self.expression()?);
                 }
                 self.expect("]")?;
                 ExpressionKind::Index(Box::new(whole), indices)
-            } else if self.takes("(") {
+            } else if self.accept("(") {
                 let arguments = self.arguments()?;
                 ExpressionKind::Call(Box::new(whole), arguments)
             } else {
@@ -181,9 +181,9 @@ impl Parser<'_> {
     }
 
     /// Reads arguments after `(`.
-    fn arguments(&mut self) -> Parsed<Vec<Argument>> {
+    fn arguments(&mut self) -> ParseResult<Vec<Argument>> {
         let mut arguments = Vec::new();
-        if self.takes(")") {
+        if self.accept(")") {
             return Ok(arguments);
         }
         loop {
@@ -216,7 +216,7 @@ impl Parser<'_> {
                 is_output,
                 value,
             });
-            if !self.takes(",") {
+            if !self.accept(",") {
                 break;
             }
         }

@@ -1,6 +1,6 @@
 //! Statements.
 
-use super::{Parsed, Parser};
+use super::{ParseResult, Parser};
 use crate::finding::SYNTAX;
 use crate::tree::{ExpressionKind, Label, Statement};
 
@@ -25,7 +25,7 @@ impl Parser<'_> {
     pub(super) fn statements(&mut self, ends: &[&str]) -> Vec<Statement> {
         let mut statements = Vec::new();
         while !self.is_any(ends) && !self.is_any(&ENDS) && !self.is_end() {
-            if self.takes(";") {
+            if self.accept(";") {
                 continue;
             }
             let before = self.at;
@@ -43,7 +43,7 @@ impl Parser<'_> {
             self.advance();
         }
         while !self.is_end() && !self.is_any(ends) && !self.is_any(&ENDS) {
-            if self.takes(";") {
+            if self.accept(";") {
                 return;
             }
             self.advance();
@@ -52,36 +52,36 @@ impl Parser<'_> {
         let closes = ["END_IF", "END_CASE", "END_FOR", "END_WHILE", "END_REPEAT"];
         if self.is_any(&closes) && !self.is_any(ends) {
             self.advance();
-            self.takes(";");
+            self.accept(";");
         }
     }
 
-    fn statement(&mut self) -> Parsed<Statement> {
+    fn statement(&mut self) -> ParseResult<Statement> {
         let span = self.span();
-        let statement = if self.takes("IF") {
+        let statement = if self.accept("IF") {
             self.if_statement()?
-        } else if self.takes("CASE") {
+        } else if self.accept("CASE") {
             self.case()?
-        } else if self.takes("FOR") {
+        } else if self.accept("FOR") {
             self.for_statement()?
-        } else if self.takes("WHILE") {
+        } else if self.accept("WHILE") {
             let condition = self.expression()?;
             self.expect("DO")?;
             let body = self.statements(&["END_WHILE"]);
             self.expect("END_WHILE")?;
             Statement::While(condition, body)
-        } else if self.takes("REPEAT") {
+        } else if self.accept("REPEAT") {
             let body = self.statements(&["UNTIL"]);
             self.expect("UNTIL")?;
             let condition = self.expression()?;
-            self.takes(";");
+            self.accept(";");
             self.expect("END_REPEAT")?;
             Statement::Repeat(body, condition)
-        } else if self.takes("EXIT") {
+        } else if self.accept("EXIT") {
             Statement::Exit(span)
-        } else if self.takes("CONTINUE") {
+        } else if self.accept("CONTINUE") {
             Statement::Continue(span)
-        } else if self.takes("RETURN") {
+        } else if self.accept("RETURN") {
             Statement::Return
         } else {
             return self.assignment_or_call();
@@ -91,8 +91,8 @@ impl Parser<'_> {
     }
 
     /// Reads the semicolon after a statement. The standard also requires one after `END_...`.
-    fn semicolon(&mut self) -> Parsed<()> {
-        if self.takes(";") {
+    fn semicolon(&mut self) -> ParseResult<()> {
+        if self.accept(";") {
             return Ok(());
         }
         let span = self.last_span();
@@ -104,14 +104,14 @@ impl Parser<'_> {
         ))
     }
 
-    fn assignment_or_call(&mut self) -> Parsed<Statement> {
+    fn assignment_or_call(&mut self) -> ParseResult<Statement> {
         let is_outside = super::OUTSIDE.iter().any(|(word, _)| self.is(word));
         let is_variable = [":=", "(", ".", "["].iter().any(|text| self.is_next(text));
         if (is_outside && !is_variable) || !self.begins_name() {
             return Err(self.expected("a statement"));
         }
         let to = self.primary()?;
-        if self.takes(":=") {
+        if self.accept(":=") {
             let value = self.expression()?;
             self.semicolon()?;
             return Ok(Statement::Assign { to, value });
@@ -127,18 +127,18 @@ impl Parser<'_> {
         Err(self.expected(":= or ("))
     }
 
-    fn if_statement(&mut self) -> Parsed<Statement> {
+    fn if_statement(&mut self) -> ParseResult<Statement> {
         let ends = ["ELSIF", "ELSE", "END_IF"];
         let mut branches = Vec::new();
         loop {
             let condition = self.expression()?;
             self.expect("THEN")?;
             branches.push((condition, self.statements(&ends)));
-            if !self.takes("ELSIF") {
+            if !self.accept("ELSIF") {
                 break;
             }
         }
-        let otherwise = if self.takes("ELSE") {
+        let otherwise = if self.accept("ELSE") {
             self.statements(&["END_IF"])
         } else {
             Vec::new()
@@ -147,19 +147,19 @@ impl Parser<'_> {
         Ok(Statement::If(branches, otherwise))
     }
 
-    fn case(&mut self) -> Parsed<Statement> {
+    fn case(&mut self) -> ParseResult<Statement> {
         let selector = self.expression()?;
         self.expect("OF")?;
         let mut branches = Vec::new();
         while !self.is_any(&["ELSE", "END_CASE"]) {
             let mut labels = vec![self.label()?];
-            while self.takes(",") {
+            while self.accept(",") {
                 labels.push(self.label()?);
             }
             self.expect(":")?;
             branches.push((labels, self.branch()));
         }
-        let otherwise = if self.takes("ELSE") {
+        let otherwise = if self.accept("ELSE") {
             self.statements(&["END_CASE"])
         } else {
             Vec::new()
@@ -172,9 +172,9 @@ impl Parser<'_> {
         })
     }
 
-    fn label(&mut self) -> Parsed<Label> {
+    fn label(&mut self) -> ParseResult<Label> {
         let from = self.expression()?;
-        let to = if self.takes("..") {
+        let to = if self.accept("..") {
             Some(self.expression()?)
         } else {
             None
@@ -187,7 +187,7 @@ impl Parser<'_> {
         let ends = ["ELSE", "END_CASE"];
         let mut statements = Vec::new();
         while !self.is_any(&ends) && !self.is_any(&ENDS) && !self.is_end() && !self.is_label() {
-            if self.takes(";") {
+            if self.accept(";") {
                 continue;
             }
             let before = self.at;
@@ -218,13 +218,13 @@ impl Parser<'_> {
         false
     }
 
-    fn for_statement(&mut self) -> Parsed<Statement> {
+    fn for_statement(&mut self) -> ParseResult<Statement> {
         let variable = self.name()?;
         self.expect(":=")?;
         let from = self.expression()?;
         self.expect("TO")?;
         let to = self.expression()?;
-        let by = if self.takes("BY") {
+        let by = if self.accept("BY") {
             Some(self.expression()?)
         } else {
             None

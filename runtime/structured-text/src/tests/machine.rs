@@ -1,10 +1,10 @@
 use std::time::Duration;
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::Closed;
+use plc_api::handshake::OutputOutcome;
 use plc_api::types::io::{IoDeclaration, IoPoint, IoValue};
 use plc_api::types::message::Payload;
-use plc_api::types::state::{Captured, Lock, Position};
+use plc_api::types::state::{CapturedPositions, Lock, Position};
 use plc_api::types::topic::CsTopic;
 use plc_api::{Alarm, Params};
 
@@ -46,7 +46,7 @@ async fn mcode_shows_an_output_with_its_parameters_and_resets_it() {
     assert_eq!(fake.closed(1, seq), None);
     assert_eq!((p(&fake, 100).await, p(&fake, 101).await), (2.5, 1.0));
     advance(&fake, 50).await;
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
 }
 
 #[tokio::test]
@@ -62,7 +62,7 @@ async fn mcode_fails_with_its_text_and_code() {
         serve(&fake, "a, b : MCODE;", body).await;
         let seq = fake.put_out(cs, m, Params::default());
         advance(&fake, 35).await;
-        assert_eq!(fake.closed(cs, seq), Some(Closed::Failed { alarm }));
+        assert_eq!(fake.closed(cs, seq), Some(OutputOutcome::Failed { alarm }));
     }
 }
 
@@ -76,7 +76,7 @@ async fn a_program_for_one_coordinate_system_serves_no_other() {
     );
     advance(&fake, 35).await;
     assert_eq!(fake.closed(1, other), None);
-    assert_eq!(fake.closed(2, own), Some(Closed::Reset));
+    assert_eq!(fake.closed(2, own), Some(OutputOutcome::Reset));
 }
 
 #[tokio::test]
@@ -211,7 +211,7 @@ async fn a_program_that_stands_is_an_alarm_and_its_m_codes_fail() {
         "test.st has stopped: line 3, at n: a division by zero. Correct the program, and start it again";
     assert_eq!(fake.plc().alarms().await.unwrap()[0].text, text);
     let alarm = Alarm::user(Alarm::CODE_OF_ERROR, text);
-    assert_eq!(fake.closed(1, seq), Some(Closed::Failed { alarm }));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Failed { alarm }));
     assert!(
         fake.plc().coordinate_system(1).interlock().await.unwrap().value,
         "the locks of the program stay locked"
@@ -243,15 +243,15 @@ async fn positions_and_what_a_probe_has_captured_are_shown() {
         feedrate: 600.0,
         ..Position::default()
     };
-    fake.say(1, CsTopic::Position, Payload::Position(position));
-    let captured = Captured {
+    fake.publish_message(1, CsTopic::Position, Payload::Position(position));
+    let captured = CapturedPositions {
         motors: vec![3],
         positions: vec![1.25],
         captured: vec![true],
         line: 7,
-        ..Captured::default()
+        ..CapturedPositions::default()
     };
-    fake.say(1, CsTopic::Captured, Payload::Captured(captured));
+    fake.publish_message(1, CsTopic::Captured, Payload::Captured(captured));
     let body = "x(Axis := 'x'); y(Axis := 'Y'); c(Motor := 3);
         IF x.Valid AND NOT y.Valid AND c.Valid AND c.Captured THEN SET_P(100, x.Machine); SET_P(101, x.Feedrate); SET_P(102, c.Position); END_IF;";
     serve(&fake, "x, y : POSITION; c : CAPTURED;", body).await;
@@ -275,7 +275,7 @@ async fn the_operator_is_asked_and_answers() {
     assert_eq!(question.question.choices, ["yes", "no"]);
     mill.answer(&question, "no").await.unwrap();
     advance(&fake, 30).await;
-    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
 }
 
 #[tokio::test]

@@ -5,19 +5,19 @@ use crate::types::Elementary;
 
 /// Fault of a literal, as a text that follows the literal, and the help.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) struct Malformed {
+pub(super) struct LiteralFault {
     pub what: &'static str,
     pub help: &'static str,
 }
 
-impl Malformed {
+impl LiteralFault {
     pub const fn new(what: &'static str, help: &'static str) -> Self {
         Self { what, help }
     }
 }
 
-const NO_NUMBER: Malformed =
-    Malformed::new("is not a number", "write 5, 1_000, 16#FF, 2#1010, 1.5 or 1.0E-3");
+const NO_NUMBER: LiteralFault =
+    LiteralFault::new("is not a number", "write 5, 1_000, 16#FF, 2#1010, 1.5 or 1.0E-3");
 
 /// Returns digits without their underscores, which are allowed between digits.
 fn digits(text: &str, base: u32) -> Option<String> {
@@ -27,10 +27,10 @@ fn digits(text: &str, base: u32) -> Option<String> {
 }
 
 /// Returns a number with or without a type.
-pub(super) fn number(text: &str, is_negative: bool, of: Option<Elementary>) -> Result<Literal, Malformed> {
+pub(super) fn number(text: &str, is_negative: bool, of: Option<Elementary>) -> Result<Literal, LiteralFault> {
     let unsigned = match of {
         Some(Elementary::Bool) => return bool_value(text, is_negative),
-        Some(Elementary::String) => return Err(Malformed::new("is not a string", "write STRING#'...'")),
+        Some(Elementary::String) => return Err(LiteralFault::new("is not a string", "write STRING#'...'")),
         _ => unsigned(text)?,
     };
     Ok(match unsigned {
@@ -40,24 +40,24 @@ pub(super) fn number(text: &str, is_negative: bool, of: Option<Elementary>) -> R
     })
 }
 
-fn bool_value(text: &str, is_negative: bool) -> Result<Literal, Malformed> {
+fn bool_value(text: &str, is_negative: bool) -> Result<Literal, LiteralFault> {
     match text.to_ascii_uppercase().as_str() {
         "1" | "TRUE" if !is_negative => Ok(Literal::Bool(true)),
         "0" | "FALSE" if !is_negative => Ok(Literal::Bool(false)),
-        _ => Err(Malformed::new(
+        _ => Err(LiteralFault::new(
             "is not a BOOL",
             "write BOOL#0, BOOL#1, FALSE or TRUE",
         )),
     }
 }
 
-fn unsigned(text: &str) -> Result<Literal, Malformed> {
+fn unsigned(text: &str) -> Result<Literal, LiteralFault> {
     if let Some((base, value)) = text.split_once('#') {
         let base = match base {
             "2" => 2,
             "8" => 8,
             "16" => 16,
-            _ => return Err(Malformed::new("has an invalid base", "write 2#, 8# or 16#")),
+            _ => return Err(LiteralFault::new("has an invalid base", "write 2#, 8# or 16#")),
         };
         return integer(&digits(value, base).ok_or(NO_NUMBER)?, base);
     }
@@ -65,7 +65,7 @@ fn unsigned(text: &str) -> Result<Literal, Malformed> {
         return integer(&digits(text, 10).ok_or(NO_NUMBER)?, 10);
     }
     let (mantissa, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
-    let (whole, fraction) = mantissa.split_once('.').ok_or(Malformed::new(
+    let (whole, fraction) = mantissa.split_once('.').ok_or(LiteralFault::new(
         "is not a number: an exponent is allowed only after a fraction",
         "write 1.0E-3",
     ))?;
@@ -81,14 +81,17 @@ fn unsigned(text: &str) -> Result<Literal, Malformed> {
     if value.is_finite() {
         Ok(Literal::Real(value))
     } else {
-        Err(Malformed::new("is too large", "an LREAL is at most 1.797E308"))
+        Err(LiteralFault::new("is too large", "an LREAL is at most 1.797E308"))
     }
 }
 
-fn integer(digits: &str, base: u32) -> Result<Literal, Malformed> {
+fn integer(digits: &str, base: u32) -> Result<Literal, LiteralFault> {
     match u64::from_str_radix(digits, base) {
         Ok(value) => Ok(Literal::Integer(value.into())),
-        Err(_) => Err(Malformed::new("is too large", "an integer has at most 64 bits")),
+        Err(_) => Err(LiteralFault::new(
+            "is too large",
+            "an integer has at most 64 bits",
+        )),
     }
 }
 
@@ -107,8 +110,8 @@ const UNITS: [(&str, i128); 7] = [
 const TIME_DIGITS_MAX: usize = 18;
 
 /// Returns the nanoseconds of a time without sign and prefix: `1h30m`, `1.5s`, `1s_500ms`.
-pub(super) fn time(text: &str) -> Result<i128, Malformed> {
-    const NO_TIME: Malformed = Malformed::new(
+pub(super) fn time(text: &str) -> Result<i128, LiteralFault> {
+    const NO_TIME: LiteralFault = LiteralFault::new(
         "is not a time",
         "write d, h, m, s, ms, us and ns in this order, with a fraction only in the last: T#1h30m, T#1.5s, T#1s500ms",
     );
@@ -151,13 +154,13 @@ pub(super) fn time(text: &str) -> Result<i128, Malformed> {
         return Err(NO_TIME);
     }
     if total > i64::MAX.into() {
-        return Err(Malformed::new("is too long", "a TIME is at most 292 years"));
+        return Err(LiteralFault::new("is too long", "a TIME is at most 292 years"));
     }
     Ok(total)
 }
 
 /// Returns a string with its `$` sequences replaced.
-pub(super) fn text(written: &str) -> Result<String, Malformed> {
+pub(super) fn text(written: &str) -> Result<String, LiteralFault> {
     let mut text = String::with_capacity(written.len());
     let mut letters = written.chars();
     while let Some(letter) = letters.next() {
@@ -185,7 +188,7 @@ pub(super) fn text(written: &str) -> Result<String, Malformed> {
     Ok(text)
 }
 
-const NO_SEQUENCE: Malformed = Malformed::new(
+const NO_SEQUENCE: LiteralFault = LiteralFault::new(
     "has an invalid $ sequence",
     "write $$ for $, $' for ', $L, $N, $P, $R, $T, or two hexadecimal digits",
 );

@@ -1,6 +1,6 @@
 //! Dialect dgshape: the NC code manual FA01232, 1-1 and 2-6.
 
-use super::Foreign;
+use super::ForeignWord;
 use crate::address::{Address, AddressSet};
 use crate::grammar::{Grammar, ProgramForm};
 
@@ -8,7 +8,7 @@ pub(super) static DGSHAPE: Grammar = GRAMMAR;
 
 pub(super) const GRAMMAR: Grammar = Grammar {
     name: "dgshape",
-    addresses: AddressSet::of(&[
+    addresses: AddressSet::from_addresses(&[
         Address::A,
         Address::D,
         Address::F,
@@ -83,7 +83,7 @@ pub(super) const GRAMMAR: Grammar = Grammar {
 };
 
 /// Replacements for foreign text in dialect dgshape.
-static FOREIGN: &[Foreign] = &[
+static FOREIGN: &[ForeignWord] = &[
     ("#", "Write numbers: the dialect has no variables."),
     ("=", "Write numbers: the dialect has no variables."),
     ("[", "Write numbers: the dialect has no calculations."),

@@ -7,7 +7,7 @@ mod nj;
 use crate::grammar::Grammar;
 
 /// Text of another control, and its replacement. `{}` in the help is the value after it.
-type Foreign = (&'static str, &'static str);
+type ForeignWord = (&'static str, &'static str);
 
 impl Grammar {
     /// Returns the grammar of dialect nj: the NJ/NY-series manual O031, chapters 1 and 4.

@@ -2,13 +2,13 @@
 
 use tandem_model::limits::OPTIONAL_SKIP_MAX;
 
-use super::Foreign;
+use super::ForeignWord;
 use crate::address::{Address, AddressSet};
 use crate::grammar::{Grammar, ProgramForm};
 
 pub(super) static NJ: Grammar = Grammar {
     name: "nj",
-    addresses: AddressSet::of(&[
+    addresses: AddressSet::from_addresses(&[
         Address::A,
         Address::B,
         Address::C,
@@ -54,7 +54,7 @@ pub(super) static NJ: Grammar = Grammar {
 };
 
 /// Words, codes and characters of FANUC and ISO programs that dialect nj does not have.
-pub(super) static FOREIGN: &[Foreign] = &[
+pub(super) static FOREIGN: &[ForeignWord] = &[
     ("%", "Remove the line: a program is its text, without marks."),
     (
         ";",

@@ -14,7 +14,7 @@ enum Frame {
 
 /// Follows the program codes of a program without errors, token by token.
 #[derive(Debug, Default)]
-pub(super) struct Nesting {
+pub(super) struct IndentTracker {
     open: Vec<Frame>,
     /// Constructs that the last command has ended, from the inside. An `else` may continue one of them.
     ended: Vec<Keyword>,
@@ -26,7 +26,7 @@ pub(super) struct Nesting {
     words: bool,
 }
 
-impl Nesting {
+impl IndentTracker {
     /// Returns the indentation level of a line that begins with this token.
     pub fn begin_line(&mut self, first: Option<TokenKind>) -> usize {
         if first == Some(TokenKind::Keyword(Keyword::Else)) {
@@ -67,7 +67,7 @@ impl Nesting {
             TokenKind::Punctuation(b'}') => {
                 self.end_line();
                 if let Some(Frame::Braces(keyword) | Frame::Single(keyword)) = self.open.pop() {
-                    self.end(keyword);
+                    self.end_construct(keyword);
                 }
             }
             TokenKind::Address(_) | TokenKind::Variable(_) if self.head.is_none() => self.words = true,
@@ -123,12 +123,12 @@ impl Nesting {
         self.ended.clear();
         if let Some(Frame::Single(keyword)) = self.open.last().copied() {
             self.open.pop();
-            self.end(keyword);
+            self.end_construct(keyword);
         }
     }
 
     /// Ends the commands of a keyword.
-    fn end(&mut self, mut keyword: Keyword) {
+    fn end_construct(&mut self, mut keyword: Keyword) {
         self.ended.clear();
         loop {
             self.ended.push(keyword);

@@ -11,7 +11,7 @@ use crate::tree::{Block, Content};
 
 /// Branches and loops that are open at the cursor of the parser.
 #[derive(Debug, Default)]
-pub(super) struct Nesting {
+pub(super) struct OpenConstructs {
     /// Depth of commands nested in commands.
     pub(super) depth: usize,
     /// Number of open braces.
@@ -22,12 +22,12 @@ pub(super) struct Nesting {
     breaks: Vec<usize>,
     switches: Vec<OpenSwitch>,
     /// Braces of statements of another language, which were already reported.
-    pub(super) foreign: Foreign,
+    pub(super) foreign: ForeignBraces,
 }
 
 /// State of the braces of statements of another language.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Foreign {
+pub(super) enum ForeignBraces {
     /// No such statement has been read.
     #[default]
     None,
@@ -37,14 +37,14 @@ pub(super) enum Foreign {
     Open(u32),
 }
 
-impl Foreign {
+impl ForeignBraces {
     /// Returns true for a brace that belongs to such a statement, and counts it.
     pub(super) fn passes(&mut self, byte: u8) -> bool {
         let (passes, then) = match (*self, byte) {
-            (Foreign::Begun, b'{') => (true, Foreign::Open(1)),
-            (Foreign::Open(open), b'{') => (true, Foreign::Open(open + 1)),
-            (Foreign::Open(1), _) => (true, Foreign::None),
-            (Foreign::Open(open), _) => (true, Foreign::Open(open - 1)),
+            (ForeignBraces::Begun, b'{') => (true, ForeignBraces::Open(1)),
+            (ForeignBraces::Open(open), b'{') => (true, ForeignBraces::Open(open + 1)),
+            (ForeignBraces::Open(1), _) => (true, ForeignBraces::None),
+            (ForeignBraces::Open(open), _) => (true, ForeignBraces::Open(open - 1)),
             (other, _) => (false, other),
         };
         *self = then;
@@ -194,7 +194,7 @@ impl Parser<'_> {
         }
         let label = (keyword == Keyword::Case).then(|| self.case_label());
         self.blanks();
-        let complete = label != Some(None) && self.cursor.take(b':');
+        let complete = label != Some(None) && self.cursor.skip_byte(b':');
         let block = self.here();
         let mut repeated = false;
         if let Some(open) = self.nesting.switches.last_mut().filter(|_| complete) {
@@ -246,9 +246,9 @@ impl Parser<'_> {
     /// Reads a whole number with an optional sign; `None` if the number is missing or too large.
     fn case_label(&mut self) -> Option<i64> {
         self.blanks();
-        let negative = self.cursor.take(b'-');
+        let negative = self.cursor.skip_byte(b'-');
         if !negative {
-            self.cursor.take(b'+');
+            self.cursor.skip_byte(b'+');
         }
         let digits = self.cursor.digits();
         self.cursor.advance(digits.len());

@@ -22,23 +22,23 @@ impl Parser<'_> {
     pub(super) fn expression(&mut self, depth: usize) -> Option<ExpressionId> {
         let start = self.cursor.at();
         let node = self.operations(depth, 1)?;
-        self.of_kind(Kind::Number, start, node)
+        self.require_kind(Kind::Number, start, node)
     }
 
     /// Reads a number or a condition in parentheses. Returns `None` if an error was reported.
     pub(super) fn in_parentheses(&mut self, kind: Kind, depth: usize) -> Option<ExpressionId> {
         self.blanks();
         let start = self.cursor.at();
-        if !self.cursor.take(b'(') {
+        if !self.cursor.skip_byte(b'(') {
             return self.malformed(start, "parentheses are missing");
         }
         let node = self.operations(depth, 1)?;
         self.close(start)?;
-        self.of_kind(kind, start, node)
+        self.require_kind(kind, start, node)
     }
 
     /// Returns the node of an expression if it has this kind; reports an error otherwise.
-    fn of_kind(&mut self, kind: Kind, start: usize, (id, found): Node) -> Option<ExpressionId> {
+    fn require_kind(&mut self, kind: Kind, start: usize, (id, found): Node) -> Option<ExpressionId> {
         if found == kind || found == Kind::Either {
             return Some(id);
         }
@@ -84,10 +84,10 @@ impl Parser<'_> {
                 _ if operator.compares() => (Kind::Number, Kind::Condition),
                 _ => (Kind::Number, Kind::Number),
             };
-            let left_id = self.of_kind(operands, start, left)?;
+            let left_id = self.require_kind(operands, start, left)?;
             let right_start = self.cursor.at();
             let right = self.operations(depth, priority + 1)?;
-            let right = self.of_kind(operands, right_start, right)?;
+            let right = self.require_kind(operands, right_start, right)?;
             let node = Expression::Binary {
                 operator,
                 left: left_id,
@@ -126,7 +126,7 @@ impl Parser<'_> {
             Some(b'-') => {
                 self.cursor.advance(1);
                 let operand = self.unary(depth + 1)?;
-                let operand = self.of_kind(Kind::Number, start, operand)?;
+                let operand = self.require_kind(Kind::Number, start, operand)?;
                 Some((self.node(Expression::Negation(operand)), Kind::Number))
             }
             Some(b'!') => {
@@ -205,14 +205,14 @@ impl Parser<'_> {
             return self.malformed(start, &format!("`{name}` is neither a variable nor a function"));
         };
         self.blanks();
-        if !self.cursor.take(b'(') {
+        if !self.cursor.skip_byte(b'(') {
             return self.malformed(start, &format!("`{}` needs parentheses", function.text()));
         }
         let first = self.expression(depth + 1)?;
         let mut second = None;
         if function.arguments() == 2 {
             self.blanks();
-            if !self.cursor.take(b',') {
+            if !self.cursor.skip_byte(b',') {
                 return self.malformed(start, &format!("`{}` needs two arguments", function.text()));
             }
             second = Some(self.expression(depth + 1)?);
@@ -233,7 +233,7 @@ impl Parser<'_> {
 
     fn close(&mut self, start: usize) -> Option<()> {
         self.blanks();
-        if self.cursor.take(b')') {
+        if self.cursor.skip_byte(b')') {
             return Some(());
         }
         self.malformed(start, "a closing parenthesis is missing")

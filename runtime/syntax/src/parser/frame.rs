@@ -53,7 +53,7 @@ impl Parser<'_> {
         if self.nothing_else("the program number") && follows {
             let message = "the program number follows a block";
             let help = "Write it on the line after the mark of the data.";
-            self.note(&diagnostics::PROGRAM_NUMBER_LATE, span, message, help);
+            self.record_finding(&diagnostics::PROGRAM_NUMBER_LATE, span, message, help);
         }
     }
 

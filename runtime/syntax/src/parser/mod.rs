@@ -14,7 +14,7 @@ use std::sync::Arc;
 use tandem_model::limits::{BLOCK_BYTES_MAX, PROGRAM_BYTES_MAX};
 use tandem_model::{Diagnostic, Span};
 
-use self::control::Nesting;
+use self::control::OpenConstructs;
 use crate::cursor::Cursor;
 use crate::diagnostics::{self, DiagnosticEntry};
 use crate::encoding::{WIDE, is_wide};
@@ -70,7 +70,7 @@ struct Parser<'a> {
     cursor: Cursor<'a>,
     grammar: &'a Grammar,
     tree: NcProgram,
-    nesting: Nesting,
+    nesting: OpenConstructs,
     /// Line of the last text read that is not a comment.
     code_line: u32,
     diagnostics: Vec<Diagnostic>,
@@ -96,7 +96,7 @@ impl<'a> Parser<'a> {
                 complete: true,
                 ..NcProgram::default()
             },
-            nesting: Nesting::default(),
+            nesting: OpenConstructs::default(),
             code_line: 0,
             diagnostics: Vec::new(),
             kind: LineKind::Open,
@@ -165,7 +165,7 @@ impl<'a> Parser<'a> {
         help: impl Into<String>,
     ) {
         self.flags |= Block::HAS_ERRORS;
-        self.note(entry, span, message, help);
+        self.record_finding(entry, span, message, help);
     }
 
     /// Reports an error in the text read since `start`.
@@ -180,7 +180,7 @@ impl<'a> Parser<'a> {
     }
 
     /// Adds a finding.
-    fn note(
+    fn record_finding(
         &mut self,
         entry: &'static DiagnosticEntry,
         span: Span,
@@ -338,7 +338,7 @@ impl<'a> Parser<'a> {
 
     fn skip_unused(&mut self, start: usize, end: usize, message: &str) {
         let span = Span::new(index(start), index(end));
-        self.note(
+        self.record_finding(
             &diagnostics::SKIP_UNUSED,
             span,
             message,

@@ -38,7 +38,7 @@ impl Parser<'_> {
         };
         let target = self.existing_variable((kind, number), target_span);
         self.blanks();
-        self.cursor.take(b'=');
+        self.cursor.skip_byte(b'=');
         let value = self.expression(0);
         if let (Some(target), Some(value)) = (target, value) {
             self.push_program_code(start, Statement::Assignment(target), Some(value));

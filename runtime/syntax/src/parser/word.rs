@@ -2,7 +2,7 @@
 
 use tandem_model::Span;
 
-use super::control::Foreign;
+use super::control::ForeignBraces;
 use super::{LineKind, Parser, index};
 use crate::address::Address;
 use crate::cursor::{Number, NumberError};
@@ -16,7 +16,7 @@ impl Parser<'_> {
     pub(super) fn name_or_word(&mut self, line: u32) -> bool {
         let start = self.cursor.at();
         if let Some(b'0'..=b'9' | b'-' | b'.' | b'+') = self.cursor.peek_second() {
-            let address = self.cursor.peek().and_then(Address::of_letter);
+            let address = self.cursor.peek().and_then(Address::from_letter);
             match address.filter(|address| self.grammar.addresses.contains(*address)) {
                 Some(address) => self.word(start, address, 1),
                 None => self.unknown_word(start, 1),
@@ -218,7 +218,7 @@ impl Parser<'_> {
             }
             self.cursor.pass_character();
         }
-        self.nesting.foreign = Foreign::Begun;
+        self.nesting.foreign = ForeignBraces::Begun;
         self.report_from(
             start,
             &diagnostics::WORD_UNKNOWN,
@@ -237,7 +237,7 @@ impl Parser<'_> {
     fn pass_its_digits(&mut self) -> bool {
         let mut ahead = self.cursor;
         ahead.advance(1);
-        let _ = ahead.take(b'-') || ahead.take(b'+');
+        let _ = ahead.skip_byte(b'-') || ahead.skip_byte(b'+');
         let digits = ahead.digits().len();
         let is_one = digits > 0 && self.grammar.program_codes;
         if is_one {
@@ -298,13 +298,13 @@ impl Parser<'_> {
         let kind = VariableKind::find(letters)?;
         let mut ahead = self.cursor;
         ahead.advance(letters.len());
-        let in_parentheses = kind == VariableKind::CapturedPosition && ahead.take(b'(');
+        let in_parentheses = kind == VariableKind::CapturedPosition && ahead.skip_byte(b'(');
         let digits = ahead.digits();
         if digits.is_empty() {
             return None;
         }
         ahead.advance(digits.len());
-        if in_parentheses && !ahead.take(b')') {
+        if in_parentheses && !ahead.skip_byte(b')') {
             return None;
         }
         self.cursor = ahead;
@@ -341,12 +341,12 @@ impl Parser<'_> {
             return;
         }
         if self.kind == LineKind::ProgramCodes {
-            self.word_beside_program_code(start);
+            self.word_next_to_program_code(start);
             return;
         }
         if address != Address::N {
             self.kind = LineKind::Words;
-        } else if !self.judge_block_number(start) {
+        } else if !self.validate_block_number(start) {
             return;
         }
         let length = u16::try_from(self.cursor.at() - start).unwrap_or(u16::MAX);
@@ -361,7 +361,7 @@ impl Parser<'_> {
 
     /// Returns true for a block number at the right position, after checking its number of digits.
     #[inline(never)]
-    fn judge_block_number(&mut self, start: usize) -> bool {
+    fn validate_block_number(&mut self, start: usize) -> bool {
         if self.tree.words.len() > self.first_word {
             self.report_from(
                 start,
@@ -388,7 +388,7 @@ impl Parser<'_> {
     }
 
     #[cold]
-    fn word_beside_program_code(&mut self, start: usize) {
+    fn word_next_to_program_code(&mut self, start: usize) {
         self.report_from(
             start,
             &diagnostics::ASSIGNMENT_PLACE,

@@ -3,7 +3,7 @@
 use tandem_model::settings::CompensationStart;
 use tandem_syntax::{Address, Block, Grammar, NcProgram, Word};
 
-use super::state::{Cycle, POSITIONS, Source, State, Words, shown};
+use super::state::{ConversionState, CycleState, POSITIONS, Source, Words, shown};
 
 /// M codes that these controls execute before the motion of their block.
 const BEFORE_MOTION: [u32; 6] = [3, 4, 6, 7, 8, 13];
@@ -42,10 +42,10 @@ fn skips(numbers: u32) -> String {
     all.join(" ") + gap
 }
 
-impl State {
+impl ConversionState {
     /// Returns the equivalent blocks of nj.
     pub fn block(&mut self, program: &NcProgram, block: &Block) -> Result<Vec<String>, String> {
-        let mut words = Words::of(program.words(block));
+        let mut words = Words::new(program.words(block));
         let skip = skips(block.skip_numbers());
         let changes = || {
             Err(
@@ -156,7 +156,7 @@ impl State {
     /// Takes the G codes: their modal values and the action of the block.
     fn codes(&mut self, words: &mut Words<'_>, modal: &mut Vec<String>) -> Result<Codes, String> {
         let mut codes = Codes::default();
-        let taps = self.cycle.as_ref().is_some_and(Cycle::taps);
+        let taps = self.cycle.as_ref().is_some_and(CycleState::taps);
         while let Some(word) = words.take(Address::G) {
             if self.from == Source::Fanuc && word.number() == Some(CENTRES_ARE_DISTANCES) {
                 continue;
@@ -167,7 +167,7 @@ impl State {
                 continue;
             }
             let number = word.whole().ok_or_else(|| Self::no_equal(word))?;
-            self.put_in_force(number);
+            self.activate_code(number);
             match number {
                 0..=3 => codes.names_motion = true,
                 4 => codes.action = Action::Dwell,
@@ -207,7 +207,7 @@ impl State {
                 _ => return Err(Self::no_equal(word)),
             }
         }
-        if taps && !self.cycle.as_ref().is_some_and(Cycle::taps) {
+        if taps && !self.cycle.as_ref().is_some_and(CycleState::taps) {
             modal.insert(0, "G80".to_owned());
             if std::mem::take(&mut self.is_rigid) {
                 self.spindle = None;

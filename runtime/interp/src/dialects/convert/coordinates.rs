@@ -4,9 +4,9 @@ use tandem_syntax::{Address, Word};
 
 use crate::codes::g50_g51_scaling::{SAME_FACTOR_MAX as SCALE_MAX, SAME_FACTOR_MIN as SCALE_MIN};
 
-use super::state::{POSITIONS, Source, State, Words, shown};
+use super::state::{ConversionState, POSITIONS, Source, Words, shown};
 
-impl State {
+impl ConversionState {
     /// Converts a return of the named axes to a reference point.
     pub(super) fn reference(&mut self, words: &mut Words<'_>, code: &str) -> Result<String, String> {
         let named: Vec<Address> = POSITIONS.into_iter().filter(|axis| words.has(&[*axis])).collect();

@@ -2,7 +2,7 @@
 
 use tandem_syntax::{Address, Word};
 
-use super::state::{Cycle, PLANE_XY, Source, State, Words, Z, shown};
+use super::state::{ConversionState, CycleState, PLANE_XY, Source, Words, Z, shown};
 
 /// Maximum number of holes of one block that are written out.
 const REPETITIONS_MAX: u32 = 100;
@@ -14,7 +14,7 @@ const STOPS_SPINDLE: u32 = 86;
 const CUTS_MAX: u32 = 1000;
 
 /// Z of a hole: positions, or distances from the initial level.
-struct Levels {
+struct ConvertedHoleLevels {
     r: f64,
     z: f64,
     /// Level at which the hole ends.
@@ -22,15 +22,15 @@ struct Levels {
 }
 
 /// The path of Z in a hole.
-struct Way<'a> {
+struct HolePath<'a> {
     lines: &'a mut Vec<String>,
     absolute: bool,
     at: f64,
 }
 
-impl Way<'_> {
+impl HolePath<'_> {
     /// Moves to a level; no block is needed if it is already there.
-    fn go(&mut self, code: &str, to: f64) {
+    fn move_to(&mut self, code: &str, to: f64) {
         let value = shown(if self.absolute { to } else { to - self.at });
         if self.absolute || value != "0" {
             self.lines.push(format!("{code} Z{value}"));
@@ -39,7 +39,7 @@ impl Way<'_> {
     }
 }
 
-impl State {
+impl ConversionState {
     /// Returns the motions for the holes of a block.
     pub fn holes(&mut self, words: &mut Words<'_>, begins: bool) -> Result<Vec<String>, String> {
         let Some(mut cycle) = self.cycle.clone() else {
@@ -86,7 +86,7 @@ impl State {
             self.cycle = Some(cycle);
             return Ok(Vec::new());
         }
-        let mut place = self.place(words, repetitions)?;
+        let mut place = self.hole_position(words, repetitions)?;
         if !place.is_empty() {
             place = format!("G00 {place}");
         }
@@ -134,7 +134,7 @@ impl State {
     }
 
     /// Returns the words for the positions of the holes of a block.
-    fn place(&mut self, words: &mut Words<'_>, repetitions: u32) -> Result<String, String> {
+    fn hole_position(&mut self, words: &mut Words<'_>, repetitions: u32) -> Result<String, String> {
         let place = self.positions(words)?.join(" ");
         if repetitions != 1 {
             let z = self.z();
@@ -145,21 +145,21 @@ impl State {
     }
 
     /// Writes one hole, from the position of the tool above it.
-    fn hole(&mut self, cycle: &mut Cycle, lines: &mut Vec<String>) -> Result<(), String> {
+    fn hole(&mut self, cycle: &mut CycleState, lines: &mut Vec<String>) -> Result<(), String> {
         let levels = self.levels(cycle)?;
-        let mut way = Way {
+        let mut way = HolePath {
             lines,
             absolute: cycle.absolute,
             at: cycle.at,
         };
-        way.go("G00", levels.r);
+        way.move_to("G00", levels.r);
         if let Some(depth) = cycle
             .depth
             .filter(|depth| matches!(cycle.code, 73 | 83) && *depth > 0.0)
         {
             self.cuts(&mut way, &levels, depth, cycle.code == 83)?;
         }
-        way.go("G01", levels.z);
+        way.move_to("G01", levels.z);
         if let Some(dwell_s) = cycle.dwell_s.filter(|_| matches!(cycle.code, 82 | 89)) {
             way.lines.push(format!("G04 X{}", shown(dwell_s)));
         }
@@ -169,10 +169,10 @@ impl State {
         }
         let slowly = matches!(cycle.code, 85 | 89);
         if slowly {
-            way.go("G01", levels.r);
+            way.move_to("G01", levels.r);
         }
         if !slowly || self.to_initial == Some(true) {
-            way.go("G00", levels.end);
+            way.move_to("G00", levels.end);
         }
         if stops {
             // M03 if the text does not show the direction of the spindle
@@ -180,12 +180,12 @@ impl State {
         }
         let at = way.at;
         cycle.at = if cycle.absolute { 0.0 } else { at };
-        self.ends_at(cycle, levels.end);
+        self.end_hole_at(cycle, levels.end);
         Ok(())
     }
 
     /// Records the end of a hole: a position of Z, or a distance from the initial level.
-    fn ends_at(&mut self, cycle: &Cycle, end: f64) {
+    fn end_hole_at(&mut self, cycle: &CycleState, end: f64) {
         self.at[Z] = if cycle.absolute {
             Some(end)
         } else {
@@ -198,7 +198,7 @@ impl State {
         let unknown = "it is unknown at this block whether its words are positions or distances. Write G90 or G91 before it.";
         let absolute = self.absolute.ok_or(unknown)?;
         let before = self.cycle.take();
-        let cycle = Cycle::new(code, before.clone(), self.z(), absolute);
+        let cycle = CycleState::new(code, before.clone(), self.z(), absolute);
         let anew = before.filter(|before| before.taps() != cycle.taps());
         if anew.is_some_and(|before| before.initial.is_none() || before.initial != self.z()) {
             let why = "the initial level of the cycle before differs from the present Z. Write G80 and a motion to the initial level before this cycle.";
@@ -209,7 +209,7 @@ impl State {
     }
 
     /// Converts a block of a tapping cycle, which nj also has.
-    fn threads(&mut self, words: &mut Words<'_>, mut cycle: Cycle) -> Result<Vec<String>, String> {
+    fn threads(&mut self, words: &mut Words<'_>, mut cycle: CycleState) -> Result<Vec<String>, String> {
         if words.has(&[Address::Q]) {
             return Err(
                 "with Q, the thread is cut in steps. Write G84 without Q, once for each depth.".to_owned(),
@@ -229,7 +229,7 @@ impl State {
         let repetitions = self
             .repetitions(words)
             .ok_or("the number of repetitions must be a whole number")?;
-        let mut place = self.place(words, repetitions)?;
+        let mut place = self.hole_position(words, repetitions)?;
         if !place.is_empty() {
             place.push(' ');
         }
@@ -242,7 +242,7 @@ impl State {
             shown(r)
         );
         if let Ok(levels) = self.levels(&cycle) {
-            self.ends_at(&cycle, levels.end);
+            self.end_hole_at(&cycle, levels.end);
         } else {
             self.at[Z] = None;
         }
@@ -251,16 +251,22 @@ impl State {
     }
 
     /// Writes all cuts but the last one, each with its retraction: out to the R point and back, or a short one.
-    fn cuts(&self, way: &mut Way<'_>, levels: &Levels, depth: f64, goes_out: bool) -> Result<(), String> {
+    fn cuts(
+        &self,
+        way: &mut HolePath<'_>,
+        levels: &ConvertedHoleLevels,
+        depth: f64,
+        goes_out: bool,
+    ) -> Result<(), String> {
         let below = |way: f64| levels.r + way.max(0.0).copysign(levels.z - levels.r);
         let mut cuts = 1;
         while f64::from(cuts) * depth < (levels.z - levels.r).abs() {
             let reached = f64::from(cuts) * depth;
-            way.go("G01", below(reached));
+            way.move_to("G01", below(reached));
             if goes_out {
-                way.go("G00", levels.r);
+                way.move_to("G00", levels.r);
             }
-            way.go("G00", below(reached - self.clearance()));
+            way.move_to("G00", below(reached - self.clearance()));
             cuts += 1;
             if cuts > CUTS_MAX {
                 return Err(format!(
@@ -276,12 +282,12 @@ impl State {
         self.to_initial.ok_or_else(|| unknown.to_owned())
     }
 
-    fn levels(&self, cycle: &Cycle) -> Result<Levels, String> {
+    fn levels(&self, cycle: &CycleState) -> Result<ConvertedHoleLevels, String> {
         let z = cycle.z.unwrap_or_default();
         if !cycle.absolute {
             let r = cycle.r.unwrap_or_default();
             let end = if self.to_initial()? { 0.0 } else { r };
-            return Ok(Levels { r, z: r + z, end });
+            return Ok(ConvertedHoleLevels { r, z: r + z, end });
         }
         let unknown = "Z at the start of the cycle is unknown. Write a motion to a position of Z before it.";
         let r = cycle.r.or(cycle.initial).ok_or(unknown)?;
@@ -290,6 +296,6 @@ impl State {
         } else {
             r
         };
-        Ok(Levels { r, z, end })
+        Ok(ConvertedHoleLevels { r, z, end })
     }
 }

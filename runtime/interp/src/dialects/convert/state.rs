@@ -19,7 +19,7 @@ pub enum Source {
 
 /// Modal state, as far as the meaning of other words depends on it.
 #[derive(Debug, Clone)]
-pub(super) struct State {
+pub(super) struct ConversionState {
     pub from: Source,
     pub options: NcOptions,
     pub unit: Unit,
@@ -31,7 +31,7 @@ pub(super) struct State {
     pub absolute: Option<bool>,
     /// True if fixed cycles return to the initial level; `None` if another program has set the mode.
     pub to_initial: Option<bool>,
-    pub cycle: Option<Cycle>,
+    pub cycle: Option<CycleState>,
     /// The programmed positions of the axes, if known.
     pub at: [Option<f64>; 4],
     /// Shift of the coordinates by G92, mm or degrees.
@@ -65,7 +65,7 @@ pub(super) struct Words<'a> {
 }
 
 impl<'a> Words<'a> {
-    pub fn of(words: &'a [Word]) -> Self {
+    pub fn new(words: &'a [Word]) -> Self {
         Self {
             all: words.iter().map(Some).collect(),
         }
@@ -99,7 +99,7 @@ pub(super) const PLANE_XY: u32 = 17;
 
 const MS_PER_S: f64 = 1000.0;
 
-impl State {
+impl ConversionState {
     pub fn new(from: Source, options: NcOptions, unit: Unit) -> Self {
         Self {
             from,
@@ -141,7 +141,7 @@ impl State {
     }
 
     /// Applies the modal effect of a G code, independent of the rest of its block.
-    pub fn put_in_force(&mut self, code: u32) {
+    pub fn activate_code(&mut self, code: u32) {
         match code {
             0..=3 => {
                 self.motion = MOTIONS[code as usize % MOTIONS.len()];
@@ -178,14 +178,26 @@ impl State {
             &PLAIN
         };
         let value = word.number().ok_or("it has a variable")?;
-        Ok(numbers::meant(value, spec, word, self.unit, &self.options))
+        Ok(numbers::convert_written_value(
+            value,
+            spec,
+            word,
+            self.unit,
+            &self.options,
+        ))
     }
 
     /// Returns the seconds of an X word of a dwell.
     pub fn seconds(&self, word: &Word) -> Result<f64, String> {
         static TIME: WordSpec = WordSpec::new(Address::X, "a time", "s", 0.0, f64::MAX);
         let value = word.number().ok_or("it has a variable")?;
-        Ok(numbers::meant(value, &TIME, word, self.unit, &self.options))
+        Ok(numbers::convert_written_value(
+            value,
+            &TIME,
+            word,
+            self.unit,
+            &self.options,
+        ))
     }
 
     /// Returns the seconds of a P word of a dwell. P is in milliseconds; controls of source `Fanuc` that
@@ -235,7 +247,7 @@ impl State {
 
 /// The modal words of a fixed cycle, in the unit of their blocks.
 #[derive(Debug, Clone)]
-pub(super) struct Cycle {
+pub(super) struct CycleState {
     pub code: u32,
     /// Z at the start of the cycle, if known.
     pub initial: Option<f64>,
@@ -249,10 +261,10 @@ pub(super) struct Cycle {
     pub depth: Option<f64>,
 }
 
-impl Cycle {
+impl CycleState {
     /// Creates a cycle from a code, possibly after another one that keeps its words.
-    pub fn new(code: u32, before: Option<Cycle>, z: Option<f64>, absolute: bool) -> Self {
-        let begins = Cycle {
+    pub fn new(code: u32, before: Option<CycleState>, z: Option<f64>, absolute: bool) -> Self {
+        let begins = CycleState {
             code,
             initial: z,
             absolute,
@@ -262,7 +274,7 @@ impl Cycle {
             dwell_s: None,
             depth: None,
         };
-        before.map_or(begins, |before| Cycle { code, ..before })
+        before.map_or(begins, |before| CycleState { code, ..before })
     }
 
     /// Returns true for a cycle that cuts threads.

@@ -3,17 +3,17 @@
 use tandem_model::settings::{Calculator, CompensationStart, NcOptions, Unit};
 use tandem_model::{Axis, AxisVector};
 
-use super::{Converted, Settings, Source, convert};
+use super::{ConvertedProgram, Settings, Source, convert};
 
-fn of_fanuc(text: &str) -> Converted {
+fn of_fanuc(text: &str) -> ConvertedProgram {
     convert(text, Source::Fanuc, &NcOptions::default())
 }
 
-fn lines_left(converted: &Converted) -> Vec<u32> {
+fn lines_left(converted: &ConvertedProgram) -> Vec<u32> {
     converted.left.iter().map(|left| left.line).collect()
 }
 
-fn has_line(converted: &Converted, wanted: &str) -> bool {
+fn has_line(converted: &ConvertedProgram, wanted: &str) -> bool {
     converted.text.lines().any(|line| line == wanted)
 }
 

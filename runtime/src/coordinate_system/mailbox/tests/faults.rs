@@ -10,11 +10,11 @@ use tandem_model::alarm::{FAULT_LASTS, RUNTIME_FAULT};
 use super::*;
 
 /// Number of pending panics of the journal's sink.
-type Faults = Arc<AtomicU32>;
+type PendingPanics = Arc<AtomicU32>;
 
 /// Creates a coordinate system with a number of pending panics, one for each of its next journal lines.
-fn with_faults() -> (Arc<Mailbox>, Servo, Faults) {
-    let faults = Faults::default();
+fn with_faults() -> (Arc<Mailbox>, Servo, PendingPanics) {
+    let faults = PendingPanics::default();
     let left = Arc::clone(&faults);
     let sink = Arc::new(std::sync::Mutex::new(
         move |_line: &crate::journal::Line| -> bool {
@@ -43,13 +43,13 @@ fn command(command: Command, id: &str) -> CoordinateSystemRequest {
 }
 
 /// Time of the machine.
-struct Machine {
+struct SteppedMachine {
     mailbox: Arc<Mailbox>,
     servo: Servo,
     cycles: u64,
 }
 
-impl Machine {
+impl SteppedMachine {
     fn run(&mut self, cycles: u64) {
         for _ in 0..cycles {
             self.servo.cycle();
@@ -109,9 +109,9 @@ impl Machine {
     }
 }
 
-fn machine() -> (Machine, Faults) {
+fn machine() -> (SteppedMachine, PendingPanics) {
     let (mailbox, servo, faults) = with_faults();
-    let mut machine = Machine {
+    let mut machine = SteppedMachine {
         mailbox,
         servo,
         cycles: 0,
@@ -124,7 +124,7 @@ fn machine() -> (Machine, Faults) {
 const BRAKING_CYCLES: u64 = 250;
 
 /// Manual data input moves X for some time.
-fn move_x(machine: &mut Machine, text: &str) {
+fn move_x(machine: &mut SteppedMachine, text: &str) {
     let request = CoordinateSystemRequest::Command {
         command: Command::Mdi {
             text: text.to_owned(),
@@ -263,7 +263,7 @@ fn p11_panic_cancels_outputs_and_answers_all_callers() {
     ));
     assert_eq!((&mut waits).now_or_never(), None);
     machine.run(20);
-    let pending = |machine: &Machine| match &machine
+    let pending = |machine: &SteppedMachine| match &machine
         .mailbox
         .shared
         .hub

@@ -30,7 +30,7 @@ fn results(mailbox: &Mailbox) -> plc_api::hub::Subscription {
 }
 
 /// Returns the numbers of each client in the order of execution.
-fn carried_out(said: &mut plc_api::hub::Subscription) -> BTreeMap<usize, Vec<u64>> {
+fn executed_requests(said: &mut plc_api::hub::Subscription) -> BTreeMap<usize, Vec<u64>> {
     let mut by_asker: BTreeMap<usize, Vec<u64>> = BTreeMap::new();
     while let Some(message) = said.try_next() {
         if let Payload::Result(result) = &message.payload {
@@ -105,7 +105,7 @@ async fn concurrent_requests_are_executed_once_and_in_order_per_sender() {
             .expect("a request was forgotten")
             .unwrap();
     }
-    let by_asker = carried_out(&mut said);
+    let by_asker = executed_requests(&mut said);
     assert_eq!(said.lost(), 0);
     let all: Vec<u64> = (1..=EACH).collect();
     for asker in 0..ASKERS {
@@ -173,7 +173,7 @@ fn queued_request_is_executed_even_if_its_future_is_dropped() {
     drop(at_work);
     drop(asked);
     mailbox.work_as_task();
-    assert_eq!(carried_out(&mut said), BTreeMap::from([(1, vec![1])]));
+    assert_eq!(executed_requests(&mut said), BTreeMap::from([(1, vec![1])]));
 }
 
 #[test]
@@ -199,7 +199,7 @@ fn requests_without_queue_room_wait_in_order_and_dropping_cancels_them() {
     }
     let mut expected: Vec<u64> = (1..=last).collect();
     expected.extend([last + 2, last + 3]);
-    assert_eq!(carried_out(&mut said)[&1], expected);
+    assert_eq!(executed_requests(&mut said)[&1], expected);
 }
 
 #[test]
@@ -253,7 +253,7 @@ fn who_asks_never_takes_a_command_that_came_between() {
         let mut asked = Box::pin(mailbox.ask(command(&id, Command::Stop), urgent));
         let mut at_work = mailbox.work.lock();
         assert_eq!((&mut asked).now_or_never(), None);
-        let left = mailbox.work(&mut at_work, Share::OF_CALLER);
+        let left = mailbox.work(&mut at_work, TurnLimits::OF_CALLER);
         assert!(left.busy);
         drop(at_work);
         assert_eq!((&mut asked).now_or_never(), None);
