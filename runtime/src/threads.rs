@@ -79,7 +79,7 @@ impl SupervisedRounds {
 }
 
 #[cfg(not(test))]
-pub(crate) use real::OsThread;
+pub(crate) use real::OsThread as Thread;
 #[cfg(test)]
 pub(crate) use simulated::{Rounds, Thread, simulate, stop_simulating};
 

@@ -45,8 +45,8 @@ macro_rules! explained {
 
         impl $name {
             /// All words with their meanings.
-            pub const EXPLAINED: &[$crate::types::explained::Explained] = &[
-                $($crate::types::explained::Explained {
+            pub const EXPLAINED: &[$crate::types::explained::ExplainedWord] = &[
+                $($crate::types::explained::ExplainedWord {
                     of: $of,
                     word: $word,
                     meaning: concat!($($meaning),+),

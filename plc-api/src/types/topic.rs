@@ -156,8 +156,8 @@ macro_rules! cs_topics {
             /// Returns the form of the messages.
             pub fn form(self) -> Form {
                 match self {
-                    $(CsTopic::$state => Form::of::<Enveloped<'static, $type>>(),)*
-                    $(CsTopic::$event(_) => Form::of::<Enveloped<'static, $event_type>>(),)*
+                    $(CsTopic::$state => Form::for_type::<MessageEnvelope<'static, $type>>(),)*
+                    $(CsTopic::$event(_) => Form::for_type::<MessageEnvelope<'static, $event_type>>(),)*
                 }
             }
 

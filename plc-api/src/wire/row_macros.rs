@@ -48,7 +48,7 @@ macro_rules! about_an_output {
             ..Row::new(
                 $right,
                 |incoming| Ok(Request::$request(incoming.cs()?, incoming.optional_number("m")?, incoming.json()?)),
-                written!(Request::$request(cs, m, said) => RequestParts::of_output(cs, m, said.seq, &said)),
+                written!(Request::$request(cs, m, said) => RequestParts::for_output(cs, m, said.seq, &said)),
             )
         }
     };

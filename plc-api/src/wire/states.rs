@@ -107,7 +107,7 @@ pub struct WithState {
     /// The message of its state.
     #[cfg_attr(
         feature = "schema",
-        schemars(with = "Option<crate::types::form::Enveloped<'static, crate::types::state::State>>")
+        schemars(with = "Option<crate::types::form::MessageEnvelope<'static, crate::types::state::State>>")
     )]
     pub state: Option<Value>,
 }
@@ -144,7 +144,7 @@ pub struct AllIo {
     #[cfg_attr(
         feature = "schema",
         schemars(
-            with = "BTreeMap<String, crate::types::form::Enveloped<'static, crate::types::io::IoState>>"
+            with = "BTreeMap<String, crate::types::form::MessageEnvelope<'static, crate::types::io::IoState>>"
         )
     )]
     pub inputs: BTreeMap<String, Value>,
@@ -153,7 +153,7 @@ pub struct AllIo {
     #[cfg_attr(
         feature = "schema",
         schemars(
-            with = "BTreeMap<String, crate::types::form::Enveloped<'static, crate::types::io::IoState>>"
+            with = "BTreeMap<String, crate::types::form::MessageEnvelope<'static, crate::types::io::IoState>>"
         )
     )]
     pub outputs: BTreeMap<String, Value>,

@@ -16,34 +16,34 @@ use crate::modal::CycleWords;
 /// A tapping cycle whose spindle turns so into the hole: M03 turns it clockwise, M04 counter-clockwise.
 macro_rules! tapping {
     ($in:ident $m_in:literal, $out:ident $m_out:literal) => {
-        Cycle {
+        FixedCycle {
             name: "a tapping cycle",
             needed: &[Address::Z, Address::R],
             with_spindle: Steps::new(
-                &[Step::Output(19)],
+                &[CycleStep::Output(19)],
                 &[
-                    Step::Position,
-                    Step::Approach,
-                    Step::Thread(TapLeg::In, Turn::$in),
-                    Step::Dwell,
-                    Step::Thread(TapLeg::Out, Turn::$out),
-                    Step::Rapid(Level::Initial),
+                    CycleStep::Position,
+                    CycleStep::Approach,
+                    CycleStep::Thread(TapLeg::In, Turn::$in),
+                    CycleStep::Dwell,
+                    CycleStep::Thread(TapLeg::Out, Turn::$out),
+                    CycleStep::Rapid(Level::Initial),
                 ],
-                &[Step::Output(5)],
+                &[CycleStep::Output(5)],
             ),
             without_spindle: Steps::new(
                 &[],
                 &[
-                    Step::Position,
-                    Step::Approach,
-                    Step::Output(19),
-                    Step::Output($m_in),
-                    Step::Thread(TapLeg::In, Turn::$in),
-                    Step::Dwell,
-                    Step::Output($m_out),
-                    Step::Thread(TapLeg::Out, Turn::$out),
-                    Step::Output($m_in),
-                    Step::Linear(Level::Initial),
+                    CycleStep::Position,
+                    CycleStep::Approach,
+                    CycleStep::Output(19),
+                    CycleStep::Output($m_in),
+                    CycleStep::Thread(TapLeg::In, Turn::$in),
+                    CycleStep::Dwell,
+                    CycleStep::Output($m_out),
+                    CycleStep::Thread(TapLeg::Out, Turn::$out),
+                    CycleStep::Output($m_in),
+                    CycleStep::Linear(Level::Initial),
                 ],
                 &[],
             ),
