@@ -8,7 +8,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use plc_api::{Alarm, AuxOutput, MCode, Params, Plc, SequenceProgram, State};
+use plc_api::{Alarm, AuxOutput, HandlerState, MCode, Params, Plc, SequenceProgram};
 use tandem_runtime::test::{Bench, TestError};
 
 const CHANGE_TOOL: MCode = MCode::new(100, "change tool");
@@ -27,7 +27,7 @@ struct Change {
 
 async fn change_tool(
     Change { tool }: Change,
-    State(magazine): State<Magazine>,
+    HandlerState(magazine): HandlerState<Magazine>,
     output: AuxOutput,
     plc: Plc,
 ) -> Result<(), Alarm> {

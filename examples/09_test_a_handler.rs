@@ -29,7 +29,7 @@ async fn a_force_that_the_clamp_has_not_is_an_alarm() {
     let fake = FakePort::new([1]);
     let plc = fake.plc();
     tokio::spawn(async move { program().run(&plc).await });
-    let seq = fake.put_out(
+    let seq = fake.issue_output(
         1,
         12,
         Params {

@@ -47,13 +47,13 @@ fn life_of_an_output(bencher: Bencher<'_, '_>, open: usize) {
     ledger.handler_online(NOW, "magazine", &presence);
     for _ in 0..open {
         let seq = ledger.enqueue(NOW, spec()).unwrap_or_default();
-        ledger.put_out(NOW, seq);
+        ledger.issue_output(NOW, seq);
     }
     let mut effects = 0;
     bencher.counter(ItemsCount::new(4_usize)).bench_local(|| {
         let seq = ledger.enqueue(NOW, spec()).unwrap_or_default();
         effects += ledger.take_effects().count();
-        ledger.put_out(NOW, seq);
+        ledger.issue_output(NOW, seq);
         effects += ledger.take_effects().count();
         let claim = Claim {
             boot_id: boot_id.clone(),

@@ -68,7 +68,7 @@ impl AuxOutput {
             return Err(Refusal::new(RefusalCode::Invalid, "a question needs a choice").into());
         }
         ask.check()?;
-        let _turn = self.turn_to_ask().await;
+        let _turn = self.lock_question().await;
         let question = PendingQuestion { output: self, ask };
         question.answer().await
     }

@@ -37,13 +37,13 @@ tokio::task_local! {
 /// to the same output.
 #[derive(Debug, Clone)]
 pub struct AuxOutput {
-    inner: Arc<Inner>,
+    inner: Arc<HandledOutput>,
     /// States of the program, or of the nested part that serves the output.
     states: States,
 }
 
 #[derive(Debug)]
-struct Inner {
+struct HandledOutput {
     plc: Plc,
     by: Identity,
     id: OutputId,
@@ -76,9 +76,9 @@ impl AuxOutput {
         id: OutputId,
         pending: &PendingOutput,
         verify: bool,
-    ) -> (Self, Cancel) {
+    ) -> (Self, CancelSender) {
         let (cancel, state) = watch::channel(CancelState::default());
-        let inner = Inner {
+        let inner = HandledOutput {
             plc: presence.plc.clone(),
             by: presence.by.clone(),
             id,
@@ -92,7 +92,7 @@ impl AuxOutput {
         };
         let inner = Arc::new(inner);
         let states = states.clone();
-        (Self { inner, states }, Cancel(cancel))
+        (Self { inner, states }, CancelSender(cancel))
     }
 
     /// Returns the same output with other states, for the handler of a nested part with its own states.
@@ -118,7 +118,7 @@ impl AuxOutput {
     }
 
     /// Waits until no other question of this output is pending.
-    pub(crate) async fn turn_to_ask(&self) -> MutexGuard<'_, ()> {
+    pub(crate) async fn lock_question(&self) -> MutexGuard<'_, ()> {
         self.inner.question.lock().await
     }
 
@@ -398,9 +398,9 @@ impl Cancellation {
     }
 }
 
-pub(crate) struct Cancel(watch::Sender<CancelState>);
+pub(crate) struct CancelSender(watch::Sender<CancelState>);
 
-impl Cancel {
+impl CancelSender {
     pub(crate) fn cancel(&self, reason: Option<CancelReason>) {
         let cancelled = true;
         self.0.send_replace(CancelState { cancelled, reason });

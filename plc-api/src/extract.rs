@@ -60,7 +60,7 @@ mod takes;
 mod tests;
 mod value;
 
-pub use state::State;
+pub use state::HandlerState;
 pub use takes::Takes;
 pub use value::{ParamValue, Va, Vb, Vc, Vd, Ve, Vf, Vg, Vh, param};
 

@@ -128,7 +128,7 @@ impl FakePort {
     ///
     /// # Panics
     /// Panics if the coordinate system does not exist, or 64 of its outputs are open: mistakes of the test.
-    pub fn put_out(&self, cs: CoordinateSystemNumber, m: u16, params: Params) -> u64 {
+    pub fn issue_output(&self, cs: CoordinateSystemNumber, m: u16, params: Params) -> u64 {
         self.issue_output_within(cs, m, params, None)
     }
 
@@ -161,7 +161,7 @@ impl FakePort {
         self.use_ledger(&mut inner, cs, |ledger, now| {
             let seq = ledger.enqueue(now, spec).expect("64 outputs are open");
             if !is_held {
-                ledger.put_out(now, seq);
+                ledger.issue_output(now, seq);
             }
             seq
         })

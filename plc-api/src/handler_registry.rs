@@ -225,7 +225,7 @@ impl HandlerRegistry {
 
     /// Returns the instance of a handler that must confirm its presence, or `None` if no confirmation is
     /// pending.
-    pub fn asked(&self, id: &str) -> Option<&str> {
+    pub fn instance_to_confirm(&self, id: &str) -> Option<&str> {
         let entry = self.handlers.get(id).filter(|entry| entry.asked_s.is_some())?;
         entry.presence.instance.as_deref()
     }

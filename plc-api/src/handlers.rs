@@ -36,7 +36,7 @@ use crate::plc::Plc;
 use crate::port::BoxFuture;
 use crate::types::CoordinateSystemNumber;
 use crate::types::alarm_text::AlarmText;
-use crate::types::machine::{Served, ServedMCode};
+use crate::types::machine::{ServedMCode, ServedMCodesFile};
 use crate::types::output::{Params, Redelivery};
 
 use followed::FollowedLevel;
@@ -415,7 +415,7 @@ impl SequenceProgram {
     /// std::fs::write("served.json", program().served().to_string())?;
     /// # Ok::<(), std::io::Error>(())
     /// ```
-    pub fn served(&self) -> Served {
+    pub fn served(&self) -> ServedMCodesFile {
         let codes = self.table.codes();
         let declarations = self.table.declarations();
         let serves = codes.into_iter().map(|(cs, m)| {
@@ -431,7 +431,7 @@ impl SequenceProgram {
         });
         let mut serves: Vec<_> = serves.collect();
         serves.sort_by_key(|one| one.m);
-        Served { serves }
+        ServedMCodesFile { serves }
     }
 
     /// Checks this program for mistakes, as [`SequenceProgram::run`] does before it starts.

@@ -114,7 +114,7 @@ impl Ledger {
 
     /// Changes QUEUED to OUTPUT, or to CLAIMED if one exclusive handler serves it (H20): publishes it, and
     /// starts its time limit. Has no effect in any other state.
-    pub fn put_out(&mut self, now: Now, seq: u64) {
+    pub fn issue_output(&mut self, now: Now, seq: u64) {
         let Some(place) = self.index_of(seq) else { return };
         let output = &mut self.open[place];
         if output.state != OutputState::Queued {

@@ -34,7 +34,7 @@ const LOOKS: u32 = 4;
 /// # }
 /// ```
 #[derive(Debug)]
-pub struct Heartbeat {
+pub struct HeartbeatGuard {
     plc: Plc,
     id: String,
     cs: Option<CoordinateSystemNumber>,
@@ -48,11 +48,11 @@ impl Plc {
     /// # Errors
     /// Fails if `ttl` is out of its range, the machine watches too many programs, or the machine cannot be
     /// reached.
-    pub async fn heartbeat(&self, ttl: Duration) -> Result<Heartbeat> {
+    pub async fn heartbeat(&self, ttl: Duration) -> Result<HeartbeatGuard> {
         self.be_watched(None, ttl).await
     }
 
-    async fn be_watched(&self, cs: Option<CoordinateSystemNumber>, ttl: Duration) -> Result<Heartbeat> {
+    async fn be_watched(&self, cs: Option<CoordinateSystemNumber>, ttl: Duration) -> Result<HeartbeatGuard> {
         let id = self.user().unwrap_or(self.client_id()).to_owned();
         let ttl_ms = u64::try_from(ttl.as_millis()).unwrap_or(u64::MAX);
         let beat = typed::Heartbeat(id.clone(), ClientHeartbeat { ttl_ms, cs });
@@ -66,7 +66,7 @@ impl Plc {
                 }
             }
         });
-        Ok(Heartbeat {
+        Ok(HeartbeatGuard {
             plc: self.clone(),
             id,
             cs,
@@ -111,12 +111,12 @@ impl CoordinateSystem {
     ///
     /// # Errors
     /// Fails as [`Plc::heartbeat`], and if the coordinate system does not exist.
-    pub async fn heartbeat(&self, ttl: Duration) -> Result<Heartbeat> {
+    pub async fn heartbeat(&self, ttl: Duration) -> Result<HeartbeatGuard> {
         self.plc().be_watched(Some(self.number()), ttl).await
     }
 }
 
-impl Heartbeat {
+impl HeartbeatGuard {
     /// Ends the watch: the machine no longer watches this program, and does not hold a run.
     ///
     /// # Errors
@@ -129,7 +129,7 @@ impl Heartbeat {
     }
 }
 
-impl Drop for Heartbeat {
+impl Drop for HeartbeatGuard {
     fn drop(&mut self) {
         self.beats.abort();
     }

@@ -228,12 +228,12 @@ impl Subscription {
 
     /// Returns the next message, or `None` if no message is unread.
     pub fn try_next(&mut self) -> Option<Arc<Message>> {
-        lock(&self.subscriber.waiting).queue.take()
+        lock(&self.subscriber.waiting).queue.pop_front()
     }
 
     /// Returns the number of events that were dropped so far because they were not read in time.
-    pub fn lost(&self) -> u64 {
-        lock(&self.subscriber.waiting).queue.lost()
+    pub fn dropped_events(&self) -> u64 {
+        lock(&self.subscriber.waiting).queue.dropped_events()
     }
 }
 
@@ -304,7 +304,7 @@ mod tests {
         for seq in 0..EVENTS_MAX as u64 + 3 {
             hub.publish(cancel(seq));
         }
-        assert_eq!(subscription.lost(), 3);
+        assert_eq!(subscription.dropped_events(), 3);
         let first = subscription.try_next().map(|m| (*m).clone());
         assert_eq!(first, Some(cancel(3)));
     }

@@ -238,7 +238,7 @@ pub(crate) fn check_io_declared(
     point: &IoPoint,
     value: Option<IoValue>,
 ) -> Result<(), Refusal> {
-    let Some(declared) = io.of(point.side).get(&point.name) else {
+    let Some(declared) = io.on_side(point.side).get(&point.name) else {
         let all: Vec<_> = io.points().map(|(point, _)| point).collect();
         return Err(not_declared(point, &all));
     };

@@ -31,7 +31,7 @@ const RENEWALS: u32 = 3;
 /// # }
 /// ```
 #[derive(Debug)]
-pub struct Lease {
+pub struct LeaseGuard {
     coordinate_system: CoordinateSystem,
     fence: u64,
     lost: Arc<AtomicBool>,
@@ -44,7 +44,7 @@ impl CoordinateSystem {
     ///
     /// # Errors
     /// Fails with `busy` while another client holds the lease, or if `ttl` is out of range.
-    pub async fn take_lease(&self, ttl: Duration) -> Result<Lease> {
+    pub async fn take_lease(&self, ttl: Duration) -> Result<LeaseGuard> {
         self.request_lease(None, ttl).await
     }
 
@@ -53,11 +53,11 @@ impl CoordinateSystem {
     ///
     /// # Errors
     /// Fails as [`CoordinateSystem::take_lease`], and if the name is too long.
-    pub async fn take_lease_as(&self, holder: impl Into<String>, ttl: Duration) -> Result<Lease> {
+    pub async fn take_lease_as(&self, holder: impl Into<String>, ttl: Duration) -> Result<LeaseGuard> {
         self.request_lease(Some(holder.into()), ttl).await
     }
 
-    async fn request_lease(&self, holder: Option<String>, ttl: Duration) -> Result<Lease> {
+    async fn request_lease(&self, holder: Option<String>, ttl: Duration) -> Result<LeaseGuard> {
         let take = LeaseTake {
             holder: holder.or_else(|| self.plc().user().map(str::to_owned)),
             ttl_ms: Some(u64::try_from(ttl.as_millis()).unwrap_or(u64::MAX)),
@@ -74,7 +74,7 @@ impl CoordinateSystem {
             fence: Some(granted.fence),
             ..take
         };
-        Ok(Lease {
+        Ok(LeaseGuard {
             coordinate_system: self.under_lease(granted.fence),
             renewal: tokio::spawn(renew(self.clone(), take, ttl / RENEWALS, Arc::clone(&lost))),
             fence: granted.fence,
@@ -113,7 +113,7 @@ async fn renew(
     }
 }
 
-impl Lease {
+impl LeaseGuard {
     /// Returns a handle to the coordinate system that sends commands under this lease.
     pub fn coordinate_system(&self) -> &CoordinateSystem {
         &self.coordinate_system
@@ -153,7 +153,7 @@ impl Lease {
     }
 }
 
-impl Drop for Lease {
+impl Drop for LeaseGuard {
     fn drop(&mut self) {
         self.renewal.abort();
         if !self.is_lost() {

@@ -366,7 +366,7 @@ impl HandlerSession {
     }
 
     /// Returns the outputs that have lost their handler, with their M numbers.
-    pub(crate) fn lost(&self) -> Vec<(OutputId, u16)> {
+    pub(crate) fn lost_outputs(&self) -> Vec<(OutputId, u16)> {
         let outputs = self.open.outputs();
         let lost = outputs.filter(|(_, output)| output.lost && output.state == OutputState::Output);
         lost.map(|(id, output)| (id, output.output.m)).collect()

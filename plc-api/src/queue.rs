@@ -82,7 +82,7 @@ impl<T: QueueEntry> Queue<T> {
     }
 
     /// Removes and returns the next entry.
-    pub fn take(&mut self) -> Option<T> {
+    pub fn pop_front(&mut self) -> Option<T> {
         let entry = self.entries.pop_front()?;
         match state_of(&entry) {
             Some(state) if self.replaceable.get(state) == Some(&self.first) => {
@@ -104,7 +104,7 @@ impl<T: QueueEntry> Queue<T> {
     }
 
     /// Returns the number of events that were dropped so far because they were not read in time.
-    pub fn lost(&self) -> u64 {
+    pub fn dropped_events(&self) -> u64 {
         self.lost
     }
 
@@ -191,8 +191,8 @@ mod tests {
         for entry in said {
             queue.put(entry);
         }
-        let read = std::iter::from_fn(|| queue.take()).collect();
-        (read, queue.lost())
+        let read = std::iter::from_fn(|| queue.pop_front()).collect();
+        (read, queue.dropped_events())
     }
 
     #[test]
@@ -279,15 +279,15 @@ mod tests {
                 // the queue fills, and is read in bursts
                 if next() % 600 == 0 {
                     for _ in 0..next() % 300 {
-                        assert_eq!(queue.take(), waiting.pop_front(), "seed {seed}, {n}");
+                        assert_eq!(queue.pop_front(), waiting.pop_front(), "seed {seed}, {n}");
                     }
                 }
             }
-            assert!(queue.lost() > 0, "seed {seed} never runs full");
+            assert!(queue.dropped_events() > 0, "seed {seed} never runs full");
             while let Some(said) = waiting.pop_front() {
-                assert_eq!(queue.take(), Some(said), "seed {seed}");
+                assert_eq!(queue.pop_front(), Some(said), "seed {seed}");
             }
-            assert_eq!((queue.take(), queue.events), (None, 0), "seed {seed}");
+            assert_eq!((queue.pop_front(), queue.events), (None, 0), "seed {seed}");
         }
     }
 
@@ -305,8 +305,8 @@ mod tests {
         let mut queue = Queue::default();
         for n in 0..3 * u32::try_from(EVENTS_MAX).unwrap() {
             queue.put(output(n));
-            assert_eq!(queue.take(), Some(output(n)));
+            assert_eq!(queue.pop_front(), Some(output(n)));
         }
-        assert_eq!((queue.front(), queue.lost()), (None, 0));
+        assert_eq!((queue.front(), queue.dropped_events()), (None, 0));
     }
 }

@@ -40,7 +40,7 @@ macro_rules! unit {
                 declaration.within($crate::units::bound(MIN), $crate::units::bound(MAX))
             }
 
-            fn of(number: Option<f64>) -> Option<Self> {
+            fn from_number(number: Option<f64>) -> Option<Self> {
                 number.map(Self)
             }
         }
@@ -111,7 +111,7 @@ impl<const MIN: i64, const MAX: i64> ParamValue for Number<MIN, MAX> {
         ParamDeclaration::default().within(bound(MIN), bound(MAX))
     }
 
-    fn of(number: Option<f64>) -> Option<Self> {
+    fn from_number(number: Option<f64>) -> Option<Self> {
         number.map(Self)
     }
 }
@@ -131,7 +131,7 @@ impl<const MIN: i64, const MAX: i64> ParamValue for Whole<MIN, MAX> {
     }
 
     #[allow(clippy::cast_possible_truncation, reason = "the number is whole")]
-    fn of(number: Option<f64>) -> Option<Self> {
+    fn from_number(number: Option<f64>) -> Option<Self> {
         number.map(|number| Self(number.round() as i64))
     }
 }

@@ -8,7 +8,7 @@ use tandem_model::Axis;
 use tandem_model::limits::{M_CODE_MAX, PROGRAM_BYTES_MAX};
 use tandem_model::settings::{MotorKind, Unit};
 
-use crate::config::{CoordinateSystem, Machine};
+use crate::config::{ConfiguredSystem, Machine};
 use crate::sequence::stock;
 
 /// Returns the description of the machine, with the handlers of its M codes.
@@ -41,7 +41,7 @@ pub(crate) fn birth(machine: &Machine, handlers: &BTreeMap<String, HandlerPresen
         max_velocity: motor.max_velocity,
     });
     let first = machine.coordinate_systems.first();
-    let default_timing = first.map_or_else(Timing::default, CoordinateSystem::default_timing);
+    let default_timing = first.map_or_else(Timing::default, ConfiguredSystem::default_timing);
     let m_codes = machine.m_codes.iter().map(|(m, settings)| {
         let info = MCodeInfo {
             timing: settings.timing.unwrap_or(default_timing),
@@ -91,7 +91,7 @@ fn serves(machine: &Machine, handlers: &BTreeMap<String, HandlerPresence>) -> Ve
             .m_codes
             .get(&m)
             .is_some_and(|settings| settings.stock.is_some());
-        let is_served = |system: &&CoordinateSystem| {
+        let is_served = |system: &&ConfiguredSystem| {
             is_stock || system.settings.spindle.is_some() && stock::is_spindle_code(m)
         };
         let systems = machine.coordinate_systems.iter().filter(is_served);

@@ -21,7 +21,8 @@ use crate::persistence::journal_folder::{JOURNAL_FOLDER, newest};
 use crate::persistence::journal_reader::damage;
 use crate::persistence::positions::POSITION;
 use crate::persistence::{
-    Condition, Generation, Image, InspectedStore, PAGE_VARIABLES, STORE_FILE, Store, inspect_store, restore,
+    Generation, Image, InspectedStore, PAGE_VARIABLES, STORE_FILE, Store, StoreCondition, inspect_store,
+    restore,
 };
 use crate::program_store::folder::{Opening, ProgramFileState, ProgramFolder, scan_folder};
 use crate::program_store::places::{FolderAssignmentsRead, PLACES_FILE};
@@ -129,15 +130,15 @@ impl DataFolder {
         let mut findings = DataFolderFindings::default();
         let store = self.path.join(STORE_FILE);
         match &self.inspected.condition {
-            Condition::Damaged(how) => findings.damaged.push(format!("{}: {how}", store.display())),
-            Condition::WithoutSums => {
+            StoreCondition::Damaged(how) => findings.damaged.push(format!("{}: {how}", store.display())),
+            StoreCondition::WithoutSums => {
                 let text = format!(
                     "{}: the store has no checksums yet; the next start adds them",
                     store.display()
                 );
                 findings.notes.push(text);
             }
-            Condition::New | Condition::Whole => {}
+            StoreCondition::New | StoreCondition::Whole => {}
         }
         if let Some(fault) = &self.inspected.sums_fault {
             findings.damaged.push(format!(

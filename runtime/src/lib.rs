@@ -42,8 +42,8 @@ mod world;
 
 pub use clock::Clock;
 pub use config::{
-    Broker, Config, ConfigError, ConfigKey, ConfigWord, CoordinateSystem as ConfiguredSystem, ExternalBroker,
-    MCodeSettings, Machine, Stock, UnhandledReaction,
+    Broker, Config, ConfigError, ConfigKey, ConfigWord, ConfiguredSystem, ExternalBroker, MCodeSettings,
+    Machine, Stock, UnhandledReaction,
 };
 pub use coordinator::{Runtime, StartError};
 /// Interface to hardware: traits for your own bus and spindle, and the factory that provides them to a runtime.

@@ -167,7 +167,7 @@ impl ProgramStore {
         self.all()
             .values()
             .map(|program| ProgramInfo {
-                folder: places.of(program.number).to_owned(),
+                folder: places.folder_of(program.number).to_owned(),
                 ..program.info()
             })
             .collect()

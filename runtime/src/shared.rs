@@ -446,7 +446,7 @@ impl SharedState {
 
     /// Returns the instance of a handler that has to confirm its presence.
     pub fn asked_handler(&self, id: &str) -> Option<String> {
-        self.handlers.lock().asked(id).map(str::to_owned)
+        self.handlers.lock().instance_to_confirm(id).map(str::to_owned)
     }
 
     /// Reports the result of its request to an instance of a handler.

@@ -118,7 +118,7 @@ use crate::program_store::program_number;
 use crate::simulation::SimulationOptions;
 
 pub use perform::Scene;
-pub use record::{OutputEnd, OutputRecord, Run, StateChange, Stopped, SystemEnd};
+pub use record::{OutputEnd, OutputRecord, Run, RunEndReason, StateChange, SystemEnd};
 pub use trace::Sample;
 
 /// Program number of a text without a number.

@@ -24,7 +24,7 @@ use tandem_syntax::diagnostics::{self, DiagnosticEntry};
 use tandem_syntax::{Address, NcProgram, Word};
 
 use self::run::{FIRST, SECOND, TrialAssumptions, TrialRun};
-use crate::config::{CoordinateSystem as ConfiguredSystem, Machine};
+use crate::config::{ConfiguredSystem, Machine};
 
 /// Blocks that a trial executes in addition to four times those of the program.
 const STEPS_MAX: u64 = 2_000_000;
@@ -72,7 +72,7 @@ pub struct Trial<'a> {
 #[derive(Debug, Default, PartialEq)]
 pub struct TrialResult {
     /// The alarms that end the program; on a machine the first one ends it.
-    pub stops: Vec<Stop>,
+    pub stops: Vec<StoppingAlarm>,
     /// Warnings of the run, each once; empty without a machine.
     pub warnings: Vec<Warning>,
 }
@@ -90,7 +90,7 @@ pub struct Warning {
 
 /// An alarm that ends the program.
 #[derive(Debug, PartialEq)]
-pub struct Stop {
+pub struct StoppingAlarm {
     /// The alarm with its location.
     pub alarm: Alarm,
     /// The assumptions on which the alarm depends, if any.
@@ -110,7 +110,7 @@ impl TrialResult {
             (origin.program, entry.at(place(origin, ""), text, help))
         });
         let called = is_subprogram(of.program).then(|| CALLED.to_owned());
-        let stops = self.stops.into_iter().map(|Stop { alarm, assumed }| {
+        let stops = self.stops.into_iter().map(|StoppingAlarm { alarm, assumed }| {
             let assumed = assumed.or_else(|| called.clone());
             let origin = alarm.origin.unwrap_or_default();
             let Alarm {
@@ -263,7 +263,7 @@ impl Runs<'_> {
             let is_certain = others.iter().any(|other| is_same(other, &alarm));
             let assumed =
                 "the axes are at 0 at the start, no block skip input is on, and G31 reaches its target";
-            self.shown.stops.push(Stop {
+            self.shown.stops.push(StoppingAlarm {
                 alarm,
                 assumed: (!is_certain).then(|| assumed.to_owned()),
             });
@@ -283,7 +283,7 @@ impl Runs<'_> {
             let stops = &mut self.shown.stops;
             if stops.len() < LISTED_MAX && !stops.iter().any(|known| is_same(&known.alarm, &alarm)) {
                 let assumed = Some(text.clone());
-                stops.push(Stop { alarm, assumed });
+                stops.push(StoppingAlarm { alarm, assumed });
             }
         }
     }

@@ -27,7 +27,7 @@ struct ClampParams {
 
 async fn clamp(
     ClampParams { force, left_side }: ClampParams,
-    State(seen): State<ReceivedArguments>,
+    HandlerState(seen): HandlerState<ReceivedArguments>,
     output: AuxOutput,
 ) -> Result<(), Alarm> {
     let m = output.m();
@@ -55,7 +55,7 @@ async fn end_of(params: Params) -> (Option<OutputOutcome>, Vec<String>) {
     let (fake, seen) = (FakePort::new([1]), ReceivedArguments::default());
     let program = SequenceProgram::new().on(CLAMP, clamp).state(Arc::clone(&seen));
     let _task = serve(&fake, program).await;
-    let seq = fake.put_out(1, 12, params);
+    let seq = fake.issue_output(1, 12, params);
     fake.settle().await;
     let seen = seen.lock().unwrap().clone();
     (fake.closed(1, seq), seen)
@@ -155,7 +155,7 @@ async fn a_value_that_a_type_does_not_have_is_an_alarm() {
         fn declaration() -> crate::types::m_code::ParamDeclaration {
             Whole::<1, 9>::declaration()
         }
-        fn of(number: Option<f64>) -> Option<Self> {
+        fn from_number(number: Option<f64>) -> Option<Self> {
             number.filter(|number| number % 2.0 > 0.5).map(|_| Odd)
         }
     }
@@ -165,8 +165,8 @@ async fn a_value_that_a_type_does_not_have_is_an_alarm() {
     let fake = FakePort::new([1]);
     let _task = serve(&fake, SequenceProgram::new().on(CLAMP, odd)).await;
     let (three, four) = (
-        fake.put_out(1, 12, params(Some(3.0), None)),
-        fake.put_out(1, 12, params(Some(4.0), None)),
+        fake.issue_output(1, 12, params(Some(3.0), None)),
+        fake.issue_output(1, 12, params(Some(4.0), None)),
     );
     fake.settle().await;
     assert_eq!(fake.closed(1, three), Some(OutputOutcome::Reset));

@@ -21,7 +21,7 @@ use crate::types::m_code::{ParamDeclaration, ParamLetter};
 ///         ParamDeclaration { whole: true, ..ParamDeclaration::default().within(Some(1.0), Some(2.0)) }
 ///     }
 ///
-///     fn of(number: Option<f64>) -> Option<Self> {
+///     fn from_number(number: Option<f64>) -> Option<Self> {
 ///         Some(if number? < 2.0 { Side::Left } else { Side::Right })
 ///     }
 /// }
@@ -37,7 +37,7 @@ pub trait ParamValue: Sized + Send + 'static {
 
     /// Converts a number that matches the declaration to a value. `number` is `None` if the parameter is not
     /// programmed. If the result is `None`, the handler is not started, and an alarm names the parameter.
-    fn of(number: Option<f64>) -> Option<Self>;
+    fn from_number(number: Option<f64>) -> Option<Self>;
 }
 
 impl<T: ParamValue> ParamValue for Option<T> {
@@ -48,10 +48,10 @@ impl<T: ParamValue> ParamValue for Option<T> {
         }
     }
 
-    fn of(number: Option<f64>) -> Option<Self> {
+    fn from_number(number: Option<f64>) -> Option<Self> {
         match number {
             None => Some(None),
-            number => T::of(number).map(Some),
+            number => T::from_number(number).map(Some),
         }
     }
 }
@@ -61,7 +61,7 @@ impl ParamValue for f64 {
         ParamDeclaration::default()
     }
 
-    fn of(number: Option<f64>) -> Option<Self> {
+    fn from_number(number: Option<f64>) -> Option<Self> {
         number
     }
 }
@@ -74,7 +74,7 @@ impl ParamValue for bool {
         }
     }
 
-    fn of(number: Option<f64>) -> Option<Self> {
+    fn from_number(number: Option<f64>) -> Option<Self> {
         number.map(|number| number > 0.5)
     }
 }
@@ -90,7 +90,7 @@ macro_rules! whole {
             }
 
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the number is tested")]
-            fn of(number: Option<f64>) -> Option<Self> {
+            fn from_number(number: Option<f64>) -> Option<Self> {
                 number.filter(|number| Self::declaration().takes(*number)).map(|number| number.round() as $type)
             }
         }
@@ -104,8 +104,8 @@ whole!(u8 u16 u32 i8 i16 i32);
 /// # Errors
 /// Returns an alarm if the type does not accept the parameter.
 pub fn param<T: ParamValue>(output: &AuxOutput, letter: ParamLetter) -> Result<T, Alarm> {
-    let number = letter.of(output.params());
-    T::of(number).ok_or_else(|| {
+    let number = letter.value_in(output.params());
+    T::from_number(number).ok_or_else(|| {
         let m = output.m();
         let text = match number {
             None => format!("M{m:02} needs {letter}"),

@@ -177,7 +177,7 @@ impl FakePort {
         let open = system.map(|system| system.ledger.open()).unwrap_or_default();
         let queued = open.iter().filter(|output| output.state == OutputState::Queued);
         for seq in queued.map(|output| output.notice.seq).collect::<Vec<_>>() {
-            self.use_ledger(inner, cs, |ledger, now| ledger.put_out(now, seq));
+            self.use_ledger(inner, cs, |ledger, now| ledger.issue_output(now, seq));
         }
     }
 
@@ -200,7 +200,7 @@ impl FakePort {
             let mut inner = lock(&self.inner);
             let (now, now_s) = (inner.now().time, inner.now_s);
             let changed = inner.handlers.set(id, presence, now, now_s);
-            let asked = inner.handlers.asked(id).map(ToOwned::to_owned);
+            let asked = inner.handlers.instance_to_confirm(id).map(ToOwned::to_owned);
             (changed, asked)
         };
         let (changed, asked) = changed;

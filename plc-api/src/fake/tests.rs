@@ -46,7 +46,7 @@ async fn the_state_is_wait_while_an_output_is_open_and_active_after_its_reset() 
     assert_eq!(word(&system).await, (Execution::Ready, None));
     system.start().await.unwrap();
     assert_eq!(word(&system).await, (Execution::Active, None));
-    let seq = fake.put_out(1, 10, Params::default());
+    let seq = fake.issue_output(1, 10, Params::default());
     fake.settle().await;
     let state = system.state().await.unwrap();
     assert_eq!(state.execution, Execution::Wait);
@@ -66,7 +66,7 @@ async fn the_state_is_wait_while_an_output_is_open_and_active_after_its_reset() 
 #[tokio::test]
 async fn the_end_of_a_program_waits_for_its_open_outputs() {
     let (fake, system) = machine().await;
-    fake.put_out(1, 10, Params::default());
+    fake.issue_output(1, 10, Params::default());
     fake.end_program(1);
     assert_eq!(word(&system).await.0, Execution::Wait);
     fake.advance(Duration::from_secs(5)).await;
@@ -76,8 +76,8 @@ async fn the_end_of_a_program_waits_for_its_open_outputs() {
 #[tokio::test]
 async fn a_failed_output_is_an_alarm_stops_and_cancels_the_others() {
     let (fake, system) = machine().await;
-    let other = fake.put_out(1, 10, Params::default());
-    fake.put_out(1, 11, Params::default());
+    let other = fake.issue_output(1, 10, Params::default());
+    fake.issue_output(1, 11, Params::default());
     fake.settle().await;
     assert_eq!(word(&system).await, (Execution::Stopped, Some(Reason::Alarm)));
     assert_eq!(
@@ -109,7 +109,7 @@ async fn an_output_that_is_not_reset_in_its_time_is_an_alarm() {
 #[tokio::test]
 async fn under_hold_no_output_is_made_and_a_reset_is_latched_until_resume() {
     let (fake, system) = machine().await;
-    let first = fake.put_out(1, 10, Params::default());
+    let first = fake.issue_output(1, 10, Params::default());
     system.hold().await.unwrap();
     assert_eq!(
         system
@@ -120,7 +120,7 @@ async fn under_hold_no_output_is_made_and_a_reset_is_latched_until_resume() {
             .map(|waiting| waiting.seq),
         Some(first)
     );
-    let second = fake.put_out(1, 11, Params::default());
+    let second = fake.issue_output(1, 11, Params::default());
     fake.advance(Duration::from_secs(6)).await;
     assert_eq!(fake.closed(1, first), Some(OutputOutcome::Reset));
     assert_eq!(fake.closed(1, second), None, "it is queued");
@@ -142,7 +142,7 @@ async fn stop_abort_and_reset_cancel_and_end_the_run_each_in_its_state() {
         ("abort", CancelReason::Abort, stopped(Reason::Aborted)),
         ("reset", CancelReason::Reset, (Execution::Ready, None)),
     ] {
-        let seq = fake.put_out(1, 10, Params::default());
+        let seq = fake.issue_output(1, 10, Params::default());
         fake.settle().await;
         let command = crate::types::command::Command::parse(command, &serde_json::json!({})).unwrap();
         system.command(command).await.unwrap();
@@ -155,7 +155,7 @@ async fn stop_abort_and_reset_cancel_and_end_the_run_each_in_its_state() {
 #[tokio::test]
 async fn a_lost_handler_leaves_wait_with_its_reason() {
     let (fake, system) = machine().await;
-    fake.put_out(1, 10, Params::default());
+    fake.issue_output(1, 10, Params::default());
     fake.settle().await;
     fake.disconnect_handler("h");
     assert_eq!(word(&system).await, (Execution::Wait, Some(Reason::HandlerLost)));
@@ -180,7 +180,7 @@ async fn inputs_are_read_back_and_locks_refuse_with_their_text() {
     let refusal = system.start().await.unwrap_err().to_string();
     assert!(refusal.contains("no oil"), "{refusal}");
     system.set_start_lock(false, "").await.unwrap();
-    fake.put_out(1, 10, Params::default());
+    fake.issue_output(1, 10, Params::default());
     system.set_interlock(true, "the door is open").await.unwrap();
     assert_eq!(
         word(&system).await,

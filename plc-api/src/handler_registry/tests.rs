@@ -177,9 +177,9 @@ fn only_an_instance_that_names_itself_is_asked() {
     for (instance, asked) in [(Some("a"), Some("a")), (Some("~mqtt-a"), None), (None, None)] {
         let mut handlers = HandlerRegistry::default();
         set(&mut handlers, "cell", &presence(true, instance)).unwrap();
-        assert_eq!(handlers.asked("cell"), None);
+        assert_eq!(handlers.instance_to_confirm("cell"), None);
         set(&mut handlers, "cell", &presence(true, Some("b"))).unwrap_err();
-        assert_eq!(handlers.asked("cell"), asked);
+        assert_eq!(handlers.instance_to_confirm("cell"), asked);
         let later = handlers.set("cell", &presence(true, Some("b")), UNIX_EPOCH, 100.0);
         assert_eq!(later.is_ok(), asked.is_some());
     }
@@ -202,7 +202,7 @@ fn a_polling_instance_keeps_its_place_while_its_presence_lives() {
     }
     at(30.0, &presence(false, Some("a"))).unwrap();
     assert_eq!(at(30.0, &presence(true, Some("b"))), ONLINE);
-    assert_eq!(handlers.asked("cell"), None);
+    assert_eq!(handlers.instance_to_confirm("cell"), None);
 }
 
 #[test]

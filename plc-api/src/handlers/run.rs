@@ -13,7 +13,7 @@ use futures_util::{FutureExt, StreamExt};
 use tracing::Instrument;
 
 use crate::alarm::Alarm;
-use crate::aux_output::{AuxOutput, Cancel};
+use crate::aux_output::{AuxOutput, CancelSender};
 use crate::claim::{OutputId, decide_start, until_answered};
 use crate::error::Result;
 use crate::plc::Plc;
@@ -44,7 +44,7 @@ const LEAVE_MAX: Duration = Duration::from_secs(2);
 struct RunningHandler {
     output: AuxOutput,
     abort: AbortHandle,
-    cancel: Cancel,
+    cancel: CancelSender,
 }
 
 struct Runner {

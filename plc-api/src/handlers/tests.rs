@@ -47,7 +47,7 @@ async fn slow(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
 async fn a_handler_claims_runs_and_resets_once() {
     let fake = FakePort::new([1]);
     let _task = serve(&fake, SequenceProgram::new().on(100, slow).handler_id("magazine")).await;
-    let seq = fake.put_out(1, 100, params(5.0));
+    let seq = fake.issue_output(1, 100, params(5.0));
     fake.advance(seconds(4)).await;
     let pending = fake.pending(1);
     assert_eq!(pending[0].state, OutputState::Claimed);
@@ -76,7 +76,7 @@ async fn h20_output_claimed_by_the_machine_starts_once_without_a_claim() {
     let _task = serve(&fake, program).await;
     let results = Filter::Topics(vec![Topic::cs(1, CsTopic::Result(100))]);
     let mut results = fake.plc().port().subscribe(results);
-    let seq = fake.put_out(1, 100, params(5.0));
+    let seq = fake.issue_output(1, 100, params(5.0));
     let outputs = fake.pending(1);
     assert_eq!(outputs[0].state, OutputState::Claimed);
     fake.advance(seconds(5)).await;
@@ -95,7 +95,7 @@ async fn h20_what_is_claimed_for_another_instance_is_left_alone() {
     let fake = FakePort::new([1]);
     let (begun, program) = counted();
     let _task = serve(&fake, program).await;
-    let seq = fake.put_out(1, 100, params(5.0));
+    let seq = fake.issue_output(1, 100, params(5.0));
     let mut outputs = fake.pending(1);
     fake.settle().await;
     assert_eq!(begun.load(Ordering::Relaxed), 1);
@@ -109,7 +109,7 @@ async fn h20_what_is_claimed_for_another_instance_is_left_alone() {
 #[tokio::test]
 async fn an_output_made_before_the_handler_came_is_served() {
     let fake = FakePort::new([1]);
-    let seq = fake.put_out(1, 100, params(0.0));
+    let seq = fake.issue_output(1, 100, params(0.0));
     let _task = serve(&fake, SequenceProgram::new().on(100, slow)).await;
     fake.advance(seconds(1)).await;
     assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
@@ -119,7 +119,7 @@ async fn an_output_made_before_the_handler_came_is_served() {
 async fn an_error_is_a_fault_with_code_and_text_unchanged() {
     let fake = FakePort::new([1]);
     let _task = serve(&fake, SequenceProgram::new().on(100, slow)).await;
-    let seq = fake.put_out(1, 100, Params::default());
+    let seq = fake.issue_output(1, 100, Params::default());
     fake.settle().await;
     let alarm = Alarm::user(1, "VA is missing");
     assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Failed { alarm }));
@@ -133,14 +133,14 @@ async fn a_panic_is_a_fault_with_its_text_and_the_program_goes_on() {
     }
     let fake = FakePort::new([1]);
     let _task = serve(&fake, SequenceProgram::new().on(7, broken)).await;
-    let bad = fake.put_out(1, 7, Params::default());
+    let bad = fake.issue_output(1, 7, Params::default());
     fake.settle().await;
     let alarm = Alarm::user(
         Alarm::CODE_OF_PANIC,
         "the handler of M7 panicked: no VA in line 1",
     );
     assert_eq!(fake.closed(1, bad), Some(OutputOutcome::Failed { alarm }));
-    let good = fake.put_out(1, 7, params(1.0));
+    let good = fake.issue_output(1, 7, params(1.0));
     fake.settle().await;
     assert_eq!(fake.closed(1, good), Some(OutputOutcome::Reset));
 }
@@ -169,7 +169,7 @@ async fn d34_a_cancel_drops_the_future_and_tells_why() {
         }
     };
     let _task = serve(&fake, SequenceProgram::new().on(100, waits)).await;
-    let seq = fake.put_out(1, 100, Params::default());
+    let seq = fake.issue_output(1, 100, Params::default());
     fake.advance(seconds(1)).await;
     fake.cancel(1, CancelReason::Stop);
     fake.settle().await;
@@ -194,10 +194,10 @@ async fn d34_cancel_reason_is_reported_even_if_pending_shows_it_first() {
         }
     });
     let _task = serve(&fake, program).await;
-    fake.put_out(1, 100, Params::default());
+    fake.issue_output(1, 100, Params::default());
     fake.settle().await;
     // another output changes `pending`, and before that is read the cancel comes
-    fake.put_out(1, 101, Params::default());
+    fake.issue_output(1, 101, Params::default());
     fake.cancel(1, CancelReason::Abort);
     fake.settle().await;
     assert_eq!(*reason.lock().unwrap(), Some(CancelReason::Abort));
@@ -218,11 +218,11 @@ async fn a_panic_while_a_cancelled_handler_is_dropped_leaves_the_others_alone() 
     };
     let fake = FakePort::new([1]);
     let _task = serve(&fake, SequenceProgram::new().on(7, fragile).on(100, slow)).await;
-    fake.put_out(1, 7, Params::default());
+    fake.issue_output(1, 7, Params::default());
     fake.settle().await;
     fake.cancel(1, CancelReason::Stop);
     fake.settle().await;
-    let after = fake.put_out(1, 100, params(1.0));
+    let after = fake.issue_output(1, 100, params(1.0));
     fake.advance(seconds(1)).await;
     assert_eq!(fake.closed(1, after), Some(OutputOutcome::Reset));
 }
@@ -253,7 +253,9 @@ async fn open_outputs_of_one_coordinate_system_run_at_the_same_time() {
         }
     });
     let _task = serve(&fake, program).await;
-    let seqs: Vec<u64> = (10..=13).map(|m| fake.put_out(1, m, Params::default())).collect();
+    let seqs: Vec<u64> = (10..=13)
+        .map(|m| fake.issue_output(1, m, Params::default()))
+        .collect();
     fake.advance(seconds(2)).await;
     assert_eq!(most.load(Ordering::Relaxed), 4);
     for seq in seqs {
@@ -275,7 +277,7 @@ async fn an_operators_reset_cancels_the_handler_with_reason_operator() {
         }
     });
     let _task = serve(&fake, program).await;
-    let seq = fake.put_out(1, 100, Params::default());
+    let seq = fake.issue_output(1, 100, Params::default());
     fake.settle().await;
     let mut reset = crate::claim::reset_of(&fake.plc().port().boot_id(), seq, "hmi", None);
     reset.force = Some(true);
@@ -290,7 +292,7 @@ async fn an_operators_reset_cancels_the_handler_with_reason_operator() {
 async fn after_a_death(program: SequenceProgram) -> (FakePort, u64, Arc<Mutex<Vec<bool>>>) {
     let fake = FakePort::new([1]);
     let first = serve(&fake, SequenceProgram::new().on(100, slow).handler_id("h")).await;
-    let seq = fake.put_out(1, 100, params(1000.0));
+    let seq = fake.issue_output(1, 100, params(1000.0));
     fake.settle().await;
     assert_eq!(fake.pending(1)[0].state, OutputState::Claimed);
     first.abort();
@@ -375,7 +377,7 @@ async fn second_program_with_the_same_id_is_refused_and_outputs_run_once() {
     let first = serve(&fake, program()).await;
     let second = serve(&fake, program()).await;
     for _ in 0..3 {
-        fake.put_out(1, 60, Params::default());
+        fake.issue_output(1, 60, Params::default());
         fake.settle().await;
     }
     fake.advance(seconds(10)).await;
@@ -388,13 +390,13 @@ async fn second_program_with_the_same_id_is_refused_and_outputs_run_once() {
         refusal.text.contains("cell") && refusal.text.contains("take_over"),
         "{refusal}"
     );
-    fake.put_out(1, 60, Params::default());
+    fake.issue_output(1, 60, Params::default());
     fake.settle().await;
     assert_eq!(*done.lock().unwrap(), 4, "the first is still there");
     first.abort();
     fake.settle().await;
     let _third = serve(&fake, program()).await;
-    fake.put_out(1, 60, Params::default());
+    fake.issue_output(1, 60, Params::default());
     fake.settle().await;
     assert_eq!(*done.lock().unwrap(), 5, "whoever comes after it is the only one");
 }
@@ -404,7 +406,7 @@ async fn take_over_ends_the_other_program_and_withholds_its_started_output() {
     let fake = FakePort::new([1]);
     let program = || SequenceProgram::new().handler_id("cell").on(100, slow);
     let first = serve(&fake, program()).await;
-    let seq = fake.put_out(1, 100, params(1000.0));
+    let seq = fake.issue_output(1, 100, params(1000.0));
     fake.settle().await;
     let _second = serve(&fake, program().take_over()).await;
     let Err(Error::TakenOver { handler_id, text }) = first.await.unwrap() else {
@@ -428,7 +430,7 @@ async fn take_over_ends_the_other_program_and_withholds_its_started_output() {
 async fn a_handler_that_lost_only_its_connection_takes_its_claim_back() {
     let fake = FakePort::new([1]);
     let _task = serve(&fake, SequenceProgram::new().on(100, slow).handler_id("h")).await;
-    let seq = fake.put_out(1, 100, params(10.0));
+    let seq = fake.issue_output(1, 100, params(10.0));
     fake.advance(seconds(5)).await;
     fake.disconnect_handler("h");
     fake.settle().await;
@@ -442,11 +444,11 @@ async fn a_handler_that_lost_only_its_connection_takes_its_claim_back() {
 async fn a_restart_of_the_runtime_drops_handlers_of_the_boot_before() {
     let fake = FakePort::new([1]);
     let _task = serve(&fake, SequenceProgram::new().on(100, slow)).await;
-    fake.put_out(1, 100, params(10.0));
+    fake.issue_output(1, 100, params(10.0));
     fake.advance(seconds(1)).await;
     fake.restart();
     fake.settle().await;
-    let seq = fake.put_out(1, 100, params(20.0));
+    let seq = fake.issue_output(1, 100, params(20.0));
     fake.advance(seconds(10)).await;
     assert_eq!(fake.closed(1, seq), None);
     fake.advance(seconds(10)).await;
@@ -464,8 +466,8 @@ async fn a_coordinate_systems_own_handler_comes_before_that_for_all() {
         .in_coordinate_system(2, |cs| cs.on(20, eject));
     let task = serve(&fake, program).await;
     let (first, second) = (
-        fake.put_out(1, 20, Params::default()),
-        fake.put_out(2, 20, Params::default()),
+        fake.issue_output(1, 20, Params::default()),
+        fake.issue_output(2, 20, Params::default()),
     );
     fake.settle().await;
     assert_eq!(fake.closed(1, first), Some(OutputOutcome::Reset));
@@ -499,7 +501,7 @@ async fn progress_stands_in_pending() {
         Ok(())
     });
     let _task = serve(&fake, program).await;
-    fake.put_out(1, 100, Params::default());
+    fake.issue_output(1, 100, Params::default());
     fake.settle().await;
     let progress = fake.pending(1)[0].progress.clone().unwrap();
     assert_eq!(

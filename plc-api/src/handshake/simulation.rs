@@ -189,7 +189,7 @@ impl World {
         if let Some((&seq, known)) = queued {
             known.made = true;
             let m = known.m;
-            self.ledger.put_out(now, seq);
+            self.ledger.issue_output(now, seq);
             let owner = self.owner_at_once(m);
             self.claimed_at_once += u32::from(owner.is_some());
             self.known.get_mut(&seq).unwrap().owner = owner;

@@ -37,7 +37,7 @@ fn ledger() -> Ledger {
 
 fn made(ledger: &mut Ledger, m: u16) -> u64 {
     let seq = ledger.enqueue(now(0.0), spec(m)).unwrap();
-    ledger.put_out(now(0.0), seq);
+    ledger.issue_output(now(0.0), seq);
     seq
 }
 
@@ -348,7 +348,7 @@ fn d36_the_time_limit_counts_from_output_and_across_owners() {
     limited.timeout_s = Some(30.0);
     let seq = ledger.enqueue(now(0.0), limited).unwrap();
     assert_eq!(ledger.next_deadline_s(), None);
-    ledger.put_out(now(10.0), seq);
+    ledger.issue_output(now(10.0), seq);
     claim(&mut ledger, seq, "h");
     ledger.handler_lost(now(20.0), "h", None);
     assert_eq!(ledger.next_deadline_s(), Some(40.0));

@@ -98,7 +98,7 @@ async fn maintain_presence(
                 known.send_replace(Some(Ok(())));
             }
             Ok(Some(Event::Message(..))) => {
-                for (id, m) in presence.lost() {
+                for (id, m) in presence.lost_outputs() {
                     if lock(&held).get(&id) == Some(&true) {
                         presence.reclaim(id, m);
                     }

@@ -356,7 +356,7 @@ pub struct IoDeclarations {
 
 impl IoDeclarations {
     /// Returns the declarations of one side.
-    pub fn of(&self, side: IoSide) -> &BTreeMap<String, IoDeclaration> {
+    pub fn on_side(&self, side: IoSide) -> &BTreeMap<String, IoDeclaration> {
         match side {
             IoSide::In => &self.inputs,
             IoSide::Out => &self.outputs,
@@ -365,7 +365,7 @@ impl IoDeclarations {
 
     /// Returns true for an output whose last value is kept across starts of the machine.
     pub fn keeps_last(&self, point: &IoPoint) -> bool {
-        let declared = self.of(point.side).get(&point.name);
+        let declared = self.on_side(point.side).get(&point.name);
         declared.is_some_and(IoDeclaration::keeps_last)
     }
 
@@ -381,7 +381,7 @@ impl IoDeclarations {
     /// Returns all inputs and outputs with their declarations.
     pub fn points(&self) -> impl Iterator<Item = (IoPoint, &IoDeclaration)> {
         IoSide::ALL.into_iter().flat_map(|side| {
-            let declared = self.of(side).iter();
+            let declared = self.on_side(side).iter();
             declared.map(move |(name, declaration)| {
                 let name = name.clone();
                 (IoPoint { side, name }, declaration)

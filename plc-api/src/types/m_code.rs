@@ -58,7 +58,7 @@ impl ParamLetter {
     ];
 
     /// Returns the value of this parameter in an output, or `None` if it is not programmed.
-    pub fn of(self, params: &Params) -> Option<f64> {
+    pub fn value_in(self, params: &Params) -> Option<f64> {
         match self {
             Self::A => params.a,
             Self::B => params.b,
@@ -269,7 +269,7 @@ impl MCodeDeclaration {
             return Ok(());
         };
         for letter in ParamLetter::ALL {
-            if let Some(fault) = self.fault(declared, letter, letter.of(params).into()) {
+            if let Some(fault) = self.fault(declared, letter, letter.value_in(params).into()) {
                 return Err(fault);
             }
         }
@@ -402,12 +402,12 @@ impl ServedMCode {
 /// does not run. [`SequenceProgram::served`](crate::SequenceProgram::served) returns the contents of the
 /// file. The `birth` of a machine is also valid; its other fields are ignored.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct Served {
+pub struct ServedMCodesFile {
     /// Ascending; at most 1000. An entry without `cs` applies to all coordinate systems.
     pub serves: Vec<ServedMCode>,
 }
 
-impl std::fmt::Display for Served {
+impl std::fmt::Display for ServedMCodesFile {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let json = serde_json::to_string_pretty(self).map_err(|_| std::fmt::Error)?;
         writeln!(f, "{json}")

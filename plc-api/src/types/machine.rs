@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::alarm_text::AlarmWords;
 use super::io::IoDeclarations;
 use super::m_code::DeclaredParams;
-pub use super::m_code::{Served, ServedMCode};
+pub use super::m_code::{ServedMCode, ServedMCodesFile};
 use super::output::Timing;
 use super::{CoordinateSystemNumber, Timestamp};
 

@@ -2,7 +2,7 @@
 
 use super::right::Right::{Operate, SetInput};
 use super::route::Route;
-use super::row::{RequestParts, Row, Topic};
+use super::row::{InboundTopic, RequestParts, Row};
 use super::row_macros::written;
 use crate::types::io::{IoForce, IoSet};
 use crate::types::request::Request;
@@ -17,7 +17,7 @@ pub(super) const WRITE: Row = Row {
         Route::put::<IoSet>("/io/{side=in}/{name}", "Writes an input of the plant."),
         Route::put::<IoSet>("/io/{side=out}/{name}", "Writes an output of the plant."),
     ],
-    topic: Some(Topic::new::<IoSet>(
+    topic: Some(InboundTopic::new::<IoSet>(
         "io/{side}/{name}/set",
         "Writes an input or output of the plant. The sender is the handler that owns it or, if it has no owner, any client without presence.",
     )),
@@ -44,7 +44,7 @@ pub(super) const FORCE: Row = Row {
             "Forces a value of an output of the plant; null ends the forcing.",
         ),
     ],
-    topic: Some(Topic::new::<IoForce>(
+    topic: Some(InboundTopic::new::<IoForce>(
         "io/{side}/{name}/force",
         "Forces a value that replaces the written value of an input or output of the plant; null ends the forcing.",
     )),

@@ -12,7 +12,9 @@ use super::parameter::{Fault, QueryValues};
 use super::pattern::{fill, take_apart};
 use super::requests::{COMMAND, ROWS};
 use super::right::Right;
-use super::row::{Body, IncomingRequest, NOT_AFTER, ParsedRequest, RequestParts, Row, Source, Topic, number};
+use super::row::{
+    Body, InboundTopic, IncomingRequest, NOT_AFTER, ParsedRequest, RequestParts, Row, Source, number,
+};
 use super::speaker::MessageSender;
 use crate::names::unique_name;
 use crate::types::CoordinateSystemNumber;
@@ -194,11 +196,11 @@ pub fn encode_not_after(
 }
 
 /// Returns the rows that have topics.
-fn topics() -> impl Iterator<Item = (&'static Row, &'static Topic)> {
+fn topics() -> impl Iterator<Item = (&'static Row, &'static InboundTopic)> {
     ROWS.iter().filter_map(|row| Some((row, row.topic.as_ref()?)))
 }
 
-impl Topic {
+impl InboundTopic {
     fn message(
         &self,
         parts: RequestParts,
@@ -319,7 +321,7 @@ pub fn decode(path: &str, payload: &[u8], retained: bool) -> Inbound {
 impl Row {
     fn message(
         &self,
-        topic: &Topic,
+        topic: &InboundTopic,
         params: &[(&str, &str)],
         payload: &[u8],
         retained: bool,
@@ -399,7 +401,7 @@ fn text_of(fault: Fault) -> String {
 /// Notifies the sender of a claim or reset by a result, if the message contains the sender and the output.
 fn refuse_output(
     right: Right,
-    topic: &Topic,
+    topic: &InboundTopic,
     params: &[(&str, &str)],
     payload: &[u8],
     text: String,

@@ -17,7 +17,7 @@ use super::payloads::{
 use super::program_rows;
 use super::right::Right::{Administrate, Handle, Operate, Raise, Read, Reset, Set, SetInput};
 use super::route::{Content, Headers, Route};
-use super::row::{IDEMPOTENCY_KEY, LEASE_FENCE, NOT_AFTER, RequestParts, Row, Topic};
+use super::row::{IDEMPOTENCY_KEY, InboundTopic, LEASE_FENCE, NOT_AFTER, RequestParts, Row};
 use super::row_macros::{about_an_output, carried, written};
 use super::trace;
 use crate::types::command::{Command, CommandReply};
@@ -94,7 +94,7 @@ pub static ROWS: [Row; 53] = [
         "Answers a question of a handler."),
     // the WebSocket carries it to a REST server
     Row {
-        topic: Some(Topic::new::<ValidateResult>(
+        topic: Some(InboundTopic::new::<ValidateResult>(
             "cs/{cs}/m_code/{m}/validate_result",
             "Answers a validate message: whether the M code may be issued with these parameters.",
         )),
@@ -112,7 +112,7 @@ pub static ROWS: [Row; 53] = [
             input::<LockSet>("/cs/{cs}/inputs/{input=interlock}", "Sets a source of the interlock."),
             input::<LockSet>("/cs/{cs}/inputs/{input=start_lock}", "Sets a source of the start lock."),
         ],
-        topic: Some(Topic::new::<InputSet>(
+        topic: Some(InboundTopic::new::<InputSet>(
             "cs/{cs}/input/{input}/set",
             "Sets an input: optional_skip (numbers 1 to 31), optional_stop, single_block, dry_run, interlock or start_lock.",
         )),
@@ -131,7 +131,7 @@ pub static ROWS: [Row; 53] = [
             "/cs/{cs}/overrides",
             "Sets overrides, percent; those left out stay.",
         )],
-        topic: Some(Topic::new::<OverrideChange>(
+        topic: Some(InboundTopic::new::<OverrideChange>(
             "cs/{cs}/override/set",
             "Sets overrides, percent; those left out stay.",
         )),
@@ -141,12 +141,12 @@ pub static ROWS: [Row; 53] = [
     },
     Row {
         routes: &[Route::put::<SpindleCommand>("/cs/{cs}/spindle", "Commands the spindle.")],
-        topic: Some(Topic::new::<SpindleCommand>("cs/{cs}/spindle/set", "Commands the spindle.")),
+        topic: Some(InboundTopic::new::<SpindleCommand>("cs/{cs}/spindle/set", "Commands the spindle.")),
         ..carried!(Set, Spindle(cs: number, command: json))
     },
     Row {
         routes: &[Route::put::<Tool>("/cs/{cs}/tool", "Reports the tool in the spindle.")],
-        topic: Some(Topic::new::<Tool>("cs/{cs}/tool/set", "Reports the tool in the spindle.")),
+        topic: Some(InboundTopic::new::<Tool>("cs/{cs}/tool/set", "Reports the tool in the spindle.")),
         ..Row::new(Set, |incoming| Ok(Request::Tool(incoming.cs()?, incoming.json::<Tool>()?.id)),
             written!(Request::Tool(cs, id) => RequestParts::for_coordinate_system(cs).json(&Tool { id })),
         )
@@ -204,7 +204,7 @@ pub static ROWS: [Row; 53] = [
             command::<Command>("/cs/{cs}/{verb=back_trace}", "Moves back along the passed path, or ends the back trace."),
         ],
         topic: Some(
-            Topic::new::<CommandArgs>(
+            InboundTopic::new::<CommandArgs>(
                 "cs/{cs}/command/{verb}",
                 "Commands a coordinate system: load, start, run, hold, resume, stop, reset, abort, alarm_acknowledge, mdi, jog, home \
                  or back_trace.",
@@ -263,7 +263,7 @@ pub static ROWS: [Row; 53] = [
         .gives::<CommandReply>()
         .headers(Headers::Key)],
         topic: Some(
-            Topic::new::<LeaseTake>(
+            InboundTopic::new::<LeaseTake>(
                 "cs/{cs}/lease/{verb=take}",
                 "Takes the control lease, or renews it with its fence: until it expires, only its holder may start motion.",
             )
@@ -287,7 +287,7 @@ pub static ROWS: [Row; 53] = [
         .gives::<CommandReply>()
         .headers(Headers::KeyAndFence)],
         topic: Some(
-            Topic::new::<LeaseRelease>("cs/{cs}/lease/{verb=release}", "Releases the control lease.")
+            InboundTopic::new::<LeaseRelease>("cs/{cs}/lease/{verb=release}", "Releases the control lease.")
                 .envelope(IDS),
         ),
         takes_not_after: false,
@@ -307,7 +307,7 @@ pub static ROWS: [Row; 53] = [
         .gives::<CommandReply>()
         .headers(Headers::Key)],
         topic: Some(
-            Topic::new::<LeaseBreak>(
+            InboundTopic::new::<LeaseBreak>(
                 "cs/{cs}/lease/{verb=break}",
                 "Ends the control lease, whoever holds it.",
             )
@@ -351,7 +351,7 @@ pub static ROWS: [Row; 53] = [
                 .refusals(&[400, 413]),
         ],
         topic: Some(
-            Topic::new::<VariableGet>(
+            InboundTopic::new::<VariableGet>(
                 "cs/{cs}/variable/{verb=get}",
                 "Reads up to 1024 P or Q variables at one moment.",
             )
@@ -371,7 +371,7 @@ pub static ROWS: [Row; 53] = [
                 .query(Query::RANGE_TO_WRITE),
         ],
         topic: Some(
-            Topic::new::<VariableSet>(
+            InboundTopic::new::<VariableSet>(
                 "cs/{cs}/variable/{verb=set}",
                 "Sets up to 1024 P or Q variables together, all or none.",
             )
@@ -389,7 +389,7 @@ pub static ROWS: [Row; 53] = [
             "/motors/{number}/skip_input",
             "Sets the skip input of a motor; not real time.",
         )],
-        topic: Some(Topic::new::<Switch>(
+        topic: Some(InboundTopic::new::<Switch>(
             "motor/{number}/skip_input/set",
             "Sets the skip input of a motor (G31); not real time: G31 captures the position at which the servo receives the value.",
         )),
@@ -404,7 +404,7 @@ pub static ROWS: [Row; 53] = [
             "/alarms",
             "Raises an alarm of a coordinate system, or of the whole machine.",
         )],
-        topic: Some(Topic::new::<AlarmRaise>(
+        topic: Some(InboundTopic::new::<AlarmRaise>(
             "alarm/raise",
             "Raises an alarm, 10000 + code, that stops one coordinate system (cs), or the whole machine.",
         )),
@@ -415,7 +415,7 @@ pub static ROWS: [Row; 53] = [
             "/stored_data/answer",
             "Accepts or refuses stored files that do not fit together.",
         )],
-        topic: Some(Topic::new::<StoredDataAnswer>(
+        topic: Some(InboundTopic::new::<StoredDataAnswer>(
             "stored_data/answer",
             "Accepts or refuses stored files that do not fit together.",
         )),
@@ -426,7 +426,7 @@ pub static ROWS: [Row; 53] = [
             "/clients/{id}/heartbeat",
             "Requests that the machine watches this client: if the next heartbeat is late, runs are held (CLIENT_LOST).",
         )],
-        topic: Some(Topic::new::<ClientHeartbeat>(
+        topic: Some(InboundTopic::new::<ClientHeartbeat>(
             "client/{id}/heartbeat",
             "Requests that the machine watches this client: if the next heartbeat is late, runs are held (CLIENT_LOST).",
         )),
@@ -441,7 +441,7 @@ pub static ROWS: [Row; 53] = [
         )
         .refusals(&[409])],
         topic: Some(
-            Topic::new::<HandlerPresence>(
+            InboundTopic::new::<HandlerPresence>(
                 "handler/{id}/presence",
                 "Presence of a handler, with the M codes that it serves; use it also as the last will. When it turns offline, \
                  the outputs that this id has claimed are released (HANDLER_LOST).",

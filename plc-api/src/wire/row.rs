@@ -52,7 +52,7 @@ pub struct Row {
     /// command.
     pub routes: &'static [Route],
     /// Topic on which the request is received over MQTT.
-    pub topic: Option<Topic>,
+    pub topic: Option<InboundTopic>,
     /// Whether the request may carry [`NotAfter`], because it can cause a motion. A lease has its own
     /// validity.
     pub takes_not_after: bool,
@@ -182,7 +182,7 @@ pub fn connection_name(connection: &str) -> String {
 
 /// A topic for received messages.
 #[derive(Debug)]
-pub struct Topic {
+pub struct InboundTopic {
     /// Path below the machine's root: a pattern with names in braces.
     pub pattern: &'static str,
     /// Effect of a message, in one sentence.
@@ -197,7 +197,7 @@ pub struct Topic {
     pub envelope: &'static [&'static str],
 }
 
-impl Topic {
+impl InboundTopic {
     /// Creates a topic with a payload of this form.
     pub(super) const fn new<T: HasForm>(pattern: &'static str, summary: &'static str) -> Self {
         Self {

@@ -43,7 +43,7 @@ macro_rules! about_an_output {
     ($request:ident($type:ty) $level:literal $right:ident $(-> $answer:ty)? => $summary:literal) => {
         Row {
             routes: &[Route::post::<$type>(concat!("/cs/{cs}/m_codes/{seq}/", $level), $summary)$(.gives::<$answer>())?],
-            topic: Some(Topic::new::<$type>(concat!("cs/{cs}/m_code/{m}/", $level), $summary)),
+            topic: Some(InboundTopic::new::<$type>(concat!("cs/{cs}/m_code/{m}/", $level), $summary)),
             answer: handshake,
             ..Row::new(
                 $right,

@@ -9,7 +9,7 @@ async fn an_alarm_of_the_whole_machine_stops_all_and_a_reset_of_any_clears_it() 
     let fake = FakePort::new([1, 2]);
     let plc = fake.plc();
     let (first, second) = (plc.coordinate_system(1), plc.coordinate_system(2));
-    let seq = fake.put_out(2, 100, Params::default());
+    let seq = fake.issue_output(2, 100, Params::default());
     plc.raise_alarm(Alarm::user(20, "low")).await.unwrap();
     assert_eq!(
         fake.closed(2, seq),
@@ -32,7 +32,7 @@ async fn an_alarm_of_the_whole_machine_stops_all_and_a_reset_of_any_clears_it() 
 async fn an_alarm_of_one_coordinate_system_leaves_the_others_alone() {
     let fake = FakePort::new([1, 2]);
     let plc = fake.plc();
-    let seq = fake.put_out(2, 100, Params::default());
+    let seq = fake.issue_output(2, 100, Params::default());
     plc.coordinate_system(1)
         .raise_alarm(Alarm::user(21, "jam"))
         .await

@@ -26,7 +26,7 @@ fn program() -> SequenceProgram {
 async fn question_stays_pending_until_answered_with_one_of_its_choices() {
     let fake = FakePort::new([1]);
     let _task = serve(&fake, program()).await;
-    let seq = fake.put_out(1, 80, Params::default());
+    let seq = fake.issue_output(1, 80, Params::default());
     fake.settle().await;
     let shown = fake.pending(1)[0].question.clone().unwrap();
     assert_eq!(shown.text, "Is the part clean?");
@@ -50,7 +50,7 @@ async fn question_stays_pending_until_answered_with_one_of_its_choices() {
 async fn a_question_ends_with_its_output() {
     let fake = FakePort::new([1]);
     let _task = serve(&fake, program()).await;
-    fake.put_out(1, 80, Params::default());
+    fake.issue_output(1, 80, Params::default());
     fake.settle().await;
     let mill = fake.plc().coordinate_system(1);
     let asked = mill.question().await.unwrap();
@@ -77,7 +77,7 @@ async fn dropped_question_is_withdrawn_and_the_next_waits_for_its_turn() {
     }
     let fake = FakePort::new([1]);
     let _task = serve(&fake, SequenceProgram::new().on(80, two)).await;
-    let seq = fake.put_out(1, 80, Params::default());
+    let seq = fake.issue_output(1, 80, Params::default());
     let mill = fake.plc().coordinate_system(1);
     assert_eq!(mill.question().await.unwrap().question.text, "Go on?");
     fake.advance(ms(600)).await;
@@ -96,7 +96,7 @@ async fn dropped_question_is_withdrawn_and_the_next_waits_for_its_turn() {
 async fn a_lost_handler_asks_no_more_and_only_the_owner_asks() {
     let fake = FakePort::new([1]);
     let task = serve(&fake, program()).await;
-    let seq = fake.put_out(1, 80, Params::default());
+    let seq = fake.issue_output(1, 80, Params::default());
     fake.settle().await;
     let boot_id = fake.plc().port().boot_id();
     let ask = |handler_id: &str| Ask {
@@ -126,7 +126,7 @@ async fn a_lost_handler_asks_no_more_and_only_the_owner_asks() {
 async fn a_handler_that_lost_only_its_connection_asks_again() {
     let fake = FakePort::new([1]);
     let _task = serve(&fake, SequenceProgram::new().on(80, measure).handler_id("h")).await;
-    let seq = fake.put_out(1, 80, Params::default());
+    let seq = fake.issue_output(1, 80, Params::default());
     fake.settle().await;
     let mill = fake.plc().coordinate_system(1);
     let before = mill.question().await.unwrap();
@@ -155,7 +155,7 @@ async fn an_answer_counts_once_and_names_question_and_choice() {
         Ok(())
     });
     let _task = serve(&fake, program).await;
-    let seq = fake.put_out(1, 80, Params::default());
+    let seq = fake.issue_output(1, 80, Params::default());
     fake.settle().await;
     let plc = fake.plc();
     let asked = plc.coordinate_system(1).question().await.unwrap();
@@ -199,7 +199,7 @@ async fn what_is_out_of_the_limits_of_a_panel_is_refused_at_the_handler() {
         Ok(())
     });
     let _task = serve(&fake, program).await;
-    let seq = fake.put_out(1, 80, Params::default());
+    let seq = fake.issue_output(1, 80, Params::default());
     fake.settle().await;
     assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
 }
@@ -215,7 +215,7 @@ async fn a_question_to_the_machine_is_one_about_the_output_whose_handler_asks() 
         Ok(())
     });
     let _task = serve(&fake, program).await;
-    let seqs = [80, 81].map(|m| fake.put_out(1, m, Params::default()));
+    let seqs = [80, 81].map(|m| fake.issue_output(1, m, Params::default()));
     fake.advance(ms(20)).await;
     let mill = fake.plc().coordinate_system(1);
     for (asked, (m, seq)) in mill
@@ -253,7 +253,7 @@ async fn a_question_to_the_machine_outside_of_its_handlers_is_refused() {
         }
     });
     let _task = serve(&fake, program).await;
-    let seq = fake.put_out(1, 80, Params::default());
+    let seq = fake.issue_output(1, 80, Params::default());
     fake.settle().await;
     assert!(matches!(fake.closed(1, seq), Some(OutputOutcome::Failed { .. })));
 }

@@ -6,7 +6,7 @@ use plc_api::fake::FakePort;
 use plc_api::handshake::OutputOutcome;
 use plc_api::types::output::OutputState;
 use plc_api::types::refusal::{Refusal, RefusalCode};
-use plc_api::{Alarm, AuxOutput, CancelReason, Params, Plc, Redelivery, SequenceProgram, State};
+use plc_api::{Alarm, AuxOutput, CancelReason, HandlerState, Params, Plc, Redelivery, SequenceProgram};
 use tokio::sync::{oneshot, watch};
 
 use crate::{ms, serve};
@@ -177,7 +177,7 @@ async fn a_task_begins_when_this_start_of_the_machine_knows_the_handlers() {
 async fn a_task_that_ends_leaves_the_handlers_alone() {
     let fake = FakePort::new([1]);
     let served = serve(&fake, SequenceProgram::new().on(10, ok).task(async |_plc| Ok(()))).await;
-    let seq = fake.put_out(1, 10, Params::default());
+    let seq = fake.issue_output(1, 10, Params::default());
     fake.advance(ms(5000)).await;
     assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     assert!(!served.is_finished());
@@ -217,7 +217,7 @@ async fn a_task_that_fails_or_panics_ends_the_program_with_its_reason() {
 #[tokio::test]
 async fn a_merged_program_serves_what_both_serve_with_their_states_and_tasks() {
     const COUNT: plc_api::MCode = plc_api::MCode::new(60, "count");
-    async fn count(State(heard): State<Heard>) -> Result<(), Alarm> {
+    async fn count(HandlerState(heard): HandlerState<Heard>) -> Result<(), Alarm> {
         note(&heard, "counted");
         Ok(())
     }
@@ -226,7 +226,7 @@ async fn a_merged_program_serves_what_both_serve_with_their_states_and_tasks() {
     let counter = SequenceProgram::new().state(Arc::clone(&heard)).on(COUNT, count);
     let program = with_task(&heard).merge(counter).handler_id("mill");
     serve(&fake, program).await;
-    let outputs = [10, 60].map(|m| fake.put_out(1, m, Params::default()));
+    let outputs = [10, 60].map(|m| fake.issue_output(1, m, Params::default()));
     fake.settle().await;
     for seq in outputs {
         assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
@@ -313,11 +313,11 @@ async fn a_program_that_stops_ends_what_is_open_and_takes_nothing_new() {
     let program = SequenceProgram::new().on(10, long).on(11, ok).handler_id("cell");
     let served = tokio::spawn(async move { program.run_until(&plc, stopped).await });
     fake.settle().await;
-    let open = fake.put_out(1, 10, Params::default());
+    let open = fake.issue_output(1, 10, Params::default());
     fake.advance(ms(1000)).await;
     stop.send(()).unwrap();
     fake.settle().await;
-    let later = fake.put_out(1, 11, Params::default());
+    let later = fake.issue_output(1, 11, Params::default());
     fake.advance(ms(8000)).await;
     assert!(!served.is_finished());
     assert_eq!(fake.pending(1)[1].state, OutputState::Output, "nobody claims it");
@@ -343,7 +343,7 @@ async fn output_claimed_before_the_program_sees_the_stop_is_still_executed() {
     let served = tokio::spawn(async move { program.run_until(&plc, stopped).await });
     fake.settle().await;
     stop.send(()).unwrap();
-    let claimed = fake.put_out(1, 11, Params::default());
+    let claimed = fake.issue_output(1, 11, Params::default());
     assert_eq!(fake.pending(1)[0].state, OutputState::Claimed);
     fake.settle().await;
     assert_eq!(served.await.unwrap(), Ok(()));
@@ -381,7 +381,7 @@ async fn what_a_cancelled_handler_wants_done_is_done_last_first() {
     let fake = FakePort::new([1]);
     let heard = Heard::default();
     serve(&fake, with_clean_up(&heard)).await;
-    fake.put_out(1, 10, Params::default());
+    fake.issue_output(1, 10, Params::default());
     fake.advance(ms(4000)).await;
     fake.cancel(1, CancelReason::Stop);
     fake.settle().await;
@@ -395,7 +395,7 @@ async fn what_a_cancelled_handler_wants_done_is_not_done_when_it_returns() {
     let fake = FakePort::new([1]);
     let heard = Heard::default();
     serve(&fake, with_clean_up(&heard)).await;
-    let seq = fake.put_out(1, 10, Params::default());
+    let seq = fake.issue_output(1, 10, Params::default());
     fake.advance(ms(20_000)).await;
     assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     assert_eq!(all(&heard), [] as [&str; 0]);
@@ -417,7 +417,7 @@ async fn clean_up_that_times_out_or_panics_is_cut_short_and_the_next_runs() {
         }
     });
     serve(&fake, program).await;
-    fake.put_out(1, 10, Params::default());
+    fake.issue_output(1, 10, Params::default());
     fake.settle().await;
     fake.cancel(1, CancelReason::Stop);
     fake.advance(ms(99)).await;

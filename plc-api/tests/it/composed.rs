@@ -6,7 +6,8 @@ use plc_api::fake::FakePort;
 use plc_api::handshake::OutputOutcome;
 use plc_api::units::Number;
 use plc_api::{
-    Alarm, AuxOutput, CancelReason, Execution, MCode, Params, Plc, Redelivery, SequenceProgram, State, Va,
+    Alarm, AuxOutput, CancelReason, Execution, HandlerState, MCode, Params, Plc, Redelivery, SequenceProgram,
+    Va,
 };
 
 use crate::{ms, serve, va};
@@ -66,7 +67,7 @@ async fn methods_of_a_device_take_turns_in_the_order_in_which_they_are_begun() {
     serve(&fake, magazine(&heard)).await;
     let mut outputs = Vec::new();
     for (cs, m) in [(1, 6), (2, 6), (1, 7)] {
-        outputs.push((cs, fake.put_out(cs, m, Params::default())));
+        outputs.push((cs, fake.issue_output(cs, m, Params::default())));
         fake.settle().await;
     }
     fake.advance(ms(1500)).await;
@@ -88,8 +89,8 @@ async fn methods_of_a_device_take_turns_in_the_order_in_which_they_are_begun() {
 async fn a_method_that_is_cancelled_gives_its_turn_to_the_next() {
     let (fake, heard) = (FakePort::new([1, 2]), CallLog::default());
     serve(&fake, magazine(&heard)).await;
-    fake.put_out(1, 6, Params::default());
-    let waits = fake.put_out(2, 7, Params::default());
+    fake.issue_output(1, 6, Params::default());
+    let waits = fake.issue_output(2, 7, Params::default());
     fake.advance(ms(500)).await;
     assert_eq!(fake.closed(2, waits), None);
     fake.cancel(1, CancelReason::Stop);
@@ -107,7 +108,7 @@ const CLOSE: MCode = MCode::new(10, "close the clamp");
 
 async fn close(
     Va(force): Va<Number<1, 20>>,
-    State(side): State<Side>,
+    HandlerState(side): HandlerState<Side>,
     output: AuxOutput,
 ) -> Result<(), Alarm> {
     Err(Alarm::user(1, format!("M{} {} by {force}", output.m(), side.0)))
@@ -123,7 +124,7 @@ fn clamp(side: &'static str) -> SequenceProgram {
 }
 
 async fn failed(fake: &FakePort, m: u16, a: f64) -> String {
-    let seq = fake.put_out(1, m, va(a));
+    let seq = fake.issue_output(1, m, va(a));
     fake.settle().await;
     match fake.closed(1, seq) {
         Some(OutputOutcome::Failed { alarm }) => alarm.text,
@@ -214,7 +215,7 @@ async fn a_guard_of_a_handler_that_is_cancelled_takes_its_lock_away() {
     let fake = FakePort::new([1]);
     serve(&fake, SequenceProgram::new().on(60, move_pallet)).await;
     let mill = fake.plc().coordinate_system(1);
-    fake.put_out(1, 60, Params::default());
+    fake.issue_output(1, 60, Params::default());
     fake.advance(ms(1000)).await;
     let lock = mill.start_lock().await.unwrap();
     assert_eq!((lock.value, lock.text.as_str()), (true, "the pallet moves"));
@@ -248,7 +249,7 @@ fn washer(heard: &CallLog) -> SequenceProgram {
 async fn work_goes_on_at_the_checkpoint_of_the_handler_that_was_lost() {
     let (fake, heard) = (FakePort::new([1]), CallLog::default());
     let first = serve(&fake, washer(&heard)).await;
-    let seq = fake.put_out(1, 90, Params::default());
+    let seq = fake.issue_output(1, 90, Params::default());
     fake.advance(ms(200_000)).await;
     first.abort();
     fake.settle().await;
@@ -274,7 +275,7 @@ async fn a_checkpoint_of_another_form_is_an_error_and_none_is_none() {
         std::future::pending().await
     };
     let first = serve(&fake, SequenceProgram::new().handler_id("washer").on(90, text)).await;
-    let seq = fake.put_out(1, 90, Params::default());
+    let seq = fake.issue_output(1, 90, Params::default());
     fake.settle().await;
     first.abort();
     fake.settle().await;

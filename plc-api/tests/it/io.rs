@@ -47,7 +47,7 @@ fn program(handler_id: &str) -> SequenceProgram {
 async fn handler_write_is_owned_by_its_program_and_repeated_after_restart() {
     let fake = plant();
     let _task = serve(&fake, program("cell")).await;
-    let seq = fake.put_out(1, 8, Params::default());
+    let seq = fake.issue_output(1, 8, Params::default());
     fake.settle().await;
     assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     let state = valve(&fake).await;
@@ -63,7 +63,7 @@ async fn handler_write_is_owned_by_its_program_and_repeated_after_restart() {
 async fn without_its_program_an_output_has_its_safe_value() {
     let fake = plant();
     let task = serve(&fake, program("cell")).await;
-    fake.put_out(1, 8, Params::default());
+    fake.issue_output(1, 8, Params::default());
     fake.settle().await;
     assert!(valve(&fake).await.value.is_on());
     task.abort();
@@ -76,7 +76,7 @@ async fn without_its_program_an_output_has_its_safe_value() {
 async fn another_program_and_a_client_are_refused_in_words_that_name_the_owner() {
     let fake = plant();
     let _cell = serve(&fake, program("cell")).await;
-    fake.put_out(1, 8, Params::default());
+    fake.issue_output(1, 8, Params::default());
     fake.settle().await;
     let error = fake.plc().io_out("valve").set(false).await.unwrap_err();
     let (code, text) = refusal(error);
@@ -140,7 +140,7 @@ async fn changes_are_the_value_of_now_and_each_other_one() {
 async fn forced_value_is_read_by_all_and_release_restores_the_written_one() {
     let fake = plant();
     let _task = serve(&fake, program("cell")).await;
-    fake.put_out(1, 8, Params::default());
+    fake.issue_output(1, 8, Params::default());
     fake.settle().await;
     let of_operator = fake.plc().io_out("valve");
     of_operator.force(false).await.unwrap();

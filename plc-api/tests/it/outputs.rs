@@ -27,7 +27,7 @@ fn state(fake: &FakePort) -> (OutputState, bool) {
 async fn who_dies_with_a_claim_of_the_raw_queue_gives_it_back() {
     let fake = FakePort::new([1]);
     let task = begin(&fake).await;
-    fake.put_out(1, 100, Params::default());
+    fake.issue_output(1, 100, Params::default());
     fake.settle().await;
     assert_eq!(state(&fake), (OutputState::Claimed, false));
     task.abort();
@@ -38,7 +38,7 @@ async fn who_dies_with_a_claim_of_the_raw_queue_gives_it_back() {
 #[tokio::test]
 async fn a_raw_output_is_owned_as_long_as_it_or_its_queue_is_there() {
     let fake = FakePort::new([1]);
-    let seq = fake.put_out(1, 100, Params::default());
+    let seq = fake.issue_output(1, 100, Params::default());
     let plc = fake.plc();
     let mut outputs = plc.outputs();
     let output = outputs.next().await.unwrap();
@@ -56,7 +56,7 @@ async fn a_raw_output_is_owned_as_long_as_it_or_its_queue_is_there() {
 #[tokio::test]
 async fn a_raw_output_that_fails_stops_the_program_with_its_alarm() {
     let fake = FakePort::new([1]);
-    let seq = fake.put_out(1, 100, Params::default());
+    let seq = fake.issue_output(1, 100, Params::default());
     let output = fake.plc().outputs().next().await.unwrap();
     let alarm = Alarm::user(7, "the magazine is empty");
     output.fail(alarm.clone()).await.unwrap();
@@ -80,7 +80,7 @@ async fn given(fake: &FakePort, outputs: &mut Outputs) -> Vec<(u64, bool)> {
 
 /// Issues an output that loses its handler.
 async fn lost(fake: &FakePort) -> u64 {
-    let seq = fake.put_out(1, 100, Params::default());
+    let seq = fake.issue_output(1, 100, Params::default());
     let task = begin(fake).await;
     task.abort();
     fake.settle().await;
@@ -113,9 +113,9 @@ async fn a_raw_queue_with_redo_or_verify_gives_a_lost_output_at_once() {
 #[tokio::test]
 async fn a_raw_queue_for_some_codes_gives_these_and_tells_the_machine() {
     let fake = FakePort::new([1, 2]);
-    fake.put_out(1, 99, Params::default());
-    let first = fake.put_out(1, 100, Params::default());
-    let second = fake.put_out(1, 120, Params::default());
+    fake.issue_output(1, 99, Params::default());
+    let first = fake.issue_output(1, 100, Params::default());
+    let second = fake.issue_output(1, 120, Params::default());
     let mut outputs = fake.plc().outputs().on(100).on(110..=500).handler_id("raw");
     assert_eq!(
         given(&fake, &mut outputs).await,
@@ -130,7 +130,7 @@ async fn a_raw_queue_for_some_codes_gives_these_and_tells_the_machine() {
 #[tokio::test]
 async fn raw_queue_reclaims_after_connection_loss_without_yielding_it_again() {
     let fake = FakePort::new([1]);
-    let seq = fake.put_out(1, 100, Params::default());
+    let seq = fake.issue_output(1, 100, Params::default());
     let mut outputs = fake.plc().outputs().on(100).on_redelivery(Redelivery::Redo);
     let output = outputs.next().await.unwrap();
     output.claim().await.unwrap();
@@ -149,7 +149,7 @@ async fn a_raw_queue_serves_the_next_boot_too() {
     let mut outputs = fake.plc().outputs().on(100).handler_id("raw");
     assert_eq!(given(&fake, &mut outputs).await, []);
     fake.restart();
-    let seq = fake.put_out(1, 100, Params::default());
+    let seq = fake.issue_output(1, 100, Params::default());
     let output = outputs.next().await.unwrap();
     output.reset().await.unwrap();
     assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
@@ -169,7 +169,7 @@ async fn a_raw_queue_by_a_name_that_is_none_is_refused() {
 #[tokio::test]
 async fn a_raw_output_is_given_out_once_and_again_only_after_it_was_dropped() {
     let fake = FakePort::new([1]);
-    let seq = fake.put_out(1, 100, Params::default());
+    let seq = fake.issue_output(1, 100, Params::default());
     let mut outputs = fake.plc().outputs();
     let output = outputs.next().await.unwrap();
     fake.redeliver(1, seq, Redelivery::Redo);
@@ -183,11 +183,11 @@ async fn a_raw_output_is_given_out_once_and_again_only_after_it_was_dropped() {
 async fn what_has_ended_before_it_was_asked_for_is_not_given_out() {
     let fake = FakePort::new([1]);
     let mut outputs = fake.plc().outputs();
-    fake.put_out(1, 100, Params::default());
-    fake.put_out(1, 101, Params::default());
+    fake.issue_output(1, 100, Params::default());
+    fake.issue_output(1, 101, Params::default());
     let first = outputs.next().await.unwrap();
     fake.cancel(1, CancelReason::Stop);
-    let next = fake.put_out(1, 102, Params::default());
+    let next = fake.issue_output(1, 102, Params::default());
     assert_eq!(given(&fake, &mut outputs).await, [(next, false)]);
     let Err(Error::Handshake { status, .. }) = first.claim().await else {
         panic!("a cancelled output was claimed");

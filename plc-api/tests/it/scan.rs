@@ -32,8 +32,8 @@ async fn an_output_is_a_flag_with_parameters_and_a_reset_is_written_as_one() {
     });
     let _task = serve(&fake, program.handler_id("plc")).await;
     let (reset, failed) = (
-        fake.put_out(1, 20, va(7.0)),
-        fake.put_out(2, 21, Params::default()),
+        fake.issue_output(1, 20, va(7.0)),
+        fake.issue_output(2, 21, Params::default()),
     );
     fake.advance(ms(25)).await;
     assert_eq!(fake.pending(1)[0].state, OutputState::Claimed);
@@ -59,10 +59,10 @@ async fn a_cancelled_output_is_off_and_a_reset_reaches_no_later_one() {
         }
     });
     let _task = serve(&fake, program).await;
-    let first = fake.put_out(1, 20, Params::default());
+    let first = fake.issue_output(1, 20, Params::default());
     fake.settle().await;
     fake.cancel(1, CancelReason::Stop);
-    let second = fake.put_out(1, 20, Params::default());
+    let second = fake.issue_output(1, 20, Params::default());
     fake.advance(ms(100)).await;
     assert_eq!(
         fake.closed(1, first),
@@ -76,7 +76,7 @@ async fn a_scan_of_the_longest_period_scans_once_and_its_handlers_stay() {
     let fake = FakePort::new([1]);
     let program = SequenceProgram::new().scan(20, std::time::Duration::MAX, |_image: &mut Image| {});
     let task = serve(&fake, program).await;
-    let seq = fake.put_out(1, 20, Params::default());
+    let seq = fake.issue_output(1, 20, Params::default());
     fake.advance(ms(100_000)).await;
     assert!(!task.is_finished());
     assert_eq!(fake.closed(1, seq), None);
@@ -94,7 +94,7 @@ async fn what_a_scan_writes_is_carried_out_after_it() {
         }
     });
     let _task = serve(&fake, program).await;
-    fake.put_out(1, 20, Params::default());
+    fake.issue_output(1, 20, Params::default());
     fake.advance(ms(15)).await;
     assert_eq!(
         fake.pending(1)[0].progress.as_ref().unwrap().text,
@@ -116,7 +116,7 @@ async fn a_scan_program_that_panics_gives_its_outputs_back() {
         assert!(!image.is_on(1, 20), "not built for M20");
     });
     let task = serve(&fake, program.on_redelivery(Redelivery::Ask)).await;
-    fake.put_out(1, 20, Params::default());
+    fake.issue_output(1, 20, Params::default());
     fake.advance(ms(15)).await;
     let error = task.await.unwrap().unwrap_err().to_string();
     assert!(error.contains("not built for M20"), "{error}");
@@ -145,8 +145,8 @@ async fn a_scan_of_one_coordinate_system_serves_no_other() {
     });
     let _task = serve(&fake, program).await;
     let (mill, loader) = (
-        fake.put_out(1, 20, Params::default()),
-        fake.put_out(2, 20, Params::default()),
+        fake.issue_output(1, 20, Params::default()),
+        fake.issue_output(2, 20, Params::default()),
     );
     fake.advance(ms(50)).await;
     assert_eq!(fake.closed(1, mill), None);
@@ -307,7 +307,7 @@ async fn what_is_written_before_a_reset_is_there_when_the_program_goes_on() {
         }
     });
     let _task = serve(&fake, program).await;
-    let seq = fake.put_out(1, 20, Params::default());
+    let seq = fake.issue_output(1, 20, Params::default());
     fake.advance(ms(15)).await;
     assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     let write = |area, from, values: &[f64]| Request::WriteVariables {
@@ -365,7 +365,9 @@ async fn a_flag_is_off_for_a_scan_between_two_outputs_of_one_number() {
         counted.send((edges, is_on)).unwrap();
     });
     let _task = serve(&fake, program).await;
-    let all: Vec<_> = (0..3).map(|_| fake.put_out(1, 20, Params::default())).collect();
+    let all: Vec<_> = (0..3)
+        .map(|_| fake.issue_output(1, 20, Params::default()))
+        .collect();
     fake.advance(ms(95)).await;
     for seq in all {
         assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
@@ -430,7 +432,7 @@ async fn a_scan_reads_inputs_of_the_plant_and_owns_the_outputs_that_it_writes() 
             }
         });
     let _task = serve(&fake, program).await;
-    let seq = fake.put_out(1, 8, Params::default());
+    let seq = fake.issue_output(1, 8, Params::default());
     fake.advance(ms(50)).await;
     let valve = out(&fake, "valve").await;
     assert_eq!((valve.value, valve.owner.as_deref()), (true.into(), Some("cell")));

@@ -92,7 +92,7 @@ async fn asking(fake: &FakePort) -> (Arc<Mutex<bool>>, Arc<Mutex<Option<String>>
 async fn scan_question_is_asked_once_and_its_answer_stays_while_written() {
     let fake = FakePort::new([1]);
     let (_asks, heard) = asking(&fake).await;
-    fake.put_out(1, 80, Params::default());
+    fake.issue_output(1, 80, Params::default());
     fake.advance(ms(100)).await;
     let mill = fake.plc().coordinate_system(1);
     let asked = mill.question().await.unwrap();
@@ -109,7 +109,7 @@ async fn scan_question_is_asked_once_and_its_answer_stays_while_written() {
 async fn a_question_that_a_scan_no_longer_writes_is_taken_back_and_asked_anew() {
     let fake = FakePort::new([1]);
     let (asks, heard) = asking(&fake).await;
-    fake.put_out(1, 80, Params::default());
+    fake.issue_output(1, 80, Params::default());
     fake.advance(ms(30)).await;
     let mill = fake.plc().coordinate_system(1);
     let first = mill.question().await.unwrap();
@@ -129,14 +129,14 @@ async fn a_question_that_a_scan_no_longer_writes_is_taken_back_and_asked_anew() 
 async fn the_answer_of_one_output_is_none_of_the_next() {
     let fake = FakePort::new([1]);
     let (_asks, heard) = asking(&fake).await;
-    fake.put_out(1, 80, Params::default());
+    fake.issue_output(1, 80, Params::default());
     fake.advance(ms(30)).await;
     let mill = fake.plc().coordinate_system(1);
     let asked = mill.question().await.unwrap();
     mill.answer(&asked, "yes").await.unwrap();
     fake.advance(ms(30)).await;
     fake.cancel(1, CancelReason::Stop);
-    fake.put_out(1, 80, Params::default());
+    fake.issue_output(1, 80, Params::default());
     fake.advance(ms(50)).await;
     assert_eq!(*heard.lock().unwrap(), None);
     assert_eq!(mill.questions().await.unwrap().len(), 1);
@@ -158,7 +158,7 @@ async fn question_without_choices_is_refused_and_its_m_code_can_still_be_reset()
         }
     });
     serve(&fake, program).await;
-    let seq = fake.put_out(1, 80, Params::default());
+    let seq = fake.issue_output(1, 80, Params::default());
     fake.advance(ms(50)).await;
     assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     let refused = refused.lock().unwrap();

@@ -144,7 +144,7 @@ struct Times {
 impl Times {
     /// Messages of a program, from its first output to its end.
     fn add(&mut self, mut subscription: Subscription) -> anyhow::Result<()> {
-        anyhow::ensure!(subscription.lost() == 0, "messages were lost");
+        anyhow::ensure!(subscription.dropped_events() == 0, "messages were lost");
         let mut outputs = 0;
         let mut output_at: Option<SystemTime> = None;
         while let Some(message) = subscription.try_next() {

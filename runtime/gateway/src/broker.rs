@@ -25,7 +25,7 @@ use tokio_util::task::{AbortOnDropHandle, TaskTracker};
 
 use crate::access::Users;
 use crate::arrivals::Arrivals;
-use crate::broker_address::Refused;
+use crate::broker_address::RefusedMessage;
 use crate::error::GatewayError;
 use crate::machine::Machine;
 use crate::places::{ConnectionSlots, SlotLimits};
@@ -132,7 +132,7 @@ impl Broker {
         address: SocketAddr,
         access: BrokerAccess,
         tls: Option<LiveTls>,
-        refused: mpsc::Sender<Refused>,
+        refused: mpsc::Sender<RefusedMessage>,
         limits: SlotLimits,
     ) -> Result<Broker, GatewayError> {
         let sessions = Arc::<Sessions>::default();

@@ -4,7 +4,7 @@ use crate::error::GatewayError;
 use crate::settings::MqttSettings;
 
 /// A message that the embedded broker refused: its topic and payload.
-pub(crate) type Refused = (String, Vec<u8>);
+pub(crate) type RefusedMessage = (String, Vec<u8>);
 
 /// Addresses of a broker, and credentials of the runtime.
 pub(crate) struct BrokerAddress {

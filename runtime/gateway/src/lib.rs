@@ -57,7 +57,7 @@ use tokio_util::sync::CancellationToken;
 use access::http::Access;
 use access::{LiveTokens, Users};
 use broker::{Broker, BrokerAccess};
-use broker_address::{BrokerAddress, Refused};
+use broker_address::{BrokerAddress, RefusedMessage};
 use files::ConnectionLimits;
 use machine::Machine;
 use neighbours::{Listener, PeerMachines};
@@ -104,7 +104,7 @@ fn start_broker(
     root: &str,
     (users, machine): (Option<Users>, Machine),
     (tls, limits): (Option<LiveTls>, SlotLimits),
-    refused: mpsc::Sender<Refused>,
+    refused: mpsc::Sender<RefusedMessage>,
 ) -> Result<Option<Broker>, GatewayError> {
     let Some(address) = settings.mqtt_address()? else {
         return Ok(None);

@@ -30,7 +30,7 @@ use tower::Layer;
 use crate::places::{ACCEPT_RETRY, ConnectionSlot, ConnectionSlots, PendingUse, SlotLimits};
 use crate::problem::Problem;
 use crate::shared::ServerState;
-use crate::tls::{Accepted, ClientStream, Fingerprint, LiveTls};
+use crate::tls::{AcceptedClient, ClientStream, Fingerprint, LiveTls};
 
 /// Limits of connection slots.
 pub(crate) const PLACES: SlotLimits = SlotLimits {
@@ -137,9 +137,9 @@ pub(crate) async fn serve(
 }
 
 /// Accepts a client. If there is a certificate and the client does not use TLS, it receives a rejection.
-async fn accept_client(stream: TcpStream, tls: Option<&LiveTls>) -> Option<Accepted> {
+async fn accept_client(stream: TcpStream, tls: Option<&LiveTls>) -> Option<AcceptedClient> {
     let Some(tls) = tls else {
-        return Some(Accepted::plain(stream));
+        return Some(AcceptedClient::plain(stream));
     };
     let mut accepted = tls.accept(stream).await.ok()?;
     if accepted.is_private() {
@@ -407,7 +407,7 @@ mod tests {
         let listener = LimitedListener::new(listener, PLACES);
         let address = listener.listener.local_addr().unwrap();
         let (client, (stream, _, place)) = tokio::join!(TcpStream::connect(address), listener.accept());
-        let mut connection = Connection::new(Accepted::plain(stream).stream, Arc::new(place));
+        let mut connection = Connection::new(AcceptedClient::plain(stream).stream, Arc::new(place));
         let begun = Instant::now();
         let error = connection.read_u8().await.unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::TimedOut);
@@ -421,7 +421,7 @@ mod tests {
         let listener = LimitedListener::new(listener, PLACES);
         let address = listener.listener.local_addr().unwrap();
         let (client, (stream, _, place)) = tokio::join!(TcpStream::connect(address), listener.accept());
-        let mut connection = Connection::new(Accepted::plain(stream).stream, Arc::new(place));
+        let mut connection = Connection::new(AcceptedClient::plain(stream).stream, Arc::new(place));
         let large = vec![0; 1024 * 1024];
         std::future::poll_fn(|context| {
             while Pin::new(&mut connection).poll_write(context, &large).is_ready() {}

@@ -148,17 +148,17 @@ impl LiveTls {
     ///
     /// # Errors
     /// Fails if the client disconnects, takes too long, or its TLS cannot be used.
-    pub(crate) async fn accept(&self, stream: TcpStream) -> io::Result<Accepted> {
+    pub(crate) async fn accept(&self, stream: TcpStream) -> io::Result<AcceptedClient> {
         let config = Arc::clone(&self.0.borrow());
         let accepting = async {
             let mut first = [0];
             stream.peek(&mut first).await?;
             if first[0] != HANDSHAKE_RECORD {
-                return Ok(Accepted::plain(stream));
+                return Ok(AcceptedClient::plain(stream));
             }
             let stream = TlsAcceptor::from(config).accept(stream).await?;
             let shown = stream.get_ref().1.peer_certificates();
-            Ok(Accepted {
+            Ok(AcceptedClient {
                 certificate: shown
                     .and_then(<[_]>::first)
                     .map(|shown| Sha256::digest(shown).into()),
@@ -171,14 +171,14 @@ impl LiveTls {
 
 /// An accepted client.
 #[derive(Debug)]
-pub(crate) struct Accepted {
+pub(crate) struct AcceptedClient {
     /// Its connection: `Right` with TLS.
     pub(crate) stream: ClientStream,
     /// Certificate that the client has presented.
     pub(crate) certificate: Option<Fingerprint>,
 }
 
-impl Accepted {
+impl AcceptedClient {
     /// A client without TLS.
     pub(crate) fn plain(stream: TcpStream) -> Self {
         Self {

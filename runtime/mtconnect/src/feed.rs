@@ -81,7 +81,7 @@ impl DeviceFeed {
     }
 
     /// Applies a message. Returns true if there are new observations.
-    pub fn take(&mut self, message: &Message) -> bool {
+    pub fn apply_message(&mut self, message: &Message) -> bool {
         let before = self.buffer.next();
         let at: Arc<str> = message.ts.0.as_str().into();
         match (&message.topic, &message.payload) {

@@ -180,7 +180,7 @@ impl Agent {
 
     fn apply_message(&self, message: &Message) {
         let mut feed = self.inner.feed.lock();
-        if feed.take(message) {
+        if feed.apply_message(message) {
             self.inner.news.send_replace(feed.buffer.next());
         }
     }

@@ -195,7 +195,7 @@ fn what_the_machine_says_is_told_in_the_words_and_units_of_the_standard() {
     let mut feed = feed(Version::V2_7);
     assert_eq!(path_value(&feed, "EXECUTION", None), None, "nothing was said yet");
     for message in &everything() {
-        assert!(feed.take(message), "{:?}", message.topic);
+        assert!(feed.apply_message(message), "{:?}", message.topic);
     }
     for (kind, sub_type, wanted) in [
         ("EXECUTION", None, "WAIT"),
@@ -220,7 +220,7 @@ fn what_the_machine_says_is_told_in_the_words_and_units_of_the_standard() {
     assert_eq!(value_of(&feed, "ax1A_angle_actual").as_deref(), Some("90"));
     assert_eq!(value_of(&feed, "ax1S_rotary_mode").as_deref(), Some("SPINDLE"));
     assert!(
-        !everything().iter().any(|message| feed.take(message)),
+        !everything().iter().any(|message| feed.apply_message(message)),
         "what is known is no news"
     );
 }
@@ -233,7 +233,7 @@ fn a_wait_is_active_in_versions_that_do_not_know_the_word() {
         (Version::V2_7, "WAIT"),
     ] {
         let mut feed = feed(version);
-        feed.take(&state(Execution::Wait));
+        feed.apply_message(&state(Execution::Wait));
         assert_eq!(path_value(&feed, "EXECUTION", None).as_deref(), Some(word));
     }
 }
@@ -269,7 +269,7 @@ fn an_alarm_is_a_fault_of_its_condition_until_it_is_cleared() {
         };
         feed.buffer.latest(index).iter().map(code).collect()
     };
-    feed.take(&alarms(&[
+    feed.apply_message(&alarms(&[
         alarm(102, Some(1)),
         alarm(200, Some(1)),
         alarm(300, Some(1)),
@@ -279,10 +279,10 @@ fn an_alarm_is_a_fault_of_its_condition_until_it_is_cleared() {
     assert_eq!(codes(&feed, "path1_logic_program"), [Some(300)]);
     assert_eq!(codes(&feed, "ctl_system"), [Some(402)]);
     assert_eq!(codes(&feed, "path2_motion_program"), [None]);
-    feed.take(&alarms(&[alarm(200, Some(1))]));
+    feed.apply_message(&alarms(&[alarm(200, Some(1))]));
     assert_eq!(codes(&feed, "path1_motion_program"), [Some(200)]);
     assert_eq!(codes(&feed, "path1_logic_program"), [None]);
-    feed.take(&alarms(&[]));
+    feed.apply_message(&alarms(&[]));
     assert_eq!(codes(&feed, "path1_motion_program"), [None]);
 }
 
@@ -335,7 +335,7 @@ fn documents() -> Vec<(Version, &'static str, String)> {
         let mut feed = feed(version);
         let unknown = feed.buffer.current();
         for message in &everything() {
-            feed.take(message);
+            feed.apply_message(message);
         }
         let changed = tool(1, 5.0, 80.0);
         feed.tools(&[], &"2026-01-01T00:00:00Z".into());

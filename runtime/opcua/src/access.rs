@@ -83,7 +83,7 @@ impl Access {
         Some(user.plc.clone())
     }
 
-    fn known(&self, name: &str, token: &str) -> Option<UserToken> {
+    fn find_user(&self, name: &str, token: &str) -> Option<UserToken> {
         let mut users = self.users.lock();
         let mut all = users.known.iter_mut();
         let (id, user) = all.find(|(_, user)| user.name == name && user.token == token)?;
@@ -91,7 +91,7 @@ impl Access {
         Some(UserToken(id.clone()))
     }
 
-    fn keep(&self, name: &str, token: &str, plc: Plc) -> UserToken {
+    fn add_user(&self, name: &str, token: &str, plc: Plc) -> UserToken {
         let mut users = self.users.lock();
         if users.known.len() >= USERS_MAX {
             let idle = users.known.iter().min_by_key(|(_, user)| user.used);
@@ -129,12 +129,12 @@ impl AuthManager for Access {
         password: &Password,
     ) -> Result<UserToken, Error> {
         let token = password.get();
-        if let Some(known) = self.known(username, token) {
+        if let Some(known) = self.find_user(username, token) {
             return Ok(known);
         }
         let connecting = self.machine.connect(Some((username, token)));
         match tokio::time::timeout(LOGIN_TIMEOUT, connecting).await {
-            Ok(Ok(plc)) => Ok(self.keep(username, token, plc)),
+            Ok(Ok(plc)) => Ok(self.add_user(username, token, plc)),
             Ok(Err(error)) => {
                 tracing::warn!(user = username, %error, "the machine rejects the user");
                 Err(Error::new(StatusCode::BadIdentityTokenRejected, error))

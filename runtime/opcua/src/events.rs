@@ -33,7 +33,7 @@ const EXPLAIN_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// An event of the machine.
 #[derive(Debug)]
-pub enum Happened {
+pub enum FeedEvent {
     /// An alarm was raised, acknowledged or cleared; `is_active` is true while it is active.
     Alarm {
         boot: BootId,
@@ -82,8 +82,8 @@ pub fn build_types(space: &mut AddressSpace, ids: Ids) {
 }
 
 /// Sends events to clients in the order in which they happened; never returns.
-pub async fn tell(
-    mut happened: mpsc::Receiver<Happened>,
+pub async fn send_events(
+    mut happened: mpsc::Receiver<FeedEvent>,
     plc: Plc,
     subscriptions: Arc<SubscriptionCache>,
     ids: Ids,
@@ -94,7 +94,7 @@ pub async fn tell(
         // each causes at most two events
         count += 2;
         let events = match happened {
-            Happened::Alarm {
+            FeedEvent::Alarm {
                 boot,
                 alarm,
                 is_active,
@@ -107,7 +107,7 @@ pub async fn tell(
                 if !help.is_empty() {
                     explained.insert(alarm.number, help.clone());
                 }
-                let of_alarm = Of {
+                let of_alarm = AlarmOccurrence {
                     boot: &boot,
                     alarm: &alarm,
                     is_active,
@@ -117,13 +117,13 @@ pub async fn tell(
                     alert(ids, count + 1, of_alarm),
                 ]
             }
-            Happened::Message { cs, m, text } => {
+            FeedEvent::Message { cs, m, text } => {
                 vec![
                     cnc_message(ids, count, cs, &text),
                     message(ids, count + 1, (cs, m), &text),
                 ]
             }
-            Happened::Transition {
+            FeedEvent::Transition {
                 transition,
                 program,
                 job,
@@ -211,13 +211,13 @@ fn machine_tool_source(ids: Ids, cs: Option<u8>) -> (NodeId, String) {
 
 /// An alarm with its start of the runtime, and whether it is active.
 #[derive(Clone, Copy)]
-struct Of<'a> {
+struct AlarmOccurrence<'a> {
     boot: &'a BootId,
     alarm: &'a AlarmRecord,
     is_active: bool,
 }
 
-impl Of<'_> {
+impl AlarmOccurrence<'_> {
     /// Returns an event of the alarm with this type, for the clients of an object, from a source.
     fn event(
         self,
@@ -259,20 +259,20 @@ impl Of<'_> {
 }
 
 /// Returns the event of an alarm in OPC 40502.
-fn cnc_alarm(ids: Ids, count: u64, of_alarm: Of<'_>, help: String) -> MachineEvent {
+fn cnc_alarm(ids: Ids, count: u64, of_alarm: AlarmOccurrence<'_>, help: String) -> MachineEvent {
     let alarm = of_alarm.alarm;
     let type_id = NodeId::new(ids.cnc, 1006);
     let mut event = of_alarm.event(ids, count, type_id, cnc::INTERFACE, cnc_source(ids, alarm.cs));
     event.fields.extend([
         ("AlarmIdentifier", UAString::from(alarm.number.to_string()).into()),
-        ("AuxParameters", place(alarm).into()),
+        ("AuxParameters", alarm_location(alarm).into()),
         ("HelpSource", UAString::from(help).into()),
     ]);
     event
 }
 
 /// Returns the event of an alarm in OPC 40501.
-fn alert(ids: Ids, count: u64, of_alarm: Of<'_>) -> MachineEvent {
+fn alert(ids: Ids, count: u64, of_alarm: AlarmOccurrence<'_>) -> MachineEvent {
     let alarm = of_alarm.alarm;
     let type_id = NodeId::new(ids.machine_tool, 39);
     let mut event = of_alarm.event(ids, count, type_id, MESSAGES, machine_tool_source(ids, alarm.cs));
@@ -282,7 +282,7 @@ fn alert(ids: Ids, count: u64, of_alarm: Of<'_>) -> MachineEvent {
 }
 
 /// Returns the location of an alarm, and its remedy.
-fn place(alarm: &AlarmRecord) -> Vec<UAString> {
+fn alarm_location(alarm: &AlarmRecord) -> Vec<UAString> {
     let place = [
         ("remedy", alarm.remedy.clone()),
         ("program", alarm.program.map(|program| program.to_string())),

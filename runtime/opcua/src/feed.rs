@@ -15,7 +15,7 @@ use plc_api::types::{BootId, CoordinateSystemNumber};
 use tokio::sync::mpsc;
 
 use crate::cnc;
-use crate::events::Happened;
+use crate::events::FeedEvent;
 use crate::instance::unknown;
 use crate::machine_tool::{self, Spaces};
 use crate::nodes::{Manager, data_value};
@@ -36,7 +36,7 @@ const SETTLING: Duration = Duration::from_millis(300);
 const WATCH: Duration = Duration::from_millis(100);
 
 /// Publishes the states of one machine to OPC UA clients.
-pub struct Feed {
+pub struct MachineFeed {
     pub plc: Plc,
     pub manager: Arc<Manager>,
     pub subscriptions: Arc<SubscriptionCache>,
@@ -46,30 +46,30 @@ pub struct Feed {
     /// Last written values, by path.
     pub written: BTreeMap<String, (NodeId, Result<Variant, StatusCode>)>,
     /// Queue of events for clients.
-    pub happened: mpsc::Sender<Happened>,
+    pub happened: mpsc::Sender<FeedEvent>,
     /// Alarms for which clients have received an event, by the start of the runtime and their ids.
     pub alarms: BTreeMap<(BootId, u64), AlarmRecord>,
     /// Messages and questions of handlers, by coordinate system.
     pub messages: BTreeMap<CoordinateSystemNumber, String>,
 }
 
-impl Feed {
+impl MachineFeed {
     /// Waits until the machine sends messages, and publishes its whole state.
-    pub async fn begin(&mut self) {
-        self.wait_until_heard().await;
-        self.tell_all();
+    pub async fn publish_initial_state(&mut self) {
+        self.wait_until_online().await;
+        self.publish_all();
     }
 
     /// Follows the machine; never returns.
     pub async fn follow(mut self) {
         loop {
             self.follow_until_silent().await;
-            self.tell_away();
-            self.begin().await;
+            self.mark_offline();
+            self.publish_initial_state().await;
         }
     }
 
-    async fn wait_until_heard(&mut self) {
+    async fn wait_until_online(&mut self) {
         let mut messages = self.plc.port().subscribe(Filter::All);
         let mut heard: Option<(Instant, Instant)> = None;
         // values from before the subscription do not prove that the machine is online
@@ -93,12 +93,12 @@ impl Feed {
     }
 
     /// Reads and publishes the whole current state of the machine.
-    fn tell_all(&mut self) {
+    fn publish_all(&mut self) {
         let before = std::mem::take(&mut self.view);
         let mut messages = self.plc.port().subscribe(Filter::All);
         // presence comes first, then birth: messages of another start of the runtime are ignored
         while let Some(message) = messages.try_next() {
-            self.view.take(&message);
+            self.view.apply_message(&message);
         }
         let shape = |view: &View| {
             (
@@ -115,11 +115,11 @@ impl Feed {
         }
         tracing::info!(machine = %self.view.birth.machine, "the machine sends messages");
         let now = DateTime::now();
-        self.tell(Change::Machine, now);
+        self.publish_change(Change::Machine, now);
         for number in self.view.channels.keys().copied().collect::<Vec<_>>() {
-            self.tell(Change::Channel(number), now);
+            self.publish_change(Change::Channel(number), now);
         }
-        self.tell(Change::Alarms, now);
+        self.publish_change(Change::Alarms, now);
     }
 
     async fn follow_until_silent(&mut self) {
@@ -139,25 +139,25 @@ impl Feed {
                 heard = Instant::now();
             }
             let boot = self.view.boot.clone();
-            let change = self.view.take(&message);
+            let change = self.view.apply_message(&message);
             if !self.view.presence.online || self.view.boot != boot {
                 tracing::warn!("the machine is offline, or was restarted");
                 return;
             }
             if let Some(change) = change {
                 let at = DateTime::parse_from_rfc3339(&message.ts.0).unwrap_or_else(|_| DateTime::now());
-                self.tell(change, at);
+                self.publish_change(change, at);
             }
         }
     }
 
     /// Writes the values that have changed.
-    fn tell(&mut self, change: Change, at: DateTime) {
+    fn publish_change(&mut self, change: Change, at: DateTime) {
         let mut values = Values::default();
         let spaces = self.manager.inner().spaces();
         // machine values also depend on the coordinate systems and alarms
         machine_tool::machine_values(&self.view, spaces, &mut values);
-        self.tell_program(spaces, &mut values);
+        self.publish_program(spaces, &mut values);
         match change {
             Change::Machine => {
                 cnc::machine_values(&self.view, &mut values);
@@ -186,7 +186,7 @@ impl Feed {
                 tracing::error!(path, "there is no such variable");
             }
         }
-        self.tell_events(change);
+        self.report_events(change);
         let values = changed.iter().map(|(id, value)| (id, None, value.clone()));
         if let Err(status) = self.manager.set_values(&self.subscriptions, values) {
             tracing::error!(%status, "values were not written");
@@ -194,16 +194,16 @@ impl Feed {
     }
 
     /// Writes the program of the first coordinate system, and the transitions that led to its state.
-    fn tell_program(&mut self, spaces: Spaces, values: &mut Values) {
+    fn publish_program(&mut self, spaces: Spaces, values: &mut Values) {
         let mut numbers = self.view.birth.coordinate_systems.iter();
         let first = numbers
             .next()
             .and_then(|info| self.view.channels.get(&info.number));
         if let Some(state) = first.and_then(|channel| channel.state.as_ref()) {
             let passed = self.program.follow(state);
-            if let Some(known) = self.program.known() {
+            if let Some(known) = self.program.status() {
                 for transition in passed {
-                    self.tell_event(Happened::Transition {
+                    self.report_event(FeedEvent::Transition {
                         transition,
                         program: known.name.clone(),
                         job: known.job.clone(),
@@ -215,7 +215,7 @@ impl Feed {
     }
 
     /// Sends events for new, changed and cleared alarms, and for messages and questions of handlers.
-    fn tell_events(&mut self, change: Change) {
+    fn report_events(&mut self, change: Change) {
         match (change, &self.view.alarms) {
             (Change::Alarms, Some(active)) => {
                 let boot = &self.view.boot;
@@ -226,14 +226,14 @@ impl Feed {
                 let now: BTreeMap<_, _> = now.collect();
                 let before = std::mem::replace(&mut self.alarms, now);
                 for (id, alarm) in before.iter().filter(|(id, _)| !self.alarms.contains_key(*id)) {
-                    self.tell_alarm(&id.0, alarm, false);
+                    self.report_alarm(&id.0, alarm, false);
                 }
                 for (id, alarm) in self
                     .alarms
                     .iter()
                     .filter(|(id, alarm)| before.get(*id) != Some(*alarm))
                 {
-                    self.tell_alarm(&id.0, alarm, true);
+                    self.report_alarm(&id.0, alarm, true);
                 }
             }
             (Change::Channel(cs), _) => {
@@ -251,29 +251,29 @@ impl Feed {
                 let (m, text) = said.unwrap_or_default();
                 let before = self.messages.insert(cs, text.clone());
                 if !text.is_empty() && before.as_ref() != Some(&text) {
-                    self.tell_event(Happened::Message { cs, m, text });
+                    self.report_event(FeedEvent::Message { cs, m, text });
                 }
             }
             _ => {}
         }
     }
 
-    fn tell_alarm(&self, boot: &BootId, alarm: &AlarmRecord, is_active: bool) {
-        self.tell_event(Happened::Alarm {
+    fn report_alarm(&self, boot: &BootId, alarm: &AlarmRecord, is_active: bool) {
+        self.report_event(FeedEvent::Alarm {
             boot: boot.clone(),
             alarm: alarm.clone(),
             is_active,
         });
     }
 
-    fn tell_event(&self, happened: Happened) {
+    fn report_event(&self, happened: FeedEvent) {
         if let Err(error) = self.happened.try_send(happened) {
             tracing::warn!(%error, "an event is not sent");
         }
     }
 
     /// Marks all values as unknown, because the machine sends no messages.
-    fn tell_away(&mut self) {
+    fn mark_offline(&mut self) {
         self.view.forget();
         self.program = ActiveProgram::default();
         let away = unknown(StatusCode::BadNoCommunication);

@@ -21,7 +21,7 @@ pub struct Builder<'a> {
 }
 
 /// A child that a type declares for its instances.
-struct Declared {
+struct DeclaredChild {
     node: NodeId,
     reference: ReferenceTypeId,
     name: QualifiedName,
@@ -232,7 +232,7 @@ impl<'a> Builder<'a> {
         }
     }
 
-    fn part(&mut self, parent: &NodeId, path: &str, at: &str, part: &Declared, optional: &[&str]) {
+    fn part(&mut self, parent: &NodeId, path: &str, at: &str, part: &DeclaredChild, optional: &[&str]) {
         let path = format!("{path}/{}", part.name.name);
         let id = self.id(&path);
         let Some(node) = self.space.find(&part.node) else {
@@ -285,9 +285,9 @@ impl<'a> Builder<'a> {
         of.map(|(_, id)| id)
     }
 
-    fn declared(&self, of: &NodeId) -> Vec<Declared> {
+    fn declared(&self, of: &NodeId) -> Vec<DeclaredChild> {
         let parts = self.references(of, BrowseDirection::Forward).into_iter();
-        let mut declared: Vec<Declared> = parts
+        let mut declared: Vec<DeclaredChild> = parts
             .filter(|(reference, _)| PARTS.contains(reference))
             .filter_map(|(reference, node)| {
                 let name = self.space.find(&node)?.as_node().browse_name().clone();
@@ -299,7 +299,7 @@ impl<'a> Builder<'a> {
                         .map(|(_, id)| id)
                 };
                 let rule = target(ReferenceTypeId::HasModellingRule)?;
-                Some(Declared {
+                Some(DeclaredChild {
                     reference,
                     name,
                     type_definition: target(ReferenceTypeId::HasTypeDefinition).cloned(),

@@ -288,7 +288,7 @@ fn channel_mode(run_kind: Option<RunKind>) -> i32 {
 
 /// Adds the values of the active program: that of the first coordinate system.
 pub fn program_values(program: &ActiveProgram, spaces: Spaces, values: &mut Values) {
-    let known = program.known();
+    let known = program.status();
     values.put(PROGRAM, "Name", known.map(|known| known.name.as_str()));
     values.put(PROGRAM, "JobIdentifier", known.map(|known| known.job.as_str()));
     let state = known.map(|known| known.state);

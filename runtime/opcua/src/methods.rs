@@ -29,10 +29,10 @@ pub struct Outcome {
 
 impl Outcome {
     fn done() -> Self {
-        Self::of(StatusCode::Good, "ok", "")
+        Self::new(StatusCode::Good, "ok", "")
     }
 
-    fn of(status: StatusCode, code: impl Into<String>, text: impl Into<String>) -> Self {
+    fn new(status: StatusCode, code: impl Into<String>, text: impl Into<String>) -> Self {
         Self {
             status,
             code: code.into(),
@@ -41,13 +41,13 @@ impl Outcome {
     }
 
     fn invalid(text: impl Into<String>) -> Self {
-        Self::of(StatusCode::BadInvalidArgument, "invalid", text)
+        Self::new(StatusCode::BadInvalidArgument, "invalid", text)
     }
 
     /// Returns the outcome for a client without a user.
-    pub fn nobody() -> Self {
+    pub fn for_anonymous() -> Self {
         let text = "log in with a user name and a token of the machine: clients without a user only read";
-        Self::of(StatusCode::BadUserAccessDenied, "forbidden", text)
+        Self::new(StatusCode::BadUserAccessDenied, "forbidden", text)
     }
 
     /// Returns the outputs of the method.
@@ -69,10 +69,10 @@ impl From<plc_api::Error> for Outcome {
         match error {
             plc_api::Error::Refused(refusal) => refusal.into(),
             plc_api::Error::CommandFailed { code, text, .. } => {
-                Self::of(StatusCode::BadInvalidState, code, text)
+                Self::new(StatusCode::BadInvalidState, code, text)
             }
-            plc_api::Error::NoAnswer { text, .. } => Self::of(StatusCode::BadTimeout, "no_answer", text),
-            other => Self::of(StatusCode::BadNoCommunication, "unavailable", other.to_string()),
+            plc_api::Error::NoAnswer { text, .. } => Self::new(StatusCode::BadTimeout, "no_answer", text),
+            other => Self::new(StatusCode::BadNoCommunication, "unavailable", other.to_string()),
         }
     }
 }
@@ -87,7 +87,7 @@ impl From<Refusal> for Outcome {
             RefusalCode::Unavailable => StatusCode::BadNoCommunication,
             _ => StatusCode::BadInvalidState,
         };
-        Self::of(status, plc_api::execution::wire_name(&refusal.code), refusal.text)
+        Self::new(status, plc_api::execution::wire_name(&refusal.code), refusal.text)
     }
 }
 
@@ -107,11 +107,11 @@ pub async fn call(
     inputs: Vec<Variant>,
 ) -> Outcome {
     let name = user.0.rsplit_once('#').map_or("", |(name, _)| name).to_owned();
-    let carried_out = tokio::spawn(carry_out(plc, name, cs, method, inputs));
+    let carried_out = tokio::spawn(execute_method(plc, name, cs, method, inputs));
     match tokio::time::timeout(PATIENCE, carried_out).await {
         Ok(Ok(outcome)) => outcome,
-        Ok(Err(error)) => Outcome::of(StatusCode::BadUnexpectedError, "invalid", error.to_string()),
-        Err(_) => Outcome::of(
+        Ok(Err(error)) => Outcome::new(StatusCode::BadUnexpectedError, "invalid", error.to_string()),
+        Err(_) => Outcome::new(
             StatusCode::GoodCompletesAsynchronously,
             "accepted",
             "the command continues",
@@ -119,7 +119,7 @@ pub async fn call(
     }
 }
 
-async fn carry_out(
+async fn execute_method(
     plc: Plc,
     user: String,
     cs: CoordinateSystemNumber,
@@ -248,7 +248,7 @@ fn handshake(result: HandshakeResult) -> Outcome {
         _ => StatusCode::BadInvalidState,
     };
     let code = plc_api::execution::wire_name(&result.status);
-    Outcome::of(status, code, result.text.unwrap_or_default())
+    Outcome::new(status, code, result.text.unwrap_or_default())
 }
 
 /// Returns the M number of a pending M code.

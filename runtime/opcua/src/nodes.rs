@@ -174,7 +174,7 @@ impl InMemoryNodeManagerImpl for Nodes {
             };
             let outcome = match self.access.plc(&context.token) {
                 Some(plc) => methods::call(plc, &context.token, cs, method, call.arguments().to_vec()).await,
-                None => Outcome::nobody(),
+                None => Outcome::for_anonymous(),
             };
             call.set_outputs(outcome.outputs());
             call.set_diagnostic_info(outcome.diagnostics());

@@ -78,7 +78,7 @@ pub struct Method {
     pub inputs: &'static [Input],
 }
 
-const fn of(name: &'static str, does: Does, says: &'static str, inputs: &'static [Input]) -> Method {
+const fn new_method(name: &'static str, does: Does, says: &'static str, inputs: &'static [Input]) -> Method {
     Method {
         name,
         does,
@@ -108,19 +108,19 @@ const PROGRAM: Input = (
 
 /// Methods of each coordinate system.
 pub const METHODS: [Method; 17] = [
-    of(
+    new_method(
         "Load",
         Does::Command("load"),
         "Loads a program of the store.",
         &[PROGRAM],
     ),
-    of(
+    new_method(
         "Start",
         Does::Command("start"),
         "Starts the loaded program from line 1.",
         &[],
     ),
-    of(
+    new_method(
         "Run",
         Does::Command("run"),
         "Loads a program and runs it once for each part.",
@@ -134,27 +134,27 @@ pub const METHODS: [Method; 17] = [
             ),
         ],
     ),
-    of("Hold", Does::Command("hold"), "Feed hold.", &[]),
-    of("Resume", Does::Command("resume"), "Continues after a pause.", &[]),
-    of(
+    new_method("Hold", Does::Command("hold"), "Feed hold.", &[]),
+    new_method("Resume", Does::Command("resume"), "Continues after a pause.", &[]),
+    new_method(
         "Stop",
         Does::Command("stop"),
         "Decelerates on the path and ends the run.",
         &[],
     ),
-    of(
+    new_method(
         "Reset",
         Does::Command("reset"),
         "Ends the run, cancels M codes, clears alarms.",
         &[],
     ),
-    of(
+    new_method(
         "Abort",
         Does::Command("abort"),
         "Brakes each motor at once and ends the run.",
         &[],
     ),
-    of(
+    new_method(
         "Mdi",
         Does::Command("mdi"),
         "Runs lines of NC text.",
@@ -165,7 +165,7 @@ pub const METHODS: [Method; 17] = [
             "One or several lines, at most 32 KiB",
         )],
     ),
-    of(
+    new_method(
         "Home",
         Does::Command("home"),
         "Returns axes to their reference points.",
@@ -176,13 +176,13 @@ pub const METHODS: [Method; 17] = [
             "Axis letters; an empty list selects all axes",
         )],
     ),
-    of(
+    new_method(
         "AcknowledgeAlarm",
         Does::Command("alarm_acknowledge"),
         "Acknowledges an alarm.",
         &[("id", DataTypeId::UInt64, false, "Id of the alarm, of AlarmIds")],
     ),
-    of(
+    new_method(
         "SetOverrides",
         Does::SetOverrides,
         "Sets overrides, percent.",
@@ -192,7 +192,7 @@ pub const METHODS: [Method; 17] = [
             ("spindle", DataTypeId::Double, false, "0 to 200"),
         ],
     ),
-    of(
+    new_method(
         "SetInput",
         Does::SetInput,
         "Sets an input.",
@@ -206,13 +206,13 @@ pub const METHODS: [Method; 17] = [
             ("value", DataTypeId::Boolean, false, "On or off"),
         ],
     ),
-    of(
+    new_method(
         "ResetMCode",
         Does::ResetMCode,
         "Resets an M code by hand: the program continues.",
         &[BOOT_ID, SEQ],
     ),
-    of(
+    new_method(
         "FailMCode",
         Does::FailMCode,
         "Fails an M code by hand: alarm 10000 + code stops the program.",
@@ -223,13 +223,13 @@ pub const METHODS: [Method; 17] = [
             ("text", DataTypeId::String, false, "Text of the alarm"),
         ],
     ),
-    of(
+    new_method(
         "RedeliverMCode",
         Does::RedeliverMCode,
         "Delivers an M code of a lost handler to a handler again.",
         &[BOOT_ID, SEQ, ("how", DataTypeId::String, false, "verify or redo")],
     ),
-    of(
+    new_method(
         "Answer",
         Does::Answer,
         "Answers the question of a handler.",

@@ -51,7 +51,7 @@ impl ProgramState {
 
     /// Returns the program state for the state of a coordinate system. While axes are moved by hand, the program is at
     /// line 1.
-    fn of(state: &State) -> Self {
+    fn from_state(state: &State) -> Self {
         if state.run_kind.is_some_and(|kind| kind != RunKind::Program) {
             return Initializing;
         }
@@ -81,7 +81,7 @@ pub struct Transition {
     pub to: ProgramState,
 }
 
-const fn of(name: &'static str, number: u32, node: u32, from: ProgramState, to: ProgramState) -> Transition {
+const fn new_transition(name: &'static str, number: u32, node: u32, from: ProgramState, to: ProgramState) -> Transition {
     Transition {
         name,
         number,
@@ -93,19 +93,19 @@ const fn of(name: &'static str, number: u32, node: u32, from: ProgramState, to: 
 
 /// All transitions between two states.
 const TRANSITIONS: [Transition; 9] = [
-    of("InitializingToRunning", 0, 91, Initializing, Running),
-    of("RunningToEnded", 1, 92, Running, Ended),
-    of("EndedToInitializing", 2, 106, Ended, Initializing),
-    of("RunningToInterrupted", 4, 109, Running, Interrupted),
-    of("InterruptedToRunning", 5, 107, Interrupted, Running),
-    of("RunningToAborted", 6, 108, Running, Aborted),
-    of("InterruptedToAborted", 7, 105, Interrupted, Aborted),
-    of("AbortedToInitializing", 8, 102, Aborted, Initializing),
-    of("InitializingToAborted", 9, 104, Initializing, Aborted),
+    new_transition("InitializingToRunning", 0, 91, Initializing, Running),
+    new_transition("RunningToEnded", 1, 92, Running, Ended),
+    new_transition("EndedToInitializing", 2, 106, Ended, Initializing),
+    new_transition("RunningToInterrupted", 4, 109, Running, Interrupted),
+    new_transition("InterruptedToRunning", 5, 107, Interrupted, Running),
+    new_transition("RunningToAborted", 6, 108, Running, Aborted),
+    new_transition("InterruptedToAborted", 7, 105, Interrupted, Aborted),
+    new_transition("AbortedToInitializing", 8, 102, Aborted, Initializing),
+    new_transition("InitializingToAborted", 9, 104, Initializing, Aborted),
 ];
 
 /// Returns the shortest sequence of transitions from one state to another.
-fn way(from: ProgramState, to: ProgramState) -> Vec<Transition> {
+fn find_path(from: ProgramState, to: ProgramState) -> Vec<Transition> {
     let mut ways = VecDeque::from([(from, Vec::new())]);
     while let Some((at, way)) = ways.pop_front() {
         if at == to {
@@ -124,7 +124,7 @@ fn way(from: ProgramState, to: ProgramState) -> Vec<Transition> {
 
 /// Known data of a program.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Known {
+pub struct ProgramStatus {
     /// Program number; empty without a program.
     pub name: String,
     /// Run that the program belongs to; empty before the first run.
@@ -135,7 +135,7 @@ pub struct Known {
 /// The active program.
 #[derive(Debug, Default)]
 pub struct ActiveProgram {
-    known: Option<Known>,
+    known: Option<ProgramStatus>,
     last: Option<Transition>,
 }
 
@@ -143,24 +143,24 @@ impl ActiveProgram {
     /// Applies a state and returns the transitions that led to it, in order. If states were missed, these are the
     /// fewest transitions from the previous state to this one.
     pub fn follow(&mut self, state: &State) -> Vec<Transition> {
-        let known = Known {
+        let known = ProgramStatus {
             name: state
                 .program
                 .map_or_else(String::new, |number| number.to_string()),
             job: state.run_id.clone().unwrap_or_default(),
-            state: ProgramState::of(state),
+            state: ProgramState::from_state(state),
         };
         let passed = self
             .known
             .as_ref()
-            .map_or_else(Vec::new, |before| way(before.state, known.state));
+            .map_or_else(Vec::new, |before| find_path(before.state, known.state));
         self.last = passed.last().copied().or(self.last);
         self.known = Some(known);
         passed
     }
 
     /// Returns the program; `None` before the first state.
-    pub fn known(&self) -> Option<&Known> {
+    pub fn status(&self) -> Option<&ProgramStatus> {
         self.known.as_ref()
     }
 
@@ -190,7 +190,7 @@ mod tests {
     fn each_state_reaches_each_other_by_transitions_that_join() {
         let all = [Initializing, Running, Ended, Interrupted, Aborted];
         for (from, to) in all.into_iter().flat_map(|from| all.map(|to| (from, to))) {
-            let way = way(from, to);
+            let way = find_path(from, to);
             assert_eq!(way.is_empty(), from == to);
             assert!(way.is_empty() || (way[0].from, way[way.len() - 1].to) == (from, to));
             assert!(way.windows(2).all(|two| two[0].to == two[1].from));
@@ -232,6 +232,6 @@ mod tests {
         };
         let mut program = ActiveProgram::default();
         program.follow(&jogged);
-        assert_eq!(program.known().map(|known| known.state), Some(Initializing));
+        assert_eq!(program.status().map(|known| known.state), Some(Initializing));
     }
 }

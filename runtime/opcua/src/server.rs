@@ -20,7 +20,7 @@ use tokio::sync::mpsc;
 
 use crate::access::{Access, LOGIN_TIMEOUT, Machine};
 use crate::events;
-use crate::feed::Feed;
+use crate::feed::MachineFeed;
 use crate::nodes::{NodesBuilder, manager};
 use crate::nodesets;
 use crate::options::{Credentials, Options};
@@ -67,7 +67,7 @@ pub async fn serve(options: Options) -> anyhow::Result<()> {
     let mut view = View::default();
     let mut messages = plc.port().subscribe(Filter::All);
     while let Some(message) = messages.try_next() {
-        view.take(&message);
+        view.apply_message(&message);
     }
     drop(messages);
     let port = listener.local_addr()?.port();
@@ -77,13 +77,13 @@ pub async fn serve(options: Options) -> anyhow::Result<()> {
     let (server, handle) = build(&options, port, &name, view.clone(), access)?;
     let manager = manager(&handle).context("the node manager is missing")?;
     let (happened, waiting) = mpsc::channel(events::WAITING_MAX);
-    let tells = tokio::spawn(events::tell(
+    let tells = tokio::spawn(events::send_events(
         waiting,
         plc.clone(),
         Arc::clone(handle.subscriptions()),
         manager.inner().event_ids(),
     ));
-    let mut feed = Feed {
+    let mut feed = MachineFeed {
         plc,
         manager,
         subscriptions: Arc::clone(handle.subscriptions()),
@@ -95,10 +95,10 @@ pub async fn serve(options: Options) -> anyhow::Result<()> {
         messages: BTreeMap::new(),
     };
     tokio::select! {
-        () = feed.begin() => {}
+        () = feed.publish_initial_state() => {}
         () = end_signal() => return Ok(()),
     }
-    say(&format!("OPC UA of {name}: opc.tcp://{}:{port}/", options.host()));
+    print_line(&format!("OPC UA of {name}: opc.tcp://{}:{port}/", options.host()));
     let follows = tokio::spawn(feed.follow());
     let end = handle.token().clone();
     tokio::spawn(async move {
@@ -204,7 +204,7 @@ fn limits() -> Limits {
 }
 
 /// Prints a line on standard output. A closed reader does not end the server.
-fn say(line: &str) {
+fn print_line(line: &str) {
     let _ = writeln!(std::io::stdout().lock(), "{line}");
 }
 

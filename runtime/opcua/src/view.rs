@@ -53,7 +53,7 @@ pub enum Change {
 
 impl View {
     /// Applies a message. A state from before the last start of the runtime is ignored.
-    pub fn take(&mut self, message: &Message) -> Option<Change> {
+    pub fn apply_message(&mut self, message: &Message) -> Option<Change> {
         if let Payload::Presence(presence) = &message.payload {
             if presence.online && self.boot != message.boot_id {
                 self.forget();
@@ -76,7 +76,7 @@ impl View {
             }
             (Topic::CoordinateSystem(cs, _), payload) => {
                 let channel = self.channels.entry(*cs).or_default();
-                channel.take(payload).then_some(Change::Channel(*cs))
+                channel.apply_payload(payload).then_some(Change::Channel(*cs))
             }
             _ => None,
         }
@@ -117,7 +117,7 @@ impl Channel {
         run: None,
     };
 
-    fn take(&mut self, payload: &Payload) -> bool {
+    fn apply_payload(&mut self, payload: &Payload) -> bool {
         match payload {
             Payload::State(said) => self.state = Some(said.clone()),
             Payload::Program(said) => self.place = Some(said.clone()),

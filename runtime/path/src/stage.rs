@@ -412,7 +412,7 @@ impl PathStage {
             stop_before,
             is_exact: block.path_control == PathControl::ExactStop,
         };
-        let taken = self.compensator.take(leg, side, wanted, &mut self.legs);
+        let taken = self.compensator.compensate(leg, side, wanted, &mut self.legs);
         self.join_legs(out).and(taken)
     }
 

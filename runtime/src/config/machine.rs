@@ -10,7 +10,7 @@ use plc_api::types::alarm_text::AlarmText;
 use plc_api::types::data::VariableArea;
 use plc_api::types::io::IoDeclarations;
 use plc_api::types::m_code::MCodeDeclaration;
-use plc_api::types::machine::{Identification, Served};
+use plc_api::types::machine::{Identification, ServedMCodesFile};
 use plc_api::types::output::{Redelivery, Timing};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -45,7 +45,7 @@ pub struct Machine {
     /// Motors, ascending by number.
     pub motors: Vec<MotorSettings>,
     /// Coordinate systems, ascending by number.
-    pub coordinate_systems: Vec<CoordinateSystem>,
+    pub coordinate_systems: Vec<ConfiguredSystem>,
     /// Tools by number (D17).
     pub tools: BTreeMap<u16, Tool>,
     /// M codes that have settings.
@@ -59,7 +59,7 @@ pub struct Machine {
     /// Variables that are published when they change, as ranges (first, length); at most 1024 variables for each area.
     pub published: BTreeMap<VariableArea, Vec<(u32, u32)>>,
     /// Content of the file of the sequence side, if there is one.
-    pub served: Option<Served>,
+    pub served: Option<ServedMCodesFile>,
     /// Reaction to an output of an M code without settings if no handler is registered for it.
     pub unhandled: UnhandledReaction,
     /// A program that waits for an output is held while the connection to the MQTT broker is lost.
@@ -77,7 +77,7 @@ pub struct Machine {
 
 /// A coordinate system as configured.
 #[derive(Debug, Clone)]
-pub struct CoordinateSystem {
+pub struct ConfiguredSystem {
     /// Settings for the stages.
     pub settings: CoordinateSystemSettings,
     /// NC dialect of the programs that it runs.
@@ -94,7 +94,7 @@ pub struct CoordinateSystem {
     pub locks: [LockRules; 2],
 }
 
-impl CoordinateSystem {
+impl ConfiguredSystem {
     /// Returns the time at which an output is issued if its M code has no setting.
     pub fn default_timing(&self) -> Timing {
         match self.dialect.policy.output {
@@ -285,7 +285,7 @@ impl Machine {
 
     /// Returns true for an M code that raises an alarm according to the file of the sequence side; false without this
     /// file.
-    pub fn is_unserved(&self, system: &CoordinateSystem, m: u16) -> bool {
+    pub fn is_unserved(&self, system: &ConfiguredSystem, m: u16) -> bool {
         let settings = self.m_codes.get(&m);
         let unhandled = settings.and_then(|settings| settings.unhandled);
         let is_stock = settings.is_some_and(|settings| settings.stock.is_some())
@@ -352,7 +352,7 @@ impl Machine {
     }
 
     /// Returns the coordinate system whose `programs` name this file, or `None`.
-    pub fn system_of_program(&self, file: &Path) -> Option<&CoordinateSystem> {
+    pub fn system_of_program(&self, file: &Path) -> Option<&ConfiguredSystem> {
         let file = file.canonicalize().ok()?;
         let is_file = |source: &ProgramSource| match source {
             ProgramSource::File(path) => path.canonicalize().is_ok_and(|path| path == file),

@@ -42,7 +42,7 @@ pub use hmi::HmiConfig;
 pub use identification::IdentificationConfig;
 pub use input::{InputConfig, LockConfig, LockSourceConfig};
 pub use io::{IoConfig, IoPointConfig};
-pub use machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Stock, UnhandledReaction};
+pub use machine::{ConfiguredSystem, MCodeSettings, Machine, ProgramSource, Stock, UnhandledReaction};
 pub use programs::ProgramsConfig;
 pub use reference::{ConfigKey, ConfigWord};
 pub use variables::{PublishedConfig, VariablesConfig};

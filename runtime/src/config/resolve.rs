@@ -17,13 +17,13 @@ use std::path::Path;
 use plc_api::handlers::RUNTIME_M_CODES;
 use plc_api::types::io::{IoDeclarations, IoKind};
 use plc_api::types::m_code::{DeclaredParams, MCodeDeclaration, ParamDeclaration, ParamLetter};
-use plc_api::types::machine::Served;
+use plc_api::types::machine::ServedMCodesFile;
 use schemars::{JsonSchema, Schema, schema_for};
 use serde::Serialize;
 use tandem_model::limits::{COORDINATE_SYSTEMS_MAX, M_CODE_MAX, PROGRAM_NUMBER_MAX};
 use tandem_model::settings::{MotorSettings, Tool};
 
-use super::machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, UnhandledReaction};
+use super::machine::{ConfiguredSystem, MCodeSettings, Machine, ProgramSource, UnhandledReaction};
 use super::reference::range;
 use super::text::Problems;
 use super::{Config, ConfigError, CoordinateSystemConfig, MachineConfig, OnBusLoss, ToolConfig};
@@ -194,7 +194,7 @@ impl Config {
     }
 
     /// Reads the file of the sequence side.
-    fn served(&self, problems: &mut Problems<'_>) -> Option<Served> {
+    fn served(&self, problems: &mut Problems<'_>) -> Option<ServedMCodesFile> {
         let path = self.base_dir.join(self.machine.served.as_ref()?);
         let read = read_served(&path);
         if let Err(why) = &read {
@@ -301,7 +301,7 @@ impl Config {
         motors: &BTreeMap<u16, MotorSettings>,
         m_codes: &BTreeMap<u16, MCodeSettings>,
         problems: &mut Problems<'_>,
-    ) -> Vec<CoordinateSystem> {
+    ) -> Vec<ConfiguredSystem> {
         if self.coordinate_system.is_empty() || self.coordinate_system.len() > COORDINATE_SYSTEMS_MAX {
             let text = format!("write 1 to {COORDINATE_SYSTEMS_MAX} [[coordinate_system]] tables");
             problems.add("coordinate_system", text);
@@ -326,7 +326,7 @@ impl Config {
             }
             let declared = m_codes.keys().copied().collect();
             let period_us = self.machine.servo_period_us;
-            let system = CoordinateSystem {
+            let system = ConfiguredSystem {
                 settings: config.settings(motors, period_us, (&skips, &rounds), declared, &mut checked),
                 dialect: config.dialect,
                 work_offsets: config.work_offsets(&mut checked),
@@ -382,9 +382,9 @@ impl Config {
     }
 }
 
-fn read_served(path: &Path) -> Result<Served, String> {
+fn read_served(path: &Path) -> Result<ServedMCodesFile, String> {
     let text = read_text(path).map_err(|error| error.to_string())?;
-    let served: Served = serde_json::from_str(&text).map_err(|error| error.to_string())?;
+    let served: ServedMCodesFile = serde_json::from_str(&text).map_err(|error| error.to_string())?;
     let mistake = served
         .serves
         .iter()

@@ -140,9 +140,9 @@ impl CoordinateSystem {
             .filter(|run| matches!(run.kind, ActiveRunKind::Program));
         let run_id = run_id.map(|run| run.id.clone());
         let accepted = self.context.reply_to(&meta, CommandStatus::Accepted, "ok", &note);
-        let accepted = self
-            .context
-            .said(&meta, accepted, program.as_deref(), run_id.as_deref());
+        let accepted =
+            self.context
+                .reply_with_program(&meta, accepted, program.as_deref(), run_id.as_deref());
         let mut reply = Some(reply);
         if !wait && let Some(reply) = reply.take() {
             // The caller may have left; the command is executed regardless.

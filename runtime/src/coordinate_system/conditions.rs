@@ -15,7 +15,7 @@ use tandem_model::{AXES_MAX, MachinePosition, Variables};
 use tandem_syntax::NcProgram;
 
 use super::View;
-use crate::config::CoordinateSystem as Configured;
+use crate::config::ConfiguredSystem;
 use crate::program_store::{StoredProgram, called_by};
 use crate::shared::SharedState;
 
@@ -25,7 +25,7 @@ pub(crate) struct Conditions {
     pub main: Arc<StoredProgram>,
     pub programs: BTreeMap<u16, Arc<NcProgram>>,
     pub texts: BTreeMap<u16, Arc<StoredProgram>>,
-    pub configured: Configured,
+    pub configured: ConfiguredSystem,
     pub at: MachinePosition,
     pub tool: Option<u16>,
     pub tools: BTreeMap<u16, Tool>,
@@ -55,7 +55,12 @@ pub(crate) struct RunStart {
 
 impl Conditions {
     /// Collects the present conditions for a run from line 1.
-    pub fn now(shared: &SharedState, view: &View, configured: &Configured, main: Arc<StoredProgram>) -> Self {
+    pub fn now(
+        shared: &SharedState,
+        view: &View,
+        configured: &ConfiguredSystem,
+        main: Arc<StoredProgram>,
+    ) -> Self {
         Self::of_run(shared, view, configured, main, &shared.store.all(), None)
     }
 
@@ -63,7 +68,7 @@ impl Conditions {
     pub fn of_run(
         shared: &SharedState,
         view: &View,
-        configured: &Configured,
+        configured: &ConfiguredSystem,
         main: Arc<StoredProgram>,
         all: &BTreeMap<u16, Arc<StoredProgram>>,
         from: Option<LineStart>,
@@ -156,7 +161,7 @@ pub(crate) fn state_of(shared: &SharedState, cs: CoordinateSystemNumber) -> Opti
 }
 
 /// Returns the values of `_CNC_CapturedPosition<n>`.
-fn captured(shared: &SharedState, configured: &Configured) -> [f64; AXES_MAX] {
+fn captured(shared: &SharedState, configured: &ConfiguredSystem) -> [f64; AXES_MAX] {
     let cs = configured.settings.number;
     let mut values = [0.0; AXES_MAX];
     let last = shared.hub.read(&Topic::cs(cs, CsTopic::Captured));

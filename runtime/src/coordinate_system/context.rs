@@ -14,7 +14,7 @@ use tandem_model::alarm::AlarmEntry;
 use tandem_model::{Origin, Variables};
 
 use super::view::View;
-use crate::config::{CoordinateSystem as Configured, MCodeSettings};
+use crate::config::{ConfiguredSystem, MCodeSettings};
 use crate::journal::Event;
 use crate::program_store::StoredProgram;
 use crate::shared::SharedState;
@@ -22,7 +22,7 @@ use crate::shared::SharedState;
 /// Number, settings and shared state of a coordinate system.
 pub(super) struct Context {
     pub number: CoordinateSystemNumber,
-    pub configured: Configured,
+    pub configured: ConfiguredSystem,
     pub shared: Arc<SharedState>,
     pub view: Arc<View>,
     pub variables: Variables,
@@ -81,7 +81,7 @@ impl Context {
     }
 
     /// Publishes and stores a reply to a command that loads or starts a program.
-    pub fn said(
+    pub fn reply_with_program(
         &self,
         meta: &CommandMeta,
         reply: CommandReply,

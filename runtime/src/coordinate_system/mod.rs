@@ -49,7 +49,7 @@ use tandem_model::MachinePosition;
 use tandem_model::flow::Transform;
 use tandem_servo::{ChannelHandle, Control, Event};
 
-use crate::config::CoordinateSystem as Configured;
+use crate::config::ConfiguredSystem;
 use crate::journal::{Event as Happened, RaisedAlarm, RunEnd};
 use crate::shared::SharedState;
 use bus::Bus;
@@ -132,7 +132,7 @@ impl InputValues {
 impl CoordinateSystem {
     pub fn new(
         shared: Arc<SharedState>,
-        configured: Configured,
+        configured: ConfiguredSystem,
         handle: ChannelHandle,
         first_state: (Execution, Option<Reason>),
         tool: Option<u16>,

@@ -259,7 +259,7 @@ mod tests {
                 redelivery: None,
             };
             let seq = outputs.ledger.enqueue(now(), spec).unwrap();
-            outputs.ledger.put_out(now(), seq);
+            outputs.ledger.issue_output(now(), seq);
         }
         outputs
     }

@@ -55,7 +55,7 @@ impl CoordinateSystem {
             self.drive(RunEvent::Phase(Phase::Room(output)));
             return false;
         };
-        self.outputs.ledger.put_out(self.context.now(), seq);
+        self.outputs.ledger.issue_output(self.context.now(), seq);
         self.drive(RunEvent::Phase(Phase::Reset { seq }));
         self.apply_effects();
         true
@@ -74,7 +74,7 @@ impl CoordinateSystem {
         };
         // D18: while held no output is issued; it stays QUEUED until the resume.
         if self.state.is_running() || self.leaves_thread() {
-            self.outputs.ledger.put_out(self.context.now(), seq);
+            self.outputs.ledger.issue_output(self.context.now(), seq);
         }
         self.apply_effects();
         true
@@ -92,7 +92,7 @@ impl CoordinateSystem {
     /// Issues the outputs that a hold has delayed.
     pub(super) fn issue_queued_outputs(&mut self) {
         for seq in self.outputs.queued() {
-            self.outputs.ledger.put_out(self.context.now(), seq);
+            self.outputs.ledger.issue_output(self.context.now(), seq);
         }
         self.apply_effects();
     }

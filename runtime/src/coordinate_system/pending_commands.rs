@@ -111,7 +111,7 @@ pub(super) struct MCodeValidation {
 
 impl Validation {
     /// Processes the answer of a handler.
-    pub fn take(&mut self, result: &ValidateResult) {
+    pub fn receive_answer(&mut self, result: &ValidateResult) {
         let mut asked = self.asked.iter_mut();
         let Some(asked) = asked.find(|asked| asked.request.request_id == result.request_id) else {
             return;
@@ -240,7 +240,7 @@ impl Commands {
                     ..context.reply_to(meta, CommandStatus::Failed, failure.code, &failure.text)
                 },
             };
-            let said = context.said(
+            let said = context.reply_with_program(
                 &awaiting.meta,
                 said,
                 awaiting.program.as_deref(),

@@ -16,7 +16,7 @@ use tandem_model::{AXES_MAX, Axis, AxisSet, MachinePosition};
 
 use super::CoordinateSystem;
 use super::start_conditions::PublishedStart;
-use crate::config::CoordinateSystem as Configured;
+use crate::config::ConfiguredSystem;
 use crate::journal::Event;
 use crate::program_store::StoredProgram;
 
@@ -306,7 +306,7 @@ impl CoordinateSystem {
 /// Returns a modal state, with the tool in the spindle, in its published form.
 pub(crate) fn published_modal(
     modal: &tandem_interp::Modal,
-    configured: &Configured,
+    configured: &ConfiguredSystem,
     tool: Option<u16>,
 ) -> Modal {
     let groups = modal

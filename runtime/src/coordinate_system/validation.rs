@@ -123,7 +123,7 @@ impl CoordinateSystem {
     /// Processes the answer of a handler. An answer to another load, or a second one, changes nothing.
     pub(super) fn on_validate_result(&mut self, result: &ValidateResult) {
         if let Some(validation) = &mut self.commands.validation {
-            validation.take(result);
+            validation.receive_answer(result);
         }
         self.end_validation(Validation::is_answered);
     }

@@ -23,8 +23,8 @@ use crate::persistence::journal_file::JournalThread;
 use crate::persistence::journal_folder::{JOURNAL_FOLDER, Newest, newest};
 use crate::persistence::positions::{KeptPositions, POSITION, rest_positions};
 use crate::persistence::{
-    Condition, Image, InspectedStore, LastRuns, RestoredState, STARTED_FILE, STORE_FILE, Source,
-    StateWriterThread, Store, forget_outputs, page_name, pages, replay_last_runs, restore, restore_outputs,
+    Image, InspectedStore, LastRuns, RestoredState, STARTED_FILE, STORE_FILE, Source, StateWriterThread,
+    Store, StoreCondition, forget_outputs, page_name, pages, replay_last_runs, restore, restore_outputs,
 };
 use crate::program_store::signing::read_program_signature;
 use crate::program_store::{
@@ -225,7 +225,7 @@ fn notes(folder: &Path, inspected: &InspectedStore, aside: Option<&Path>) -> Vec
     let path = folder.join(STORE_FILE);
     let mut notes = Vec::new();
     match &inspected.condition {
-        Condition::Damaged(how) => {
+        StoreCondition::Damaged(how) => {
             let aside = aside.map_or(String::new(), |aside| {
                 format!("; the damaged store is kept as {}", aside.display())
             });
@@ -235,11 +235,11 @@ fn notes(folder: &Path, inspected: &InspectedStore, aside: Option<&Path>) -> Vec
             };
             notes.push(format!("{}: {how}; {lost}{aside}", path.display()));
         }
-        Condition::WithoutSums => notes.push(format!(
+        StoreCondition::WithoutSums => notes.push(format!(
             "{}: written by a version without checksums, so its values cannot be verified; inspect them once",
             path.display()
         )),
-        Condition::New | Condition::Whole => {}
+        StoreCondition::New | StoreCondition::Whole => {}
     }
     if let Some(fault) = &inspected.sums_fault {
         notes.push(format!(

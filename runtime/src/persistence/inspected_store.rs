@@ -31,9 +31,9 @@ pub(crate) const STARTED_FILE: &str = "started";
 /// Maximum size of a store, bytes. Reason: a hundred times the size of all values.
 const STORE_BYTES_MAX: u64 = 256 << 20;
 
-/// Condition of the store.
+/// StoreCondition of the store.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Condition {
+pub(crate) enum StoreCondition {
     /// Nothing was ever stored in this folder.
     New,
     /// Unchanged since it was stored.
@@ -47,7 +47,7 @@ pub(crate) enum Condition {
 /// The result of examining a data folder.
 #[derive(Debug, Clone)]
 pub(crate) struct InspectedStore {
-    pub condition: Condition,
+    pub condition: StoreCondition,
     /// Trusted values; a lost value is marked as lost.
     pub image: Image,
     /// Names of the values lost due to this damage.
@@ -77,7 +77,7 @@ pub(crate) fn inspect_expected_store(folder: &Path, is_known: bool) -> Inspected
         .map(|bytes| read_database(bytes));
     let of_store = content.as_ref().and_then(|content| content.as_ref().ok());
     let of_store = of_store.and_then(|content| content.seal.as_ref());
-    let sums = of_same_machine(
+    let sums = discard_foreign_checksums(
         Checksums::read(&folder.join(SUMS_FILE), SealedFileKind::StoreSums),
         of_store,
     );
@@ -92,20 +92,20 @@ pub(crate) fn inspect_expected_store(folder: &Path, is_known: bool) -> Inspected
     };
     let mut inspected = match (bytes, content) {
         (Err(error), _) if error.kind() == io::ErrorKind::NotFound => {
-            of_nothing("the store is missing", &sums, was_started)
+            inspect_missing_store("the store is missing", &sums, was_started)
         }
         (Err(error), _) => damaged(&error.to_string(), &[], &sums),
-        (Ok(_), None) => of_nothing("the store is empty", &sums, was_started),
+        (Ok(_), None) => inspect_missing_store("the store is empty", &sums, was_started),
         (Ok(bytes), Some(Err(how))) => damaged(&how, &bytes, &sums),
         (Ok(bytes), Some(Ok(content))) => InspectedStore {
             store_seal: content.seal.clone(),
-            ..of_content(content, &bytes, &sums, was_started)
+            ..inspect_content(content, &bytes, &sums, was_started)
         },
     };
-    if matches!(inspected.condition, Condition::Damaged(_)) && (!sums.is_there || sums.is_damaged) {
+    if matches!(inspected.condition, StoreCondition::Damaged(_)) && (!sums.is_there || sums.is_damaged) {
         inspected.lose(named());
     }
-    if inspected.condition == Condition::Whole {
+    if inspected.condition == StoreCondition::Whole {
         // a kill between writing the store and its checksums leaves one change without checksums
         let is_older = inspected.last > sums.last + 1;
         inspected.sums_fault = sums
@@ -127,7 +127,7 @@ impl InspectedStore {
     pub fn seal(&self) -> Option<&Seal> {
         match self.condition {
             // in a damaged store, only values with recorded checksums are trusted
-            Condition::Damaged(_) => self.sums_seal.as_ref().or(self.store_seal.as_ref()),
+            StoreCondition::Damaged(_) => self.sums_seal.as_ref().or(self.store_seal.as_ref()),
             _ => self.store_seal.as_ref(),
         }
     }
@@ -146,7 +146,7 @@ impl InspectedStore {
             self.image.lose(&name);
             self.lost.insert(name);
         }
-        self.condition = Condition::Damaged(how);
+        self.condition = StoreCondition::Damaged(how);
         self.sums_fault = None;
     }
 
@@ -162,7 +162,7 @@ impl InspectedStore {
     }
 }
 
-fn believed(condition: Condition, image: Image, last: u64) -> InspectedStore {
+fn trusted_store(condition: StoreCondition, image: Image, last: u64) -> InspectedStore {
     InspectedStore {
         condition,
         image,
@@ -175,15 +175,15 @@ fn believed(condition: Condition, image: Image, last: u64) -> InspectedStore {
     }
 }
 
-fn of_nothing(how: &str, sums: &Checksums, was_started: bool) -> InspectedStore {
+fn inspect_missing_store(how: &str, sums: &Checksums, was_started: bool) -> InspectedStore {
     if sums.is_there || sums.is_damaged || was_started {
         return damaged(how, &[], sums);
     }
-    believed(Condition::New, Image::default(), 0)
+    trusted_store(StoreCondition::New, Image::default(), 0)
 }
 
 /// Ignores checksums of a different machine than that of an intact store.
-fn of_same_machine(sums: Checksums, of_store: Option<&Seal>) -> Checksums {
+fn discard_foreign_checksums(sums: Checksums, of_store: Option<&Seal>) -> Checksums {
     match (&sums.seal, of_store) {
         (Some(of_sums), Some(of_store)) if of_sums.machine != of_store.machine => Checksums {
             is_there: true,
@@ -195,14 +195,19 @@ fn of_same_machine(sums: Checksums, of_store: Option<&Seal>) -> Checksums {
     }
 }
 
-fn of_content(content: Content, bytes: &[u8], sums: &Checksums, was_started: bool) -> InspectedStore {
+fn inspect_content(
+    content: DatabaseContent,
+    bytes: &[u8],
+    sums: &Checksums,
+    was_started: bool,
+) -> InspectedStore {
     let is_missing = |name: &&String| !content.image.has(name);
     if content.is_without_sums && !sums.is_there {
-        return believed(Condition::WithoutSums, content.image, 0);
+        return trusted_store(StoreCondition::WithoutSums, content.image, 0);
     }
     // the first change creates the store: nothing was stored when the first start was cut short
     if content.last <= 1 && !sums.is_there && !was_started {
-        return believed(Condition::New, Image::default(), 0);
+        return trusted_store(StoreCondition::New, Image::default(), 0);
     }
     if content.last == 0 || content.last < sums.last {
         let how = format!(
@@ -216,9 +221,9 @@ fn of_content(content: Content, bytes: &[u8], sums: &Checksums, was_started: boo
     }
     if !content.is_clean {
         let how = "the structure was damaged".to_owned();
-        return believed(Condition::Damaged(how), content.image, content.last);
+        return trusted_store(StoreCondition::Damaged(how), content.image, content.last);
     }
-    believed(Condition::Whole, content.image, content.last)
+    trusted_store(StoreCondition::Whole, content.image, content.last)
 }
 
 /// Returns the trusted rest of a damaged store.
@@ -238,7 +243,7 @@ fn damaged(how: &str, bytes: &[u8], sums: &Checksums) -> InspectedStore {
         .copied()
         .chain(sums.by_name.keys().map(String::as_str))
         .collect();
-    let mut inspected = believed(Condition::Damaged(how.to_owned()), Image::default(), last);
+    let mut inspected = trusted_store(StoreCondition::Damaged(how.to_owned()), Image::default(), last);
     inspected.is_all_lost = names.is_empty();
     for name in names {
         let noted = sums.by_name.get(name);
@@ -261,9 +266,9 @@ fn damaged(how: &str, bytes: &[u8], sums: &Checksums) -> InspectedStore {
     inspected
 }
 
-/// Content of the database.
+/// DatabaseContent of the database.
 #[derive(Debug, Default)]
-struct Content {
+struct DatabaseContent {
     image: Image,
     last: u64,
     seal: Option<Seal>,
@@ -274,25 +279,25 @@ struct Content {
 }
 
 /// Reads a copy of the database in memory, so that the library cannot repair the file before it has been examined.
-fn read_database(bytes: &[u8]) -> Result<Content, String> {
+fn read_database(bytes: &[u8]) -> Result<DatabaseContent, String> {
     // The library's own checks find nearly all damage. Damage that they miss may cause a panic, which is
     // treated as damage, too.
     let read = catch_unwind(AssertUnwindSafe(|| {
-        let memory = Memory::of(bytes).map_err(|error| error.to_string())?;
+        let memory = Memory::from_bytes(bytes).map_err(|error| error.to_string())?;
         let mut builder = Builder::new();
         let opened = builder.set_cache_size(CACHE_BYTES).create_with_backend(memory);
         let mut database = opened.map_err(|error| error.to_string())?;
         let is_clean = database.check_integrity().map_err(|error| error.to_string())?;
         let content = read_tables(&database)?;
-        Ok(Content { is_clean, ..content })
+        Ok(DatabaseContent { is_clean, ..content })
     }));
     read.unwrap_or_else(|_| Err("the structure is inconsistent".to_owned()))
 }
 
-fn read_tables(database: &Database) -> Result<Content, String> {
+fn read_tables(database: &Database) -> Result<DatabaseContent, String> {
     let text = |error: &dyn std::error::Error| error.to_string();
     let reading = database.begin_read().map_err(|error| text(&error))?;
-    let mut content = Content::default();
+    let mut content = DatabaseContent::default();
     let records = match reading.open_table(RECORDS) {
         Ok(records) => records,
         Err(TableError::TableDoesNotExist(_)) => {
@@ -347,7 +352,7 @@ fn read_old(reading: &redb::ReadTransaction, image: &mut Image) -> Result<bool, 
 struct Memory(redb::backends::InMemoryBackend);
 
 impl Memory {
-    fn of(bytes: &[u8]) -> io::Result<Self> {
+    fn from_bytes(bytes: &[u8]) -> io::Result<Self> {
         let memory = redb::backends::InMemoryBackend::new();
         memory.set_len(bytes.len() as u64)?;
         memory.write(0, bytes)?;

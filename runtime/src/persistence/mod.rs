@@ -34,7 +34,7 @@ pub(crate) use cut_short::{cut_short, cut_short_between_parts};
 pub(crate) use generation::Generation;
 pub(crate) use image::{Image, LastRuns, PAGE_VARIABLES, page_name, pages};
 pub(crate) use inspected_store::{
-    Condition, InspectedStore, STARTED_FILE, STORE_FILE, inspect_expected_store, inspect_store,
+    InspectedStore, STARTED_FILE, STORE_FILE, StoreCondition, inspect_expected_store, inspect_store,
 };
 pub(crate) use replay::replay_last_runs;
 pub(crate) use restore::{RestoredState, forget_outputs, restore, restore_outputs};

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use redb::{Builder, Database, DatabaseError};
 
 use super::image::Image;
-use super::inspected_store::{Condition, InspectedStore, STORE_FILE, SUMS_FILE};
+use super::inspected_store::{InspectedStore, STORE_FILE, SUMS_FILE, StoreCondition};
 use super::record::{self, CACHE_BYTES, CHANGE, OLD_VALUES, OLD_VARIABLES, RECORDS, SEAL};
 use crate::disk::fs::{self, FileBackend, OpenOptions};
 use crate::disk::{
@@ -71,22 +71,22 @@ impl Store {
     ) -> io::Result<(Self, Option<PathBuf>)> {
         let path = folder.join(STORE_FILE);
         let mut last = inspected.last;
-        if inspected.condition != Condition::Whole {
+        if inspected.condition != StoreCondition::Whole {
             last += 1;
         }
         let change = || ChangeRecord::new(last, generations);
         let mut aside = None;
         match inspected.condition {
-            Condition::Damaged(_) => aside = Some(replace(folder, &path, &inspected.image, &change())?),
-            Condition::New => {
+            StoreCondition::Damaged(_) => aside = Some(replace(folder, &path, &inspected.image, &change())?),
+            StoreCondition::New => {
                 fs::rename(unfinished(folder, &inspected.image, &change())?, &path)?;
                 sync_folder(folder)?;
             }
-            Condition::Whole | Condition::WithoutSums => {}
+            StoreCondition::Whole | StoreCondition::WithoutSums => {}
         }
         let database = open_database(&path)?;
         let identity = Identity::at(&path)?;
-        if inspected.condition == Condition::WithoutSums {
+        if inspected.condition == StoreCondition::WithoutSums {
             write_all(&database, &inspected.image, &change())?;
         }
         let sealer = Sealer {

@@ -13,7 +13,7 @@ use tandem_model::limits::{M_CODE_MAX, MDI_BYTES_MAX, PROGRAM_BYTES_MAX};
 use tokio::sync::{Semaphore, oneshot};
 
 use super::RuntimePort;
-use crate::config::CoordinateSystem;
+use crate::config::ConfiguredSystem;
 use crate::disk::DataFolderPart;
 use crate::journal::Event;
 use crate::program_store::{ChangeResult, Edit, EditKind, StoredProgram, called_by, signing};
@@ -187,7 +187,7 @@ impl RuntimePort {
         }
         let systems = &self.shared.machine.coordinate_systems;
         let system = systems.iter().find(|system| system.settings.number == cs);
-        let rules = system.map(CoordinateSystem::text_rules);
+        let rules = system.map(ConfiguredSystem::text_rules);
         let rules = rules.unwrap_or_else(|| self.shared.machine.text_rules());
         let end = rules.dialect.m_code(Role::End).map_or("", |code| code.code);
         let program = StoredProgram::manual(&format!("{}\n{end}\n", text.text), rules, false);

@@ -38,7 +38,7 @@ use plc_api::types::topic::{CsTopic, Topic};
 use tandem_model::Axis;
 use tokio::sync::watch;
 
-use crate::config::CoordinateSystem as Configured;
+use crate::config::ConfiguredSystem;
 use crate::coordinate_system::{Conditions, Prediction, RunStart, View, line_search, state_of};
 use crate::program_store::StoredProgram;
 use crate::shared::SharedState;
@@ -80,7 +80,7 @@ pub(crate) struct Previews {
 #[derive(Debug)]
 struct Inner {
     shared: Arc<SharedState>,
-    systems: Vec<(Configured, Arc<View>)>,
+    systems: Vec<(ConfiguredSystem, Arc<View>)>,
     slots: Mutex<BTreeMap<CoordinateSystemNumber, Slots>>,
     /// Wakes the thread.
     work: Condvar,
@@ -288,7 +288,7 @@ impl Inner {
         self.closing.load(Ordering::Relaxed) || self.shared.closing.is_cancelled()
     }
 
-    fn system(&self, cs: CoordinateSystemNumber) -> Option<&(Configured, Arc<View>)> {
+    fn system(&self, cs: CoordinateSystemNumber) -> Option<&(ConfiguredSystem, Arc<View>)> {
         let mut systems = self.systems.iter();
         systems.find(|(configured, _)| configured.settings.number == cs)
     }

@@ -17,7 +17,7 @@ use tandem_model::{Alarm, AxisVector, MachinePosition, Origin};
 use super::plan::{Plan, PlanContent};
 use super::spindle::PlannedSpindle;
 use super::tracer::Tracer;
-use crate::config::{CoordinateSystem, MCodeSettings, Stock, UnhandledReaction};
+use crate::config::{ConfiguredSystem, MCodeSettings, Stock, UnhandledReaction};
 use crate::coordinate_system::{Pipeline, line_search, rest_refused};
 use crate::program_store::mentions_variables;
 use crate::sequence::stock;
@@ -381,7 +381,7 @@ impl Planning<'_> {
 }
 
 /// Returns the time that a program waits for an M code; `None` if unknown.
-pub(super) fn wait_of(shared: &SharedState, configured: &CoordinateSystem, m: u16) -> Option<f64> {
+pub(super) fn wait_of(shared: &SharedState, configured: &ConfiguredSystem, m: u16) -> Option<f64> {
     let cs = configured.settings.number;
     if let Some(measured_s) = shared.m_code_wait(cs, m) {
         return Some(measured_s);

@@ -112,7 +112,7 @@ impl ProgramStore {
         })?;
         let mut places = self.places.lock();
         for (number, folder) in folders {
-            if self.get(*number).is_some() && places.of(*number).is_empty() {
+            if self.get(*number).is_some() && places.folder_of(*number).is_empty() {
                 places.put(*number, folder)?;
             }
         }

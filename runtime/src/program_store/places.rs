@@ -99,7 +99,7 @@ impl FolderAssignments {
     }
 
     /// Returns the folder of a program; empty for no folder.
-    pub fn of(&self, number: u16) -> &str {
+    pub fn folder_of(&self, number: u16) -> &str {
         self.by_number.get(&number).map_or("", String::as_str)
     }
 
@@ -108,7 +108,7 @@ impl FolderAssignments {
     /// # Errors
     /// Returns an error if the disk operation fails; the program then stays in its folder.
     pub fn put(&mut self, number: u16, folder: &str) -> io::Result<()> {
-        if self.of(number) == folder {
+        if self.folder_of(number) == folder {
             return Ok(());
         }
         let mut changed = self.by_number.clone();
@@ -175,7 +175,7 @@ mod tests {
         std::fs::write(&path, "{\"1\": \"gen2\"}").unwrap();
         let (places, fault) = FolderAssignments::open(folder.path(), &Arc::default(), false);
         assert!(fault.unwrap().contains("by an earlier version"));
-        assert_eq!(places.of(1), "");
+        assert_eq!(places.folder_of(1), "");
         assert_eq!(
             FolderAssignments::open(folder.path(), &Arc::default(), false).1,
             None

@@ -11,7 +11,7 @@ use super::{HELD_FILE, OpenQuestion, QUESTION_FILE};
 use crate::disk::{Checksums, Generations, PartGenerations, Seal, StoredPart, fs, write_whole_by};
 use crate::persistence::journal_folder::JOURNAL_FOLDER;
 use crate::persistence::{
-    Condition, Generation, Image, InspectedStore, STORE_FILE, anchor_seal, inspect_expected_store,
+    Generation, Image, InspectedStore, STORE_FILE, StoreCondition, anchor_seal, inspect_expected_store,
 };
 use crate::program_store::folder::read_checksums as program_sums;
 use crate::program_store::places::{FolderAssignmentsRead, FolderByProgram, PLACES_FILE};
@@ -192,9 +192,9 @@ struct PartComparison<'a> {
 impl PartComparison<'_> {
     fn at_store(&self, inspected: &InspectedStore) -> Option<StoredDataFinding> {
         let is_believed = match inspected.condition {
-            Condition::New => false,
-            Condition::Whole | Condition::WithoutSums => true,
-            Condition::Damaged(_) => inspected.image.names().len() > inspected.lost.len(),
+            StoreCondition::New => false,
+            StoreCondition::Whole | StoreCondition::WithoutSums => true,
+            StoreCondition::Damaged(_) => inspected.image.names().len() > inspected.lost.len(),
         };
         is_believed
             .then(|| self.at(StoredPart::Store, inspected.seal()))

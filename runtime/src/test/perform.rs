@@ -21,7 +21,7 @@ use tokio::sync::mpsc;
 use tokio::task::{AbortHandle, JoinError, JoinSet};
 
 use super::background::{Failures, is_foreign, socket_error};
-use super::record::{NonZero, OutputEnd, OutputRecord, Run, StateChange, Stopped, SystemEnd};
+use super::record::{NonZero, OutputEnd, OutputRecord, Run, RunEndReason, StateChange, SystemEnd};
 use super::trace::SampleTracer;
 use super::{Bench, Cue, ScriptAction, TestError};
 use crate::coordinator::Runtime;
@@ -324,7 +324,7 @@ impl Stage {
         self.run.stopped = loop {
             let next_s = self.next_time_cue_s();
             if self.running.is_empty() && next_s.is_none() && self.actions.is_empty() {
-                break Stopped::ProgramsEnded;
+                break RunEndReason::ProgramsEnded;
             }
             let plc = self.scene.plc.clone();
             let wait_s = (next_s.unwrap_or_default() + self.start_s - plc.now_s()).max(0.0);
@@ -345,7 +345,7 @@ impl Stage {
                     self.cue(|cue| matches!(cue, Cue::Time(at_s) if Some(at_s) == next_s));
                 }
                 () = simulation.stalled() => {
-                    break if simulation.is_at_limit() { Stopped::TimeLimit } else { Stopped::NothingMoves };
+                    break if simulation.is_at_limit() { RunEndReason::TimeLimit } else { RunEndReason::NothingMoves };
                 }
             }
         };

@@ -14,7 +14,7 @@ use super::trace::{Sample, Samples};
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Run {
     /// Why the run ended.
-    pub stopped: Stopped,
+    pub stopped: RunEndReason,
     /// When the run ended.
     pub time_s: f64,
     /// Auxiliary function outputs in the order in which they were issued.
@@ -39,7 +39,7 @@ pub(super) type NonZero = BTreeMap<u32, u64>;
 
 /// Why a run ended.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub enum Stopped {
+pub enum RunEndReason {
     /// Every program has ended: at its end, by an alarm or by a command.
     #[default]
     ProgramsEnded,
@@ -234,7 +234,7 @@ impl Run {
         });
         let ends = ends.collect::<Vec<_>>().join("; ");
         let mut systems = self.systems.values();
-        if self.stopped == Stopped::NothingMoves && systems.any(|end| end.execution == Execution::Wait) {
+        if self.stopped == RunEndReason::NothingMoves && systems.any(|end| end.execution == Execution::Wait) {
             return format!("{ends}; {HELP_TO_WAIT}");
         }
         ends
@@ -242,9 +242,9 @@ impl Run {
 
     fn story(&self, cs: CoordinateSystemNumber) -> TestError {
         let why = match self.stopped {
-            Stopped::ProgramsEnded => String::new(),
-            Stopped::TimeLimit => format!(" within {} s", self.time_s),
-            Stopped::NothingMoves => ": no further event is possible".to_owned(),
+            RunEndReason::ProgramsEnded => String::new(),
+            RunEndReason::TimeLimit => format!(" within {} s", self.time_s),
+            RunEndReason::NothingMoves => ": no further event is possible".to_owned(),
         };
         let summary = self.summary();
         let mut lines = vec![format!(

@@ -110,7 +110,7 @@ fn probing_tapping_holds_and_sleeping_handlers_repeat_exactly() {
 fn what_happens_stands_in_order() {
     let run = bench().run("G90 G01 X1 F600\nM20 VA0.1\nM00\nX2\nM30");
     let run = run.unwrap();
-    assert_eq!(run.stopped, Stopped::NothingMoves);
+    assert_eq!(run.stopped, RunEndReason::NothingMoves);
     assert_eq!(run.system(1).unwrap().execution, Execution::ProgramStopped);
     assert_eq!(
         run.order(1),
@@ -264,7 +264,7 @@ fn an_endless_program_ends_at_the_time_limit() {
         .max_time_s(3.0)
         .run("while (1 < 2) {\nG04 P500\n}\nM30")
         .unwrap();
-    assert_eq!(run.stopped, Stopped::TimeLimit);
+    assert_eq!(run.stopped, RunEndReason::TimeLimit);
     assert!((run.time_s - 3.0).abs() < 0.0015, "{}", run.time_s);
 }
 

@@ -410,7 +410,7 @@ impl World {
         for cs in [1, 2] {
             let answer = process.witness.request(Request::LastRun(cs)).await;
             if let (Ok(Answer::LastRun(last_run)), false) = (answer, Mount::is_dead()) {
-                self.truth.lock().told(&at_kill, cs, last_run.as_ref());
+                self.truth.lock().check_last_run(&at_kill, cs, last_run.as_ref());
             }
         }
     }

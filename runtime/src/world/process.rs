@@ -107,7 +107,7 @@ async fn observe_messages(port: Arc<dyn Port>, truth: SharedOracle) {
     let mut messages = port.subscribe(Filter::All);
     while let Some(message) = messages.next().await {
         if !Mount::is_dead() {
-            truth.lock().said(&message);
+            truth.lock().check_message(&message);
         }
     }
 }

@@ -211,7 +211,7 @@ impl Oracle {
     }
 
     /// Checks a message of the machine.
-    pub fn said(&mut self, message: &Message) {
+    pub fn check_message(&mut self, message: &Message) {
         match (&message.topic, &message.payload) {
             (Topic::CoordinateSystem(cs, CsTopic::Output(_)), Payload::Output(notice)) => {
                 let key = (message.boot_id.0.clone(), *cs, notice.seq);
@@ -366,7 +366,12 @@ impl Oracle {
     }
 
     /// Checks the machine's report after a start about the run that was cut short.
-    pub fn told(&mut self, at_kill: &AtKill, cs: CoordinateSystemNumber, last_run: Option<&LastRun>) {
+    pub fn check_last_run(
+        &mut self,
+        at_kill: &AtKill,
+        cs: CoordinateSystemNumber,
+        last_run: Option<&LastRun>,
+    ) {
         let told: BTreeSet<u64> = last_run
             .filter(|last_run| last_run.boot_id.0 == at_kill.boot)
             .into_iter()

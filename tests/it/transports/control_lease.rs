@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use plc_api::types::command::{Command, CommandMeta};
 use plc_api::types::request::{Refusal, RefusalCode, Request};
-use plc_api::{Error, Execution, Lease, Plc};
+use plc_api::{Error, Execution, LeaseGuard, Plc};
 use serde_json::{Value, json};
 
 use super::{Reached, connect, in_process, over_mosquitto, over_rest, over_the_embedded_broker};
@@ -97,7 +97,7 @@ async fn it_keeps_others_from_starting(reached: &Reached) {
     it_ends(&other, lease).await;
 }
 
-async fn it_ends(other: &Plc, lease: Lease) {
+async fn it_ends(other: &Plc, lease: LeaseGuard) {
     let fence = lease.fence();
     within("release", lease.release()).await.expect("the own lease");
     holder_is(other, None).await;

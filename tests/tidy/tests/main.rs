@@ -5,6 +5,7 @@ mod circles;
 mod codes;
 mod crates;
 mod language;
+mod names;
 mod product;
 mod quick;
 mod sizes;

@@ -29,7 +29,7 @@ const LOGINS_PER_USER_MAX: usize = 16;
 
 /// Reason for rejecting a login.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Refused {
+pub(crate) enum LoginRefusal {
     /// The user does not exist, or the PIN is wrong.
     Wrong,
     /// Too many attempts; the next is accepted after this time.
@@ -143,14 +143,17 @@ impl Logins {
         name: &str,
         pin: String,
         from: IpAddr,
-    ) -> Result<(String, User), Refused> {
-        let tried = self.budgets.count(name, host_of(from)).map_err(Refused::Wait)?;
+    ) -> Result<(String, User), LoginRefusal> {
+        let tried = self
+            .budgets
+            .count(name, host_of(from))
+            .map_err(LoginRefusal::Wait)?;
         let known = tokens.with_pin(name);
         let Some(_waiting) = self.budgets.wait(&tried) else {
-            return Err(Refused::Busy);
+            return Err(LoginRefusal::Busy);
         };
         let Ok(_check) = self.checks.acquire().await else {
-            return Err(Refused::Busy);
+            return Err(LoginRefusal::Busy);
         };
         // an unknown name takes as long as a known one
         let phc = known.as_ref().and_then(|user| user.pin()).map(str::to_owned);
@@ -159,7 +162,7 @@ impl Logins {
             (is_right, weakness(&pin))
         };
         let (is_right, weakness) = tokio::task::spawn_blocking(check).await.unwrap_or_default();
-        let user = known.filter(|_| is_right).ok_or(Refused::Wrong)?;
+        let user = known.filter(|_| is_right).ok_or(LoginRefusal::Wrong)?;
         self.budgets.succeed(&tried);
         if let Some(weakness) = weakness {
             let name = &user.name;
@@ -168,7 +171,7 @@ impl Logins {
                  --pin"
             );
         }
-        let token = random_secret().map_err(|_| Refused::Busy)?;
+        let token = random_secret().map_err(|_| LoginRefusal::Busy)?;
         self.add_login(&token, &user);
         Ok((token, User::Token(user)))
     }
@@ -267,7 +270,7 @@ mod tests {
             ("cell", "493021"),
         ] {
             let refused = logins.log_in(&tokens, name, pin.into(), HERE).await.unwrap_err();
-            assert_eq!(refused, Refused::Wrong, "{name} {pin}");
+            assert_eq!(refused, LoginRefusal::Wrong, "{name} {pin}");
         }
         assert_eq!(tokens.user_of(b"493021"), None);
     }
@@ -288,15 +291,19 @@ mod tests {
         // known and unknown names alike
         for (name, host) in [("anna", 1), ("nobody", 2)] {
             for _ in 0..10 {
-                assert_eq!(try_from(name, [10, 0, 0, host]).await, Refused::Wrong, "{name}");
+                assert_eq!(
+                    try_from(name, [10, 0, 0, host]).await,
+                    LoginRefusal::Wrong,
+                    "{name}"
+                );
             }
             assert!(
-                matches!(try_from(name, [10, 0, 0, host]).await, Refused::Wait(_)),
+                matches!(try_from(name, [10, 0, 0, host]).await, LoginRefusal::Wait(_)),
                 "{name}"
             );
         }
         assert!(
-            matches!(try_from("carl", [10, 0, 0, 1]).await, Refused::Wait(_)),
+            matches!(try_from("carl", [10, 0, 0, 1]).await, LoginRefusal::Wait(_)),
             "the host"
         );
         assert!(logins.user_of(&tokens, token.as_bytes()).is_some());

@@ -40,7 +40,7 @@ use super::socket::SocketBytes;
 use crate::access::{AuthenticatedUser, CloseReason};
 use crate::arrivals::{ARRIVAL, EXECUTED};
 use crate::places::{ACCEPT_RETRY, ConnectionSlot, ConnectionSlots, SlotLimits};
-use crate::tls::{Accepted, ClientStream, Fingerprint, LiveTls};
+use crate::tls::{AcceptedClient, ClientStream, Fingerprint, LiveTls};
 use crate::urgent_slots::ExecuteUrgent;
 
 /// Connection slots. A client becomes known when it is authenticated, and is then never evicted. Reason for the total:
@@ -171,7 +171,7 @@ impl BrokerServer {
     /// Serves a client over TCP until it disconnects.
     async fn serve_tcp(self: Arc<Self>, stream: TcpStream, address: SocketAddr, place: ConnectionSlot) {
         let accepted = match &self.tls {
-            None => Ok(Accepted::plain(stream)),
+            None => Ok(AcceptedClient::plain(stream)),
             Some(tls) => tls.accept(stream).await,
         };
         let Ok(accepted) = accepted else {

@@ -34,7 +34,7 @@ use super::{BrokerAccess, FILTER_BYTES_MAX, MQTT_5};
 use crate::access::topics::{may_publish, may_subscribe};
 use crate::access::{Account, AuthenticatedUser, Rates, User, Users};
 use crate::arrivals::Arrivals;
-use crate::broker_address::Refused;
+use crate::broker_address::RefusedMessage;
 use crate::contract::topics::is_inbound;
 use crate::places::{ConnectionSlot, host_of};
 use crate::publisher::Publisher;
@@ -97,7 +97,7 @@ pub(super) enum PublishDecision {
 /// Admits users, restricts them to their topics, and rejects commands with the retain flag.
 pub(super) struct Guard {
     pub(super) access: BrokerAccess,
-    pub(super) refused: mpsc::Sender<Refused>,
+    pub(super) refused: mpsc::Sender<RefusedMessage>,
     pub(super) rates: Rates<Account>,
     // for urgent requests
     pub(super) urgent_rates: Rates<Account>,
@@ -112,7 +112,11 @@ pub(super) struct Guard {
 }
 
 impl Guard {
-    pub(super) fn new(access: BrokerAccess, refused: mpsc::Sender<Refused>, sessions: Arc<Sessions>) -> Self {
+    pub(super) fn new(
+        access: BrokerAccess,
+        refused: mpsc::Sender<RefusedMessage>,
+        sessions: Arc<Sessions>,
+    ) -> Self {
         Self {
             access,
             refused,

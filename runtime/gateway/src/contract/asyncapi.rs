@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use plc_api::types::command::Command;
 use plc_api::types::topic::Topic;
 use plc_api::wire::right::Right;
-use plc_api::wire::row::Topic as Inbound;
+use plc_api::wire::row::InboundTopic;
 use plc_api::wire::speaker::MessageSender;
 use serde_json::{Map, Value, json};
 
@@ -169,7 +169,7 @@ static EXAMPLES: LazyLock<Value> =
     LazyLock::new(|| serde_json::from_str(include_str!("examples.json")).unwrap_or_default());
 
 /// Returns the path on which a message is answered; `None` if it is not answered.
-fn answer_to(topic: &Inbound) -> Option<&'static str> {
+fn answer_to(topic: &InboundTopic) -> Option<&'static str> {
     match topic.pattern {
         _ if !topic.envelope.is_empty() => Some("reply/{client_id}"),
         "cs/{cs}/m_code/{m}/claim" | "cs/{cs}/m_code/{m}/reset" => Some("cs/{cs}/m_code/{m}/result"),

@@ -8,7 +8,7 @@ use plc_api::types::form::{Form, MessageEnvelope};
 use plc_api::wire::ROWS;
 use plc_api::wire::problem::Problem;
 use plc_api::wire::route::{Content, Route};
-use plc_api::wire::row::Topic;
+use plc_api::wire::row::InboundTopic;
 use plc_api::wire::websocket::{ClientFrame, ErrorFrame, FrameTopic};
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
@@ -145,7 +145,7 @@ pub(super) fn body_of(route: &Route, form: Form, takes_not_after: bool) -> (Stri
 }
 
 /// Name and schema of a topic's payload, with its envelope.
-pub(super) fn payload_of(topic: &Topic) -> (String, Value) {
+pub(super) fn payload_of(topic: &InboundTopic) -> (String, Value) {
     let (name, mut schema) = (
         (topic.form.name)().into_owned(),
         schema_of(topic.form, Direction::In).0,

@@ -1,19 +1,19 @@
-//! Topics on which MQTT requests arrive. The outgoing ones are in [`Topic`](plc_api::types::topic::Topic), and only the
+//! Topics on which MQTT requests arrive. The outgoing ones are in [`InboundTopic`](plc_api::types::topic::InboundTopic), and only the
 //! runtime publishes on them.
 
 use plc_api::wire::ROWS;
 use plc_api::wire::right::Right;
-use plc_api::wire::row::Topic;
+use plc_api::wire::row::InboundTopic;
 use plc_api::wire::speaker::MessageSender;
 
 /// Returns every incoming topic, with the right that its sender needs.
-pub(crate) fn inbound_topics() -> impl Iterator<Item = (&'static Topic, Right)> {
+pub(crate) fn inbound_topics() -> impl Iterator<Item = (&'static InboundTopic, Right)> {
     ROWS.iter()
         .filter_map(|row| Some((row.topic.as_ref()?, row.right)))
 }
 
 /// Returns the topic of a path below the root, with its right; the levels of its sender are removed.
-pub(crate) fn inbound(path: &str) -> Option<(&'static Topic, Right)> {
+pub(crate) fn inbound(path: &str) -> Option<(&'static InboundTopic, Right)> {
     let (_, path) = MessageSender::split(path);
     inbound_topics().find(|(topic, _)| topic.fits(path))
 }

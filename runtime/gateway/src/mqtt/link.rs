@@ -29,7 +29,7 @@ use super::outbox::{Outbox, Parcel, PublishOutcome};
 use super::urgent_replies::Reader;
 use super::wire::{self, BrokerStamp, Connect, ConnectionLoss, Event, Version, Wire};
 use super::{Parts, client_id, message, publisher_of};
-use crate::broker_address::Refused;
+use crate::broker_address::RefusedMessage;
 use crate::contract::topics::{inbound_filters, is_inbound};
 use crate::metrics::add;
 use crate::position::{every, is_position};
@@ -109,7 +109,7 @@ enum Wakeup {
     PositionsDue,
     PresenceEnded,
     Redelivered,
-    Refused(Refused),
+    Refused(RefusedMessage),
     Result(Box<Message>),
     Stop,
 }

@@ -28,7 +28,7 @@ use tokio_util::task::AbortOnDropHandle;
 use crate::access::{LiveTokens, User};
 use crate::arrivals::Arrivals;
 use crate::broker::{Broker, Sessions};
-use crate::broker_address::Refused;
+use crate::broker_address::RefusedMessage;
 use crate::machine::Machine;
 use crate::metrics::Metrics;
 use crate::publisher::Publisher;
@@ -71,7 +71,7 @@ pub(crate) struct Parts {
     /// Root of all topics, with its last slash.
     pub(crate) root: String,
     pub(crate) position_interval: Duration,
-    pub(crate) refused: mpsc::Receiver<Refused>,
+    pub(crate) refused: mpsc::Receiver<RefusedMessage>,
     pub(crate) metrics: Arc<Metrics>,
     /// The order in which the embedded broker received messages.
     pub(crate) arrivals: Arc<Arrivals>,

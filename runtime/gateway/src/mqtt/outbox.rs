@@ -99,7 +99,7 @@ impl Outbox {
         if handed == PublishOutcome::Full {
             return false;
         }
-        let parcel = self.queue.take();
+        let parcel = self.queue.pop_front();
         if let (PublishOutcome::Over, Some(parcel)) = (handed, parcel)
             && parcel.topic().map_or(1, Topic::qos) > 0
         {
@@ -199,8 +199,8 @@ impl Outbox {
 
     /// Returns the number of events dropped since the last call.
     pub(super) fn take_dropped_count(&mut self) -> u64 {
-        let reported = std::mem::replace(&mut self.reported_lost, self.queue.lost());
-        self.queue.lost() - reported
+        let reported = std::mem::replace(&mut self.reported_lost, self.queue.dropped_events());
+        self.queue.dropped_events() - reported
     }
 }
 

@@ -16,7 +16,7 @@ use tracing::{info, warn};
 use super::{body, json_response};
 use crate::access::AuthenticatedUser;
 use crate::access::http::{token, too_many};
-use crate::access::login::{LOGIN_MAX, Refused};
+use crate::access::login::{LOGIN_MAX, LoginRefusal};
 use crate::problem::Problem;
 use crate::server::Peer;
 use crate::shared::ServerState;
@@ -56,12 +56,12 @@ pub(super) async fn log_in(
             said.user.escape_debug()
         );
         match refused {
-            Refused::Wrong => {
+            LoginRefusal::Wrong => {
                 let text = "there is no such user with this PIN";
                 Problem::new(StatusCode::UNAUTHORIZED, "unauthorized", text)
             }
-            Refused::Wait(wait) => too_many(wait),
-            Refused::Busy => {
+            LoginRefusal::Wait(wait) => too_many(wait),
+            LoginRefusal::Busy => {
                 let text = "other users are logging in; try again";
                 Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text)
             }

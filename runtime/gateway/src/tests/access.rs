@@ -63,7 +63,7 @@ pub(super) async fn send(
     (status, serde_json::from_slice(&body).unwrap_or_default())
 }
 
-fn served(users: &Users) -> Arc<ServerState> {
+fn served(users: &TestUsers) -> Arc<ServerState> {
     shared_with(port(), users.settings.tokens.clone())
 }
 
@@ -75,7 +75,7 @@ fn filled(path: &str) -> String {
 
 #[tokio::test]
 async fn every_route_asks_for_a_token_and_lets_pass_the_roles_of_its_right_only() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let port = port();
     port.say_handler("handler", 1);
     let shared = shared_with(port, users.settings.tokens.clone());
@@ -142,7 +142,7 @@ async fn a_route_without_a_row_is_refused_even_on_the_loopback() {
 
 #[tokio::test]
 async fn a_handler_acts_in_its_own_name_only_and_never_by_force() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let shared = served(&users);
     let path = ("POST", "/cs/1/m_codes/1/reset");
     let body =
@@ -175,7 +175,7 @@ async fn a_handler_acts_in_its_own_name_only_and_never_by_force() {
 
 #[tokio::test]
 async fn a_command_is_replied_to_the_user_of_its_token() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let port = port();
     let shared = shared_with(Arc::clone(&port), users.settings.tokens.clone());
     let path = ("POST", "/cs/1/start");
@@ -190,7 +190,7 @@ async fn a_command_is_replied_to_the_user_of_its_token() {
 
 #[tokio::test(start_paused = true)]
 async fn wrong_tokens_are_limited_and_hold_up_no_right_one() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let shared = served(&users);
     let mut last = StatusCode::OK;
     for number in 0..60 {
@@ -212,7 +212,7 @@ async fn wrong_tokens_are_limited_and_hold_up_no_right_one() {
 
 #[tokio::test(start_paused = true)]
 async fn a_user_who_asks_too_often_is_told_so_and_others_go_on() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let shared = served(&users);
     let asked = |name: &str| {
         let mut headers = axum::http::HeaderMap::new();
@@ -232,7 +232,7 @@ async fn a_user_who_asks_too_often_is_told_so_and_others_go_on() {
 
 #[tokio::test]
 async fn a_program_is_named_by_its_number_and_by_no_path() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let port = port();
     let shared = shared_with(Arc::clone(&port), users.settings.tokens.clone());
     let token = Some(users.token("admin"));
@@ -287,7 +287,7 @@ async fn next_text(socket: &mut Socket) -> String {
 
 #[tokio::test]
 async fn websocket_takes_its_token_as_sub_protocol_without_returning_it() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let gateway = start_with(&port(), users.settings.clone()).await;
     assert_eq!(websocket(&gateway, None).await.unwrap_err(), 401);
     let wrong = format!("tandem.v1, bearer.{}", "0".repeat(64));
@@ -302,7 +302,7 @@ async fn websocket_takes_its_token_as_sub_protocol_without_returning_it() {
 
 #[tokio::test]
 async fn over_websocket_only_a_handler_announces_and_validates_as_itself() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let port = port();
     let gateway = start_with(&port, users.settings.clone()).await;
     let announced = json!({"handler": {"id": "handler", "online": true}});
@@ -351,7 +351,7 @@ async fn is_let_in(options: MqttOptions) -> bool {
 
 #[tokio::test]
 async fn the_broker_lets_in_users_with_their_tokens_and_nobody_as_the_runtime() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let gateway = start_with(&port(), users.settings.clone()).await;
     let view = users.token("view");
     for (id, user, password, expected) in [
@@ -405,7 +405,7 @@ async fn connect_code(gateway: &Gateway, user: &str, password: &str) -> u8 {
 
 #[tokio::test]
 async fn wrong_tokens_over_mqtt_are_limited_and_hold_up_no_right_one() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let gateway = start_with(&port(), users.settings.clone()).await;
     let (mut wrong, mut limited) = (0, 0);
     for number in 0..300 {
@@ -426,7 +426,7 @@ async fn wrong_tokens_over_mqtt_are_limited_and_hold_up_no_right_one() {
 
 #[tokio::test]
 async fn a_user_cannot_push_another_off_the_broker_by_its_client_id() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let port = port();
     let gateway = start_with(&port, users.settings.clone()).await;
     let options = |user: &str| mqtt_options(&gateway, "panel", user, users.token(user));
@@ -439,7 +439,7 @@ async fn a_user_cannot_push_another_off_the_broker_by_its_client_id() {
 
 #[tokio::test]
 async fn what_a_user_may_not_publish_reaches_nobody_and_the_connection_stays() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let port = port();
     let gateway = start_with(&port, users.settings.clone()).await;
     let options = |id: &str| mqtt_options(&gateway, id, id, users.token(id));
@@ -490,7 +490,7 @@ async fn what_a_user_may_not_publish_reaches_nobody_and_the_connection_stays() {
 #[tokio::test]
 async fn revoked_token_disconnects_mqtt_3_and_5_clients_and_publishes_wills() {
     use rumqttc::v5::mqttbytes::{QoS as QoS5, v5 as mqtt5};
-    let mut users = Users::new();
+    let mut users = TestUsers::new();
     let (old, new, stays) = ["old", "new", "stays"]
         .map(|name| crate::new_token(name, Role::Handler, None).unwrap())
         .into();
@@ -535,7 +535,7 @@ async fn revoked_token_disconnects_mqtt_3_and_5_clients_and_publishes_wills() {
 
 #[tokio::test]
 async fn with_tokens_any_address_may_be_listened_on_and_needs_them() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let mut settings = users.settings.clone();
     settings.http_listen = "0.0.0.0:0".into();
     settings.mqtt.embedded_listen = Some("0.0.0.0:0".into());

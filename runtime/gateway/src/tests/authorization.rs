@@ -60,7 +60,7 @@ fn is_own(request: &Request) -> bool {
 
 #[tokio::test]
 async fn no_mqtt_3_or_5_payload_lets_a_handler_reset_under_another_name() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let port = port();
     let gateway = start_with(&port, users.settings.clone()).await;
     let address = gateway.mqtt_addr().unwrap();
@@ -144,7 +144,7 @@ fn sets_of_system_2_and_of_all() -> [Request; 4] {
 
 #[tokio::test]
 async fn handler_sets_tool_spindle_and_variables_only_where_it_serves_m_codes() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let port = port();
     let shared = shared_with(Arc::clone(&port), users.settings.tokens.clone());
     let token = users.token("handler");
@@ -202,7 +202,7 @@ async fn handler_sets_tool_spindle_and_variables_only_where_it_serves_m_codes() 
 
 #[tokio::test]
 async fn over_mqtt_a_handler_sets_where_it_serves_and_is_told_why_not_elsewhere() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let port = port();
     port.say_handler("handler", 2);
     let gateway = start_with(&port, users.settings.clone()).await;
@@ -402,7 +402,7 @@ proptest! {
         payload in payload(),
     ) {
         let port = port();
-        let users = Users::new();
+        let users = TestUsers::new();
         let shared = shared_with(Arc::clone(&port), users.settings.tokens.clone());
         let request = HttpRequest::post(format!("/api/v1/cs/1/m_codes/1/{level}"))
             .header(header::HOST, "127.0.0.1:8080")
@@ -421,7 +421,7 @@ proptest! {
 
 #[tokio::test]
 async fn a_handler_writes_the_plant_in_its_own_name_and_forces_nothing() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let port = port();
     let shared = shared_with(Arc::clone(&port), users.settings.tokens.clone());
     let own = json!({"value": true, "handler_id": "handler"});

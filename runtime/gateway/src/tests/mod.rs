@@ -289,12 +289,12 @@ pub(super) fn shared_with(port: Arc<StubPort>, tokens: Option<Arc<crate::Tokens>
 }
 
 /// A token of each role, and settings with them.
-pub(super) struct Users {
+pub(super) struct TestUsers {
     pub(super) settings: GatewaySettings,
     tokens: std::collections::BTreeMap<&'static str, String>,
 }
 
-impl Users {
+impl TestUsers {
     /// Each user has the name of its role.
     pub(super) fn new() -> Self {
         let mut file = tempfile::NamedTempFile::new().unwrap();

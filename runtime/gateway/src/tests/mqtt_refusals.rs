@@ -108,7 +108,7 @@ async fn invalid_claim_or_reset_is_answered_with_a_result_and_its_reason() {
 
 #[tokio::test]
 async fn nobody_is_told_a_refusal_in_the_name_of_another() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let user = |name: &str| {
         crate::access::User::clone(
             &users

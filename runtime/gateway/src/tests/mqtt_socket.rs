@@ -44,8 +44,8 @@ async fn next(socket: &mut Socket) -> Option<Vec<u8>> {
     }
 }
 
-async fn served() -> (Users, Gateway, Arc<StubPort>) {
-    let mut users = Users::new();
+async fn served() -> (TestUsers, Gateway, Arc<StubPort>) {
+    let mut users = TestUsers::new();
     users.settings.mqtt.websocket = true;
     let port = StubPort::new();
     let gateway = start_with(&port, users.settings.clone()).await;
@@ -102,7 +102,7 @@ async fn mqtt_over_websocket_requires_a_token_and_rejects_foreign_origins() {
     let mut socket = open(&gateway).await.unwrap();
     socket.send(Frame::text("CONNECT")).await.unwrap();
     assert_eq!(next(&mut socket).await, None, "text is no MQTT");
-    let off = start_with(&StubPort::new(), Users::new().settings).await;
+    let off = start_with(&StubPort::new(), TestUsers::new().settings).await;
     assert_eq!(status(open(&off).await), 404, "it is off unless it is asked for");
 }
 

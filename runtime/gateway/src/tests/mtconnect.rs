@@ -45,7 +45,7 @@ async fn mtconnect_is_off_by_default_and_readable_on_loopback_without_users() {
 #[tokio::test]
 async fn where_there_are_users_it_is_for_those_who_may_read() {
     let port = StubPort::new();
-    let users = Users::new();
+    let users = TestUsers::new();
     let shared = shared_with(Arc::clone(&port), users.settings.tokens.clone());
     let agent = Agent::start(
         port,

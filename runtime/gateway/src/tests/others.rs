@@ -13,8 +13,8 @@ use crate::HmiSettings;
 const ALLOWED: &str = "https://hmi.example.com";
 
 /// A server open to pages of [`ALLOWED`], with its users.
-fn open_to_others() -> (Users, Arc<ServerState>) {
-    let users = Users::new();
+fn open_to_others() -> (TestUsers, Arc<ServerState>) {
+    let users = TestUsers::new();
     let mut shared = Arc::into_inner(shared_with(StubPort::new(), users.settings.tokens.clone())).unwrap();
     shared.access = shared.access.allow_origins(&[ALLOWED.to_owned()]);
     (users, Arc::new(shared))

@@ -7,7 +7,7 @@ const OTHERS: usize = 256 - 32;
 
 #[tokio::test]
 async fn the_last_places_of_the_broker_are_for_users_who_may_operate() {
-    let users = Users::new();
+    let users = TestUsers::new();
     let gateway = start_with(&StubPort::new(), users.settings.clone()).await;
     let mut clients = Vec::new();
     let refused = loop {

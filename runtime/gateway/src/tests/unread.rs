@@ -20,8 +20,8 @@ async fn open(gateway: &Gateway, path: &str, protocol: &str) -> Socket {
     within(client_async(request, stream)).await.unwrap().0
 }
 
-async fn served() -> (Users, Gateway) {
-    let mut users = Users::new();
+async fn served() -> (TestUsers, Gateway) {
+    let mut users = TestUsers::new();
     users.settings.mqtt.websocket = true;
     let gateway = start_with(&StubPort::new(), users.settings.clone()).await;
     (users, gateway)
@@ -155,7 +155,7 @@ async fn http_2_is_not_offered() {
 #[tokio::test(start_paused = true)]
 async fn a_user_of_large_documents_waits_and_its_stop_does_not() {
     const BYTES: usize = 16 * 1024 * 1024;
-    let users = Users::new();
+    let users = TestUsers::new();
     let port = StubPort::with(|request| {
         Ok(match request {
             Request::Command { meta, .. } => {

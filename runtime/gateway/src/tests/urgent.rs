@@ -20,7 +20,7 @@ fn is_command(request: &Request, command_id: &str) -> bool {
 #[tokio::test]
 async fn urgent_requests_of_each_quality_pass_messages_that_nobody_takes() {
     let port = StubPort::new();
-    let users = Users::new();
+    let users = TestUsers::new();
     let gateway = start_with(&port, users.settings.clone()).await;
     let flood =
         TestClient::with_options(mqtt_options(&gateway, "flood", "view", users.token("view")), &[]).await;
@@ -52,7 +52,7 @@ async fn urgent_requests_of_each_quality_pass_messages_that_nobody_takes() {
 #[tokio::test]
 async fn each_stop_is_answered_once_and_also_the_one_that_is_refused() {
     let port = StubPort::new();
-    let users = Users::new();
+    let users = TestUsers::new();
     let gateway = start_with(&port, users.settings.clone()).await;
     let options = mqtt_options(&gateway, "panel", "operate", users.token("operate"));
     let mut panel = TestClient::with_options(options, &["reply/panel"]).await;
@@ -91,7 +91,7 @@ fn publish_2(path: &str, id: u8, payload: &str) -> Vec<u8> {
 #[tokio::test]
 async fn a_start_that_arrived_before_a_stop_and_comes_after_it_is_refused() {
     let port = StubPort::new();
-    let users = Users::new();
+    let users = TestUsers::new();
     let gateway = start_with(&port, users.settings.clone()).await;
     let options = mqtt_options(&gateway, "panel", "operate", users.token("operate"));
     let mut panel = TestClient::with_options(options, &["reply/panel"]).await;
@@ -151,7 +151,7 @@ async fn a_stop_over_rest_is_accepted_although_64_of_another_user_wait() {
 async fn without_a_login_only_hold_stop_and_abort_pass_where_allowed() {
     for is_allowed in [false, true] {
         let port = StubPort::new();
-        let mut users = Users::new();
+        let mut users = TestUsers::new();
         users.settings.hmi.stop_without_login = is_allowed;
         let gateway = start_with(&port, users.settings).await;
         let status = async |method: &str, path: &str| {

@@ -8,7 +8,7 @@ use super::*;
 fn parts_are_those_that_the_runs_have_completed_since_the_start() {
     let mut feed = feed(Version::V2_3);
     let mut counts = |message: Message| {
-        feed.take(&message);
+        feed.apply_message(&message);
         let count = |sub_type| path_value(&feed, "PART_COUNT", sub_type);
         [None, Some("TARGET"), Some("REMAINING")].map(|sub_type| count(sub_type).unwrap())
     };
@@ -49,7 +49,7 @@ fn the_emergency_stop_is_what_its_input_says_while_somebody_writes_that() {
             unknown: false,
             forced: None,
         };
-        feed.take(&message(Topic::Io(IoPoint::input(name)), Payload::Io(state)));
+        feed.apply_message(&message(Topic::Io(IoPoint::input(name)), Payload::Io(state)));
         value_of(&feed, "ctl_emergency_stop")
     };
     assert_eq!(

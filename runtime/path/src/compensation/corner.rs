@@ -92,7 +92,7 @@ pub(super) fn between(before: &Curve, after: &Curve, corner: Vec2, tool: f64) ->
     let outside = turn * tool < 0.0;
     if straight || outside || turn.abs() < TANGENT {
         // Both normals make the same angle with the direction to the corner point.
-        let meet = corner + (incoming.left() + outgoing.left()) * (tool / (1.0 + cos));
+        let meet = corner + (incoming.left_normal() + outgoing.left_normal()) * (tool / (1.0 + cos));
         let mut joint = Joint::at(meet, turn);
         if outside && turn.abs() >= TANGENT {
             if let Curve::Arc(arc) = before {
@@ -130,7 +130,7 @@ pub(super) fn leading_in(direction: Vec2, after: &Curve, corner: Vec2, tool: f64
     let outgoing = after.start_direction();
     let (turn, cos) = (direction.angle_to(outgoing), direction.dot(outgoing));
     if needs_arc(turn, cos, tool) {
-        let foot = corner + direction.left() * tool;
+        let foot = corner + direction.left_normal() * tool;
         Joint::round(corner, foot, after.from(), tool, turn)
     } else {
         Joint::at(after.from(), turn)
@@ -142,7 +142,7 @@ pub(super) fn leading_out(before: &Curve, direction: Vec2, corner: Vec2, tool: f
     let incoming = before.end_direction();
     let (turn, cos) = (incoming.angle_to(direction), incoming.dot(direction));
     if needs_arc(turn, cos, tool) {
-        let foot = corner + direction.left() * tool;
+        let foot = corner + direction.left_normal() * tool;
         Joint::round(corner, before.to(), foot, tool, turn)
     } else {
         Joint::at(before.to(), turn)

@@ -41,7 +41,7 @@ impl Vec2 {
     }
 
     /// Returns a quarter turn counter-clockwise.
-    pub fn left(self) -> Self {
+    pub fn left_normal(self) -> Self {
         Self(-self.1, self.0)
     }
 
@@ -176,7 +176,7 @@ impl Curve {
     pub fn offset(&self, left: f64, as_large: bool) -> Option<Self> {
         match *self {
             Self::Line(line) => {
-                let shift = line.along.left() * left;
+                let shift = line.along.left_normal() * left;
                 Some(Self::Line(Line {
                     from: line.from + shift,
                     to: line.to + shift,
@@ -248,7 +248,7 @@ impl Curve {
 impl Arc {
     /// Returns the direction of travel at a point of the arc with this radius.
     fn direction(&self, point: Vec2, radius: f64) -> Vec2 {
-        (point - self.centre).left() * (self.sweep.signum() / radius)
+        (point - self.centre).left_normal() * (self.sweep.signum() / radius)
     }
 
     /// Returns the share of the sweep at which this direction from the centre lies; `None` if the arc does

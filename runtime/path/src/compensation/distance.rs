@@ -15,9 +15,9 @@ pub(super) fn distance(a: &Curve, b: &Curve) -> f64 {
     // Between the ends two curves that do not cross are closest where a normal of one is a normal of the other.
     match (a, b) {
         (Curve::Line(_), Curve::Line(_)) => ends,
-        (Curve::Line(line), Curve::Arc(arc)) | (Curve::Arc(arc), Curve::Line(line)) => {
-            ends.min(to_point_if_on_arc(arc, line.along.left(), &Curve::Line(*line)))
-        }
+        (Curve::Line(line), Curve::Arc(arc)) | (Curve::Arc(arc), Curve::Line(line)) => ends.min(
+            to_point_if_on_arc(arc, line.along.left_normal(), &Curve::Line(*line)),
+        ),
         (Curve::Arc(first), Curve::Arc(second)) => {
             let way = second.centre - first.centre;
             ends.min(to_point_if_on_arc(first, way, b))
@@ -141,7 +141,7 @@ impl Chord {
         let foot = f64::midpoint(distance, (first - second) * (first + second) / distance);
         Some(Self {
             middle: a + along * foot,
-            along: along.left(),
+            along: along.left_normal(),
             radius: first,
             distance: foot.abs(),
         })

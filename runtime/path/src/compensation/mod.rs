@@ -174,7 +174,7 @@ impl Compensator {
     ///
     /// # Errors
     /// Returns the alarms of `PathStage::push`. The pieces before the block that the alarm names have been output.
-    pub fn take(
+    pub fn compensate(
         &mut self,
         leg: Leg,
         side: CompensationSide,

@@ -42,7 +42,7 @@ impl End {
 
     fn from_lead(direction: Vec2, corner: Vec2, tool: f64) -> Self {
         Self {
-            foot: corner + direction.left() * tool,
+            foot: corner + direction.left_normal() * tool,
             along: direction,
             is_line: true,
         }
@@ -123,7 +123,7 @@ fn outside(last: End, next: End, corner: Vec2, tool: f64) -> Joint {
         let radius = tool.abs();
         (last.foot + last.along * radius, next.foot - next.along * radius)
     } else {
-        let meet = corner + (last.along.left() + next.along.left()) * (tool / (1.0 + cos));
+        let meet = corner + (last.along.left_normal() + next.along.left_normal()) * (tool / (1.0 + cos));
         (meet, meet)
     };
     let start = if next.is_line { next_point } else { next.foot };

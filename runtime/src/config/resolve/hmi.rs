@@ -9,7 +9,7 @@ use tandem_interp::meaning::Role;
 use tandem_model::limits::{M_CODE_MAX, OPTIONAL_SKIP_MAX};
 use tandem_model::variables::{COORDINATE_SYSTEM_VARIABLES, GLOBAL_VARIABLES};
 
-use super::super::machine::CoordinateSystem;
+use super::super::machine::ConfiguredSystem;
 use super::super::text::Problems;
 use super::super::{Config, HmiConfig};
 use super::TableCheck;
@@ -29,7 +29,7 @@ const SWITCHES: [&str; 3] = ["optional_stop", "single_block", "dry_run"];
 const LOCKS: [&str; 2] = ["interlock", "start_lock"];
 
 impl Config {
-    pub(super) fn check_hmi(&self, systems: &[CoordinateSystem], problems: &mut Problems<'_>) {
+    pub(super) fn check_hmi(&self, systems: &[ConfiguredSystem], problems: &mut Problems<'_>) {
         let hmi = &self.hmi;
         let dir = hmi.dir.as_ref().map(|dir| self.base_dir.join(dir));
         let schema = schemars::schema_for!(HmiConfig);
@@ -71,7 +71,7 @@ impl Config {
 /// A button or a card to be checked.
 struct HmiElementCheck<'a, 'b, 'c> {
     checked: TableCheck<'a, 'b>,
-    systems: &'c [CoordinateSystem],
+    systems: &'c [ConfiguredSystem],
     dir: Option<&'c Path>,
 }
 

@@ -40,7 +40,7 @@ fn what_was_committed_is_there_when_it_is_opened_again() {
     let (mut store, inspected, _) = open(folder.path());
     assert_eq!(
         (inspected.condition, inspected.image),
-        (Condition::New, Image::default())
+        (StoreCondition::New, Image::default())
     );
     store.commit(&image(1)).unwrap();
     store.commit(&image(5)).unwrap();
@@ -50,7 +50,7 @@ fn what_was_committed_is_there_when_it_is_opened_again() {
         let (store, inspected, aside) = open(folder.path());
         assert_eq!(
             (inspected.condition, inspected.image, aside),
-            (Condition::Whole, image(5), None)
+            (StoreCondition::Whole, image(5), None)
         );
         assert_eq!((inspected.last, store.last()), (last + round, last + round + 1));
     }
@@ -114,13 +114,19 @@ fn missing_or_invalid_store_is_set_aside_and_its_values_lost_by_name() {
             _ => fs::create_dir(&path).unwrap(),
         }
         let (store, inspected, aside) = open(folder.path());
-        assert!(matches!(inspected.condition, Condition::Damaged(_)), "{damage}");
+        assert!(
+            matches!(inspected.condition, StoreCondition::Damaged(_)),
+            "{damage}"
+        );
         assert_eq!(inspected.lost, names(&["p/3", "q/2/0", "tools"]), "{damage}");
         assert_eq!(aside.unwrap().exists(), damage != "gone");
         drop(store);
         // lost until it is written again
         let (mut store, inspected, _) = open(folder.path());
-        assert_eq!((inspected.condition, inspected.lost.len()), (Condition::Whole, 0));
+        assert_eq!(
+            (inspected.condition, inspected.lost.len()),
+            (StoreCondition::Whole, 0)
+        );
         assert_eq!(inspected.image.values["tools"], b"lost");
         store.commit(&image(2)).unwrap();
         drop(store);
@@ -157,7 +163,7 @@ fn without_its_sums_a_sound_store_is_believed_and_a_damaged_one_is_not() {
     let inspected = inspect_store(folder.path());
     assert_eq!(
         (inspected.condition.clone(), inspected.image),
-        (Condition::Whole, image(1))
+        (StoreCondition::Whole, image(1))
     );
     assert!(inspected.sums_fault.is_some());
     let path = folder.path().join(STORE_FILE);
@@ -171,7 +177,7 @@ fn without_its_sums_a_sound_store_is_believed_and_a_damaged_one_is_not() {
     fs::write(&path, bytes).unwrap();
     fs::write(folder.path().join("started"), "").unwrap();
     let inspected = inspect_store(folder.path());
-    assert!(matches!(inspected.condition, Condition::Damaged(_)));
+    assert!(matches!(inspected.condition, StoreCondition::Damaged(_)));
     assert!(
         inspected.lost.is_superset(&names(&["p/3", "q/2/0"])),
         "{:?}",
@@ -208,7 +214,7 @@ fn a_sound_store_is_believed_whatever_is_in_the_place_of_its_sums() {
         let inspected = inspect_store(folder.path());
         assert_eq!(
             (&inspected.condition, &inspected.image),
-            (&Condition::Whole, &image(5))
+            (&StoreCondition::Whole, &image(5))
         );
         assert_eq!(inspected.sums_fault.as_deref(), Some(fault));
     }
@@ -234,12 +240,12 @@ fn a_store_of_a_version_without_sums_is_taken_over_once() {
     drop(database);
     fs::write(folder.path().join("started"), "").unwrap();
     let (store, inspected, _) = open(folder.path());
-    assert_eq!(inspected.condition, Condition::WithoutSums);
+    assert_eq!(inspected.condition, StoreCondition::WithoutSums);
     drop(store);
     let again = inspect_store(folder.path());
     assert_eq!(
         (again.condition, again.image.names()),
-        (Condition::Whole, vec!["p/3".into(), "tool/1".into()])
+        (StoreCondition::Whole, vec!["p/3".into(), "tool/1".into()])
     );
     assert_eq!(again.image, inspected.image);
 }
@@ -266,7 +272,7 @@ fn a_first_start_that_ends_anywhere_leaves_nothing_lost() {
             Mount::mount(&disk);
             crate::disk::make_folder(&folder).unwrap();
             let inspected = inspect_store(&folder);
-            let is_right = matches!(inspected.condition, Condition::New | Condition::Whole);
+            let is_right = matches!(inspected.condition, StoreCondition::New | StoreCondition::Whole);
             let is_lost =
                 inspected.is_all_lost || !inspected.lost.is_empty() || inspected.sums_fault.is_some();
             assert!(
@@ -306,7 +312,7 @@ fn change_refused_without_checksums_is_absent_after_a_restart() {
     assert_eq!(fs::read(folder.path().join(SUMS_FILE)).unwrap(), kept);
     let inspected = inspect_store(folder.path());
     assert!(
-        matches!(inspected.condition, Condition::Whole),
+        matches!(inspected.condition, StoreCondition::Whole),
         "{:?}",
         inspected.condition
     );

@@ -43,7 +43,7 @@ fn a_run_that_waits_for_ever_beside_a_task_ends_at_its_time_limit() {
         .max_time_s(60.0)
         .run("M21\nM30")
         .unwrap();
-    assert_eq!(run.stopped, Stopped::TimeLimit);
+    assert_eq!(run.stopped, RunEndReason::TimeLimit);
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::time::Duration;
 use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
 use tokio::time::{Instant, MissedTickBehavior};
 
-use super::super::{Bench, Config, Run, Stopped, TestError};
+use super::super::{Bench, Config, Run, RunEndReason, TestError};
 
 const SECONDS_100: Duration = Duration::from_secs(100);
 
@@ -154,7 +154,7 @@ fn endless_ticking_task_prevents_neither_the_end_nor_the_time_limit() {
     let ended = bench().run("G04 X1\nM30").unwrap().completed().unwrap();
     assert!((ended.time_s - 1.0).abs() < 0.01, "{}", ended.time_s);
     let waits = bench().max_time_s(60.0).run("M20\nM30").unwrap();
-    assert_eq!(waits.stopped, Stopped::TimeLimit);
+    assert_eq!(waits.stopped, RunEndReason::TimeLimit);
 }
 
 /// Runs M40 by a handler that does this at once.

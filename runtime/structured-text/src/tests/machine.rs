@@ -41,7 +41,7 @@ async fn mcode_shows_an_output_with_its_parameters_and_resets_it() {
         "m(); IF m.Active THEN SET_P(100, m.A); SET_P(101, SEL(m.HasA AND NOT m.HasB AND m.HasC, 0, 1));
         t(IN := TRUE, PT := T#50ms); END_IF; m(Done := t.Q);";
     serve(&fake, "m : MCODE := (M := 12); t : TON;", body).await;
-    let seq = fake.put_out(1, 12, va_and_vc(2.5, 0.0));
+    let seq = fake.issue_output(1, 12, va_and_vc(2.5, 0.0));
     advance(&fake, 35).await;
     assert_eq!(fake.closed(1, seq), None);
     assert_eq!((p(&fake, 100).await, p(&fake, 101).await), (2.5, 1.0));
@@ -60,7 +60,7 @@ async fn mcode_fails_with_its_text_and_code() {
     ] {
         let fake = FakePort::new([1, 2]);
         serve(&fake, "a, b : MCODE;", body).await;
-        let seq = fake.put_out(cs, m, Params::default());
+        let seq = fake.issue_output(cs, m, Params::default());
         advance(&fake, 35).await;
         assert_eq!(fake.closed(cs, seq), Some(OutputOutcome::Failed { alarm }));
     }
@@ -71,8 +71,8 @@ async fn a_program_for_one_coordinate_system_serves_no_other() {
     let fake = FakePort::new([1, 2]);
     serve(&fake, "m : MCODE;", "m(M := 12, CS := 2, Done := TRUE);").await;
     let (other, own) = (
-        fake.put_out(1, 12, Params::default()),
-        fake.put_out(2, 12, Params::default()),
+        fake.issue_output(1, 12, Params::default()),
+        fake.issue_output(2, 12, Params::default()),
     );
     advance(&fake, 35).await;
     assert_eq!(fake.closed(1, other), None);
@@ -88,7 +88,7 @@ async fn progress_is_told_once_for_each_text() {
         "m(M := 12, Progress := 50.0, ProgressText := 'closes');",
     )
     .await;
-    fake.put_out(1, 12, Params::default());
+    fake.issue_output(1, 12, Params::default());
     advance(&fake, 100).await;
     let progress = fake.pending(1)[0].progress.clone().unwrap();
     assert_eq!((progress.text.as_str(), progress.percent), ("closes", Some(50.0)));
@@ -205,7 +205,7 @@ async fn a_program_that_stands_is_an_alarm_and_its_m_codes_fail() {
         "m(M := 12); i(On := TRUE, Text := 'door'); n := 1 / n;",
     )
     .await;
-    let seq = fake.put_out(1, 12, Params::default());
+    let seq = fake.issue_output(1, 12, Params::default());
     advance(&fake, 50).await;
     let text =
         "test.st has stopped: line 3, at n: a division by zero. Correct the program, and start it again";
@@ -268,7 +268,7 @@ async fn the_operator_is_asked_and_answers() {
     let body =
         "q(Ask := TRUE, Text := 'Is it clean?', Choice1 := 'yes', Choice3 := 'no'); m(Done := q.Answer = 3);";
     serve(&fake, "m : MCODE := (M := 80); q : QUESTION := (M := 80);", body).await;
-    let seq = fake.put_out(1, 80, Params::default());
+    let seq = fake.issue_output(1, 80, Params::default());
     advance(&fake, 30).await;
     let mill = fake.plc().coordinate_system(1);
     let question = mill.question().await.unwrap();

@@ -63,7 +63,7 @@ impl ConversionState {
         }
         let before = (self.motion, self.absolute);
         let number = words
-            .take(Address::N)
+            .take_word(Address::N)
             .map(|word| format!("N{} ", word.number().unwrap_or_default()));
         let mut lines = self.lines(&mut words)?;
         if let Some(left) = words.all.iter().flatten().next() {
@@ -102,7 +102,7 @@ impl ConversionState {
         let mut modal = Vec::new();
         let codes = self.codes(words, &mut modal)?;
         let (mut before, mut behind) = (Vec::new(), Vec::new());
-        if let Some(speed) = words.take(Address::S) {
+        if let Some(speed) = words.take_word(Address::S) {
             let speed = speed.number().unwrap_or_default();
             if self.from == Source::Dgshape && speed < SPEED_MIN {
                 return Err(format!(
@@ -116,7 +116,7 @@ impl ConversionState {
             modal.push(format!("S{speed}"));
         }
         self.m_codes(words, &mut before, &mut behind)?;
-        if let Some(feedrate) = words.take(Address::F) {
+        if let Some(feedrate) = words.take_word(Address::F) {
             let feedrate = self.value(feedrate)?;
             modal.push(format!("F{}", shown(self.feedrate_within(feedrate))));
         }
@@ -157,7 +157,7 @@ impl ConversionState {
     fn codes(&mut self, words: &mut Words<'_>, modal: &mut Vec<String>) -> Result<Codes, String> {
         let mut codes = Codes::default();
         let taps = self.cycle.as_ref().is_some_and(CycleState::taps);
-        while let Some(word) = words.take(Address::G) {
+        while let Some(word) = words.take_word(Address::G) {
             if self.from == Source::Fanuc && word.number() == Some(CENTRES_ARE_DISTANCES) {
                 continue;
             }
@@ -181,7 +181,7 @@ impl ConversionState {
                     return Err("the configuration selects type B for the start of cutter compensation, and nj uses type A. Write the lead-in and the lead-out by hand.".to_owned());
                 }
                 41 | 42 => {
-                    self.own_tool(words.take(Address::D), "D")?;
+                    self.own_tool(words.take_word(Address::D), "D")?;
                     modal.push(format!("G{number}"));
                 }
                 43 => codes.action = Action::Length(true),
@@ -272,7 +272,7 @@ impl ConversionState {
         before: &mut Vec<String>,
         behind: &mut Vec<String>,
     ) -> Result<(), String> {
-        if let Some(tool) = words.take(Address::T) {
+        if let Some(tool) = words.take_word(Address::T) {
             let tool = tool.whole().ok_or("T is not a whole number")?;
             self.next_tool = Some(tool);
             let changes = |word: &&Word| word.address == Address::M && word.whole() == Some(6);
@@ -284,7 +284,7 @@ impl ConversionState {
                 self.note = Some(format!("T{tool} is called"));
             }
         }
-        while let Some(word) = words.take(Address::M) {
+        while let Some(word) = words.take_word(Address::M) {
             let number = word.whole().ok_or_else(|| Self::no_equal(word))?;
             let text = match number {
                 6 => {
@@ -301,14 +301,14 @@ impl ConversionState {
                     if self.cycle.is_some() {
                         return Err("the positions in the subprogram are holes of the cycle in force. Write G80 before the call, and the cycle in the subprogram.".to_owned());
                     }
-                    let called = words.take(Address::P).and_then(Word::whole);
+                    let called = words.take_word(Address::P).and_then(Word::whole);
                     let program = called.map(|called| called % CALLS_FROM);
                     let program = program.filter(|number| (1000..=9999).contains(number));
                     let program = program
                         .ok_or("the number of a subprogram must be 1000 to 9999. Rename the subprogram.")?;
                     let times = called.map(|called| called / CALLS_FROM);
                     let times = times.filter(|times| *times > 0);
-                    let times = times.or_else(|| words.take(Address::L).and_then(Word::whole));
+                    let times = times.or_else(|| words.take_word(Address::L).and_then(Word::whole));
                     format!(
                         "M98 P{program}{}",
                         times.map_or_else(String::new, |times| format!(" L{times}"))
@@ -328,7 +328,7 @@ impl ConversionState {
     }
 
     fn dwell(&self, words: &mut Words<'_>) -> Result<String, String> {
-        let seconds = match (words.take(Address::X), words.take(Address::P)) {
+        let seconds = match (words.take_word(Address::X), words.take_word(Address::P)) {
             (Some(seconds), None) => self.seconds(seconds)?,
             (None, Some(dwell)) => self.dwell_of_p(dwell)?,
             _ => return Err("the dwell has no time".to_owned()),
@@ -340,7 +340,7 @@ impl ConversionState {
     fn length(&mut self, words: &mut Words<'_>, on: bool) -> Result<Vec<String>, String> {
         let code = if on { "G43" } else { "G49" };
         if on {
-            self.own_tool(words.take(Address::H), "H")?;
+            self.own_tool(words.take_word(Address::H), "H")?;
         }
         let offset = self.tool.filter(|_| on);
         let changes = std::mem::replace(&mut self.offset, offset) != offset;
@@ -384,7 +384,7 @@ impl ConversionState {
         parts.extend(self.positions(words)?);
         if may_be_arc {
             for address in centre {
-                if let Some(word) = words.take(address) {
+                if let Some(word) = words.take_word(address) {
                     parts.push(format!("{}{}", address.text(), shown(self.value(word)?)));
                 }
             }

@@ -20,7 +20,7 @@ impl ConversionState {
         self.in_plain_shape(code)?;
         self.returned.clone_from(&named);
         let point = if code == "G30" {
-            words.take(Address::P)
+            words.take_word(Address::P)
         } else {
             None
         };
@@ -54,7 +54,9 @@ impl ConversionState {
         self.in_plain_shape("G52")?;
         let mut parts = vec!["G52".to_owned()];
         for (axis, address) in POSITIONS.into_iter().enumerate() {
-            let Some(word) = words.take(address) else { continue };
+            let Some(word) = words.take_word(address) else {
+                continue;
+            };
             let unit = self.unit_of(axis);
             self.local[axis] = self.value(word)? * unit;
             let all = (self.shift[axis] + self.local[axis]) / unit;
@@ -72,7 +74,9 @@ impl ConversionState {
         }
         let mut parts = vec!["G52".to_owned()];
         for (axis, address) in POSITIONS.into_iter().enumerate() {
-            let Some(word) = words.take(address) else { continue };
+            let Some(word) = words.take_word(address) else {
+                continue;
+            };
             let letter = address.text();
             let wanted = self.value(word)?;
             let at = self.at[axis].ok_or_else(|| {
@@ -114,7 +118,9 @@ impl ConversionState {
     pub(super) fn scaling(&mut self, words: &mut Words<'_>) -> Result<String, String> {
         let mut parts = vec!["G51".to_owned()];
         for address in [Address::X, Address::Y, Address::Z] {
-            let Some(word) = words.take(address) else { continue };
+            let Some(word) = words.take_word(address) else {
+                continue;
+            };
             parts.push(format!("{}{}", address.text(), shown(self.value(word)?)));
         }
         let factors = [Address::P, Address::I, Address::J, Address::K];
@@ -122,7 +128,9 @@ impl ConversionState {
             return Err("G51 has no factor. Write P.".to_owned());
         }
         for address in factors {
-            let Some(word) = words.take(address) else { continue };
+            let Some(word) = words.take_word(address) else {
+                continue;
+            };
             let factor = word.number().unwrap_or_default();
             let factor = match self.from {
                 Source::Dgshape => factor.clamp(SCALE_MIN, SCALE_MAX),
@@ -151,7 +159,9 @@ impl ConversionState {
         }
         let mut names_none = true;
         for (axis, address) in POSITIONS.into_iter().take(self.mirror.len()).enumerate() {
-            let Some(word) = words.take(address) else { continue };
+            let Some(word) = words.take_word(address) else {
+                continue;
+            };
             let about = self.value(word)? * self.unit_of(axis);
             self.mirror[axis] = on.then_some(about);
             names_none = false;
@@ -180,13 +190,15 @@ impl ConversionState {
     pub(super) fn rotation(&mut self, words: &mut Words<'_>) -> Result<String, String> {
         let mut parts = vec!["G68".to_owned()];
         for address in POSITIONS {
-            let Some(word) = words.take(address) else { continue };
+            let Some(word) = words.take_word(address) else {
+                continue;
+            };
             parts.push(format!("{}{}", address.text(), shown(self.value(word)?)));
         }
         if words.has(&[Address::I, Address::J, Address::K]) {
             return Err("I, J and K select an axis in space. Write G68 X_ Y_ R_ in the plane.".to_owned());
         }
-        let angle = words.take(Address::R).and_then(Word::number);
+        let angle = words.take_word(Address::R).and_then(Word::number);
         let angle = angle.ok_or("the block has no angle R. Write R.")?;
         if self.is_rotated && self.absolute != Some(true) {
             let why =

@@ -66,7 +66,7 @@ impl ConversionState {
         if cycle.taps() {
             return self.threads(words, cycle);
         }
-        let mut take = |address| words.take(address).map(|word| self.value(word)).transpose();
+        let mut take = |address| words.take_word(address).map(|word| self.value(word)).transpose();
         cycle.z = take(Address::Z)?.or(cycle.z);
         cycle.r = take(Address::R)?.or(cycle.r);
         cycle.depth = take(Address::Q)?.map(f64::abs).or(cycle.depth);
@@ -81,7 +81,7 @@ impl ConversionState {
         if repetitions == 0 {
             // the levels stay, and nothing moves
             for address in [Address::X, Address::Y] {
-                words.take(address);
+                words.take_word(address);
             }
             self.cycle = Some(cycle);
             return Ok(Vec::new());
@@ -118,17 +118,17 @@ impl ConversionState {
     /// Returns the dwell of a fixed cycle, in seconds.
     fn cycle_dwell(&self, words: &mut Words<'_>) -> Result<Option<f64>, String> {
         words
-            .take(Address::P)
+            .take_word(Address::P)
             .map(|word| self.dwell_of_p(word))
             .transpose()
     }
 
     /// Returns the number of repetitions of a hole: K, or L on controls that use it.
     fn repetitions(&self, words: &mut Words<'_>) -> Option<u32> {
-        let k = words.take(Address::K);
+        let k = words.take_word(Address::K);
         let l = || {
             let is_known = self.from == Source::Fanuc;
-            is_known.then(|| words.take(Address::L)).flatten()
+            is_known.then(|| words.take_word(Address::L)).flatten()
         };
         k.or_else(l).map_or(Some(1), Word::whole)
     }
@@ -218,7 +218,7 @@ impl ConversionState {
         if words.has(&[Address::A]) {
             return Err("A does not move in a fixed cycle. Write A in a block before the cycle.".to_owned());
         }
-        let mut take = |address| words.take(address).map(|word| self.value(word)).transpose();
+        let mut take = |address| words.take_word(address).map(|word| self.value(word)).transpose();
         cycle.z = take(Address::Z)?.or(cycle.z);
         cycle.r = take(Address::R)?.or(cycle.r);
         cycle.dwell_s = self.cycle_dwell(words)?.or(cycle.dwell_s);

@@ -72,7 +72,7 @@ impl<'a> Words<'a> {
     }
 
     /// Takes the word of an address.
-    pub fn take(&mut self, address: Address) -> Option<&'a Word> {
+    pub fn take_word(&mut self, address: Address) -> Option<&'a Word> {
         let mut all = self.all.iter_mut();
         all.find(|word| word.is_some_and(|word| word.address == address))?
             .take()
@@ -224,7 +224,9 @@ impl ConversionState {
     pub fn positions(&mut self, words: &mut Words<'_>) -> Result<Vec<String>, String> {
         let mut parts = Vec::new();
         for (axis, address) in POSITIONS.into_iter().enumerate() {
-            let Some(word) = words.take(address) else { continue };
+            let Some(word) = words.take_word(address) else {
+                continue;
+            };
             let value = self.value(word)?;
             self.at[axis] = match self.absolute {
                 Some(true) => Some(value),

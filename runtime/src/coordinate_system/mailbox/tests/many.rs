@@ -106,7 +106,7 @@ async fn concurrent_requests_are_executed_once_and_in_order_per_sender() {
             .unwrap();
     }
     let by_asker = executed_requests(&mut said);
-    assert_eq!(said.lost(), 0);
+    assert_eq!(said.dropped_events(), 0);
     let all: Vec<u64> = (1..=EACH).collect();
     for asker in 0..ASKERS {
         assert_eq!(by_asker[&asker], all, "asker {asker}");
