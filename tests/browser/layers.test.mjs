@@ -36,7 +36,7 @@ function piece(lines) {
   return path.chunks[0].levels[0];
 }
 
-const scene = (wanted, coarse = wanted, now = -1, matrix = [1]) => ({ key: "", view: { matrix, scale: 1, ratio: 1 }, wanted, coarse, now, scenery() {} });
+const scene = (wanted, coarse = wanted, now = -1, matrix = [1]) => ({ key: "", view: { matrix, scale: 1, ratio: 1 }, wanted, coarse, now, staticLayer() {} });
 
 test("a path of more lines than a card draws in time is shown coarse at first, and exact after some frames", () => {
   const { layers, frame } = card();

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, test } from "node:test";
 
-import { placeOf, readPath } from "../../web/path/bytes.js";
+import { locateWord, readPath } from "../../web/path/bytes.js";
 import { Camera } from "../../web/path/camera.js";
 import { corners } from "../../web/path/extent.js";
 import { pick } from "../../web/path/find.js";
@@ -53,7 +53,7 @@ test("a click on a line that stands for several blocks finds the block that is t
   camera.fit([0, 0, 0], [30, 0, 0]);
   const [x, y] = camera.project([15, 0, 0]);
   const found = pick(path, camera, x, y + 3, 12, 3);
-  assert.equal(placeOf(found.word, path.programs).line, 3);
+  assert.equal(locateWord(found.word, path.programs).line, 3);
   assert.ok(Math.abs(found.time - 1.5) < 1e-6 && Math.abs(found.off - 3) < 1e-6, JSON.stringify(found));
   assert.equal(pick(path, camera, x, y + 13, 12, 3), null);
 });
@@ -90,7 +90,7 @@ test("between two positions the tool is drawn on the path, and not on the line b
   const live = new Live();
   // 10 mm of path between two messages: the straight line between them is off by 1.2 mm
   for (let i = 0; i < 6; i += 1) {
-    live.take(path, "run", {}, at(i), 100 * i);
+    live.addPosition(path, "run", {}, at(i), 100 * i);
     for (const ms of [0, 25, 50, 75, 99]) {
       const [x, y] = live.at(path, 100 * i + ms);
       assert.ok(Math.abs(Math.hypot(x, y) - radius) < 0.001, `${i}, ${ms} ms: ${x} ${y}`);
@@ -103,15 +103,15 @@ test("between two positions the tool is drawn on the path, and not on the line b
 test("off the plan by more than the tolerance the tool is where the machine says; without a run there is no plan to be on", () => {
   const { at, path } = circle();
   const live = new Live();
-  live.take(path, "run", {}, at(1), 0);
+  live.addPosition(path, "run", {}, at(1), 0);
   assert.ok(live.onPlan);
   const [x, y] = at(1.5);
   // the tolerance of the level is 0.01 mm, that of a position 0.05
-  live.take(path, "run", {}, [x * 1.005, y * 1.005, 0], 100);
+  live.addPosition(path, "run", {}, [x * 1.005, y * 1.005, 0], 100);
   assert.ok(live.onPlan, "0.05 mm beside the path");
-  live.take(path, "run", {}, [x * 1.01, y * 1.01, 0], 200);
+  live.addPosition(path, "run", {}, [x * 1.01, y * 1.01, 0], 200);
   assert.deepEqual([live.onPlan, live.at(path, 250)], [false, null], "0.1 mm beside the path");
-  live.take(path, null, {}, at(1.5), 300);
+  live.addPosition(path, null, {}, at(1.5), 300);
   assert.ok(!live.onPlan);
 });
 
@@ -184,7 +184,7 @@ test("a worker draws, and the page itself where the browser gives it none for a 
     const { frames, calls } = await statistics();
     assert.ok(frames > 0 && calls > 0, `${frames} frames, ${calls} calls`);
   };
-  await drawn(["/path/painter_worker.js"]);
+  await drawn(["/path/renderer_worker.js"]);
   const without = [
     () => delete HTMLCanvasElement.prototype.transferControlToOffscreen,
     () => {

@@ -15,7 +15,7 @@ const TYPES = { ".html": "text/html", ".js": "text/javascript", ".css": "text/cs
 export const ORIGIN = "http://hmi.test";
 /** Modules that a page loads as one file each, bundled with all imports, which saves a hundred answers for each
  * page. */
-const ENTRIES = { main: "main.js", machines: "machines.js", painter_worker: "path/painter_worker.js" };
+const ENTRIES = { main: "main.js", machines: "machines.js", renderer_worker: "path/renderer_worker.js" };
 let bundles = null;
 
 /** Texts of the bundled modules by path; modules imported later remain separate files. */

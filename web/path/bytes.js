@@ -73,7 +73,7 @@ export function readPath(bytes) {
 }
 
 /** Returns the program and line of a word. @param {number} word @param {number[]} programs */
-export function placeOf(word, programs) {
+export function locateWord(word, programs) {
   return { program: programs[(word >>> LINE_BITS) & 31] ?? 0, line: word & LINE_MASK };
 }
 

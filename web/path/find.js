@@ -119,13 +119,13 @@ function nearestSeen(piece, from, count, camera, x, y) {
   return best;
 }
 
-/** Returns the first time of a line of this block, and its box; null if the path has no such line. @param {Answer} path @param {number} place */
-export function findPlace(path, place) {
+/** Returns the first time of a line of this block, and its box; null if the path has no such line. @param {Answer} path @param {number} word */
+export function findWord(path, word) {
   for (const chunk of path.chunks) {
     const piece = finest(chunk);
     if (!piece) continue;
     for (let i = 1; i < piece.count; i += 1) {
-      if ((wordAt(piece, i) & PLACE_MASK) === place) return { time: timeOf(piece, i - 1), at: at(piece, i) };
+      if ((wordAt(piece, i) & PLACE_MASK) === word) return { time: timeOf(piece, i - 1), at: at(piece, i) };
     }
   }
   return null;

@@ -25,7 +25,7 @@ const PX_OF_A_LINE = 25;
  * @property {Piece[]} wanted exact to the pixel
  * @property {Piece[]} coarse the same chunks with the fewest lines available
  * @property {number} now the path up to this time is done, s
- * @property {() => void} scenery draws the background of the path
+ * @property {() => void} staticLayer draws the static content behind the path
  */
 
 /**
@@ -103,7 +103,7 @@ export class Layers {
     this.#lines.begin(scene.view, scene.now);
     this.#lines.clear();
     const { lines } = this.#lines.drawn;
-    scene.scenery();
+    scene.staticLayer();
     this.#drawing.lines = this.#lines.drawn.lines - lines;
   }
 

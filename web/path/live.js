@@ -26,11 +26,11 @@ export class Live {
   }
 
   /**
-   * Takes a position of a run of the planned program.
+   * Adds a position of a run of the planned program.
    * @param {import("./bytes.js").Answer | null} path @param {string | null} run null: no run is active
    * @param {unknown} message id of the message, so that each position is used once @param {[number, number, number]} at @param {number} now ms
    */
-  take(path, run, message, at, now) {
+  addPosition(path, run, message, at, now) {
     if (run !== this.#run) {
       this.#run = run;
       this.#times = [null, null];

@@ -65,7 +65,7 @@ export class PathLoader {
     for (let i = from; i < from + CHUNKS_AT_ONCE; i += 1) this.#asked.add(i);
     void this.#fetch(`from=${from}&count=${CHUNKS_AT_ONCE}`, "").then((answer) => {
       if (!answer || this.path !== path || identity(answer.tag) !== identity(this.#tag)) return;
-      this.#take(readPath(answer.bytes), path);
+      this.#copyChunks(readPath(answer.bytes), path);
       this.revision += 1;
       this.#changed();
     }).catch(() => {
@@ -116,7 +116,7 @@ export class PathLoader {
       void this.#read();
       return;
     }
-    if (isSame && this.path) this.#take(this.path, path);
+    if (isSame && this.path) this.#copyChunks(this.path, path);
     if (!isSame) this.#asked.clear();
     this.#tag = tag;
     this.path = path;
@@ -126,7 +126,7 @@ export class PathLoader {
   }
 
   /** Copies the chunks of one answer into another. @param {Answer} from @param {Answer} to */
-  #take(from, to) {
+  #copyChunks(from, to) {
     from.chunks.forEach((chunk, i) => {
       const known = to.chunks[i];
       if (!known || known.to < chunk.to) return;

@@ -3,14 +3,14 @@
 import { t } from "../language.js";
 import { wordOf } from "./bytes.js";
 import { Camera } from "./camera.js";
-import { Easel } from "./easel.js";
-import { findPlace, finest, pick } from "./find.js";
-import { Backdrop, boxLines, toolLines, trailLines, zeroLines } from "./scenery.js";
+import { findWord, finest, pick } from "./find.js";
+import { RenderQueue } from "./render_queue.js";
+import { Backdrop, boxLines, toolLines, trailLines, zeroLines } from "./static_layer.js";
 
 /** @typedef {[number, number, number]} Point */
 /** @typedef {import("./bytes.js").Answer} Answer */
-/** @typedef {import("./painter.js").Placed} Placed */
-/** @typedef {import("./painter.js").Report} Report */
+/** @typedef {import("./renderer.js").PlacedLines} PlacedLines */
+/** @typedef {import("./renderer.js").Report} Report */
 /** @typedef {import("./vertex.js").Piece} Piece */
 
 /** Distance from a click within which a line is selected, px. */
@@ -20,7 +20,7 @@ const ERROR_PX = 0.7;
 
 /**
  * The content to show.
- * @typedef {object} Shown
+ * @typedef {object} PictureContent
  * @property {Answer | null} path
  * @property {number} now the path up to this time is done, s
  * @property {Point} tool
@@ -40,7 +40,7 @@ export class Picture {
   tookMs = 0;
   #back;
   #canvas;
-  #easel;
+  #renderQueue;
   #changed;
   /** @type {Report} */
   #report = { trouble: null, frames: 0, calls: 0, lines: 0, uploaded: 0, kept: 0 };
@@ -52,7 +52,7 @@ export class Picture {
   #numbers = {};
   /** Own lines, with the key of their inputs. @type {Map<string, {key: string, bytes: ArrayBuffer}>} */
   #own = new Map();
-  /** Ids of the vertices that the painter has. @type {Map<ArrayBuffer, number>} */
+  /** Ids of the vertices that the renderer has. @type {Map<ArrayBuffer, number>} */
   #known = new Map();
   #lastId = 0;
   /**
@@ -70,12 +70,12 @@ export class Picture {
     this.element = box;
     this.#changed = changed;
     this.#back = new Backdrop(back);
-    this.#easel = new Easel(canvas, (report) => this.#on(report));
+    this.#renderQueue = new RenderQueue(canvas, (report) => this.#on(report));
   }
 
   /** Stops drawing permanently. */
-  end() {
-    this.#easel.end();
+  stop() {
+    this.#renderQueue.stop();
   }
 
   /** @param {Report} report */
@@ -110,7 +110,7 @@ export class Picture {
     return width > 0 && height > 0;
   }
 
-  /** Orders a drawing; a slow one is coarse at first. @param {Shown} shown @param {(chunk: number) => void} refine asks for finer levels */
+  /** Orders a drawing; a slow one is coarse at first. @param {PictureContent} shown @param {(chunk: number) => void} refine asks for finer levels */
   draw(shown, refine) {
     if (this.trouble) return;
     const began = performance.now();
@@ -123,11 +123,11 @@ export class Picture {
     };
     const key = JSON.stringify([look.dependsAt, look.selected, look.colours, limits, zero]);
     const seen = this.#seen(path, view.ratio, refine);
-    const [behind, over] = [this.#scenery(limits, zero), this.#over(shown)];
+    const [behind, over] = [this.#staticLayer(limits, zero), this.#over(shown)];
     const isOther = !isSame(seen.wanted, this.#pieces.wanted) || !isSame(seen.coarse, this.#pieces.coarse);
     const pieces = isOther ? { wanted: this.#numbersOf(seen.wanted), coarse: this.#numbersOf(seen.coarse) } : null;
     this.#pieces = seen;
-    this.#easel.order({ size: this.#size, ...this.#news, pieces, key, view, look, now: shown.now, behind, over });
+    this.#renderQueue.enqueue({ size: this.#size, ...this.#news, pieces, key, view, look, now: shown.now, behind, over });
     this.#news = { added: [], forgotten: [] };
     this.tookMs = performance.now() - began;
   }
@@ -163,28 +163,28 @@ export class Picture {
     return pieces;
   }
 
-  /** @param {Shown["limits"]} limits @param {number[]} zero @returns {Placed[]} */
-  #scenery(limits, zero) {
-    const placed = [{ id: this.#made("zero", String(this.camera.scale), () => zeroLines(this.camera)), at: zero, colour: this.#numbers.zero }];
-    if (limits) placed.unshift({ id: this.#made("limits", limits.flat().join(), () => boxLines(limits[0], limits[1])), at: [0, 0, 0], colour: this.#numbers.limits });
+  /** @param {PictureContent["limits"]} limits @param {number[]} zero @returns {PlacedLines[]} */
+  #staticLayer(limits, zero) {
+    const placed = [{ id: this.#ownLinesId("zero", String(this.camera.scale), () => zeroLines(this.camera)), at: zero, colour: this.#numbers.zero }];
+    if (limits) placed.unshift({ id: this.#ownLinesId("limits", limits.flat().join(), () => boxLines(limits[0], limits[1])), at: [0, 0, 0], colour: this.#numbers.limits });
     return placed;
   }
 
   /**
    * Returns the overlay of the path: the trail if there is no plan, and the tool.
-   * @param {Shown} shown @returns {Placed[]}
+   * @param {PictureContent} shown @returns {PlacedLines[]}
    */
   #over({ trail, tool, radius }) {
     const { camera } = this;
-    const placed = [{ id: this.#made("tool", [radius, camera.scale, camera.turn, camera.tilt].join(), () => toolLines(radius, camera)), at: tool, colour: this.#numbers.tool }];
+    const placed = [{ id: this.#ownLinesId("tool", [radius, camera.scale, camera.turn, camera.tilt].join(), () => toolLines(radius, camera)), at: tool, colour: this.#numbers.tool }];
     if (trail && trail.points.length > 1) {
-      placed.unshift({ id: this.#made("trail", String(trail.revision), () => trailLines(trail.points)), at: [0, 0, 0], colour: this.#numbers.done });
+      placed.unshift({ id: this.#ownLinesId("trail", String(trail.revision), () => trailLines(trail.points)), at: [0, 0, 0], colour: this.#numbers.done });
     }
     return placed;
   }
 
   /** Returns the id of own lines. @param {string} name @param {string} key @param {() => ArrayBuffer} make */
-  #made(name, key, make) {
+  #ownLinesId(name, key, make) {
     const known = this.#own.get(name);
     if (known?.key === key) return this.#idOf(known.bytes);
     if (known) this.#forget(known.bytes);
@@ -222,7 +222,7 @@ export class Picture {
     for (const bytes of this.#known.keys()) if (!used.has(bytes)) this.#forget(bytes);
   }
 
-  /** @param {import("./scenery.js").Lengths} lengths the unit that it names */
+  /** @param {import("./static_layer.js").Lengths} lengths the unit that it names */
   drawBackdrop(lengths) {
     this.#back.draw(this.camera, this.#back.canvas.width / Math.max(1, this.element.clientWidth), this.#colours, lengths);
   }
@@ -239,9 +239,9 @@ export class Picture {
    * Returns the word index of a block on the path; 0 if it has none.
    * @param {Answer} path @param {number} program @param {number} line
    */
-  placeOf(path, program, line) {
+  wordIndexOf(path, program, line) {
     const word = wordOf(program, line, path.programs);
-    return word > 0 && findPlace(path, word) ? word : 0;
+    return word > 0 && findWord(path, word) ? word : 0;
   }
 }
 

@@ -21,7 +21,7 @@ export class Rehearse {
   /** Planned time that the slider shows; null: it shows the position of the machine. @type {number | null} */
   time = null;
   #summary = h("span", { class: "path-summary" });
-  #away = h("span", { class: "path-away", hidden: true }, t("rehearse.the_tool_is_outside_of"));
+  #outsideNote = h("span", { class: "path-away", hidden: true }, t("rehearse.the_tool_is_outside_of"));
   #bar = h("progress", { class: "path-progress", max: 1, value: 0, "aria-label": t("rehearse.share_of_the_planned_time"), hidden: true });
   #slider = h("input", { type: "range", class: "path-slider", min: 0, max: 1, step: "any", value: 0, "aria-label": t("rehearse.planned_time_shown"), hidden: true });
   #shown = h("span", { class: "path-time", hidden: true });
@@ -49,7 +49,7 @@ export class Rehearse {
       this.#show();
       changed();
     });
-    this.element = h("div", { class: "path-foot" }, this.#summary, this.#away, this.#bar, this.#slider, this.#shown, h("span", { class: "path-buttons" }, this.#toggle, this.#details));
+    this.element = h("div", { class: "path-foot" }, this.#summary, this.#outsideNote, this.#bar, this.#slider, this.#shown, h("span", { class: "path-buttons" }, this.#toggle, this.#details));
   }
 
   /** @param {import("../model.js").CoordinateSystem} system @param {import("./bytes.js").Answer | null} path */
@@ -73,7 +73,7 @@ export class Rehearse {
     setAttr(this.#toggle, "disabled", runs || !path?.complete);
     setAttr(this.#toggle, "title", runs ? t("rehearse.while_the_program_runs_the") : null);
     setAttr(this.#details, "disabled", !this.#current(state));
-    setText(this.#summary, this.#says(state));
+    setText(this.#summary, this.#summaryText(state));
     const run = runs ? this.#current(state)?.run : null;
     setAttr(this.#bar, "hidden", !run);
     if (run) this.#bar.value = run.progress;
@@ -83,7 +83,7 @@ export class Rehearse {
 
   /** Shows whether the tool is outside of the picture. @param {boolean} isAway */
   outside(isAway) {
-    setAttr(this.#away, "hidden", !isAway);
+    setAttr(this.#outsideNote, "hidden", !isAway);
   }
 
   /**
@@ -96,7 +96,7 @@ export class Rehearse {
   }
 
   /** @param {import("../types.d.ts").StateMessage | null | undefined} state */
-  #says(state) {
+  #summaryText(state) {
     const rehearsal = this.#current(state);
     if (!rehearsal) return t("path.not_planned_yet");
     if (runsProgram(state) && rehearsal.run) {

@@ -63,7 +63,7 @@ export class TandemPath extends TandemElement {
     super.disconnectedCallback();
     this.#resized.disconnect();
     this.#loader?.show(0, 0);
-    this.#picture?.end();
+    this.#picture?.stop();
     this.#picture = null;
     cancelAnimationFrame(this.#frame);
     this.#frame = 0;
@@ -88,7 +88,7 @@ export class TandemPath extends TandemElement {
       loader.again();
     }
     const runs = runsProgram(state) ? (state?.run_id ?? "") : null;
-    this.#live.take(path, runs, system.position, point(system.position?.machine), performance.now());
+    this.#live.addPosition(path, runs, system.position, point(system.position?.machine), performance.now());
     const text = picture.trouble || (state?.program ? loader.error || (path ? "" : t("path.not_planned_yet")) : t("elements.no_program_is_loaded"));
     setText(this.#note, text);
     setAttr(this.#note, "hidden", text === "");

@@ -6,7 +6,7 @@ import { position } from "../format.js";
 import { icon } from "../icons.js";
 import { sentences, t } from "../language.js";
 import { machine } from "../machine.js";
-import { placeOf } from "../path/bytes.js";
+import { locateWord } from "../path/bytes.js";
 import { VIEW_NAMES } from "../path/camera.js";
 import { corners } from "../path/extent.js";
 import { atTime } from "../path/find.js";
@@ -47,7 +47,7 @@ class PathView {
   #frame = 0;
   /** Coordinate system, program and hash of the plan. */
   #of = "";
-  /** @type {import("../path/picture.js").Shown | null} */
+  /** @type {import("../path/picture.js").PictureContent | null} */
   #shown = null;
   /** The last searched block. */
   #place = { key: "", place: 0 };
@@ -83,10 +83,10 @@ class PathView {
     this.#rehearse.render(system, this.#plan);
     const isRun = runsProgram(state);
     const at = point(system.position?.machine);
-    this.#live.take(this.#plan, isRun ? (state?.run_id ?? "") : null, system.position, at, performance.now());
+    this.#live.addPosition(this.#plan, isRun ? (state?.run_id ?? "") : null, system.position, at, performance.now());
     setAttr(this.#clear, "hidden", system.trail.points.length < 2 || this.#live.onPlan);
     for (const [i, one] of this.#views.entries()) setAttr(one, "aria-pressed", String(VIEW_NAMES[i] === this.#picture.camera.view));
-    this.#say(system);
+    this.#showNote(system);
     this.#request();
   }
 
@@ -97,8 +97,8 @@ class PathView {
   }
 
   /** @param {import("../model.js").CoordinateSystem} system */
-  #say(system) {
-    const text = this.#preview() ? sentences(this.#picture.trouble, t("path.preview")) : this.#saidOfPlan(system);
+  #showNote(system) {
+    const text = this.#preview() ? sentences(this.#picture.trouble, t("path.preview")) : this.#planNote(system);
     setText(this.#note, text);
     setAttr(this.#note, "hidden", text === "");
     const letters = Object.keys(system.info.axes).sort().filter((letter) => "XYZ".includes(letter));
@@ -110,7 +110,7 @@ class PathView {
   }
 
   /** @param {import("../model.js").CoordinateSystem} system */
-  #saidOfPlan(system) {
+  #planNote(system) {
     const { error } = this.#loader;
     const plan = this.#plan;
     const texts = [this.#picture.trouble || error];
@@ -118,7 +118,7 @@ class PathView {
     if (plan && !plan.complete) texts.push(plan.chunks.length ? t("path.planning_drawn") : t("path.planning"));
     if (plan?.cut) texts.push(t("path.the_program_is_longer_than"));
     if (plan && Number.isFinite(plan.dependsAt)) {
-      const { program, line } = placeOf(plan.dependsWord, plan.programs);
+      const { program, line } = locateWord(plan.dependsWord, plan.programs);
       texts.push(program === system.state?.program ? t("path.dashed", { line, text: plan.why }) : t("path.dashed_of", { line, program, text: plan.why }));
     }
     return sentences(...texts);
@@ -165,7 +165,7 @@ class PathView {
 
   /**
    * Returns the content to show now.
-   * @param {import("../model.js").CoordinateSystem} system @param {number} now ms @returns {import("../path/picture.js").Shown}
+   * @param {import("../model.js").CoordinateSystem} system @param {number} now ms @returns {import("../path/picture.js").PictureContent}
    */
   #see(system, now) {
     const preview = this.#preview();
@@ -184,7 +184,7 @@ class PathView {
       now: time ?? ended,
       tool: place?.at ?? at,
       trail: live === null && scrubbed === null ? system.trail : null,
-      selected: plan && chosen ? this.#placeOf(plan, chosen) : 0,
+      selected: plan && chosen ? this.#wordIndexOf(plan, chosen) : 0,
     };
   }
 
@@ -209,14 +209,14 @@ class PathView {
     };
   }
 
-  /** Returns the place of a block on the path, searched once. @param {import("../path/bytes.js").Answer} plan @param {{program: number, line: number}} chosen */
-  #placeOf(plan, { program, line }) {
+  /** Returns the word index of a block on the path, searched once. @param {import("../path/bytes.js").Answer} plan @param {{program: number, line: number}} chosen */
+  #wordIndexOf(plan, { program, line }) {
     const key = [this.#loader.revision, program, line].join();
-    if (key !== this.#place.key) this.#place = { key, place: this.#picture.placeOf(plan, program, line) };
+    if (key !== this.#place.key) this.#place = { key, place: this.#picture.wordIndexOf(plan, program, line) };
     return this.#place.place;
   }
 
-  /** Fits the whole path when the picture shows another program, or none. @param {import("../model.js").CoordinateSystem} system @param {import("../path/picture.js").Shown} shown */
+  /** Fits the whole path when the picture shows another program, or none. @param {import("../model.js").CoordinateSystem} system @param {import("../path/picture.js").PictureContent} shown */
   #fitFirst(system, shown) {
     const size = shown.path?.complete ? "all" : shown.path?.chunks.length ? "some" : "none";
     const { camera } = this.#picture;
@@ -234,7 +234,7 @@ class PathView {
     this.#changed();
   }
 
-  /** @param {import("../path/picture.js").Shown} shown */
+  /** @param {import("../path/picture.js").PictureContent} shown */
   #fitTo({ path: plan, tool, trail }) {
     const fitted = plan?.chunks.length ? corners(plan) : [tool, ...(trail?.points.map(({ at }) => point(at)) ?? [])];
     const of = (/** @type {(...values: number[]) => number} */ most) => /** @type {Point} */ ([0, 1, 2].map((i) => fitted.reduce((best, corner) => most(best, corner[i] ?? 0), fitted[0]?.[i] ?? 0)));
@@ -259,7 +259,7 @@ class PathView {
     if (this.#preview()) return;
     const plan = this.#plan;
     const found = this.#picture.pick(plan, x, y);
-    this.app.model.chosen = plan && found ? { ...placeOf(found.word, plan.programs), by: "path" } : null;
+    this.app.model.chosen = plan && found ? { ...locateWord(found.word, plan.programs), by: "path" } : null;
     this.app.invalidate();
   }
 }

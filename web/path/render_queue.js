@@ -1,16 +1,16 @@
 // Location of the drawing: a worker with its own canvas, or the page if the browser has no worker canvas. An order is
 // sent when the previous one is drawn; of the orders in between, only the last is kept.
 
-import { Painter } from "./painter.js";
+import { Renderer } from "./renderer.js";
 
-/** @typedef {import("./painter.js").Order} Order */
-/** @typedef {import("./painter.js").Report} Report */
+/** @typedef {import("./renderer.js").Order} Order */
+/** @typedef {import("./renderer.js").Report} Report */
 
-export class Easel {
+export class RenderQueue {
   /** @type {((order: Order) => void) | null} null: not ready, or busy with the last order */
   #idle = null;
   /** @type {((order: Order) => void) | null} */
-  #take = null;
+  #target = null;
   /** @type {Order | null} */
   #waiting = null;
   #canvas;
@@ -22,53 +22,53 @@ export class Easel {
     this.#canvas = canvas;
     this.#report = report;
     this.#worker = workerFor(canvas);
-    if (this.#worker) this.#drawThere(this.#worker);
-    else this.#drawHere();
+    if (this.#worker) this.#drawInWorker(this.#worker);
+    else this.#drawInPage();
   }
 
-  /** Orders a drawing. @param {Order} order */
-  order(order) {
-    this.#waiting = this.#waiting ? both(this.#waiting, order) : order;
+  /** Adds an order; it is sent when the previous one is drawn. @param {Order} order */
+  enqueue(order) {
+    this.#waiting = this.#waiting ? mergeOrders(this.#waiting, order) : order;
     this.#send();
   }
 
-  /** Ends drawing. */
-  end() {
+  /** Stops drawing permanently. */
+  stop() {
     this.#worker?.terminate();
-    [this.#take, this.#idle, this.#waiting] = [null, null, null];
+    [this.#target, this.#idle, this.#waiting] = [null, null, null];
   }
 
   /** @param {Worker} worker */
-  #drawThere(worker) {
+  #drawInWorker(worker) {
     worker.onerror = (event) => {
-      if (this.#take) return;
+      if (this.#target) return;
       // a page may forbid workers: the page then draws
       event.preventDefault();
       worker.terminate();
-      this.#drawHere();
+      this.#drawInPage();
     };
     worker.onmessage = () => {
       const drawn = this.#canvas.transferControlToOffscreen();
       worker.onmessage = ({ data }) => this.#on(data);
       worker.postMessage(drawn, [drawn]);
-      this.#begin((order) => worker.postMessage(order));
+      this.#setTarget((order) => worker.postMessage(order));
     };
   }
 
-  #drawHere() {
-    const painter = new Painter(this.#canvas, (report) => this.#on(report));
-    this.#begin((order) => painter.take(order));
+  #drawInPage() {
+    const renderer = new Renderer(this.#canvas, (report) => this.#on(report));
+    this.#setTarget((order) => renderer.setOrder(order));
   }
 
-  /** @param {(order: Order) => void} take */
-  #begin(take) {
-    [this.#take, this.#idle] = [take, take];
+  /** @param {(order: Order) => void} target */
+  #setTarget(target) {
+    [this.#target, this.#idle] = [target, target];
     this.#send();
   }
 
   /** @param {Report} report */
   #on(report) {
-    this.#idle = this.#take;
+    this.#idle = this.#target;
     this.#report(report);
     this.#send();
   }
@@ -85,14 +85,14 @@ export class Easel {
 function workerFor(canvas) {
   if (!("transferControlToOffscreen" in canvas) || !("Worker" in globalThis)) return null;
   try {
-    return new Worker(new URL("./painter_worker.js", import.meta.url), { type: "module" });
+    return new Worker(new URL("./renderer_worker.js", import.meta.url), { type: "module" });
   } catch {
     return null;
   }
 }
 
 /** Merges two orders; vertices added by the first and forgotten by the second are not sent. @param {Order} one @param {Order} later @returns {Order} */
-function both(one, later) {
+function mergeOrders(one, later) {
   const [gone, come] = [new Set(later.forgotten), new Set(one.added.map(({ id }) => id))];
   const added = [...one.added.filter(({ id }) => !gone.has(id)), ...later.added];
   const forgotten = [...one.forgotten, ...later.forgotten.filter((id) => !come.has(id))];

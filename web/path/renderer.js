@@ -14,7 +14,7 @@ const PIECE_NUMBERS = 3;
 
 /**
  * Lines that the page makes, in addition to the path.
- * @typedef {object} Placed
+ * @typedef {object} PlacedLines
  * @property {number} id of their vertices
  * @property {ArrayLike<number>} at their origin, mm
  * @property {number[] | undefined} colour
@@ -31,8 +31,8 @@ const PIECE_NUMBERS = 3;
  * @property {import("./gl.js").View} view
  * @property {Look} look
  * @property {number} now s
- * @property {Placed[]} behind the path
- * @property {Placed[]} over the path
+ * @property {PlacedLines[]} behind the path
+ * @property {PlacedLines[]} over the path
  */
 
 /**
@@ -46,7 +46,7 @@ const PIECE_NUMBERS = 3;
  * @property {number} kept sets of vertices on the card
  */
 
-export class Painter {
+export class Renderer {
   #canvas;
   #report;
   /** @type {Lines | null} */
@@ -81,13 +81,13 @@ export class Painter {
       this.#lines = new Lines(gl);
       this.#layers = new Layers(gl, this.#lines);
     } catch (error) {
-      this.#tell(/** @type {Trouble} */ (error));
+      this.#reportFrame(/** @type {Trouble} */ (error));
     }
     this.#request();
   }
 
   /** Draws an order from the next frame on. @param {Order} order */
-  take(order) {
+  setOrder(order) {
     for (const { id, bytes } of order.added) this.#vertices.set(id, new Vertices(bytes));
     if (order.pieces) this.#pieces = { wanted: this.#piecesOf(order.pieces.wanted), coarse: this.#piecesOf(order.pieces.coarse) };
     for (const id of order.forgotten) {
@@ -126,14 +126,14 @@ export class Painter {
     const { key, view, now, behind, over } = order;
     lines.drawn = { calls: 0, lines: 0 };
     lines.look = order.look;
-    const isMore = layers.draw({ key, view, now, ...this.#pieces, scenery: () => this.#place(lines, behind) }, () => this.#place(lines, over));
+    const isMore = layers.draw({ key, view, now, ...this.#pieces, staticLayer: () => this.#drawPlaced(lines, behind) }, () => this.#drawPlaced(lines, over));
     this.#frames += 1;
-    this.#tell(null);
+    this.#reportFrame(null);
     if (isMore) this.#request();
   }
 
-  /** @param {Lines} lines @param {Placed[]} placed */
-  #place(lines, placed) {
+  /** @param {Lines} lines @param {PlacedLines[]} placed */
+  #drawPlaced(lines, placed) {
     for (const { id, at, colour } of placed) {
       const known = this.#vertices.get(id);
       if (!known) continue;
@@ -143,7 +143,7 @@ export class Painter {
   }
 
   /** @param {Trouble | null} trouble */
-  #tell(trouble) {
+  #reportFrame(trouble) {
     this.#report({
       trouble, frames: this.#frames, calls: this.#lines?.drawn.calls ?? 0, lines: this.#layers?.lines ?? 0,
       uploaded: this.#lines?.uploaded ?? 0, kept: this.#lines?.kept ?? 0,

@@ -1,4 +1,4 @@
-// Static content around a path: grid, soft limits, work zero, tool, the travelled path without a plan. Own lines in the
+// The static layer of a picture, around a path: grid, soft limits, work zero, tool, the travelled path without a plan. Own lines in the
 // runtime's format, created again only when they change.
 
 import { fixed, plain } from "../format.js";

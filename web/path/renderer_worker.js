@@ -1,13 +1,13 @@
 // The worker that draws: it reports that it is ready, receives the canvas, then orders.
 
-import { Painter } from "./painter.js";
+import { Renderer } from "./renderer.js";
 
 const page = /** @type {any} */ (globalThis);
-/** @type {Painter | null} */
-let painter = null;
+/** @type {Renderer | null} */
+let renderer = null;
 
 page.onmessage = (/** @type {MessageEvent} */ { data }) => {
-  if (painter) painter.take(data);
-  else painter = new Painter(data, (report) => page.postMessage(report));
+  if (renderer) renderer.setOrder(data);
+  else renderer = new Renderer(data, (report) => page.postMessage(report));
 };
 page.postMessage(null);
