@@ -5,9 +5,9 @@
 import { button, fill, h, setAttr, setText } from "./dom.js";
 import { language, t } from "./language.js";
 import { addressOf, keepOthers, MACHINES_MAX, others } from "./machines/addresses.js";
+import { PeerMachineList } from "./machines/peer_machine_list.js";
 import { tile } from "./machines/tile.js";
-import { ToldMachines } from "./machines/told_machines.js";
-import { Watched } from "./machines/watched.js";
+import { WatchedMachine } from "./machines/watched_machine.js";
 import { startTheme } from "./theme.js";
 import { startTouch } from "./touch.js";
 
@@ -19,10 +19,10 @@ const typed = h("input", { type: "text", class: "input grow", inputmode: "url", 
 const problem = h("p", { role: "alert", class: "machine-trouble", hidden: true });
 const form = h("form", { class: "machine-add" }, typed, button({ type: "submit" }, t("machines.add")), problem);
 
-/** Machines by their addresses: this one first. @type {(ReturnType<typeof tile> & {machine: Watched, isTyped: boolean})[]} */
+/** Machines by their addresses: this one first. @type {(ReturnType<typeof tile> & {machine: WatchedMachine, isTyped: boolean})[]} */
 let tiles = [];
 /** Machines at the broker, by name. @type {Map<string, ReturnType<typeof tile>>} */
-let toldTiles = new Map();
+let peerTiles = new Map();
 let framePending = false;
 
 function invalidate() {
@@ -30,16 +30,16 @@ function invalidate() {
   framePending = true;
   requestAnimationFrame(() => {
     framePending = false;
-    showTold();
+    showPeers();
     for (const one of tiles) one.render();
-    for (const one of toldTiles.values()) one.render();
+    for (const one of peerTiles.values()) one.render();
     showOnce();
   });
 }
 
 /** @param {string} address @param {boolean} isTyped */
 function show(address, isTyped) {
-  const machine = new Watched(address, invalidate);
+  const machine = new WatchedMachine(address, invalidate);
   const one = { ...tile(machine, isTyped ? () => remove(address) : null), machine, isTyped };
   tiles.push(one);
   list.append(one.element);
@@ -48,24 +48,24 @@ function show(address, isTyped) {
 }
 
 /** Shows the machines that this one reports, and the addresses of its configuration. */
-function showTold() {
-  for (const address of told.addresses) if (!isHere(address) && tiles.length < MACHINES_MAX) show(address, false);
-  if ([...toldTiles.keys()].join() === [...told.machines.keys()].join()) return;
-  for (const { element } of toldTiles.values()) element.remove();
-  toldTiles = new Map([...told.machines].map(([name, machine]) => [name, toldTiles.get(name) ?? tile(machine, null)]));
-  list.append(...[...toldTiles.values()].map(({ element }) => element));
+function showPeers() {
+  for (const address of peers.addresses) if (!isHere(address) && tiles.length < MACHINES_MAX) show(address, false);
+  if ([...peerTiles.keys()].join() === [...peers.machines.keys()].join()) return;
+  for (const { element } of peerTiles.values()) element.remove();
+  peerTiles = new Map([...peers.machines].map(([name, machine]) => [name, peerTiles.get(name) ?? tile(machine, null)]));
+  list.append(...[...peerTiles.values()].map(({ element }) => element));
 }
 
 /** Merges the tiles of a machine that is known by its address and at the broker: the one by its address while that can be read. */
 function showOnce() {
   const read = new Set(tiles.filter(({ machine }) => machine.link === "online").flatMap(({ machine }) => [machine.address, machine.name]));
-  const heard = new Set();
-  for (const [name, { element, machine }] of toldTiles) {
+  const atBroker = new Set();
+  for (const [name, { element, machine }] of peerTiles) {
     const isRead = read.has(name) || read.has(machine.address);
     setAttr(element, "hidden", isRead);
-    if (!isRead && machine.address) heard.add(machine.address);
+    if (!isRead && machine.address) atBroker.add(machine.address);
   }
-  for (const { element, machine } of tiles) setAttr(element, "hidden", heard.has(machine.address));
+  for (const { element, machine } of tiles) setAttr(element, "hidden", atBroker.has(machine.address));
 }
 
 /** @param {string} address */
@@ -113,6 +113,6 @@ fill(document.body, h("main", {}, h("h1", {}, t("machines.machines")), list, for
 startTheme(invalidate);
 startTouch();
 const here = show(location.origin, false);
-const told = new ToldMachines(() => here.knows(), invalidate);
+const peers = new PeerMachineList(() => here.peerMachines(), invalidate);
 for (const address of others()) if (!isHere(address)) show(address, true);
 setInterval(invalidate, TICK_MS);

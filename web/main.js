@@ -17,7 +17,7 @@ import { Toasts } from "./toasts.js";
 import { signedIn } from "./token.js";
 import { startTouch } from "./touch.js";
 import { views } from "./views/index.js";
-import { tellWhyNot } from "./why_not.js";
+import { reportWhyNot } from "./why_not.js";
 
 /**
  * Interface for views.
@@ -135,13 +135,13 @@ function watch(topics) {
   for (const topic of topics) {
     if (watched.has(topic)) continue;
     watched.add(topic);
-    machine.on(topic, take);
+    machine.on(topic, applyMessage);
   }
 }
 
 /** @param {any} message @param {string} topic */
-function take(message, topic) {
-  if (model.take(topic, message)) {
+function applyMessage(message, topic) {
+  if (model.apply(topic, message)) {
     toasts.show(t("main.the_runtime_was_started_again"));
   }
   if (topic === "birth") {
@@ -254,7 +254,7 @@ startTheme(invalidate);
 startTouch();
 startWorker();
 listenToKeys(app);
-tellWhyNot((text) => toasts.show(text));
+reportWhyNot((text) => toasts.show(text));
 setInterval(invalidate, TICK_MS);
 await signedIn();
 watch(MACHINE_TOPICS);

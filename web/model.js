@@ -109,23 +109,23 @@ export class Model {
   }
 
   /**
-   * Takes one message.
+   * Applies one message.
    * @param {string} topic
    * @param {any} message
    * @returns {boolean} true when the runtime was started again since the last message
    */
-  take(topic, message) {
+  apply(topic, message) {
     const restarted = this.#boot(message.boot_id);
-    this.#hearClock(message.ts);
+    this.#measureClock(message.ts);
     if (topic === "heartbeat") this.#beatAt = performance.now();
-    else if (topic === "birth") this.#takeBirth(message);
+    else if (topic === "birth") this.#applyBirth(message);
     else if (topic === "presence") this.presence = message;
     else if (topic === "alarm/active") this.alarms = message.alarms ?? [];
     else if (topic === "variables") this.variables = message;
     else if (topic === "tools") this.tools = message;
     else if (topic === "stored_data") this.storedData = message;
     else if (topic.startsWith("io/")) this.io.set(topic, message);
-    else this.#takeCs(topic, message);
+    else this.#applyCs(topic, message);
     return restarted;
   }
 
@@ -167,13 +167,13 @@ export class Model {
   }
 
   /** @param {string | undefined} ts */
-  #hearClock(ts) {
+  #measureClock(ts) {
     const ahead = Date.now() - Date.parse(ts ?? "");
     if (Number.isFinite(ahead)) this.#clockAheadMs = Math.min(this.#clockAheadMs, ahead);
   }
 
   /** @param {import("./types.d.ts").BirthMessage} birth */
-  #takeBirth(birth) {
+  #applyBirth(birth) {
     // the name of an M code stays after the loss of the handler that declared it, because operators then need it most
     const serves = birth.serves ?? [];
     const before = (this.birth?.boot_id === birth.boot_id && this.birth.serves) || [];
@@ -190,7 +190,7 @@ export class Model {
   }
 
   /** @param {string} topic @param {any} message */
-  #takeCs(topic, message) {
+  #applyCs(topic, message) {
     const [, number, path] = /^cs\/(\d+)\/(.+)$/.exec(topic) ?? [];
     const system = this.systems.get(Number(number));
     const field = CS_TOPICS[/** @type {keyof typeof CS_TOPICS} */ (path)];

@@ -130,15 +130,15 @@ export function disableFor(element, reason, title = "") {
   else if (element.getAttribute("aria-description") !== reason) element.setAttribute("aria-description", reason);
 }
 
-/** Shows the reason when a disabled button is pressed. @param {(text: string) => void} tell */
-export function tellWhyNot(tell) {
+/** Reports the reason when a disabled button is pressed. @param {(text: string) => void} report */
+export function reportWhyNot(report) {
   document.addEventListener("pointerdown", ({ clientX, clientY, target }) => {
     const at = target instanceof Element ? target : document.body;
     const near = at.closest("button, input, select")?.parentElement ?? at;
     for (const one of near.querySelectorAll(":disabled[aria-description]")) {
       const { left, right, top, bottom } = one.getBoundingClientRect();
       const isHit = clientX >= left && clientX <= right && clientY >= top && clientY <= bottom;
-      if (isHit) return tell(one.getAttribute("aria-description") ?? "");
+      if (isHit) return report(one.getAttribute("aria-description") ?? "");
     }
   }, { capture: true });
 }

@@ -4,11 +4,11 @@ import { button, fill, h, setAttr, setText } from "../dom.js";
 import { duration, programName, seconds } from "../format.js";
 import { icon, setIcon } from "../icons.js";
 import { t } from "../language.js";
-import { asked, brief, look, sentence } from "../sentence.js";
 import { runsProgram } from "../path/shown.js";
-import { Watched } from "./watched.js";
+import { asked, brief, look, sentence } from "../sentence.js";
+import { WatchedMachine } from "./watched_machine.js";
 
-/** @typedef {Watched | import("./told.js").Told} Machine */
+/** @typedef {WatchedMachine | import("./peer_machine.js").PeerMachine} Machine */
 
 /** Order of tones: a machine shows the first that one of its coordinate systems has; attention is before motion. */
 const URGENCY = ["alarm", "attention", "wait", "active", "ended", "done", "ready"];
@@ -19,7 +19,7 @@ const SENTENCE_CHARS = 110;
 
 /**
  * Reasons why a machine is silent, by its link state.
- * @type {Record<import("./watched.js").LinkState, import("../language.js").Key | null>}
+ * @type {Record<import("./watched_machine.js").LinkState, import("../language.js").Key | null>}
  */
 const TROUBLES = {
   online: null, connecting: "machines.connecting", silent: "machines.silent", unreachable: "machines.unreachable", refused: "machines.refused", login: "machines.login", insecure: "machines.insecure",
@@ -28,7 +28,7 @@ const TROUBLES = {
 
 /** @param {Machine} machine @param {(() => void) | null} remove null: the tile cannot be removed */
 export function tile(machine, remove) {
-  const isTold = !(machine instanceof Watched);
+  const isPeer = !(machine instanceof WatchedMachine);
   const name = h("a", { class: "machine-open" });
   const place = h("span", { class: "muted machine-address" });
   const away = remove && button({ class: "icon-button", onclick: remove }, icon("trash"));
@@ -36,10 +36,10 @@ export function tile(machine, remove) {
   const alarms = h("p", { class: "machine-alarms" }, icon("alarm"));
   const count = h("span", {});
   alarms.append(count);
-  const logIn = isTold ? null : logInForm(machine);
+  const logIn = isPeer ? null : logInForm(machine);
   const list = h("ul", { class: "machine-systems" });
   const element = h("section", { class: "machine-tile" }, h("header", {}, h("h2", {}, name), place, away), trouble, logIn, alarms, list);
-  setAttr(element, "data-machine", isTold ? machine.name : null);
+  setAttr(element, "data-machine", isPeer ? machine.name : null);
   /** @type {Map<number, ReturnType<typeof row>>} */
   let rows = new Map();
   const render = () => {
@@ -49,8 +49,8 @@ export function tile(machine, remove) {
     setText(name, called);
     setAttr(name, "href", address && `${address}/`);
     setAttr(name, "aria-label", address && t("machines.open", { machine: called }));
-    setText(place, isTold ? t("machines.by_broker") : host);
-    setAttr(element, "data-address", isTold ? null : address);
+    setText(place, isPeer ? t("machines.by_broker") : host);
+    setAttr(element, "data-address", isPeer ? null : address);
     if (away) setAttr(away, "aria-label", t("machines.remove", { machine: called }));
     if ([...rows.keys()].join() !== [...machine.systems.keys()].join()) {
       rows = new Map([...machine.systems.keys()].map((cs) => [cs, row(cs)]));
@@ -72,7 +72,7 @@ export function tile(machine, remove) {
   return { element, render, machine };
 }
 
-/** @param {import("./watched.js").LinkState} link @param {string[]} tones */
+/** @param {import("./watched_machine.js").LinkState} link @param {string[]} tones */
 function frameTone(link, tones) {
   if (link === "online") return URGENCY.find((tone) => tones.includes(tone)) ?? "ready";
   if (AWAY.includes(link)) return "away";
@@ -112,7 +112,7 @@ function row(cs) {
   };
 }
 
-/** @param {Watched} machine */
+/** @param {WatchedMachine} machine */
 function logInForm(machine) {
   const field = (/** @type {string} */ label, /** @type {string} */ type, /** @type {AutoFill} */ autocomplete) => h("input", { type, class: "input grow", autocomplete, "aria-label": label, placeholder: label });
   const [user, pin, token] = [field(t("token.user"), "text", "username"), field("PIN", "password", "current-password"), field(t("token.token"), "password", "off")];

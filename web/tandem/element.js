@@ -11,13 +11,13 @@ const TICK_MS = 250;
 
 /**
  * A machine that elements show.
- * @typedef {object} Watched
+ * @typedef {object} WatchedConnection
  * @property {Tandem} tandem
  * @property {Model} model
  * @property {Set<() => void>} shown drawn after each change
  */
 
-/** By address. @type {Map<string, Watched>} */
+/** By address. @type {Map<string, WatchedConnection>} */
 const machines = new Map();
 
 /**
@@ -29,7 +29,7 @@ export function machineAt(options = {}) {
   return watch(options).tandem;
 }
 
-/** @param {import("../tandem.js").Options} options @returns {Watched} */
+/** @param {import("../tandem.js").Options} options @returns {WatchedConnection} */
 function watch(options) {
   const url = options.url ?? location.origin;
   const known = machines.get(url);
@@ -48,7 +48,7 @@ function watch(options) {
     }
   };
   const take = (/** @type {any} */ message, /** @type {string} */ topic) => {
-    model.take(topic, message);
+    model.apply(topic, message);
     if (topic === "birth") subscribe(model.topics());
     draw();
   };
@@ -68,7 +68,7 @@ function watch(options) {
 export class TandemElement extends HTMLElement {
   static observedAttributes = ["cs"];
   root = this.attachShadow({ mode: "open" });
-  /** @type {Watched | null} */
+  /** @type {WatchedConnection | null} */
   #watched = null;
   #frame = 0;
   #draw = () => {

@@ -16,7 +16,7 @@ const CS_TOPICS = ["state", "program", "m_code/pending", "input/interlock/state"
  * @typedef {"connecting" | "online" | "silent" | "unreachable" | "refused" | "login" | "insecure" | "offline" | "unheard"} LinkState
  */
 
-export class Watched {
+export class WatchedMachine {
   /** @type {LinkState} */
   link = "connecting";
   model = new Model();
@@ -41,7 +41,7 @@ export class Watched {
       for (const topic of wanted) topics.add(topic);
     };
     const take = (/** @type {any} */ message, /** @type {string} */ topic) => {
-      this.model.take(topic, message);
+      this.model.apply(topic, message);
       if (topic === "presence") this.#presentUntil = message.online && message.expires_ms ? performance.now() + message.expires_ms : Number.POSITIVE_INFINITY;
       if (topic === "birth") subscribe([...this.model.systems.keys()].flatMap((cs) => CS_TOPICS.map((of) => `cs/${cs}/${of}`)));
       changed();
@@ -86,7 +86,7 @@ export class Watched {
    * Returns the other machines that the runtime of this machine knows; null without an answer.
    * @returns {Promise<import("../types.d.ts").MachineList | null>}
    */
-  async knows() {
+  async peerMachines() {
     return this.link === "online" ? this.#tandem.get("/machines").catch(() => null) : null;
   }
 

@@ -2,14 +2,14 @@
 
 import { STALE_MS } from "../model.js";
 
-export class Told {
-  /** @type {import("./watched.js").LinkState} */
+export class PeerMachine {
+  /** @type {import("./watched_machine.js").LinkState} */
   link = "connecting";
   /** Address of the screen of the machine, if published. @type {string | null} */
   address = null;
   name;
   /** Time of the newest heartbeat, on the clock of `performance`; before the first heartbeat, time of the first report. */
-  #heardAt = performance.now();
+  #receivedAt = performance.now();
   alarmCount = 0;
   /** @type {import("../types.d.ts").AlarmRecord[]} */
   alarms = [];
@@ -22,23 +22,23 @@ export class Told {
   }
 
   /** @param {import("../types.d.ts").MachineSeen} seen */
-  take(seen) {
+  update(seen) {
     this.link = seen.link;
-    if (seen.age_ms !== null) this.#heardAt = performance.now() - seen.age_ms;
+    if (seen.age_ms !== null) this.#receivedAt = performance.now() - seen.age_ms;
     this.address = seen.url;
     this.alarmCount = seen.alarm_count;
     this.alarms = seen.alarms;
-    this.systems = new Map(seen.coordinate_systems.map((told) => [told.number, systemOf(told)]));
+    this.systems = new Map(seen.coordinate_systems.map((system) => [system.number, systemOf(system)]));
   }
 
   /** Called if the broker is unreachable, or this machine is silent. */
-  lose() {
+  markUnheard() {
     this.link = "unheard";
   }
 
   /** Age of the tile's data in ms; 0 if current. */
   get staleMs() {
-    const ageMs = performance.now() - this.#heardAt;
+    const ageMs = performance.now() - this.#receivedAt;
     return ageMs > STALE_MS ? ageMs : 0;
   }
 
@@ -52,7 +52,7 @@ export class Told {
   }
 }
 
-/** Converts a report to the input of the sentence. @param {import("../types.d.ts").CoordinateSystemSeen} told */
+/** Converts a report to the input of the sentence. @param {import("../types.d.ts").CoordinateSystemSeen} seen */
 function systemOf({ number, state, waiting_on: output, left_s, progress, start_conditions: startConditions }) {
   /** @type {any} */
   const system = { info: { number }, state, pending: { outputs: output ? [output] : [] }, place: null, lastRun: null, interlock: null, position: null, timeLeft: { run_id: state?.run_id ?? null, left_s, progress }, startConditions };
