@@ -70,11 +70,11 @@ export class Alerts {
     const now = eventsOf(model);
     const seen = this.#seen;
     this.#seen = new Set(now.map(({ key }) => key));
-    if (seen) for (const event of now) if (!seen.has(event.key)) this.#tell(event);
+    if (seen) for (const event of now) if (!seen.has(event.key)) this.#announce(event);
   }
 
   /** @param {Event} event */
-  #tell(event) {
+  #announce(event) {
     if (this.isOn("sound")) this.#sound(event.kind);
     if (this.isOn("notification")) void this.#notify(event);
   }

@@ -112,7 +112,7 @@ export const api = {
   },
 
   /** @param {number} cs */
-  async giveLeaseBack(cs) {
+  async releaseLease(cs) {
     const headers = underLease(cs);
     forgetFence(cs);
     await request("DELETE", `/cs/${cs}/lease`, undefined, headers);
@@ -282,7 +282,7 @@ export const api = {
   },
 
   /** Moves a program to a folder; empty: to no folder. @param {number} number @param {string} folder */
-  async putInFolder(number, folder) {
+  async moveToFolder(number, folder) {
     await request("PUT", `/programs/${number}/folder`, { folder });
   },
 

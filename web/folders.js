@@ -75,7 +75,7 @@ function draggable(app, { number }, item) {
 
 /** @param {import("./main.js").App} app @param {number} number @param {string} folder */
 async function move(app, number, folder) {
-  await app.attempt(() => app.api.putInFolder(number, folder));
+  await app.attempt(() => app.api.moveToFolder(number, folder));
   await app.readPrograms();
 }
 
@@ -97,7 +97,7 @@ export function askForFolder(app, { number, title, folder }) {
   form.addEventListener("submit", (event) => {
     event.preventDefault();
     void app.attempt(async () => {
-      await app.api.putInFolder(number, field.value.trim());
+      await app.api.moveToFolder(number, field.value.trim());
       dialog.close();
     }).then(() => app.readPrograms());
   });

@@ -70,7 +70,7 @@ export class Jogger {
     const { velocity, distance } = choice;
     if (this.running?.isStep && distance > 0) {
       this.#clicks.push({ axis, direction, choice, at: performance.now() });
-      setTimeout(() => this.#takeClicks(), CLICK_MS + 1);
+      setTimeout(() => this.#jogClicks(), CLICK_MS + 1);
     }
     if (this.running || whyNot(model, "jog") !== null) return;
     if (this.#clicks.length === 0) this.#notMade = 0;
@@ -124,8 +124,8 @@ export class Jogger {
     const reply = await this.#replyTo(run.args.refresh_id);
     if (reply?.status === "failed") {
       this.#rejectClicks(this.#clicks.splice(0));
-      this.#tellShort(run, reply);
-    } else this.#takeClicks();
+      this.#reportShort(run, reply);
+    } else this.#jogClicks();
   }
 
   /** Returns the last reply to a command; it may arrive shortly after the state. @param {string} id */
@@ -138,14 +138,14 @@ export class Jogger {
   }
 
   /** @param {RunningJog} run @param {import("./types.d.ts").CommandReply} reply */
-  #tellShort({ axis, direction, choice }, { code, text, moved = {} }) {
+  #reportShort({ axis, direction, choice }, { code, text, moved = {} }) {
     const covered = plain((Math.abs(moved[axis] ?? 0) * choice.shown) / choice.distance);
     const way = `${axis}${direction > 0 ? "+" : "\u2212"}`;
     this.app.toast(t("jog.short", { way, covered, distance: plain(choice.shown), unit: choice.unit, why: WHY[code] ?? text }), "error");
   }
 
   /** Begins the next clicked step, and reports steps whose time limit has passed. */
-  #takeClicks() {
+  #jogClicks() {
     const now = performance.now();
     const late = this.#clicks.filter(({ at }) => now - at > CLICK_MS);
     this.#clicks = this.#clicks.filter(({ at }) => now - at <= CLICK_MS);

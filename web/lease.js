@@ -26,7 +26,7 @@ export function leaseButton(app) {
   element.addEventListener("click", async () => {
     const cs = app.model.selected;
     const holder = app.model.current?.lease?.holder;
-    if (ownFence(cs) !== undefined) return ask(() => app.api.giveLeaseBack(cs));
+    if (ownFence(cs) !== undefined) return ask(() => app.api.releaseLease(cs));
     if (!holder) return ask(() => app.api.takeLease(cs));
     const sure = await app.confirm({
       title: t("lease.end_the_control_of", { holder }),

@@ -78,7 +78,7 @@ export class Tandem {
     this.#link = new Link({
       address: () => ({ url: `${this.#url.replace(/^http/, "ws")}/api/v1/ws`, protocols: protocols(token()) }),
       health: `${this.#url}/api/v1/health`,
-      message: (topic, message) => this.#take(topic, message),
+      message: (topic, message) => this.#receive(topic, message),
       refused: (text) => this.#onRefused.forEach((listener) => listener(text)),
       phase: (online, retryAt) => this.#phase(online, retryAt),
     });
@@ -221,7 +221,7 @@ export class Tandem {
   }
 
   /** @param {string} topic @param {any} message */
-  #take(topic, message) {
+  #receive(topic, message) {
     if (topic === "heartbeat") {
       this.#heartbeats.push({ ...message, at: performance.now() });
       if (this.#heartbeats.length > HEARTBEATS_MAX) this.#heartbeats.shift();

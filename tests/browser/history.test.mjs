@@ -73,8 +73,8 @@ const answer = (first, xs, more = {}) => ({
 test("curves: what is new joins what is known, velocity is per minute, the oldest goes first, and a machine that begins anew too", () => {
   const trace = new Trace();
   trace.show(1);
-  assert.ok(trace.take(answer(0, [0, 1, 2])));
-  assert.ok(trace.take(answer(3, [3])));
+  assert.ok(trace.addAnswer(answer(0, [0, 1, 2])));
+  assert.ok(trace.addAnswer(answer(3, [3])));
   assert.deepEqual(trace.of("position", "X"), [0, 1, 2, 3]);
   assert.deepEqual(trace.of("velocity", "X"), [120, 120, 120, 120]);
   assert.deepEqual(trace.of("error", "X"), [0.25, 0.25, 0.25, 0.25]);
@@ -82,10 +82,10 @@ test("curves: what is new joins what is known, velocity is per minute, the oldes
   assert.equal(Math.round(trace.times[3] - trace.times[0]), 30);
   assert.equal(Math.round(trace.times[3]), BEGIN + 25, "the time of day of a sample is now less its age");
   const many = Array.from({ length: 2 * SAMPLES_MAX }, (_, i) => i);
-  assert.ok(trace.take(answer(4, many)));
+  assert.ok(trace.addAnswer(answer(4, many)));
   assert.ok(trace.times.length >= SAMPLES_MAX && trace.times.length <= 1.1 * SAMPLES_MAX);
   assert.equal(trace.of("position", "X").at(-1), 2 * SAMPLES_MAX - 1);
-  assert.equal(trace.take(answer(0, [7])), false);
+  assert.equal(trace.addAnswer(answer(0, [7])), false);
   assert.deepEqual([trace.next, trace.times], [0, []]);
 });
 

@@ -4,7 +4,7 @@ import { h, setText } from "../dom.js";
 import { duration, plain } from "../format.js";
 import { t } from "../language.js";
 import { machine } from "../machine.js";
-import { addressOf, inputOf, picture, seenFrom, toldValueOf, variableOf } from "./values.js";
+import { addressOf, inputOf, picture, publishedValue, seenFrom, variableOf } from "./values.js";
 
 /** Interval at which a visible variable is read, ms. */
 const AGAIN_MS = 1000;
@@ -51,8 +51,8 @@ function variable({ variable: name = "", unit = "" }, seen, value) {
     show(answer?.values?.[0]);
   };
   return () => {
-    const told = toldValueOf(seen(), name);
-    if (told !== undefined) return show(told);
+    const published = publishedValue(seen(), name);
+    if (published !== undefined) return show(published);
     if (!seen().online || Date.now() - askedAt < AGAIN_MS) return;
     askedAt = Date.now();
     void read();

@@ -33,10 +33,10 @@ export function variableOf(name) {
  * Returns the published value of a variable; undefined if the machine does not publish it.
  * @param {Pick<Model, "variables" | "current">} seen @param {string} name
  */
-export function toldValueOf({ variables, current }, name) {
+export function publishedValue({ variables, current }, name) {
   const { kind, number } = variableOf(name);
-  const told = (kind === "p" ? variables : current?.variables)?.variables ?? [];
-  const row = told.find(({ from, values }) => from <= number && number < from + values.length);
+  const published = (kind === "p" ? variables : current?.variables)?.variables ?? [];
+  const row = published.find(({ from, values }) => from <= number && number < from + values.length);
   return row?.values[number - row.from];
 }
 

@@ -27,7 +27,7 @@ export function rename(app, program) {
     void app.attempt(async () => {
       const { text, hash } = await app.api.program(number);
       await app.api.storeProgram(Number(field.value), new Blob([text]), null, program.dialect);
-      if (program.folder !== "") await app.api.putInFolder(Number(field.value), program.folder);
+      if (program.folder !== "") await app.api.moveToFolder(Number(field.value), program.folder);
       await app.api.removeProgram(number, hash);
       dialog.close();
       app.toast(t("rename.is_now", { program: name, to: programName(Number(field.value)) }));

@@ -73,7 +73,7 @@ export class PlotsView {
     /** @type {import("../types.d.ts").Trace | null} */
     const answer = await machine.get(`/cs/${selected}/trace?from=${this.#trace.next}`).catch(() => null);
     if (this.#isClosed) return;
-    const isWhole = !answer || this.#trace.take(answer);
+    const isWhole = !answer || this.#trace.addAnswer(answer);
     this.#draw();
     this.#timer = setTimeout(() => void this.#read(), isWhole ? AGAIN_MS : 0);
   }

@@ -42,29 +42,29 @@ const MEETING_MS = 200;
 export function timelineOf(lines, now) {
   /** @type {Run[]} */
   const runs = [];
-  /** @type {Map<number, Going>} */
-  const going = new Map();
+  /** @type {Map<number, RunningRun>} */
+  const running = new Map();
   const clock = new Clock();
   for (const line of lines) {
     const { at, isNewBoot, before } = clock.read(line);
     if (isNewBoot) {
-      for (const one of going.values()) one.end(before, t("timeline.cut_short"));
-      going.clear();
+      for (const one of running.values()) one.end(before, t("timeline.cut_short"));
+      running.clear();
     }
     const cs = line.cs ?? 0;
     if (line.event === "start") {
-      const one = new Going(cs, line, at);
+      const one = new RunningRun(cs, line, at);
       runs.push(one.run);
-      going.set(cs, one);
+      running.set(cs, one);
     } else if (line.event === "end") {
       const outcome = outcomeWord(String(line.outcome ?? ""));
-      going.get(cs)?.end(at, line.reason ? `${outcome} (${reasonWord(line.reason)})` : outcome);
-      going.delete(cs);
+      running.get(cs)?.end(at, line.reason ? `${outcome} (${reasonWord(line.reason)})` : outcome);
+      running.delete(cs);
     } else {
-      going.get(cs)?.take(line, at);
+      running.get(cs)?.applyLine(line, at);
     }
   }
-  for (const one of going.values()) one.pause(Math.max(now, one.since));
+  for (const one of running.values()) one.pause(Math.max(now, one.since));
   findMeetings(runs);
   return runs;
 }
@@ -89,7 +89,7 @@ class Clock {
 }
 
 /** A run that has not ended. */
-class Going {
+class RunningRun {
   /** @type {Run} */
   run;
   since;
@@ -105,7 +105,7 @@ class Going {
   }
 
   /** @param {Line} line @param {number} at */
-  take(line, at) {
+  applyLine(line, at) {
     if (!this.#changes(line)) return;
     this.pause(at);
     const seq = Number(line.seq);

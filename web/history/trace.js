@@ -39,7 +39,7 @@ export class Trace {
    * Adds an answer. Returns false if the machine has restarted, so that everything must be requested again.
    * @param {Answer} answer
    */
-  take(answer) {
+  addAnswer(answer) {
     if (answer.cs !== this.#cs) return true;
     if (answer.next < this.#next) {
       this.#forget();

@@ -26,7 +26,7 @@ class Offsets {
   #marks = new Map();
   #key = "";
   /** Last published offsets and tools. @type {unknown[]} */
-  #told = [];
+  #applied = [];
   #picks = NAMES.map((name) => button({ class: "button pick", role: "radio", onclick: () => this.#choose(name) }, name));
   /** @type {import("../types.d.ts").ToolData[]} */
   #tools = [];
@@ -63,9 +63,9 @@ class Offsets {
    * Replaces the values by the published ones.
    * @param {import("../types.d.ts").WorkOffsetValuesMessage | null} offsets @param {import("../types.d.ts").ToolTableMessage | null} tools
    */
-  #take(offsets, tools) {
-    if (this.#told[0] === offsets && this.#told[1] === tools) return;
-    this.#told = [offsets, tools];
+  #setValues(offsets, tools) {
+    if (this.#applied[0] === offsets && this.#applied[1] === tools) return;
+    this.#applied = [offsets, tools];
     if (offsets !== null) this.#values = offsets.work_offsets;
     if (tools !== null) this.#tools = tools.tools;
   }
@@ -74,7 +74,7 @@ class Offsets {
     const { model } = this.app;
     const system = model.current;
     if (!system) return;
-    this.#take(system.workOffsets, model.tools);
+    this.#setValues(system.workOffsets, model.tools);
     const key = `${model.selected} ${Object.keys(system.info.axes).join("")}`;
     if (key !== this.#key) {
       this.#key = key;

@@ -178,7 +178,7 @@ class Probe {
     fill(this.#directions, ...directions.map((_, i) => pick(i)));
     setAttr(this.#directions, "hidden", directions.length === 0);
     fill(this.#fields, ...VALUES[this.#kind].map((name) => this.#field(name, scale)));
-    this.#tell();
+    this.#showState();
   }
 
   /** @param {Value} name @param {ReturnType<typeof lengthScale>} scale */
@@ -257,7 +257,7 @@ class Probe {
       this.#runs = false;
     });
     if (isDone) this.#planned.forget();
-    this.#tell();
+    this.#showState();
     this.app.invalidate();
   }
 
@@ -288,7 +288,7 @@ class Probe {
     this.#forget();
     if (now.length < cycle.touches.length) this.#taken = now;
     else this.#found = foundBy(this.#kind, this.#asked(), cycle.touches, now);
-    this.#tell();
+    this.#showState();
     this.app.invalidate();
   }
 
@@ -296,11 +296,11 @@ class Probe {
     this.#trouble = "";
     this.#found = null;
     this.#taken = [];
-    this.#tell();
+    this.#showState();
   }
 
   /** Shows the results and the possible actions. */
-  #tell() {
+  #showState() {
     const found = this.#found;
     const scale = lengthScale(unitOf(this.app.model.current));
     const said = (/** @type {string} */ name, /** @type {number} */ value) => h("div", {}, h("dt", {}, name), h("dd", {}, `${position(value, scale)} ${scale.unit}`));

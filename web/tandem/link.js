@@ -29,7 +29,7 @@ export class Link {
   #retryTimer;
   /** @type {ReturnType<typeof setInterval> | undefined} */
   #watchTimer;
-  #heardAt = 0;
+  #receivedAt = 0;
   /** Time at which the machine's presence expires, on the clock of `performance`. */
   #presentUntil = Number.POSITIVE_INFINITY;
   #probing = false;
@@ -98,16 +98,16 @@ export class Link {
     const { url, protocols } = this.#ends.address();
     const socket = new WebSocket(url, protocols);
     this.#socket = socket;
-    this.#heardAt = Date.now();
+    this.#receivedAt = Date.now();
     this.#presentUntil = Number.POSITIVE_INFINITY;
     socket.onopen = () => {
       this.#send({ subscribe: [...this.#topics] });
       this.#asked.clear();
-      this.#heardAt = Date.now();
+      this.#receivedAt = Date.now();
     };
     socket.onmessage = (event) => {
       if (this.#socket !== socket) return;
-      this.#heardAt = Date.now();
+      this.#receivedAt = Date.now();
       const message = parse(event.data);
       if (typeof message?.error === "string") this.#ends.refused(message.error);
       if (typeof message?.topic !== "string") return;
@@ -117,7 +117,7 @@ export class Link {
       this.#ends.phase(true, null);
     };
     socket.onclose = () => {
-      if (this.#socket === socket) this.#lost();
+      if (this.#socket === socket) this.#scheduleReconnect();
     };
   }
 
@@ -127,7 +127,7 @@ export class Link {
     if (this.#socket?.readyState === WebSocket.OPEN) this.#socket.send(JSON.stringify(frame));
   }
 
-  #lost() {
+  #scheduleReconnect() {
     this.#socket = null;
     const wait = this.#retryMs * (0.75 + Math.random() / 2);
     this.#retryMs = Math.min(this.#retryMs * 2, RETRY_LONGEST_MS);
@@ -140,17 +140,17 @@ export class Link {
     const socket = this.#socket;
     if (socket && performance.now() > this.#presentUntil) {
       socket.close();
-      return this.#lost();
+      return this.#scheduleReconnect();
     }
-    if (!socket || this.#probing || Date.now() - this.#heardAt < SILENCE_MS) return;
+    if (!socket || this.#probing || Date.now() - this.#receivedAt < SILENCE_MS) return;
     this.#probing = true;
     const alive = socket.readyState === WebSocket.OPEN && (await answers(this.#ends.health));
     this.#probing = false;
     if (this.#socket !== socket) return;
-    if (alive) this.#heardAt = Date.now();
+    if (alive) this.#receivedAt = Date.now();
     else {
       socket.close();
-      this.#lost();
+      this.#scheduleReconnect();
     }
   }
 }
