@@ -1,7 +1,7 @@
 // A page about the interface: every route and topic of the machine's documents, with their schemas.
 
-import { fill, h } from "./dom.js";
-import { language, t } from "./language.js";
+import { language, t } from "./text/language.js";
+import { fill, h } from "./ui/dom.js";
 
 /** @param {string} path @returns {Promise<any>} */
 async function load(path) {

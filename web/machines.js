@@ -2,14 +2,14 @@
 // It shows this machine, the machines at configured or typed addresses, and those found at the broker that this machine
 // shares with them.
 
-import { button, fill, h, setAttr, setText } from "./dom.js";
-import { language, t } from "./language.js";
+import { startTheme } from "./app/theme.js";
+import { startTouch } from "./app/touch.js";
 import { addressOf, keepOthers, MACHINES_MAX, others } from "./machines/addresses.js";
 import { PeerMachineList } from "./machines/peer_machine_list.js";
 import { tile } from "./machines/tile.js";
 import { WatchedMachine } from "./machines/watched_machine.js";
-import { startTheme } from "./theme.js";
-import { startTouch } from "./touch.js";
+import { language, t } from "./text/language.js";
+import { button, fill, h, setAttr, setText } from "./ui/dom.js";
 
 /** Interval at which running times are shown, ms. */
 const TICK_MS = 250;

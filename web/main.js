@@ -1,23 +1,23 @@
 // Builds the screen: the connection feeds the model, and each view shows the model at most once per frame.
 
-import { Alerts } from "./alerts.js";
-import { api, Refusal } from "./api.js";
-import { confirm } from "./confirm.js";
-import { fill, h, setAttr, setText } from "./dom.js";
-import { startWorker } from "./install.js";
-import { Jogger } from "./jog.js";
-import { language, t } from "./language.js";
-import { machine } from "./machine.js";
-import { MACHINE_TOPICS, Model } from "./model.js";
-import { Panels } from "./panels.js";
-import { stateWord } from "./sentence.js";
-import { listenToKeys } from "./shortcuts.js";
-import { startTheme } from "./theme.js";
-import { Toasts } from "./toasts.js";
-import { signedIn } from "./token.js";
-import { startTouch } from "./touch.js";
+import { signedIn } from "./access/token.js";
+import { reportWhyNot } from "./access/why_not.js";
+import { Alerts } from "./app/alerts.js";
+import { startWorker } from "./app/install.js";
+import { listenToKeys } from "./app/shortcuts.js";
+import { startTheme } from "./app/theme.js";
+import { startTouch } from "./app/touch.js";
+import { Jogger } from "./by_hand/jog.js";
+import { api, Refusal } from "./machine/api.js";
+import { machine } from "./machine/machine.js";
+import { MACHINE_TOPICS, Model } from "./machine/model.js";
+import { stateWord } from "./machine/sentence.js";
+import { language, t } from "./text/language.js";
+import { confirm } from "./ui/confirm.js";
+import { fill, h, setAttr, setText } from "./ui/dom.js";
+import { Panels } from "./ui/panels.js";
+import { Toasts } from "./ui/toasts.js";
 import { views } from "./views/index.js";
-import { reportWhyNot } from "./why_not.js";
 
 /**
  * Interface for views.
@@ -161,7 +161,7 @@ machine.onLink(({ online, retryAt }) => {
   invalidate();
 });
 
-/** @param {import("./model.js").CoordinateSystem} system */
+/** @param {import("./machine/model.js").CoordinateSystem} system */
 async function readLastRun(system) {
   await app.attempt(async () => {
     system.lastRun = await api.lastRun(system.info.number);

@@ -1,8 +1,8 @@
 // The service worker. It never serves a screen that it has kept: pages come from the machine, or report that it does not answer.
 
-// The screen keeps the first in its language (install.js), the others are kept here.
-const OFFLINE = "offline-2";
-const KEPT = ["/offline.html", "/offline.css", "/icon.svg"];
+// The screen keeps the first in its language (app/install.js), the others are kept here.
+const OFFLINE = "offline-3";
+const KEPT = ["/offline.html", "/styles/offline.css", "/icon.svg"];
 const worker = /** @type {any} */ (globalThis);
 
 worker.addEventListener("install", (/** @type {any} */ event) => {

@@ -4,7 +4,7 @@
 import { latenessMs } from "./tandem/lateness.js";
 import { Link } from "./tandem/link.js";
 import { asSentence, canMove, NOT_AFTER_MS, PERSON_TIMEOUT_MS, randomName, Refusal, request, TIMEOUT_MS } from "./tandem/requests.js";
-import { t } from "./language.js";
+import { t } from "./text/language.js";
 
 export { Refusal, TIMEOUT_MS };
 

@@ -5,10 +5,10 @@ import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import { test } from "node:test";
 
-import { describe, losses, timelineOf } from "../../web/history/timeline.js";
-import { rounded } from "../../web/format.js";
 import { csvOf as runsCsv } from "../../web/history/runs_view.js";
+import { describe, losses, timelineOf } from "../../web/history/timeline.js";
 import { csvOf, drawn, SAMPLES_MAX, Trace } from "../../web/history/trace.js";
+import { rounded } from "../../web/text/format.js";
 import { pictures, takePictures } from "./pictures.mjs";
 import { withPage, withRuntime } from "./runtime.mjs";
 import { until } from "./screen.mjs";

@@ -98,7 +98,7 @@ async function keepsItsPage() {
     for (const name of await caches.keys()) for (const { url } of await (await caches.open(name)).keys()) all.push(new URL(url).pathname);
     return all.sort();
   });
-  await until(kept, ["/icon.svg", "/offline.css", "/offline.html"]);
+  await until(kept, ["/icon.svg", "/offline.html", "/styles/offline.css"]);
 }
 
 test("the service worker keeps the page for a machine that does not answer, and nothing of the screen", async () => {

@@ -3,12 +3,12 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { duration, position, programName, readNumber, whole } from "../../web/format.js";
-import { NcText } from "../../web/nc_text.js";
-import { partsSaid } from "../../web/order.js";
+import { look, sentence } from "../../web/machine/sentence.js";
+import { POINTS_MAX, Trail } from "../../web/machine/trail.js";
 import { cells } from "../../web/path/runs.js";
-import { look, sentence } from "../../web/sentence.js";
-import { POINTS_MAX, Trail } from "../../web/trail.js";
+import { NcText } from "../../web/programs/nc_text.js";
+import { partsSaid } from "../../web/programs/order.js";
+import { duration, position, programName, readNumber, whole } from "../../web/text/format.js";
 import { STATE } from "./scripted_machine.mjs";
 
 const STATES = {

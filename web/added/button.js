@@ -1,9 +1,9 @@
 // A button of the machine builder: runs a line of NC text, sets a variable, or switches an input.
 
-import { button, h, setAttr } from "../dom.js";
-import { listed, t } from "../language.js";
-import { stateWord } from "../sentence.js";
-import { disableFor, whyNot, whyNotNow } from "../why_not.js";
+import { disableFor, whyNot, whyNotNow } from "../access/why_not.js";
+import { stateWord } from "../machine/sentence.js";
+import { listed, t } from "../text/language.js";
+import { button, h, setAttr } from "../ui/dom.js";
 import { inputOf, picture, seenFrom, variableOf } from "./values.js";
 
 /** @typedef {import("../types.d.ts").HmiButton} HmiButton */

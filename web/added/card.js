@@ -1,9 +1,9 @@
 // A card of the machine builder: an open M code, a variable, an input, or the drawing of a module of its folder.
 
-import { h, setText } from "../dom.js";
-import { duration, plain } from "../format.js";
-import { t } from "../language.js";
-import { machine } from "../machine.js";
+import { machine } from "../machine/machine.js";
+import { duration, plain } from "../text/format.js";
+import { t } from "../text/language.js";
+import { h, setText } from "../ui/dom.js";
 import { addressOf, inputOf, picture, publishedValue, seenFrom, variableOf } from "./values.js";
 
 /** Interval at which a visible variable is read, ms. */
@@ -24,7 +24,7 @@ export function addedCard(app, wanted) {
   return { element, render };
 }
 
-/** @param {import("../model.js").Model} model @param {ReturnType<typeof seenFrom>} seen @param {number} m */
+/** @param {import("../machine/model.js").Model} model @param {ReturnType<typeof seenFrom>} seen @param {number} m */
 function openCode(model, { current }, m) {
   const open = current?.pending?.outputs.find((output) => output.m === m);
   if (!open) return t("card.m_is_not_open", { m });

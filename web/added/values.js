@@ -1,8 +1,8 @@
 // Resolves names used by the machine builder's buttons and cards: coordinate systems, inputs, variables, pictures.
 
-import { h } from "../dom.js";
+import { h } from "../ui/dom.js";
 
-/** @typedef {import("../model.js").Model} Model */
+/** @typedef {import("../machine/model.js").Model} Model */
 
 /**
  * Returns the model as if this coordinate system were selected; without a number, the selected one.
@@ -15,7 +15,7 @@ export function seenFrom(model, cs) {
   return { online, user, viewing, variables, selected: cs, current: model.systems.get(cs) ?? null };
 }
 
-/** Returns whether an input is on; null if unknown. @param {import("../model.js").CoordinateSystem | null} system @param {string} name */
+/** Returns whether an input is on; null if unknown. @param {import("../machine/model.js").CoordinateSystem | null} system @param {string} name */
 export function inputOf(system, name) {
   const skip = /^optional_skip\/(\d+)$/.exec(name);
   if (skip) return system?.optionalSkip?.requested.includes(Number(skip[1])) ?? null;

@@ -1,8 +1,8 @@
 // A text field for NC programs, by CodeMirror: line numbers, colours, search, findings in the margin. It is in a shadow
 // root, where its styles need no style element, which the content security policy forbids.
 
-import { h } from "../dom.js";
-import { phrases } from "../language.js";
+import { phrases } from "../text/language.js";
+import { h } from "../ui/dom.js";
 import { ncParser } from "./language.js";
 import { coloursOf, themeOf } from "./look.js";
 

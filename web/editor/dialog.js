@@ -1,15 +1,15 @@
 // The editor of stored programs: a text, typed or from a file, is stored under a number and then checked. A text that
 // is too long for the editor is only shown, and stored unchanged.
 
-import { openDialog } from "../dialog.js";
-import { button, fill, h, setAttr, setText } from "../dom.js";
-import { meaning } from "../explain.js";
-import { tipOf } from "../explain_tip.js";
-import { finding, summary } from "../findings.js";
-import { programName, shortHash, whole } from "../format.js";
-import { icon } from "../icons.js";
-import { sentences, t } from "../language.js";
-import { disableFor, whyNotNow } from "../why_not.js";
+import { disableFor, whyNotNow } from "../access/why_not.js";
+import { meaning } from "../machine/explain.js";
+import { tipOf } from "../machine/explain_tip.js";
+import { finding, summary } from "../programs/findings.js";
+import { programName, shortHash, whole } from "../text/format.js";
+import { sentences, t } from "../text/language.js";
+import { openDialog } from "../ui/dialog.js";
+import { button, fill, h, setAttr, setText } from "../ui/dom.js";
+import { icon } from "../ui/icons.js";
 import { Checks } from "./checks.js";
 import { Code, codeMirror } from "./code.js";
 

@@ -1,10 +1,10 @@
 // Renames a program: stores it under the new number only if that is free, then deletes the old number.
 
-import { openDialog } from "../dialog.js";
-import { button, h } from "../dom.js";
-import { programName } from "../format.js";
-import { sentences, t } from "../language.js";
-import { whyNotNow } from "../why_not.js";
+import { whyNotNow } from "../access/why_not.js";
+import { programName } from "../text/format.js";
+import { sentences, t } from "../text/language.js";
+import { openDialog } from "../ui/dialog.js";
+import { button, h } from "../ui/dom.js";
 import { numberFor } from "./dialog.js";
 
 /** @param {import("../main.js").App} app @param {import("../types.d.ts").ProgramInfo} program */
@@ -36,7 +36,7 @@ export function rename(app, program) {
   const dialog = openDialog("rename", t("rename.title", { program: name }), [form]);
 }
 
-/** @param {import("../model.js").Model} model @param {number} number */
+/** @param {import("../machine/model.js").Model} model @param {number} number */
 function whyLoaded({ systems }, number) {
   const [cs] = [...systems].find(([, { state }]) => state?.program === number) ?? [];
   return cs === undefined ? null : t("rename.is_loaded", { program: programName(number), cs });

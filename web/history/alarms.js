@@ -1,11 +1,11 @@
 // Past alarms: their texts, remedies and durations.
 
-import { alarmWords } from "../alarm_words.js";
-import { fill, h, setText } from "../dom.js";
-import { explained } from "../explain.js";
-import { dayAndTime, duration, programName, rounded, seconds } from "../format.js";
-import { icon } from "../icons.js";
-import { listed, t } from "../language.js";
+import { explained } from "../machine/explain.js";
+import { alarmWords } from "../text/alarm_words.js";
+import { dayAndTime, duration, programName, rounded, seconds } from "../text/format.js";
+import { listed, t } from "../text/language.js";
+import { fill, h, setText } from "../ui/dom.js";
+import { icon } from "../ui/icons.js";
 import { labelled, picker } from "./journal.js";
 
 /** Alarms shown. */

@@ -1,8 +1,8 @@
 // The timeline as a picture: a lane for each coordinate system, a bar for each section, the time of day below.
 
-import { h } from "../dom.js";
-import { clockTime } from "../format.js";
-import { t } from "../language.js";
+import { clockTime } from "../text/format.js";
+import { t } from "../text/language.js";
+import { h } from "../ui/dom.js";
 import { picture, shape, text } from "./svg.js";
 import { describe } from "./timeline.js";
 

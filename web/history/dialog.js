@@ -1,8 +1,8 @@
 // The past: timeline of all coordinate systems, all runs, the journal, curves of the last minutes, earlier alarms.
 
-import { openDialog } from "../dialog.js";
-import { button, fill, h, setAttr } from "../dom.js";
-import { t } from "../language.js";
+import { t } from "../text/language.js";
+import { openDialog } from "../ui/dialog.js";
+import { button, fill, h, setAttr } from "../ui/dom.js";
 import { alarmHistory } from "./alarms.js";
 import { journal } from "./journal.js";
 import { PlotsView } from "./plots.js";

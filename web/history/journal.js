@@ -1,8 +1,8 @@
 // The journal: read by pages from the newest line back, filtered by the machine, and shown as a table.
 
-import { button, fill, h, setAttr, setText } from "../dom.js";
-import { dayAndTime, rounded } from "../format.js";
-import { t } from "../language.js";
+import { dayAndTime, rounded } from "../text/format.js";
+import { t } from "../text/language.js";
+import { button, fill, h, setAttr, setText } from "../ui/dom.js";
 
 /**
  * A line; its other members depend on its event.
@@ -83,7 +83,7 @@ function same(name) {
   return [name, name];
 }
 
-/** @param {string} label @param {string} type @param {import("../dom.js").Props} [more] */
+/** @param {string} label @param {string} type @param {import("../ui/dom.js").Props} [more] */
 function field(label, type, more = {}) {
   return h("input", { class: "input", type, "aria-label": label, ...more });
 }

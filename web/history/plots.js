@@ -1,11 +1,11 @@
 // Curves of the axes over time: following error, position, velocity, acceleration, feedrate, spindle. The values are recorded by the servo,
 // 100 a second, for the last minute.
 
-import { button, fill, h, setAttr, setText } from "../dom.js";
-import { fixed, plain, timeOfDay } from "../format.js";
-import { t } from "../language.js";
-import { axesOf } from "../model.js";
-import { machine } from "../machine.js";
+import { machine } from "../machine/machine.js";
+import { axesOf } from "../machine/model.js";
+import { fixed, plain, timeOfDay } from "../text/format.js";
+import { t } from "../text/language.js";
+import { button, fill, h, setAttr, setText } from "../ui/dom.js";
 import { labelled, picker } from "./journal.js";
 import { saveCsv } from "./save.js";
 import { picture, shape, text } from "./svg.js";

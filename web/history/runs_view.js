@@ -1,10 +1,10 @@
 // All runs that the machine keeps: time, program, end, duration, parts, waits.
 
-import { button, fill, h, setAttr, setText } from "../dom.js";
-import { dayAndTime, programName } from "../format.js";
-import { t } from "../language.js";
-import { machine } from "../machine.js";
+import { machine } from "../machine/machine.js";
 import { cells, ENDS } from "../path/runs.js";
+import { dayAndTime, programName } from "../text/format.js";
+import { t } from "../text/language.js";
+import { button, fill, h, setAttr, setText } from "../ui/dom.js";
 import { labelled, picker } from "./journal.js";
 import { saveCsv } from "./save.js";
 
@@ -72,7 +72,7 @@ export function runsView(app) {
   return { element, close: () => clearInterval(timer) };
 }
 
-/** Returns the runs that have not ended, with their present duration. @param {import("../model.js").Model} model @param {string} cs empty: of all coordinate systems */
+/** Returns the runs that have not ended, with their present duration. @param {import("../machine/model.js").Model} model @param {string} cs empty: of all coordinate systems */
 function goOn(model, cs) {
   const open = [...model.systems.values()].flatMap(({ runState }) => (runState?.run && runState.run.end === null ? [runState.run] : []));
   return open.filter((run) => cs === "" || String(run.cs) === cs).map((run) => ({ ...run, took_s: (model.ageMs(run.began) ?? 0) / 1000 }));

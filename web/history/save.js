@@ -1,6 +1,6 @@
 // Saves a file on the computer of the browser.
 
-import { h } from "../dom.js";
+import { h } from "../ui/dom.js";
 
 /** Time in which the browser begins to save the file, ms. */
 const TAKEN_MS = 10_000;

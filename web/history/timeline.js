@@ -1,7 +1,7 @@
 // Activity of each coordinate system over time, read from the journal: motion, waits for M codes, holds, stops, losses.
 
-import { listed, t } from "../language.js";
-import { reasonWord, stateWord } from "../sentence.js";
+import { reasonWord, stateWord } from "../machine/sentence.js";
+import { listed, t } from "../text/language.js";
 
 /** @typedef {import("./journal.js").Line} Line */
 /** @typedef {"moving" | "waiting" | "asked" | "held" | "stopped"} Kind */

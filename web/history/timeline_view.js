@@ -1,8 +1,8 @@
 // The timeline: the choice of the run, the shares of the time, and each wait as a row.
 
-import { button, fill, h, setAttr, setText } from "../dom.js";
-import { programName, timeOfDay } from "../format.js";
-import { sentences, t } from "../language.js";
+import { programName, timeOfDay } from "../text/format.js";
+import { sentences, t } from "../text/language.js";
+import { button, fill, h, setAttr, setText } from "../ui/dom.js";
 import { lasting } from "./alarms.js";
 import { Chart } from "./chart.js";
 import { labelled, PAGE_LINES, picker } from "./journal.js";

@@ -1,6 +1,6 @@
 // German: see en.js.
 
-/** @type {import("../language.js").Table} */
+/** @type {import("../text/language.js").Table} */
 const texts = {
   "added.machine": "Maschine",
   "added.only_in": "Nur in diesen Zuständen: {states}.",

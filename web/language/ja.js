@@ -1,6 +1,6 @@
 // Japanese: see en.js.
 
-/** @type {import("../language.js").Table} */
+/** @type {import("../text/language.js").Table} */
 const texts = {
   "added.machine": "機械",
   "added.only_in": "次の状態でのみ操作できます: {states}。",

@@ -1,6 +1,6 @@
 // A machine that this machine's runtime reports, because it receives its messages at the shared broker.
 
-import { STALE_MS } from "../model.js";
+import { STALE_MS } from "../machine/model.js";
 
 export class PeerMachine {
   /** @type {import("./watched_machine.js").LinkState} */
@@ -13,7 +13,7 @@ export class PeerMachine {
   alarmCount = 0;
   /** @type {import("../types.d.ts").AlarmRecord[]} */
   alarms = [];
-  /** @type {Map<number, import("../model.js").CoordinateSystem>} */
+  /** @type {Map<number, import("../machine/model.js").CoordinateSystem>} */
   systems = new Map();
 
   /** @param {string} name */

@@ -1,11 +1,11 @@
 // The tile of a machine: its frame has the colour of its state, and its name opens its own screen.
 
-import { button, fill, h, setAttr, setText } from "../dom.js";
-import { duration, programName, seconds } from "../format.js";
-import { icon, setIcon } from "../icons.js";
-import { t } from "../language.js";
+import { asked, brief, look, sentence } from "../machine/sentence.js";
 import { runsProgram } from "../path/shown.js";
-import { asked, brief, look, sentence } from "../sentence.js";
+import { duration, programName, seconds } from "../text/format.js";
+import { t } from "../text/language.js";
+import { button, fill, h, setAttr, setText } from "../ui/dom.js";
+import { icon, setIcon } from "../ui/icons.js";
 import { WatchedMachine } from "./watched_machine.js";
 
 /** @typedef {WatchedMachine | import("./peer_machine.js").PeerMachine} Machine */
@@ -19,7 +19,7 @@ const SENTENCE_CHARS = 110;
 
 /**
  * Reasons why a machine is silent, by its link state.
- * @type {Record<import("./watched_machine.js").LinkState, import("../language.js").Key | null>}
+ * @type {Record<import("./watched_machine.js").LinkState, import("../text/language.js").Key | null>}
  */
 const TROUBLES = {
   online: null, connecting: "machines.connecting", silent: "machines.silent", unreachable: "machines.unreachable", refused: "machines.refused", login: "machines.login", insecure: "machines.insecure",

@@ -1,6 +1,6 @@
 // One machine of the page: its messages, and the reason if it is silent.
 
-import { MACHINE_TOPICS, Model } from "../model.js";
+import { MACHINE_TOPICS, Model } from "../machine/model.js";
 import { Refusal, Tandem } from "../tandem.js";
 import { keepToken, tokenOf } from "./addresses.js";
 

@@ -1,7 +1,7 @@
 // A planned path as the runtime sends it: see "Planned path and rehearsal" in the book. Nothing is copied: vertices stay at their place
 // in the answer, and are uploaded to the graphics card unchanged.
 
-import { t } from "../language.js";
+import { t } from "../text/language.js";
 import { VERTEX_BYTES } from "./vertex.js";
 
 const ENTRY_BYTES = 48;

@@ -1,6 +1,6 @@
 // The picture of a path: orders a drawing when something has changed, and in each frame only while the tool moves.
 
-import { t } from "../language.js";
+import { t } from "../text/language.js";
 import { wordOf } from "./bytes.js";
 import { Camera } from "./camera.js";
 import { findWord, finest, pick } from "./find.js";
@@ -27,7 +27,7 @@ const ERROR_PX = 0.7;
  * @property {number} radius of the tool, mm
  * @property {Point} zero of the work coordinates
  * @property {[Point, Point] | null} limits
- * @property {import("../trail.js").Trail | null} trail drawn if there is no plan
+ * @property {import("../machine/trail.js").Trail | null} trail drawn if there is no plan
  * @property {number} selected place of a word, 0: none
  */
 

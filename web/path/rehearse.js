@@ -1,14 +1,14 @@
 // Forecast of the planned run: cycle time and its parts, M codes, ranges, peaks; a slider that moves the tool along;
 // during the run, its progress and remaining time.
 
-import { button, fill, h, setAttr, setText } from "../dom.js";
-import { openDialog } from "../dialog.js";
-import { duration, plain, position, programName, seconds } from "../format.js";
-import { listed, t } from "../language.js";
-import { machine } from "../machine.js";
+import { machine } from "../machine/machine.js";
+import { duration, plain, position, programName, seconds } from "../text/format.js";
+import { listed, t } from "../text/language.js";
+import { scaleOf } from "../text/units.js";
+import { openDialog } from "../ui/dialog.js";
+import { button, fill, h, setAttr, setText } from "../ui/dom.js";
 import { lastRuns } from "./runs.js";
 import { isShown, runsProgram } from "./shown.js";
-import { scaleOf } from "../units.js";
 
 /** Request intervals: of the time left while a program runs, and of the rehearsal while it is planned, ms. */
 const AGAIN_MS = 1000;
@@ -52,7 +52,7 @@ export class Rehearse {
     this.element = h("div", { class: "path-foot" }, this.#summary, this.#outsideNote, this.#bar, this.#slider, this.#shown, h("span", { class: "path-buttons" }, this.#toggle, this.#details));
   }
 
-  /** @param {import("../model.js").CoordinateSystem} system @param {import("./bytes.js").Answer | null} path */
+  /** @param {import("../machine/model.js").CoordinateSystem} system @param {import("./bytes.js").Answer | null} path */
   render(system, path) {
     const { state } = system;
     const key = [this.#app.model.bootId, system.info.number, state?.program, state?.hash].join();
@@ -172,7 +172,7 @@ function shares({ feed_s, rapid_s, fixed_s, wait_s }) {
   return t("rehearse.shares", { feed: time(feed_s), rapid: time(rapid_s), fixed: time(fixed_s), wait: time(wait_s) });
 }
 
-/** @param {Rehearsal} rehearsal @param {import("../model.js").Model} model */
+/** @param {Rehearsal} rehearsal @param {import("../machine/model.js").Model} model */
 function axes({ axes: all }, model) {
   const rows = Object.entries(all).map(([letter, axis]) => {
     const scale = scaleOf(model, letter);

@@ -1,9 +1,9 @@
 // The last runs of a program: durations, ends, waits for M codes; and its parts.
 
-import { h } from "../dom.js";
-import { duration, seconds, timeOfDay } from "../format.js";
-import { listed, t } from "../language.js";
-import { machine } from "../machine.js";
+import { machine } from "../machine/machine.js";
+import { duration, seconds, timeOfDay } from "../text/format.js";
+import { listed, t } from "../text/language.js";
+import { h } from "../ui/dom.js";
 
 /** Number of runs that are searched, of all programs. */
 const RUNS = 200;
@@ -12,7 +12,7 @@ const RUNS_SHOWN = 10;
 
 /** @typedef {import("../types.d.ts").Run} Run */
 
-/** Texts for the ends of a run. @type {Record<import("../types.d.ts").RunEndedHow, import("../language.js").Key>} */
+/** Texts for the ends of a run. @type {Record<import("../types.d.ts").RunEndedHow, import("../text/language.js").Key>} */
 export const ENDS = {
   completed: "runs.end_completed", stopped: "runs.end_stopped", aborted: "runs.end_aborted", reset: "runs.end_reset", alarm: "runs.end_alarm",
   lease_lost: "runs.end_lease_lost", replaced: "runs.end_replaced", refused: "runs.end_refused", restarted: "runs.end_restarted",

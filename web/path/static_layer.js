@@ -1,7 +1,7 @@
 // The static layer of a picture, around a path: grid, soft limits, work zero, tool, the travelled path without a plan. Own lines in the
 // runtime's format, created again only when they change.
 
-import { fixed, plain } from "../format.js";
+import { fixed, plain } from "../text/format.js";
 import { VERTEX_BYTES, VERTEX_WORDS } from "./vertex.js";
 
 /** @typedef {[number, number, number]} Point */
@@ -17,7 +17,7 @@ const RAPID_FLAG = 0x80000000;
 /** A time after every run: a line with this time is never done, so it is thin. */
 const THIN = 1e30;
 
-/** A unit of lengths: its name, and its size in mm. @typedef {Pick<import("../units.js").Scale, "unit" | "size">} Lengths */
+/** A unit of lengths: its name, and its size in mm. @typedef {Pick<import("../text/units.js").Scale, "unit" | "size">} Lengths */
 
 /** Returns 1, 2 or 5 times a power of ten, so that lines are at least GRID_MIN_PX apart. @param {number} scale px per unit of lengths */
 export function gridStep(scale) {

@@ -1,10 +1,10 @@
 // Radius of the tool in the spindle, read from the tool table after a tool change.
 
-import { machine } from "../machine.js";
+import { machine } from "../machine/machine.js";
 
 let known = { key: "", radius: 0 };
 
-/** Returns the radius in mm; 0 if it is unknown. @param {import("../main.js").App} app @param {import("../model.js").CoordinateSystem} system */
+/** Returns the radius in mm; 0 if it is unknown. @param {import("../main.js").App} app @param {import("../machine/model.js").CoordinateSystem} system */
 export function toolRadius({ model, invalidate }, { info, modal, state }) {
   const id = modal?.tool ?? 0;
   const key = [model.bootId, info.number, id, state?.run_id].join();

@@ -1,8 +1,8 @@
 // A button for each M code of the machine's table, and the spindle: each runs as a line of MDI.
 
-import { button, fill, h, setAttr } from "../dom.js";
-import { t } from "../language.js";
-import { disableFor, whyNot } from "../why_not.js";
+import { disableFor, whyNot } from "../access/why_not.js";
+import { t } from "../text/language.js";
+import { button, fill, h, setAttr } from "../ui/dom.js";
 
 /** Standard names of M codes. @type {Record<number, string>} */
 const NAMES = { 3: t("m_buttons.spindle_cw"), 4: t("m_buttons.spindle_ccw"), 5: t("m_buttons.spindle_stop"), 6: t("m_buttons.tool_change"), 7: t("m_buttons.mist_on"), 8: t("m_buttons.coolant_on"), 9: t("m_buttons.coolant_off"), 19: t("m_buttons.orient_spindle") };

@@ -1,11 +1,11 @@
 // Work offsets: their values, and setting of zero at the position of the tool or of a touch.
 
-import { button, h, setAttr, setText } from "../dom.js";
-import { position } from "../format.js";
-import { sentences, t } from "../language.js";
-import { scaleOf } from "../units.js";
-import { axesOf } from "../model.js";
-import { disableFor, whyNot, whyNotNow } from "../why_not.js";
+import { disableFor, whyNot, whyNotNow } from "../access/why_not.js";
+import { axesOf } from "../machine/model.js";
+import { position } from "../text/format.js";
+import { sentences, t } from "../text/language.js";
+import { scaleOf } from "../text/units.js";
+import { button, h, setAttr, setText } from "../ui/dom.js";
 import { numberField, Undo } from "./values.js";
 
 /** Codes that rotate, scale or mirror positions, by modal group, with their end codes: with them, one axis offset does

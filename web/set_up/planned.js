@@ -1,9 +1,9 @@
 // Preview of a cycle as the runtime plans it: drawn with the path, with the alarm that would end it.
 
-import { Refusal } from "../api.js";
-import { seconds } from "../format.js";
-import { sentences, t } from "../language.js";
+import { Refusal } from "../machine/api.js";
 import { readPath } from "../path/bytes.js";
+import { seconds } from "../text/format.js";
+import { sentences, t } from "../text/language.js";
 
 /** Interval of the requests for an incomplete plan, ms, and their highest number. */
 const AGAIN_MS = 200;

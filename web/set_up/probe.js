@@ -1,11 +1,11 @@
 // Touches with a probe: edges, corners, bores, bosses, the top of a part, tool lengths. Each is a cycle with a preview before it runs.
 
-import { button, fill, h, setAttr, setText } from "../dom.js";
-import { position, readNumber } from "../format.js";
-import { icon } from "../icons.js";
-import { sentences, t } from "../language.js";
-import { isRotary, lengthScale, unitOf } from "../units.js";
-import { disableFor, whyNot, whyNotNow } from "../why_not.js";
+import { disableFor, whyNot, whyNotNow } from "../access/why_not.js";
+import { position, readNumber } from "../text/format.js";
+import { sentences, t } from "../text/language.js";
+import { isRotary, lengthScale, unitOf } from "../text/units.js";
+import { button, fill, h, setAttr, setText } from "../ui/dom.js";
+import { icon } from "../ui/icons.js";
 import { AXES, cycleOf, foundBy } from "./cycles.js";
 import { Planned } from "./planned.js";
 import { runCycle } from "./touching.js";

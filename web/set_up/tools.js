@@ -1,11 +1,11 @@
 // The tool table: numbers, lengths and radii.
 
-import { arrange, button, h, setAttr, setText } from "../dom.js";
-import { position } from "../format.js";
-import { icon } from "../icons.js";
-import { t } from "../language.js";
-import { lengthScale, unitOf } from "../units.js";
-import { disableFor, whyNotNow } from "../why_not.js";
+import { disableFor, whyNotNow } from "../access/why_not.js";
+import { position } from "../text/format.js";
+import { t } from "../text/language.js";
+import { lengthScale, unitOf } from "../text/units.js";
+import { arrange, button, h, setAttr, setText } from "../ui/dom.js";
+import { icon } from "../ui/icons.js";
 import { numberField, Undo } from "./values.js";
 
 /** @type {import("./values.js").Section} */
@@ -48,7 +48,7 @@ export const tools = {
       const radius = numberField(app, t("tools.radius_of_t", { id: tool.id }), (value) => set(tool, { radius: value }));
       const remove = button({ class: "icon-button", "aria-label": t("tools.take_t_out_of_the", { id: tool.id }), onclick: () => void undo.do(t("tools.t_was_taken_out", { id: tool.id }), () => app.api.changeTools({ remove: [tool.id] }), () => app.api.changeTools({ tools: [tool] })) }, icon("trash"));
       const element = h("div", { class: "tool-row" }, h("strong", {}, `T${tool.id}`), length.element, radius.element, remove);
-      const show = (/** @type {import("../types.d.ts").ToolData} */ one, /** @type {import("../units.js").Scale} */ now) => {
+      const show = (/** @type {import("../types.d.ts").ToolData} */ one, /** @type {import("../text/units.js").Scale} */ now) => {
         tool = one;
         setAttr(element, "data-in-spindle", tool.id === app.model.current?.modal?.tool);
         length.show(position(tool.length, now), now);

@@ -1,9 +1,9 @@
 // Runs a probe cycle as manual data input, and collects the captured positions.
 
-import { api, diagnosticsOf } from "../api.js";
-import { t } from "../language.js";
-import { machine } from "../machine.js";
+import { api, diagnosticsOf } from "../machine/api.js";
+import { machine } from "../machine/machine.js";
 import { Refusal } from "../tandem.js";
+import { t } from "../text/language.js";
 import { NEAR_MM } from "./cycles.js";
 
 /** Interval at which the state is checked, ms. */

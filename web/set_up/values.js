@@ -1,17 +1,17 @@
 // Fields whose values are stored when the field loses the focus or Enter is pressed, and the undo of changes.
 
-import { button, h, isRemoved, setAttr } from "../dom.js";
-import { readNumber } from "../format.js";
-import { icon } from "../icons.js";
-import { t } from "../language.js";
-import { disableFor, whyNotNow } from "../why_not.js";
+import { disableFor, whyNotNow } from "../access/why_not.js";
+import { readNumber } from "../text/format.js";
+import { t } from "../text/language.js";
+import { button, h, isRemoved, setAttr } from "../ui/dom.js";
+import { icon } from "../ui/icons.js";
 
 /**
  * A section of the panel Set up.
  * @typedef {{title: string, create: (app: import("../main.js").App) => {element: HTMLElement, render: () => void, read: () => void}}} Section
  */
 
-/** Numbers without a unit. @type {import("../units.js").Scale} */
+/** Numbers without a unit. @type {import("../text/units.js").Scale} */
 const UNITLESS = { unit: "", size: 1, decimals: 3 };
 
 /**
@@ -54,7 +54,7 @@ export function numberField(app, label, store) {
     forget() {
       isTyped = false;
     },
-    /** Shows a value, unless a value is being typed. @param {string} text @param {import("../units.js").Scale} [of] its unit */
+    /** Shows a value, unless a value is being typed. @param {string} text @param {import("../text/units.js").Scale} [of] its unit */
     show(text, of = UNITLESS) {
       const isUnstored = isTyped && input.value !== shown;
       if (isUnstored && of.unit === scale.unit) return;

@@ -1,9 +1,9 @@
 // P and Q variables: a range of them, to be read and changed.
 
-import { arrange, button, h, setAttr } from "../dom.js";
-import { plain } from "../format.js";
-import { t } from "../language.js";
-import { disableFor, whyNotNow } from "../why_not.js";
+import { disableFor, whyNotNow } from "../access/why_not.js";
+import { plain } from "../text/format.js";
+import { t } from "../text/language.js";
+import { arrange, button, h, setAttr } from "../ui/dom.js";
 import { numberField, Undo } from "./values.js";
 
 /** Variables shown at once. */

@@ -1,13 +1,13 @@
 // Shared parts of the elements of `elements.js`: the machine that they show, and the time of drawing.
 
-import { language } from "../language.js";
-import { MACHINE_TOPICS, Model } from "../model.js";
+import { MACHINE_TOPICS, Model } from "../machine/model.js";
 import { Tandem } from "../tandem.js";
+import { language } from "../text/language.js";
 
 /** Interval at which running times are shown, ms. */
 const TICK_MS = 250;
 
-/** @typedef {import("../model.js").CoordinateSystem} CoordinateSystem */
+/** @typedef {import("../machine/model.js").CoordinateSystem} CoordinateSystem */
 
 /**
  * A machine that elements show.

@@ -1,18 +1,18 @@
 // Elements that show a machine, for third-party pages: <tandem-state>, <tandem-dro>, <tandem-m-codes> and <tandem-path>. Each has the
 // attributes `cs` (coordinate system, without it the first one) and `url` (of the machine, without it the server of the page).
 
-import { fill, h, setAttr, setText } from "../dom.js";
-import { duration, params, position, seconds } from "../format.js";
-import { icon, setIcon } from "../icons.js";
-import { t } from "../language.js";
-import { axesOf } from "../model.js";
-import { look, sentence } from "../sentence.js";
+import { axesOf } from "../machine/model.js";
+import { look, sentence } from "../machine/sentence.js";
+import { duration, params, position, seconds } from "../text/format.js";
+import { t } from "../text/language.js";
+import { fill, h, setAttr, setText } from "../ui/dom.js";
+import { icon, setIcon } from "../ui/icons.js";
 import { machineAt, TandemElement } from "./element.js";
 import { TandemPath } from "./path_element.js";
 
 export { machineAt, TandemElement };
 
-/** @typedef {import("../model.js").CoordinateSystem} CoordinateSystem */
+/** @typedef {import("../machine/model.js").CoordinateSystem} CoordinateSystem */
 
 /** State word and sentence. */
 class TandemState extends TandemElement {

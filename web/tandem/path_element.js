@@ -1,8 +1,6 @@
 // <tandem-path>: the planned path of the loaded program, with the tool at the position of the machine. `view` is XY, XZ, YZ or ISO; dragging
 // turns it, the wheel and two fingers zoom.
 
-import { h, setAttr, setText } from "../dom.js";
-import { t } from "../language.js";
 import { VIEW_NAMES } from "../path/camera.js";
 import { corners } from "../path/extent.js";
 import { atTime } from "../path/find.js";
@@ -11,6 +9,8 @@ import { PathLoader } from "../path/load.js";
 import { Picture } from "../path/picture.js";
 import { follow } from "../path/pointer.js";
 import { isShown, runsProgram } from "../path/shown.js";
+import { t } from "../text/language.js";
+import { h, setAttr, setText } from "../ui/dom.js";
 import { TandemElement } from "./element.js";
 
 /** Own pages show lengths in mm, as `tandem-dro` does. */

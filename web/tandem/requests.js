@@ -1,6 +1,6 @@
 // Requests to the machine over REST. A refused request throws a Refusal with the machine's text.
 
-import { t } from "../language.js";
+import { t } from "../text/language.js";
 
 /** Time limit of a request: a slow machine may take seconds to stop on its path. */
 export const TIMEOUT_MS = 15000;

@@ -1,9 +1,9 @@
 // The panel Machine: buttons and cards that the machine builder has added in the configuration; without them the panel is not shown.
 
-import { fill, h } from "../dom.js";
 import { addedButton } from "../added/button.js";
 import { addedCard } from "../added/card.js";
-import { t } from "../language.js";
+import { t } from "../text/language.js";
+import { fill, h } from "../ui/dom.js";
 
 /** Time limit of a missing answer, ms. */
 const AGAIN_MS = 3000;

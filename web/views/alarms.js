@@ -1,11 +1,11 @@
 // Active alarms, newest first, with their remedies.
 
-import { alarmWords } from "../alarm_words.js";
-import { button, card, fill, h, setText } from "../dom.js";
-import { explained } from "../explain.js";
-import { programName, rounded, timeOfDay } from "../format.js";
-import { icon } from "../icons.js";
-import { t } from "../language.js";
+import { explained } from "../machine/explain.js";
+import { alarmWords } from "../text/alarm_words.js";
+import { programName, rounded, timeOfDay } from "../text/format.js";
+import { t } from "../text/language.js";
+import { button, card, fill, h, setText } from "../ui/dom.js";
+import { icon } from "../ui/icons.js";
 
 /** @type {import("../main.js").View} */
 export const alarms = {

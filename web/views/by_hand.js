@@ -1,20 +1,20 @@
 // Motion by hand: a cross of jog buttons with their speed and step, homing, a line of NC text, back trace; dry run, the locks
 // and the control lease.
 
-import { button, fill, h, setAttr, setText } from "../dom.js";
-import { explained } from "../explain.js";
-import { notHomed } from "../homed.js";
-import { icon } from "../icons.js";
-import { jogButton } from "../jog.js";
-import { JogChoices } from "../jog_choice.js";
-import { t } from "../language.js";
-import { leaseButton } from "../lease.js";
-import { forcedNote } from "../locks.js";
-import { mdiLine } from "../mdi.js";
-import { axesOf } from "../model.js";
-import { Pad } from "../pad.js";
-import { handUnitOf, isRotary } from "../units.js";
-import { disableFor, whyNot } from "../why_not.js";
+import { leaseButton } from "../access/lease.js";
+import { disableFor, whyNot } from "../access/why_not.js";
+import { notHomed } from "../by_hand/homed.js";
+import { jogButton } from "../by_hand/jog.js";
+import { JogChoices } from "../by_hand/jog_choice.js";
+import { mdiLine } from "../by_hand/mdi.js";
+import { Pad } from "../by_hand/pad.js";
+import { forcedNote } from "../inputs/locks.js";
+import { explained } from "../machine/explain.js";
+import { axesOf } from "../machine/model.js";
+import { t } from "../text/language.js";
+import { handUnitOf, isRotary } from "../text/units.js";
+import { button, fill, h, setAttr, setText } from "../ui/dom.js";
+import { icon } from "../ui/icons.js";
 import { dryRunSwitch, lockSwitch } from "./switches.js";
 
 /** Buttons of the cross: axis, direction, column and row. @type {[number, 1 | -1, number, number][]} */

@@ -1,12 +1,12 @@
 // Start, hold, resume, stop, reset, abort. Start begins a run, and resumes after a pause, as on every control; each other button
 // always has the same meaning.
 
-import { button, h } from "../dom.js";
-import { programName } from "../format.js";
-import { icon } from "../icons.js";
-import { listed, sentences, t } from "../language.js";
-import { risksOfStart } from "../start_conditions.js";
-import { disableFor, startVerb, whyNot } from "../why_not.js";
+import { disableFor, startVerb, whyNot } from "../access/why_not.js";
+import { risksOfStart } from "../machine/start_conditions.js";
+import { programName } from "../text/format.js";
+import { listed, sentences, t } from "../text/language.js";
+import { button, h } from "../ui/dom.js";
+import { icon } from "../ui/icons.js";
 
 /** @type {{verb: import("../types.d.ts").Verb, label: string, icon: string, says: string}[]} */
 const COMMANDS = [

@@ -1,9 +1,9 @@
 // A banner that reports a lost connection and stale values.
 
-import { button, h, setAttr, setText } from "../dom.js";
-import { seconds } from "../format.js";
-import { icon } from "../icons.js";
-import { sentences, t } from "../language.js";
+import { seconds } from "../text/format.js";
+import { sentences, t } from "../text/language.js";
+import { button, h, setAttr, setText } from "../ui/dom.js";
+import { icon } from "../ui/icons.js";
 
 /** @type {import("../main.js").View} */
 export const connectionBanner = {

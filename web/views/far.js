@@ -1,12 +1,12 @@
 // The screen for reading from three metres: state, sentence, positions, program; its frame has the colour of the state.
 
-import { fill, h, setAttr, setText } from "../dom.js";
-import { position, programName } from "../format.js";
-import { icon, setIcon } from "../icons.js";
-import { t } from "../language.js";
-import { brief, look, sentence } from "../sentence.js";
-import { scaleOf } from "../units.js";
-import { axesOf } from "../model.js";
+import { axesOf } from "../machine/model.js";
+import { brief, look, sentence } from "../machine/sentence.js";
+import { position, programName } from "../text/format.js";
+import { t } from "../text/language.js";
+import { scaleOf } from "../text/units.js";
+import { fill, h, setAttr, setText } from "../ui/dom.js";
+import { icon, setIcon } from "../ui/icons.js";
 
 /** Most characters of the sentence. */
 const SENTENCE_CHARS = 110;

@@ -1,11 +1,11 @@
 // Feedrate and spindle speed, and the overrides.
 
-import { button, card, h, setAttr, setText } from "../dom.js";
-import { position, whole } from "../format.js";
-import { t } from "../language.js";
-import { OverrideSlider } from "../override_slider.js";
-import { lengthScale, unitOf } from "../units.js";
-import { disableFor, whyNotNow } from "../why_not.js";
+import { disableFor, whyNotNow } from "../access/why_not.js";
+import { position, whole } from "../text/format.js";
+import { t } from "../text/language.js";
+import { lengthScale, unitOf } from "../text/units.js";
+import { button, card, h, setAttr, setText } from "../ui/dom.js";
+import { OverrideSlider } from "../ui/override_slider.js";
 
 /** Time between two settings while a slider is dragged, ms. */
 const SEND_MS = 120;

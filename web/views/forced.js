@@ -1,8 +1,8 @@
 // A permanently visible line with all forced values, as a reminder.
 
-import { button, h, setAttr, setText } from "../dom.js";
-import { listed, t } from "../language.js";
-import { forcedOf, ioOf, nameOf, valueText } from "../plant.js";
+import { forcedOf, ioOf, nameOf, valueText } from "../inputs/plant.js";
+import { listed, t } from "../text/language.js";
+import { button, h, setAttr, setText } from "../ui/dom.js";
 
 /** @type {import("../main.js").View} */
 export const forced = {

@@ -1,14 +1,14 @@
 // Machine name, one tab for each coordinate system with its state, connection, colour scheme.
 
-import { button, fill, h, setAttr, setText } from "../dom.js";
+import { userButton } from "../access/user.js";
+import { showShortcuts, toggleFar } from "../app/shortcuts.js";
+import { theme, toggleTheme } from "../app/theme.js";
 import { openHistory } from "../history/dialog.js";
-import { icon, setIcon } from "../icons.js";
-import { t } from "../language.js";
-import { look } from "../sentence.js";
-import { showShortcuts, toggleFar } from "../shortcuts.js";
-import { theme, toggleTheme } from "../theme.js";
-import { chosenUnits, handUnitOf, lengthScale, nextUnits, unitOf } from "../units.js";
-import { userButton } from "../user.js";
+import { look } from "../machine/sentence.js";
+import { t } from "../text/language.js";
+import { chosenUnits, handUnitOf, lengthScale, nextUnits, unitOf } from "../text/units.js";
+import { button, fill, h, setAttr, setText } from "../ui/dom.js";
+import { icon, setIcon } from "../ui/icons.js";
 
 /** @type {import("../main.js").View} */
 export const header = {
@@ -89,7 +89,7 @@ function tab(cs, select) {
   );
   return {
     element,
-    /** @param {import("../model.js").Model} model @param {boolean} selected */
+    /** @param {import("../machine/model.js").Model} model @param {boolean} selected */
     render(model, selected) {
       setAttr(element, "aria-selected", String(selected));
       setAttr(element, "tabindex", selected ? "0" : "-1");

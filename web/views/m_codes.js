@@ -1,11 +1,11 @@
 // Open outputs: their M codes, handlers and age; questions, confirmation by hand and redelivery.
 
-import { declared, inWords } from "../declared.js";
-import { button, card, fill, h, setAttr, setText } from "../dom.js";
-import { duration, programName } from "../format.js";
-import { icon } from "../icons.js";
-import { t } from "../language.js";
-import { disableFor, whyNotNow } from "../why_not.js";
+import { disableFor, whyNotNow } from "../access/why_not.js";
+import { declared, inWords } from "../text/declared.js";
+import { duration, programName } from "../text/format.js";
+import { t } from "../text/language.js";
+import { button, card, fill, h, setAttr, setText } from "../ui/dom.js";
+import { icon } from "../ui/icons.js";
 
 /** @type {Record<string, string>} */
 const STATES = { QUEUED: t("m_codes.queued"), OUTPUT: t("m_codes.no_handler"), CLAIMED: t("m_codes.in_work") };

@@ -1,11 +1,7 @@
 // The path of the loaded program in space, drawn before anything moves, with the tool at the position of the machine; the travelled path if
 // no plan exists (manual data input, jogs).
 
-import { button, card, h, setAttr, setText } from "../dom.js";
-import { position } from "../format.js";
-import { icon } from "../icons.js";
-import { sentences, t } from "../language.js";
-import { machine } from "../machine.js";
+import { machine } from "../machine/machine.js";
 import { locateWord } from "../path/bytes.js";
 import { VIEW_NAMES } from "../path/camera.js";
 import { corners } from "../path/extent.js";
@@ -17,7 +13,11 @@ import { follow } from "../path/pointer.js";
 import { Rehearse } from "../path/rehearse.js";
 import { isShown, runsProgram } from "../path/shown.js";
 import { toolRadius } from "../path/tool.js";
-import { lengthScale, scaleOf, unitOf } from "../units.js";
+import { position } from "../text/format.js";
+import { sentences, t } from "../text/language.js";
+import { lengthScale, scaleOf, unitOf } from "../text/units.js";
+import { button, card, h, setAttr, setText } from "../ui/dom.js";
+import { icon } from "../ui/icons.js";
 
 /** @typedef {[number, number, number]} Point */
 
@@ -96,7 +96,7 @@ class PathView {
     return isShown(this.app.model.current?.state, plan) ? plan : null;
   }
 
-  /** @param {import("../model.js").CoordinateSystem} system */
+  /** @param {import("../machine/model.js").CoordinateSystem} system */
   #showNote(system) {
     const text = this.#preview() ? sentences(this.#picture.trouble, t("path.preview")) : this.#planNote(system);
     setText(this.#note, text);
@@ -109,7 +109,7 @@ class PathView {
     setAttr(this.#canvas, "aria-label", t("path.tool_at", { place: where }));
   }
 
-  /** @param {import("../model.js").CoordinateSystem} system */
+  /** @param {import("../machine/model.js").CoordinateSystem} system */
   #planNote(system) {
     const { error } = this.#loader;
     const plan = this.#plan;
@@ -165,7 +165,7 @@ class PathView {
 
   /**
    * Returns the content to show now.
-   * @param {import("../model.js").CoordinateSystem} system @param {number} now ms @returns {import("../path/picture.js").PictureContent}
+   * @param {import("../machine/model.js").CoordinateSystem} system @param {number} now ms @returns {import("../path/picture.js").PictureContent}
    */
   #see(system, now) {
     const preview = this.#preview();
@@ -196,7 +196,7 @@ class PathView {
 
   /**
    * Returns the parts of the picture that do not depend on a path.
-   * @param {import("../model.js").CoordinateSystem} system @param {Point} at
+   * @param {import("../machine/model.js").CoordinateSystem} system @param {Point} at
    */
   #unmoved(system, at) {
     const work = point(system.position?.work);
@@ -216,7 +216,7 @@ class PathView {
     return this.#place.place;
   }
 
-  /** Fits the whole path when the picture shows another program, or none. @param {import("../model.js").CoordinateSystem} system @param {import("../path/picture.js").PictureContent} shown */
+  /** Fits the whole path when the picture shows another program, or none. @param {import("../machine/model.js").CoordinateSystem} system @param {import("../path/picture.js").PictureContent} shown */
   #fitFirst(system, shown) {
     const size = shown.path?.complete ? "all" : shown.path?.chunks.length ? "some" : "none";
     const { camera } = this.#picture;
@@ -269,14 +269,14 @@ function point(values) {
   return [values?.X ?? 0, values?.Y ?? 0, values?.Z ?? 0];
 }
 
-/** Returns the view of the two axes of the machine. @param {import("../model.js").CoordinateSystem} system */
+/** Returns the view of the two axes of the machine. @param {import("../machine/model.js").CoordinateSystem} system */
 function planeOf({ info }) {
   const [x, y, z] = ["X", "Y", "Z"].map((letter) => letter in info.axes);
   if (x && y) return z ? "ISO" : "XY";
   return y ? "YZ" : "XZ";
 }
 
-/** Returns the corners of the space within the soft limits. @param {import("../model.js").CoordinateSystem} system @param {import("../types.d.ts").MotorInfo[]} motors @returns {[Point, Point] | null} */
+/** Returns the corners of the space within the soft limits. @param {import("../machine/model.js").CoordinateSystem} system @param {import("../types.d.ts").MotorInfo[]} motors @returns {[Point, Point] | null} */
 function limitsOf({ info }, motors) {
   const of = ["X", "Y", "Z"].map((letter) => motors.find((motor) => motor.number === info.axes[letter])?.soft_limits ?? null);
   if (of.every((limits) => limits === null)) return null;

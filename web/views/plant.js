@@ -1,10 +1,10 @@
 // The panel Plant: declared inputs and outputs with their values, owners and forced values.
 
-import { button, fill, h, setAttr, setText } from "../dom.js";
-import { askToForce, askToRelease } from "../force.js";
-import { t } from "../language.js";
-import { ioOf, nameOf, pointsOf, valueText } from "../plant.js";
-import { disableFor, whyNotNow } from "../why_not.js";
+import { disableFor, whyNotNow } from "../access/why_not.js";
+import { askToForce, askToRelease } from "../inputs/force.js";
+import { ioOf, nameOf, pointsOf, valueText } from "../inputs/plant.js";
+import { t } from "../text/language.js";
+import { button, fill, h, setAttr, setText } from "../ui/dom.js";
 
 /** @type {import("../main.js").View} */
 export const plant = {
@@ -37,7 +37,7 @@ export const plant = {
   },
 };
 
-/** @param {import("../main.js").App} app @param {import("../plant.js").Point} point */
+/** @param {import("../main.js").App} app @param {import("../inputs/plant.js").Point} point */
 function entry(app, point) {
   const name = nameOf(point);
   const value = h("strong", { class: "io-value" });

@@ -1,12 +1,12 @@
 // The axes: work position in large digits, machine position and distance to go. All axes are visible at every size: the digits
 // use the available space.
 
-import { card, fill, h, setAttr, setText } from "../dom.js";
-import { position } from "../format.js";
-import { homedSign } from "../homed.js";
-import { t } from "../language.js";
-import { axesOf } from "../model.js";
-import { scaleOf } from "../units.js";
+import { homedSign } from "../by_hand/homed.js";
+import { axesOf } from "../machine/model.js";
+import { position } from "../text/format.js";
+import { t } from "../text/language.js";
+import { scaleOf } from "../text/units.js";
+import { card, fill, h, setAttr, setText } from "../ui/dom.js";
 
 /** Longest position in large digits, characters. */
 const LONG_POSITION = 8;
@@ -22,7 +22,7 @@ export const positions = {
     let rows = [];
     let shown = "";
 
-    /** @param {import("../model.js").CoordinateSystem} system */
+    /** @param {import("../machine/model.js").CoordinateSystem} system */
     const build = (system) => {
       rows = axesOf(system).map((axis) => ({ axis, unit: h("small", {}), sign: homedSign(axis), work: h("td", { class: "work" }), machine: h("td", {}), toGo: h("td", {}) }));
       const row = (/** @type {typeof rows[number]} */ { axis, unit, sign, work, machine, toGo }) => h("tr", { "data-axis": axis }, h("th", { scope: "row" }, axis, unit, sign.element), work, machine, toGo);

@@ -1,14 +1,14 @@
 // The text of the running program, with the current line in view. Only the visible lines exist as elements, so a program of
 // a million lines costs as much as a short one.
 
-import { button, card, fill, h, setAttr, setText } from "../dom.js";
-import { explain } from "../explain.js";
-import { tipsOn } from "../explain_tip.js";
-import { programName, shortHash } from "../format.js";
-import { t } from "../language.js";
-import { NcText } from "../nc_text.js";
-import { cutShortAt, openLineStart } from "../start_line.js";
-import { disableFor, whyNot } from "../why_not.js";
+import { disableFor, whyNot } from "../access/why_not.js";
+import { explain } from "../machine/explain.js";
+import { tipsOn } from "../machine/explain_tip.js";
+import { NcText } from "../programs/nc_text.js";
+import { cutShortAt, openLineStart } from "../programs/start_line.js";
+import { programName, shortHash } from "../text/format.js";
+import { t } from "../text/language.js";
+import { button, card, fill, h, setAttr, setText } from "../ui/dom.js";
 
 /** Height of a line, as in cards.css. */
 const LINE_PX = 24;
@@ -45,7 +45,7 @@ class ProgramView {
   #scrolledTo = -1;
   /** The program whose text is shown. */
   #number = 0;
-  /** The shown block of the last choice. @type {import("../model.js").Model["chosen"]} */
+  /** The shown block of the last choice. @type {import("../machine/model.js").Model["chosen"]} */
   #chosen = null;
   /** The block at which the view offers a start. @type {{program: number, line: number} | null} */
   #from = null;

@@ -1,16 +1,16 @@
 // Programs of the store: search, sort, load, edit, download, delete; files can be dropped anywhere on the screen.
 
-import { diagnosticsOf } from "../api.js";
-import { button, fill, h, setAttr, setText } from "../dom.js";
+import { disableFor, whyNot, whyNotNow } from "../access/why_not.js";
 import { numberFor, openEditor } from "../editor/dialog.js";
 import { rename } from "../editor/rename.js";
-import { counts, showFindings } from "../findings.js";
-import { bytes, programName, shortHash } from "../format.js";
-import { icon } from "../icons.js";
-import { listed, t } from "../language.js";
-import { orderParts } from "../order.js";
-import { disableFor, whyNot, whyNotNow } from "../why_not.js";
-import { askForFolder, foldersKey, inFolders } from "../folders.js";
+import { diagnosticsOf } from "../machine/api.js";
+import { counts, showFindings } from "../programs/findings.js";
+import { askForFolder, foldersKey, inFolders } from "../programs/folders.js";
+import { orderParts } from "../programs/order.js";
+import { bytes, programName, shortHash } from "../text/format.js";
+import { listed, t } from "../text/language.js";
+import { button, fill, h, setAttr, setText } from "../ui/dom.js";
+import { icon } from "../ui/icons.js";
 
 /** @typedef {import("../types.d.ts").ProgramInfo} ProgramInfo */
 

@@ -1,12 +1,12 @@
 // Setting up a part: work offsets with zero-set and touch-off by hand, probe cycles, the tool table, variables, and the machine's M codes.
 
-import { arrange, button, h, setAttr } from "../dom.js";
-import { t } from "../language.js";
 import { mButtons } from "../set_up/m_buttons.js";
 import { offsets } from "../set_up/offsets.js";
 import { probe } from "../set_up/probe.js";
 import { tools } from "../set_up/tools.js";
 import { variables } from "../set_up/variables.js";
+import { t } from "../text/language.js";
+import { arrange, button, h, setAttr } from "../ui/dom.js";
 
 /** @type {import("../set_up/values.js").Section[]} */
 const SECTIONS = [offsets, probe, tools, variables, mButtons];

@@ -1,12 +1,12 @@
 // The state in large letters, and a sentence that explains it.
 
-import { button, h, setAttr, setText } from "../dom.js";
-import { explain } from "../explain.js";
-import { programName } from "../format.js";
-import { icon, setIcon } from "../icons.js";
-import { t } from "../language.js";
-import { partsSaid } from "../order.js";
-import { announcement, asked, brief, look, sentence } from "../sentence.js";
+import { explain } from "../machine/explain.js";
+import { announcement, asked, brief, look, sentence } from "../machine/sentence.js";
+import { partsSaid } from "../programs/order.js";
+import { programName } from "../text/format.js";
+import { t } from "../text/language.js";
+import { button, h, setAttr, setText } from "../ui/dom.js";
+import { icon, setIcon } from "../ui/icons.js";
 
 /** Longest state in large letters, characters. */
 const LONG_WORD = 10;
@@ -68,7 +68,7 @@ const BEFORE = new Set(["READY", "PROGRAM_COMPLETED", "STOPPED"]);
 
 /**
  * Returns the note with which the load was accepted, until the program runs.
- * @param {import("../model.js").CoordinateSystem} system
+ * @param {import("../machine/model.js").CoordinateSystem} system
  */
 function noteOfLoad({ state, note }) {
   if (!state || !note?.text || note.hash !== state.hash || !BEFORE.has(state.execution)) return "";
@@ -83,7 +83,7 @@ function showQuestion() {
 }
 
 /**
- * @param {import("../model.js").CoordinateSystem} system
+ * @param {import("../machine/model.js").CoordinateSystem} system
  * @param {import("../types.d.ts").ProgramInfo[] | null} programs
  */
 function details({ state, modal, info, interlock, startLock, lease, runState }, programs) {

@@ -1,8 +1,8 @@
 // The question about stored files that do not fit together: the affected parts, and the person's decision.
 
-import { button, h, setAttr, setText } from "../dom.js";
-import { listed, t } from "../language.js";
-import { disableFor, whyNotNow } from "../why_not.js";
+import { disableFor, whyNotNow } from "../access/why_not.js";
+import { listed, t } from "../text/language.js";
+import { button, h, setAttr, setText } from "../ui/dom.js";
 
 /** @typedef {import("../types.d.ts").StoredDataFinding} StoredDataFinding */
 

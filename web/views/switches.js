@@ -1,9 +1,9 @@
 // Inputs of the operator: single block, optional stop, block skip 1 to 9, and the locks.
 
-import { button, h, setAttr } from "../dom.js";
-import { t } from "../language.js";
-import { switchLock } from "../locks.js";
-import { disableFor, whyNotNow } from "../why_not.js";
+import { disableFor, whyNotNow } from "../access/why_not.js";
+import { switchLock } from "../inputs/locks.js";
+import { t } from "../text/language.js";
+import { button, h, setAttr } from "../ui/dom.js";
 
 /** @type {import("../main.js").View} */
 export const switches = {
@@ -56,7 +56,7 @@ export function dryRunSwitch(app) {
  * @param {string} input
  * @param {string} text
  * @param {string} says
- * @param {(cs: import("../model.js").CoordinateSystem) => boolean | undefined} value
+ * @param {(cs: import("../machine/model.js").CoordinateSystem) => boolean | undefined} value
  */
 function toggle(app, input, text, says, value) {
   return switchButton(app, text, says, value, (cs, next) => app.api.setInput(cs, input, next));
@@ -66,7 +66,7 @@ function toggle(app, input, text, says, value) {
  * @param {import("../main.js").App} app
  * @param {string} text
  * @param {string} says
- * @param {(cs: import("../model.js").CoordinateSystem) => boolean | undefined} value
+ * @param {(cs: import("../machine/model.js").CoordinateSystem) => boolean | undefined} value
  * @param {(cs: number, value: boolean) => Promise<void>} set
  */
 function switchButton(app, text, says, value, set) {

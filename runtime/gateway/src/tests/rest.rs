@@ -584,7 +584,7 @@ async fn the_documents_and_their_page_are_served_from_here_alone() {
     let response = call(&port, "GET", "/api", &[], "").await;
     assert_eq!(response.headers()["content-type"], "text/html; charset=utf-8");
     let page = text(response).await;
-    for file in ["api_page.js", "api_page.css"] {
+    for file in ["api_page.js", "styles/api_page.css"] {
         assert!(page.contains(file), "{page}");
         assert_eq!(
             call(&port, "GET", &format!("/{file}"), &[], "").await.status(),
