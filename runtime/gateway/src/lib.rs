@@ -201,8 +201,9 @@ impl Gateway {
             (tls.clone(), limits.mqtt),
             refused_sender,
         )?;
-        let neighbours =
-            PeerMachines::new(&settings.machine, settings.hmi.machines.clone(), broker.is_none());
+        let peers = PeerMachines::new(&settings.machine, settings.hmi.machines.clone(), broker.is_none());
+        let websocket = broker.as_ref();
+        let websocket = websocket.and_then(|broker| broker.websocket_listener(&settings.mqtt));
         let position_interval = settings.position_interval();
         let stop = CancellationToken::new();
         let mtconnect = mtconnect::start(&settings, port, machine.supervisor(), &stop).await?;
@@ -216,14 +217,10 @@ impl Gateway {
             stop.clone(),
         )
         .with_hmi(settings.hmi)
-        .with_peer_machines(Arc::clone(&neighbours))
-        .with_websocket_listener(
-            broker
-                .as_ref()
-                .and_then(|broker| broker.websocket_listener(&settings.mqtt)),
-        );
+        .with_peer_machines(Arc::clone(&peers))
+        .with_websocket_listener(websocket);
         if broker.is_none() {
-            let listener = Listener::for_broker(&settings.mqtt, &settings.machine, neighbours, stop.clone())?;
+            let listener = Listener::for_broker(&settings.mqtt, &settings.machine, peers, stop.clone())?;
             start_listener(listener, &shared);
         }
         let parts = mqtt::Parts {

@@ -7,6 +7,7 @@
 
 mod bytes;
 mod chunk;
+mod in_progress;
 mod plan;
 mod planning;
 mod rehearsed;
@@ -20,7 +21,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use parking_lot::{Condvar, Mutex};
 use plc_api::supervisor::Consequence;
@@ -42,6 +43,7 @@ use crate::config::ConfiguredSystem;
 use crate::coordinate_system::{Conditions, Prediction, RunStart, View, line_search, state_of};
 use crate::program_store::StoredProgram;
 use crate::shared::SharedState;
+use in_progress::PlanInProgress;
 use plan::{Plan, PlanContent, RunMoment};
 use slots::{PlanOrder, PlanUse, Slots};
 
@@ -525,7 +527,7 @@ impl Inner {
         };
         let Some(conditions) = conditions else { return };
         let plan = Arc::new(Plan::new(conditions));
-        let in_progress = PlanInProgress::begin(self, cs, which, &plan);
+        let in_progress = PlanInProgress::new(self, cs, which, &plan);
         let is_wanted = || {
             self.shared.supervisor.fault_point(THREAD);
             !self.is_closing() && self.is_wanted(cs, which, number, &plan)
@@ -575,37 +577,6 @@ impl Inner {
             PlanUse::Loaded => loaded == Some(number),
             PlanUse::Asked => loaded != Some(number) && !self.slots.lock().values().any(waits),
         }
-    }
-}
-
-/// A plan that is being made. When the value is dropped, also after a panic, planning has ended and an
-/// incomplete plan is discarded, so that the program is planned again.
-struct PlanInProgress<'a> {
-    inner: &'a Inner,
-    cs: CoordinateSystemNumber,
-    which: PlanUse,
-    plan: &'a Arc<Plan>,
-    began: Instant,
-}
-
-impl<'a> PlanInProgress<'a> {
-    fn begin(inner: &'a Inner, cs: CoordinateSystemNumber, which: PlanUse, plan: &'a Arc<Plan>) -> Self {
-        inner.slots.lock().entry(cs).or_default().begin_plan(which, plan);
-        Self {
-            inner,
-            cs,
-            which,
-            plan,
-            began: Instant::now(),
-        }
-    }
-}
-
-impl Drop for PlanInProgress<'_> {
-    fn drop(&mut self) {
-        let mut all = self.inner.slots.lock();
-        let slots = all.entry(self.cs).or_default();
-        slots.end_plan(self.which, self.plan, self.began.elapsed());
     }
 }
 

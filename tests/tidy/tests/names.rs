@@ -37,7 +37,10 @@ const BARE_VERBS: [&str; 12] = [
 const ALTERNATIVES: [&str; 1] = ["HasForm"];
 
 /// Getters in pairs, and methods that keep the name of a method of the standard library: file, name, reason.
-const KEPT: [(&str, &str, &str); 0] = [];
+const KEPT: [(&str, &str, &str); 2] = [
+    ("runtime/model/src/arc.rs", "end", "a getter next to `start`"),
+    ("runtime/model/src/flow.rs", "end", "a getter next to `start`"),
+];
 
 /// The declared names of one source.
 #[derive(Default)]

@@ -1,0 +1,41 @@
+//! The plan that is being made.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use plc_api::types::CoordinateSystemNumber;
+
+use super::Inner;
+use super::plan::Plan;
+use super::slots::PlanUse;
+
+/// A plan that is being made. When the value is dropped, also after a panic, planning has ended and an
+/// incomplete plan is discarded, so that the program is planned again.
+pub(super) struct PlanInProgress<'a> {
+    inner: &'a Inner,
+    cs: CoordinateSystemNumber,
+    which: PlanUse,
+    plan: &'a Arc<Plan>,
+    began: Instant,
+}
+
+impl<'a> PlanInProgress<'a> {
+    pub fn new(inner: &'a Inner, cs: CoordinateSystemNumber, which: PlanUse, plan: &'a Arc<Plan>) -> Self {
+        inner.slots.lock().entry(cs).or_default().begin_plan(which, plan);
+        Self {
+            inner,
+            cs,
+            which,
+            plan,
+            began: Instant::now(),
+        }
+    }
+}
+
+impl Drop for PlanInProgress<'_> {
+    fn drop(&mut self) {
+        let mut all = self.inner.slots.lock();
+        let slots = all.entry(self.cs).or_default();
+        slots.end_plan(self.which, self.plan, self.began.elapsed());
+    }
+}
