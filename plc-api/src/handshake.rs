@@ -506,7 +506,7 @@ impl Ledger {
 
     fn record_outcome(&mut self, (seq, m, state): (u64, u16, OutputState), how: OutputOutcome) {
         let fate = match (&how, state) {
-            (_, OutputState::Queued) => Fate::NeverMade,
+            (_, OutputState::Queued) => Fate::NeverIssued,
             (OutputOutcome::Reset, _) => Fate::Reset,
             _ => Fate::Ended,
         };

@@ -35,7 +35,7 @@ use crate::types::{BootId, CoordinateSystemNumber};
 const TRIES: u32 = 5;
 
 /// Time for which a handler that leaves waits for the answer of the machine.
-const TELL_MAX: Duration = Duration::from_secs(1);
+const OFFLINE_REPORT_MAX: Duration = Duration::from_secs(1);
 
 /// An M code of one coordinate system, or of all coordinate systems (`None`).
 pub(crate) type ServedCode = (Option<CoordinateSystemNumber>, u16);
@@ -80,7 +80,7 @@ impl OfflineGuard {
             answer = self.plc.port().request(request) => if let Err(refusal) = answer {
                 tracing::warn!(%refusal, "{NOT_SENT}");
             },
-            () = self.plc.sleep(TELL_MAX) => tracing::warn!("{NOT_SENT}"),
+            () = self.plc.sleep(OFFLINE_REPORT_MAX) => tracing::warn!("{NOT_SENT}"),
         }
     }
 
@@ -187,7 +187,7 @@ pub(crate) struct HandlerSession {
     pub(crate) plc: Plc,
     pub(crate) by: Identity,
     pub(crate) open: OpenOutputs,
-    said: HandlerDeclaration,
+    declaration: HandlerDeclaration,
     messages: Subscription,
     systems: Vec<CoordinateSystemNumber>,
     announced: Announcement,
@@ -197,13 +197,13 @@ pub(crate) struct HandlerSession {
 
 impl HandlerSession {
     /// Creates a new instance of a handler.
-    pub(crate) fn new(plc: &Plc, handler_id: Arc<str>, said: HandlerDeclaration) -> Self {
+    pub(crate) fn new(plc: &Plc, handler_id: Arc<str>, declaration: HandlerDeclaration) -> Self {
         let by = Identity::new(handler_id);
         plc.levels().set_owner(&by);
         Self {
             plc: plc.clone(),
             by,
-            said,
+            declaration,
             messages: plc.port().subscribe(Filter::Handshake),
             open: OpenOutputs::default(),
             systems: Vec::new(),
@@ -314,7 +314,7 @@ impl HandlerSession {
 
     /// Returns the announcement for the existing coordinate systems.
     fn announcement(&self) -> HandlerPresence {
-        let codes = self.said.codes.iter().flat_map(|(cs, m)| {
+        let codes = self.declaration.codes.iter().flat_map(|(cs, m)| {
             let systems = cs.as_ref().map_or(&*self.systems, std::slice::from_ref);
             systems.iter().map(|cs| (*cs, *m))
         });
@@ -322,13 +322,13 @@ impl HandlerSession {
         HandlerPresence {
             online: true,
             handles: codes.into_iter().map(|(cs, m)| HandledCode { cs, m }).collect(),
-            validates: self.said.validates,
+            validates: self.declaration.validates,
             instance: Some(self.by.instance()),
-            take_over: self.said.takes_over && self.announced == Announcement::Never,
-            exclusive: self.said.is_exclusive,
-            redelivery: self.said.redelivery,
-            m_codes: self.said.m_codes.clone(),
-            alarms: self.said.alarms.clone(),
+            take_over: self.declaration.takes_over && self.announced == Announcement::Never,
+            exclusive: self.declaration.is_exclusive,
+            redelivery: self.declaration.redelivery,
+            m_codes: self.declaration.m_codes.clone(),
+            alarms: self.declaration.alarms.clone(),
             expires_ms: None,
             returns_within_ms: None,
             connection: None,
@@ -337,7 +337,7 @@ impl HandlerSession {
 
     /// Announces that from now on the machine must not claim outputs for this handler (H20).
     pub(crate) fn claim_by_message(&mut self) {
-        self.said.is_exclusive = false;
+        self.declaration.is_exclusive = false;
         if self.announced != Announcement::Never {
             self.announce();
         }

@@ -36,7 +36,7 @@ pub struct Queue<T> {
     // for each state: the number of its unread value after which no explaining event follows
     replaceable: HashMap<Topic, u64>,
     events: usize,
-    lost: u64,
+    dropped: u64,
 }
 
 impl<T> Default for Queue<T> {
@@ -46,7 +46,7 @@ impl<T> Default for Queue<T> {
             first: 0,
             replaceable: HashMap::new(),
             events: 0,
-            lost: 0,
+            dropped: 0,
         }
     }
 }
@@ -105,7 +105,7 @@ impl<T: QueueEntry> Queue<T> {
 
     /// Returns the number of events that were dropped so far because they were not read in time.
     pub fn dropped_events(&self) -> u64 {
-        self.lost
+        self.dropped
     }
 
     fn number(&self, place: usize) -> u64 {
@@ -125,7 +125,7 @@ impl<T: QueueEntry> Queue<T> {
         let explained = self.entries.get(place).and_then(explained_by);
         self.remove(place);
         self.events -= 1;
-        self.lost += 1;
+        self.dropped += 1;
         // an earlier value of the state that the dropped event explained is obsolete if a later value exists;
         // it may be replaced if no other event explains the state
         let Some(state) = explained else { return };

@@ -112,7 +112,7 @@ pub enum ServerNotice {
     /// A login or an access that was accepted or refused; the journal records a limited number of them.
     Access(AccessNote),
     /// The server does not store retained messages of clients, for this reason; `None` if it has room again.
-    NotKept(Option<String>),
+    NotRetained(Option<String>),
 }
 
 /// Timing of the servo thread and of the bus to the drives since their start.

@@ -520,7 +520,7 @@ impl ServedPort for RuntimePort {
                 self.shared.bus_connected.store(connected, Ordering::Relaxed);
                 self.shared.publish_broker(broker);
             }
-            ServerNotice::NotKept(text) => {
+            ServerNotice::NotRetained(text) => {
                 self.shared
                     .update_standing_warning(&MESSAGES_NOT_KEPT, text.as_deref());
             }

@@ -31,11 +31,11 @@ use super::table::{BoxedHandler, Table};
 
 /// Largest number of started outputs of one coordinate system that are remembered. A stale `pending` is older
 /// by far fewer outputs.
-const BEGUN_MAX: usize = 4096;
+const STARTED_MAX: usize = 4096;
 
 /// Largest number of pairs of boot and coordinate system whose started outputs are remembered: up to eight of
 /// each boot.
-const BEGUN_IN_MAX: usize = 32;
+const STARTED_SYSTEMS_MAX: usize = 32;
 
 /// Time for which a stopping program waits until the machine knows that the program accepts no further
 /// output.
@@ -52,7 +52,7 @@ struct Runner {
     on_redelivery: Option<Redelivery>,
     running: HashMap<OutputId, RunningHandler>,
     // outputs that this instance has started: a stale `pending` may arrive after their end
-    begun: StartedOutputs,
+    started: StartedOutputs,
     work: FuturesUnordered<BoxFuture<'static, OutputId>>,
     presence: HandlerSession,
     // the machine knows these handlers; outputs are claimed from now on
@@ -79,7 +79,7 @@ impl StartedOutputs {
         let at = known.unwrap_or_else(|| {
             self.0
                 .push_back((id.boot_id.clone(), id.cs, RecentSeqs::default()));
-            if self.0.len() > BEGUN_IN_MAX {
+            if self.0.len() > STARTED_SYSTEMS_MAX {
                 self.0.pop_front();
             }
             self.0.len() - 1
@@ -99,7 +99,7 @@ impl RecentSeqs {
             return;
         }
         self.order.push_back(seq);
-        if self.order.len() > BEGUN_MAX
+        if self.order.len() > STARTED_MAX
             && let Some(oldest) = self.order.pop_front()
         {
             self.known.remove(&oldest);
@@ -156,7 +156,7 @@ pub(super) async fn run<T>(
         table,
         on_redelivery: how.on_redelivery,
         running: HashMap::new(),
-        begun: StartedOutputs::default(),
+        started: StartedOutputs::default(),
         work: FuturesUnordered::new(),
         presence,
         is_known: false,
@@ -311,7 +311,7 @@ impl Runner {
 
     /// Returns false for an output that this instance has started before.
     fn is_new(&self, id: &OutputId) -> bool {
-        !self.running.contains_key(id) && !self.begun.knows(id)
+        !self.running.contains_key(id) && !self.started.knows(id)
     }
 
     /// Returns true for an output that was claimed for this instance (H20) but that this instance has never
@@ -340,7 +340,7 @@ impl Runner {
         } else {
             return;
         };
-        self.begun.remember_output(&id);
+        self.started.remember_output(&id);
         let (output, cancel) =
             AuxOutput::new((&self.presence, &self.table.states), id.clone(), pending, verify);
         let (abort, registration) = AbortHandle::new_pair();
@@ -481,7 +481,7 @@ mod tests {
             seq,
         };
         let mut begun = StartedOutputs::default();
-        for seq in 1..=BEGUN_MAX as u64 + 1 {
+        for seq in 1..=STARTED_MAX as u64 + 1 {
             begun.remember_output(&id("f", 2, seq));
         }
         for early in [id("f", 1, 1), id("a", 1, 1), id("a", 1, 1), id("a", 1, 0)] {
@@ -495,7 +495,7 @@ mod tests {
         }
         assert!(begun.knows(&id("f", 2, 0)) && begun.knows(&id("f", 2, 1)));
         assert!(!begun.knows(&id("f", 2, 3)) && begun.knows(&id("f", 2, 4)));
-        for boot in 0..BEGUN_IN_MAX {
+        for boot in 0..STARTED_SYSTEMS_MAX {
             begun.remember_output(&id(&boot.to_string(), 2, 1));
         }
         assert!(!begun.knows(&id("a", 1, 1)) && begun.knows(&id("0", 2, 1)));

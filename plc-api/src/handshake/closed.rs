@@ -16,7 +16,7 @@ pub(super) enum Fate {
     /// Cancelled, failed or timed out.
     Ended,
     /// Cancelled while queued: no handler has received it.
-    NeverMade,
+    NeverIssued,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -52,7 +52,7 @@ impl ClosedOutputs {
             _ if m.is_some_and(|m| m != closed.m) => HandshakeStatus::Unknown,
             Fate::Reset => HandshakeStatus::Duplicate,
             Fate::Ended => HandshakeStatus::Stale,
-            Fate::NeverMade => HandshakeStatus::Unknown,
+            Fate::NeverIssued => HandshakeStatus::Unknown,
         }
     }
 

@@ -41,7 +41,7 @@ enum InFlight {
 /// State of one output in the model.
 struct ModelOutput {
     m: u16,
-    made: bool,
+    issued: bool,
     owner: Option<String>,
     /// The current question, and its answer.
     question: Option<(String, Option<String>)>,
@@ -61,7 +61,7 @@ struct World {
     asked: u32,
     answered: u32,
     // online handlers: their instance, and whether they are exclusive
-    there: BTreeMap<&'static str, (String, bool)>,
+    online: BTreeMap<&'static str, (String, bool)>,
     instances: u32,
     claimed_at_once: u32,
 }
@@ -78,7 +78,7 @@ impl World {
             notices: BTreeMap::new(),
             asked: 0,
             answered: 0,
-            there: BTreeMap::new(),
+            online: BTreeMap::new(),
             instances: 0,
             claimed_at_once: 0,
         }
@@ -103,7 +103,7 @@ impl World {
             22 => {
                 let handler = HANDLERS[self.random.below(HANDLERS.len())];
                 self.ledger.handler_lost(now, handler, None);
-                let instance = self.there.remove(handler).map(|(instance, _)| instance);
+                let instance = self.online.remove(handler).map(|(instance, _)| instance);
                 for known in self.known.values_mut() {
                     if known.owner.as_deref() == Some(handler) {
                         known.withheld_from = known.owner.take().map(|owner| (owner, instance.clone()));
@@ -128,7 +128,7 @@ impl World {
         let handler = HANDLERS[self.random.below(HANDLERS.len())];
         let exclusive = self.random.below(2) == 0;
         self.instances += 1;
-        let known = self.there.get(handler).map(|(instance, _)| instance.clone());
+        let known = self.online.get(handler).map(|(instance, _)| instance.clone());
         let instance = known.unwrap_or(format!("i{}", self.instances));
         let presence = HandlerPresence {
             online: true,
@@ -138,12 +138,12 @@ impl World {
             ..HandlerPresence::default()
         };
         self.ledger.handler_online(self.now(), handler, &presence);
-        self.there.insert(handler, (instance, exclusive));
+        self.online.insert(handler, (instance, exclusive));
     }
 
     /// Returns the owner of an output from its creation, by rule H20.
     fn owner_at_once(&self, m: u16) -> Option<String> {
-        let only = self.there.first_key_value().filter(|_| self.there.len() == 1);
+        let only = self.online.first_key_value().filter(|_| self.online.len() == 1);
         let (handler, _) = only.filter(|(_, (_, exclusive))| *exclusive && m != 101)?;
         Some((*handler).to_owned())
     }
@@ -169,7 +169,7 @@ impl World {
                 assert_eq!(seq, greatest + 1, "seed {}", self.seed);
                 let known = ModelOutput {
                     m,
-                    made: false,
+                    issued: false,
                     owner: None,
                     question: None,
                     withheld_from: None,
@@ -185,9 +185,9 @@ impl World {
         let queued = self
             .known
             .iter_mut()
-            .find(|(_, known)| !known.made && known.closed.is_none());
+            .find(|(_, known)| !known.issued && known.closed.is_none());
         if let Some((&seq, known)) = queued {
-            known.made = true;
+            known.issued = true;
             let m = known.m;
             self.ledger.issue_output(now, seq);
             let owner = self.owner_at_once(m);
@@ -201,7 +201,7 @@ impl World {
         let made: Vec<u64> = self
             .known
             .iter()
-            .filter(|(_, known)| known.made && known.closed.is_none())
+            .filter(|(_, known)| known.issued && known.closed.is_none())
             .map(|(&seq, _)| seq)
             .collect();
         // every other message is about an open output, so that a large part is accepted
@@ -296,7 +296,7 @@ impl World {
 
     /// Returns the instance of an online handler.
     fn instance(&self, handler_id: &str) -> Option<String> {
-        self.there.get(handler_id).map(|(instance, _)| instance.clone())
+        self.online.get(handler_id).map(|(instance, _)| instance.clone())
     }
 
     /// Returns true for the online instance: messages of another instance are never accepted for an owner.
@@ -384,7 +384,7 @@ impl World {
         {
             let is_lost_one = *lost == reset.handler_id;
             let worked = is_lost_one && instance.is_some() && *instance == reset.instance;
-            if !worked && (is_lost_one || self.there.contains_key(&*reset.handler_id)) {
+            if !worked && (is_lost_one || self.online.contains_key(&*reset.handler_id)) {
                 expected = HandshakeStatus::Withheld;
             }
         }
@@ -439,7 +439,7 @@ impl World {
         if boot.0 != "b" {
             return HandshakeStatus::Stale;
         }
-        let Some(known) = self.known.get(&seq).filter(|known| known.made) else {
+        let Some(known) = self.known.get(&seq).filter(|known| known.issued) else {
             return HandshakeStatus::Unknown;
         };
         if m.is_some_and(|m| m != known.m) {
@@ -487,7 +487,7 @@ impl World {
             .collect();
         assert_eq!(shown, expected, "seed {}", self.seed);
         for (seq, known) in &self.known {
-            assert_eq!(known.made, self.notices.contains_key(seq), "seed {}", self.seed);
+            assert_eq!(known.issued, self.notices.contains_key(seq), "seed {}", self.seed);
         }
     }
 
@@ -496,7 +496,7 @@ impl World {
         while self
             .known
             .values()
-            .any(|known| !known.made && known.closed.is_none())
+            .any(|known| !known.issued && known.closed.is_none())
         {
             self.issue_output();
         }

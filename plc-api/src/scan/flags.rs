@@ -26,7 +26,7 @@ struct Flag {
     answer: oneshot::Sender<std::result::Result<(), Alarm>>,
     question: watch::Sender<Option<ScanQuestion>>,
     /// A question with the answer of the operator.
-    said: Option<(ScanQuestion, String)>,
+    operator_answer: Option<(ScanQuestion, String)>,
 }
 
 /// Answers of operators, with their questions.
@@ -45,7 +45,7 @@ impl Flags {
             output: output.clone(),
             answer,
             question,
-            said: None,
+            operator_answer: None,
         });
         loop {
             let asks = asked.borrow_and_update().clone();
@@ -69,7 +69,7 @@ impl Flags {
                 Ok(choice) => {
                     let mut flags = lock(&self.0);
                     if let Some(flag) = flags.iter_mut().find(|flag| key(&flag.output) == key(output)) {
-                        flag.said = Some((asked, choice));
+                        flag.operator_answer = Some((asked, choice));
                     }
                 }
                 // the output has ended
@@ -87,7 +87,8 @@ impl Flags {
         let Some(flag) = flags.iter_mut().find(|flag| key(&flag.output) == key(output)) else {
             return;
         };
-        flag.said.take_if(|(of, _)| Some(&*of) != asks.as_ref());
+        flag.operator_answer
+            .take_if(|(of, _)| Some(&*of) != asks.as_ref());
         flag.question.send_if_modified(|question| {
             let is_new = *question != asks;
             *question = asks;
@@ -103,7 +104,7 @@ impl Flags {
             let is_shown = shown
                 .get(&place)
                 .is_some_and(|output| key(output) == key(&flag.output));
-            if let Some(answer) = flag.said.as_ref().filter(|_| is_shown) {
+            if let Some(answer) = flag.operator_answer.as_ref().filter(|_| is_shown) {
                 said.insert(place, answer.clone());
             }
         }

@@ -79,7 +79,7 @@ pub struct Image {
     scans: u64,
     overruns: u64,
     cycles: CycleTimes,
-    pub(super) said: OperatorAnswers,
+    pub(super) operator_answers: OperatorAnswers,
     on: BTreeMap<(CoordinateSystemNumber, u16), AuxOutput>,
     states: Arc<StateMessages>,
     positions: BTreeMap<CoordinateSystemNumber, Arc<Message>>,
@@ -498,7 +498,7 @@ impl Camera {
         image.states = Arc::clone(&self.states);
         image.time_s = self.plc.now_s();
         image.on = flags.outputs(&self.shown);
-        image.said = flags.operator_answers(&image.on);
+        image.operator_answers = flags.operator_answers(&image.on);
         let shown = image.on.iter().map(|(place, output)| (*place, output.seq()));
         self.shown = shown.collect();
         image

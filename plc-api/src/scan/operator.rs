@@ -77,7 +77,7 @@ impl Image {
             text: text.into(),
             choices: choices.into_iter().map(Into::into).collect(),
         };
-        let said = self.said.get(&(cs, m)).filter(|(of, _)| *of == asked);
+        let said = self.operator_answers.get(&(cs, m)).filter(|(of, _)| *of == asked);
         let said = said.map(|(_, choice)| choice.clone());
         self.writes.questions.insert((cs, m), (output, asked));
         said

@@ -125,11 +125,11 @@ struct MqttConnectionState {
     /// True if the last will has changed; it takes effect with the next connection.
     reconnect: bool,
     /// The presence that is published periodically.
-    said: Option<(String, HandlerPresence)>,
+    repeated_presence: Option<(String, HandlerPresence)>,
     /// Number of connections so far; `said_over` is the number of the connection over which the presence was
     /// last published.
     connections: u64,
-    said_over: u64,
+    repeated_over: u64,
     machine: MachineAge,
 }
 
@@ -172,7 +172,7 @@ impl MqttClient {
         if !presence.online {
             state.online &= is_new;
             state
-                .said
+                .repeated_presence
                 .take_if(|(id, said)| id == handler_id && said.instance == presence.instance);
             return Ok(());
         }
@@ -185,8 +185,8 @@ impl MqttClient {
             take_over: false,
             ..presence.clone()
         };
-        state.said = Some((handler_id.to_owned(), said));
-        state.said_over = state.connections + u64::from(is_new);
+        state.repeated_presence = Some((handler_id.to_owned(), said));
+        state.repeated_over = state.connections + u64::from(is_new);
         if is_new {
             state.will = will;
             state.reconnect = true;
@@ -199,11 +199,11 @@ impl MqttClient {
     /// Publishes the presence of the handler again.
     fn refresh(&self) -> Option<oneshot::Receiver<Outcome>> {
         let mut state = lock(&self.state);
-        let (id, mut presence) = state.said.clone()?;
-        if state.connections > state.said_over {
-            state.said_over = state.connections;
+        let (id, mut presence) = state.repeated_presence.clone()?;
+        if state.connections > state.repeated_over {
+            state.repeated_over = state.connections;
             presence.connection = Some(state.connections);
-            state.said = Some((id.clone(), presence.clone()));
+            state.repeated_presence = Some((id.clone(), presence.clone()));
         }
         let outgoing = encode(Request::Handler(id, presence), &self.client_id, |_, _| None).ok()?;
         state.outbox.put(outgoing).ok()
@@ -211,7 +211,7 @@ impl MqttClient {
 
     /// Returns the sender that the topic of a request names.
     fn speaker(&self, request: &Request) -> MessageSender {
-        let said = lock(&self.state).said.clone();
+        let said = lock(&self.state).repeated_presence.clone();
         let handler = said.map(|(id, _)| id);
         MessageSender::of_request(request, handler.as_deref(), &self.topic_id)
     }

@@ -110,7 +110,7 @@ struct RestConnectionState {
     /// Handlers of this process, announced on every new connection.
     handlers: BTreeMap<String, HandlerPresence>,
     /// Last presence of the handlers of this process that have left.
-    gone: BTreeMap<String, HandlerPresence>,
+    offline: BTreeMap<String, HandlerPresence>,
     /// Handlers with a presence that must be sent on this connection.
     unsent: Vec<String>,
     /// Handlers that the machine has refused, with the refusal.
@@ -237,7 +237,7 @@ impl RestClient {
                 state.handlers.insert(id.clone(), presence.clone());
             } else {
                 state.handlers.remove(&id);
-                state.gone.insert(id.clone(), presence.clone());
+                state.offline.insert(id.clone(), presence.clone());
             }
             state.unsent.push(id.clone());
         }

@@ -27,7 +27,7 @@ pub enum AnswerForm {
         wait: bool,
     },
     /// The reply of a command that has started a run, which is a new resource.
-    Begun,
+    Started,
     /// The reply to a request for the control lease.
     Lease,
     /// The result of a claim or reset, with the fields that only the request contains.
@@ -175,7 +175,7 @@ impl AnswerForm {
                     Ok(Reply::Accepted(reply.command_id, reply.hash))
                 }
             },
-            (AnswerForm::Begun, Answer::Command(reply)) => match reply.status {
+            (AnswerForm::Started, Answer::Command(reply)) => match reply.status {
                 CommandStatus::Rejected | CommandStatus::Failed => Err(Problem::of_reply(&reply).into()),
                 CommandStatus::Done | CommandStatus::Accepted => {
                     let route = format!("/runs/{}", reply.run_id.as_deref().unwrap_or_default());
@@ -246,7 +246,7 @@ impl AnswerForm {
                     moved: BTreeMap::new(),
                 })
             }
-            AnswerForm::Command { .. } | AnswerForm::Begun | AnswerForm::Lease => {
+            AnswerForm::Command { .. } | AnswerForm::Started | AnswerForm::Lease => {
                 Answer::Command(read(body)?)
             }
             AnswerForm::Handshake { .. } => Answer::Handshake(read(body)?),
@@ -276,7 +276,7 @@ impl AnswerForm {
                 status,
             )));
         }
-        if let (AnswerForm::Command { .. } | AnswerForm::Begun, Some(reply)) = (self, &problem.reply) {
+        if let (AnswerForm::Command { .. } | AnswerForm::Started, Some(reply)) = (self, &problem.reply) {
             // the command was accepted and failed later, so this is not a refusal
             return Ok(Answer::Command(CommandReply::clone(reply)));
         }

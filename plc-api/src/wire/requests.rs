@@ -175,7 +175,7 @@ pub static ROWS: [Row; 53] = [
         .gives_new::<CommandReply>()
         .refusals(&[422])
         .headers(Headers::Command)],
-        answer: |_| AnswerForm::Begun,
+        answer: |_| AnswerForm::Started,
         ..Row::new(Operate, |incoming| {
                 let args = incoming.json()?;
                 let command = Command::parse("run", &args).map_err(Fault::Invalid)?;

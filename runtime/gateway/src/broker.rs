@@ -32,14 +32,14 @@ use crate::places::{ConnectionSlots, SlotLimits};
 use crate::settings::{MQTT_LISTEN, MqttSettings, bind};
 use crate::tls::{Fingerprint, LiveTls};
 use crate::urgent_slots::ExecuteUrgent;
-pub(crate) use door::PLACES;
+pub(crate) use door::SLOT_LIMITS;
 use door::{BrokerServer, Counts};
 use guard::Guard;
 pub(crate) use sessions::Sessions;
 pub(crate) use socket::SocketBytes;
 
 /// Limit of connected clients; further ones are rejected.
-const CLIENTS_MAX: usize = PLACES.known;
+const CLIENTS_MAX: usize = SLOT_LIMITS.known;
 /// Bytes of one packet. Reason: the largest message, `birth`, stays far below.
 pub(crate) const PACKET_MAX: usize = 1024 * 1024;
 /// Subscriptions of one client.
@@ -57,7 +57,7 @@ const QUEUED_MAX: usize = 1000;
 const QUEUED_BYTES_MAX: usize = 512 * 1024;
 /// Messages in transit to one connected client, for each quality of service. Further ones wait; those of quality 0 are
 /// dropped.
-pub(crate) const ON_THE_WAY_MAX: usize = 128;
+pub(crate) const IN_TRANSIT_MAX: usize = 128;
 /// Unfinished messages of quality 2 of one client; a further one ends its connection.
 const UNFINISHED_MAX: u16 = 256;
 /// Time limit for stopping; then the task is aborted.
@@ -99,12 +99,12 @@ pub(crate) struct Exchange {
 impl Exchange {
     /// Wraps the payload so that it is counted while in transit.
     pub(crate) fn count(&self, payload: Bytes) -> Bytes {
-        self.guard.on_the_way.count(payload)
+        self.guard.in_transit.count(payload)
     }
 
     /// Closes clients that do not read if there is no room for this number of bytes.
     pub(crate) fn make_room(&self, bytes: usize) {
-        self.guard.on_the_way.has_room(bytes);
+        self.guard.in_transit.has_room(bytes);
     }
 }
 
@@ -164,7 +164,7 @@ impl Broker {
             tls,
             stop: stop.clone(),
             clients: clients.clone(),
-            places: ConnectionSlots::new(limits),
+            slots: ConnectionSlots::new(limits),
             counts: Counts::new(),
             supervisor: supervisor.clone(),
         });
@@ -239,7 +239,7 @@ fn config(address: SocketAddr) -> BrokerConfig {
         shared_subscription_available: true,
         max_subscriptions_per_client: SUBSCRIPTIONS_MAX,
         max_retained_message_size: RETAINED_SIZE_MAX,
-        client_channel_capacity: ON_THE_WAY_MAX,
+        client_channel_capacity: IN_TRANSIT_MAX,
         server_receive_maximum: Some(UNFINISHED_MAX),
         server_keep_alive: None,
         storage_config: storage,

@@ -38,8 +38,8 @@ impl ConnectionLimits {
     /// Returns the limits for this number of available files. `None` means that it is not limited.
     fn within(files: Option<u64>) -> Self {
         let usual = Self {
-            http: server::PLACES,
-            mqtt: broker::PLACES,
+            http: server::SLOT_LIMITS,
+            mqtt: broker::SLOT_LIMITS,
             warning: None,
         };
         let wanted = (usual.http.all + usual.mqtt.all) as u64;
@@ -101,8 +101,8 @@ mod tests {
             let own = files - (http.all + mqtt.all) as u64;
             assert!(own >= OWN_FILES_MIN, "{files} files: {own} are left");
             for places in [http, mqtt] {
-                assert!(places.all >= 8 && places.known < places.all && places.strangers < places.all);
-                assert!(places.of_one <= places.strangers);
+                assert!(places.all >= 8 && places.known < places.all && places.unauthenticated < places.all);
+                assert!(places.of_one <= places.unauthenticated);
             }
             let text = fitted.warning.unwrap();
             assert!(

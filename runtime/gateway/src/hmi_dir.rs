@@ -78,7 +78,7 @@ pub(crate) fn routes(dir: Option<&Path>) -> Router<Arc<ServerState>> {
 async fn serve(dir: Arc<Path>, path: String, headers: HeaderMap) -> Response {
     match open(&dir, &path).await {
         Ok(found) => found.response(&headers),
-        Err(Unread::NotThere) => {
+        Err(Unread::NotFound) => {
             Problem::not_found(format!("there is nothing at {ROOT}/{path}")).into_response()
         }
         Err(Unread::TooLarge) => {
@@ -105,7 +105,7 @@ struct ServedFile {
 /// Why a file is not served.
 #[derive(Debug)]
 enum Unread {
-    NotThere,
+    NotFound,
     TooLarge,
     Failed(std::io::Error),
 }
@@ -113,7 +113,7 @@ enum Unread {
 impl From<std::io::Error> for Unread {
     fn from(error: std::io::Error) -> Self {
         match error.kind() {
-            ErrorKind::NotFound | ErrorKind::NotADirectory | ErrorKind::InvalidFilename => Unread::NotThere,
+            ErrorKind::NotFound | ErrorKind::NotADirectory | ErrorKind::InvalidFilename => Unread::NotFound,
             _ => Unread::Failed(error),
         }
     }
@@ -122,18 +122,18 @@ impl From<std::io::Error> for Unread {
 /// Opens a file of the folder. The resolved path decides, so that no link leads outside.
 async fn open(dir: &Path, path: &str) -> Result<ServedFile, Unread> {
     if !is_plain(path) {
-        return Err(Unread::NotThere);
+        return Err(Unread::NotFound);
     }
     let dir = fs::canonicalize(dir).await?;
     let mut place = fs::canonicalize(dir.join(path)).await?;
     if place.starts_with(&dir) && fs::metadata(&place).await?.is_dir() {
         place = fs::canonicalize(place.join(INDEX)).await?;
     }
-    let kind = kind_within(&dir, &place).ok_or(Unread::NotThere)?;
+    let kind = kind_within(&dir, &place).ok_or(Unread::NotFound)?;
     // opening a FIFO would block
     let seen = fs::metadata(&place).await?;
     if !seen.is_file() {
-        return Err(Unread::NotThere);
+        return Err(Unread::NotFound);
     }
     if seen.len() > FILE_MAX {
         return Err(Unread::TooLarge);
@@ -244,7 +244,7 @@ mod tests {
             &"x".repeat(5000),
         ] {
             let opened = open(&at("hmi"), path).await;
-            assert!(matches!(opened, Err(Unread::NotThere)), "{path}: {opened:?}");
+            assert!(matches!(opened, Err(Unread::NotFound)), "{path}: {opened:?}");
         }
     }
 
@@ -259,8 +259,8 @@ mod tests {
         file.set_len(FILE_MAX + 1).unwrap();
         assert!(matches!(open(&hmi, "large.png").await, Err(Unread::TooLarge)));
         std::fs::create_dir(hmi.join("folder.js")).unwrap();
-        assert!(matches!(open(&hmi, "folder.js").await, Err(Unread::NotThere)));
+        assert!(matches!(open(&hmi, "folder.js").await, Err(Unread::NotFound)));
         let _socket = std::os::unix::net::UnixListener::bind(hmi.join("socket.js")).unwrap();
-        assert!(matches!(open(&hmi, "socket.js").await, Err(Unread::NotThere)));
+        assert!(matches!(open(&hmi, "socket.js").await, Err(Unread::NotFound)));
     }
 }

@@ -21,8 +21,8 @@ use registry::Registry;
 pub(crate) struct PeerMachines {
     /// `[hmi] machines`.
     addresses: Vec<String>,
-    heard: Mutex<PeerMachinesState>,
-    asked: Notify,
+    state: Mutex<PeerMachinesState>,
+    requested: Notify,
 }
 
 #[derive(Debug)]
@@ -37,7 +37,7 @@ impl PeerMachines {
     pub(crate) fn new(machine: &str, addresses: Vec<String>, has_shared_broker: bool) -> Arc<Self> {
         Arc::new(Self {
             addresses,
-            heard: Mutex::new(PeerMachinesState {
+            state: Mutex::new(PeerMachinesState {
                 broker: if has_shared_broker {
                     SharedBroker::Connecting
                 } else {
@@ -46,16 +46,16 @@ impl PeerMachines {
                 registry: Registry::new(machine),
                 asked_at: Instant::now(),
             }),
-            asked: Notify::new(),
+            requested: Notify::new(),
         })
     }
 
     /// Returns the current data. Repeated calls keep it up to date.
     pub(crate) fn machines(&self) -> Machines {
         let now = Instant::now();
-        let mut heard = self.heard.lock();
+        let mut heard = self.state.lock();
         heard.asked_at = now;
-        self.asked.notify_one();
+        self.requested.notify_one();
         Machines {
             addresses: self.addresses.clone(),
             broker: heard.broker,

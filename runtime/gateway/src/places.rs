@@ -22,7 +22,7 @@ pub(crate) struct SlotLimits {
     /// Connections of one host. Reason: one host must not take all slots. The loopback may.
     pub(crate) of_one: usize,
     /// Connections of strangers.
-    pub(crate) strangers: usize,
+    pub(crate) unauthenticated: usize,
     /// Connections of known clients: fewer than all, so that slots for strangers remain.
     pub(crate) known: usize,
 }
@@ -37,7 +37,7 @@ impl SlotLimits {
         Self {
             all: scale(self.all, 8),
             of_one: scale(self.of_one, 4),
-            strangers: scale(self.strangers, 6),
+            unauthenticated: scale(self.unauthenticated, 6),
             known: scale(self.known, 6),
         }
     }
@@ -81,7 +81,7 @@ struct OpenConnection {
 #[derive(Debug)]
 pub(crate) struct ConnectionSlot {
     number: u64,
-    places: Arc<ConnectionSlots>,
+    slots: Arc<ConnectionSlots>,
     moved_ms: Arc<AtomicU64>,
     leave: CancellationToken,
 }
@@ -110,7 +110,7 @@ impl ConnectionSlots {
         }
         let is_stranger = |open: &OpenConnection| !open.is_known;
         let is_full =
-            table.open.len() >= self.limits.all || table.count(is_stranger) >= self.limits.strangers;
+            table.open.len() >= self.limits.all || table.count(is_stranger) >= self.limits.unauthenticated;
         if is_full && !table.evict_one(is_stranger) {
             return None;
         }
@@ -126,7 +126,7 @@ impl ConnectionSlots {
         table.open.insert(number, open);
         Some(ConnectionSlot {
             number,
-            places: Arc::clone(self),
+            slots: Arc::clone(self),
             moved_ms,
             leave,
         })
@@ -180,15 +180,15 @@ impl ConnectionSlot {
     ///
     /// `reserved` slots of known clients are kept for other clients.
     pub(crate) fn mark_known(&self, reserved: usize) -> bool {
-        let mut table = self.places.table.lock();
+        let mut table = self.slots.table.lock();
         match table.open.get(&self.number) {
             None => return false,
             Some(open) if open.is_known => return true,
             Some(_) => {}
         }
         let is_known = |open: &OpenConnection| open.is_known;
-        let reserved = reserved.min(self.places.limits.known / 2);
-        let is_full = table.count(is_known) + reserved >= self.places.limits.known;
+        let reserved = reserved.min(self.slots.limits.known / 2);
+        let is_full = table.count(is_known) + reserved >= self.slots.limits.known;
         if is_full && !table.evict_one(is_known) {
             return false;
         }
@@ -200,32 +200,32 @@ impl ConnectionSlot {
 
     /// Whether the client is authenticated.
     pub(crate) fn is_known(&self) -> bool {
-        let table = self.places.table.lock();
+        let table = self.slots.table.lock();
         table.open.get(&self.number).is_some_and(|open| open.is_known)
     }
 
     /// Protects the connection from eviction while the result exists. Returns `None` if it was already evicted.
     pub(crate) fn protect_while_pending(self: &Arc<Self>) -> Option<PendingUse> {
-        let mut table = self.places.table.lock();
+        let mut table = self.slots.table.lock();
         table.open.get_mut(&self.number)?.busy += 1;
         Some(PendingUse(Arc::clone(self)))
     }
 
     /// Protects the connection from eviction permanently.
     pub(crate) fn protect_permanently(&self) {
-        if let Some(open) = self.places.table.lock().open.get_mut(&self.number) {
+        if let Some(open) = self.slots.table.lock().open.get_mut(&self.number) {
             open.busy += 1;
         }
     }
 
     /// Records that bytes were transferred.
     pub(crate) fn record_transfer(&self) {
-        self.moved_ms.store(self.places.now_ms(), Ordering::Relaxed);
+        self.moved_ms.store(self.slots.now_ms(), Ordering::Relaxed);
     }
 
     /// Limit of known connections.
     pub(crate) fn known_max(&self) -> usize {
-        self.places.limits.known
+        self.slots.limits.known
     }
 
     /// Token that is cancelled when the connection is evicted.
@@ -236,14 +236,14 @@ impl ConnectionSlot {
 
 impl Drop for ConnectionSlot {
     fn drop(&mut self) {
-        self.places.table.lock().open.remove(&self.number);
+        self.slots.table.lock().open.remove(&self.number);
     }
 }
 
 impl Drop for PendingUse {
     fn drop(&mut self) {
         self.0.record_transfer();
-        if let Some(open) = self.0.places.table.lock().open.get_mut(&self.0.number) {
+        if let Some(open) = self.0.slots.table.lock().open.get_mut(&self.0.number) {
             open.busy -= 1;
         }
     }
@@ -259,7 +259,7 @@ mod tests {
     const LIMITS: SlotLimits = SlotLimits {
         all: 8,
         of_one: 4,
-        strangers: 6,
+        unauthenticated: 6,
         known: 6,
     };
 

@@ -29,7 +29,7 @@ pub(crate) struct PresenceAges {
 #[derive(Debug)]
 struct Age {
     expires: Duration,
-    heard: Instant,
+    received: Instant,
     /// On this connection, a presence with the retain flag was published before the connection began.
     may_be_retained: bool,
 }
@@ -70,7 +70,7 @@ impl PresenceAges {
     pub(crate) fn restart_ages(&mut self, now: Instant) {
         self.is_paused = false;
         for age in self.ages.values_mut() {
-            age.heard = now;
+            age.received = now;
             age.may_be_retained = true;
         }
     }
@@ -97,16 +97,16 @@ impl PresenceAges {
 }
 
 impl Age {
-    fn new(expires: Duration, heard: Instant) -> Self {
+    fn new(expires: Duration, received: Instant) -> Self {
         Self {
             expires,
-            heard,
+            received,
             may_be_retained: false,
         }
     }
 
     fn expires_at(&self) -> Instant {
-        self.heard + self.expires
+        self.received + self.expires
     }
 }
 

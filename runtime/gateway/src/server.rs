@@ -33,10 +33,10 @@ use crate::shared::ServerState;
 use crate::tls::{AcceptedClient, ClientStream, Fingerprint, LiveTls};
 
 /// Limits of connection slots.
-pub(crate) const PLACES: SlotLimits = SlotLimits {
+pub(crate) const SLOT_LIMITS: SlotLimits = SlotLimits {
     all: 256,
     of_one: 64,
-    strangers: 192,
+    unauthenticated: 192,
     known: 224,
 };
 
@@ -46,10 +46,10 @@ const SILENCE_MAX: Duration = Duration::from_secs(75);
 
 /// Time within which a client must read the data sent to it. Each byte that it reads extends it at [`TAKEN_RATE_MIN`];
 /// then its connection is closed. Reason: unread data stays in memory.
-const UNTAKEN_MAX: Duration = Duration::from_secs(20);
+const UNREAD_MAX: Duration = Duration::from_secs(20);
 
 /// Bytes per second: the largest answer takes 17 minutes at this rate.
-const TAKEN_RATE_MIN: u32 = 64 * 1024;
+const READ_RATE_MIN: u32 = 64 * 1024;
 
 /// Time to receive the header of a request; then its connection is closed.
 pub(crate) const HEADER_MAX: Duration = Duration::from_secs(10);
@@ -168,7 +168,7 @@ pub(crate) fn is_urgent(method: &Method, path: &str) -> bool {
 
 /// Connection slot while one of its requests is served.
 pub(crate) struct HeldSlot {
-    place: Arc<ConnectionSlot>,
+    slot: Arc<ConnectionSlot>,
     is_known: bool,
     /// `None` if the request must not be served.
     busy: Option<PendingUse>,
@@ -186,7 +186,7 @@ pub(crate) fn hold_slot(shared: &ServerState, request: &Request) -> Option<HeldS
     let is_full = is_user && !is_known && !is_urgent(request.method(), request.uri().path());
     let busy = place.protect_while_pending().filter(|_| !is_full);
     Some(HeldSlot {
-        place,
+        slot: place,
         is_known,
         busy,
     })
@@ -202,7 +202,7 @@ impl HeldSlot {
     pub(crate) fn refusal(&self) -> Problem {
         let text = format!(
             "the limit of {} busy connections is reached; only hold, stop and abort are accepted now",
-            self.place.known_max()
+            self.slot.known_max()
         );
         Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text)
     }
@@ -211,7 +211,7 @@ impl HeldSlot {
     pub(crate) fn answered(self, response: &mut Response) {
         if response.status() == StatusCode::SWITCHING_PROTOCOLS {
             // from now on it is a WebSocket, which has its own limit
-            self.place.protect_permanently();
+            self.slot.protect_permanently();
         } else if !self.is_known {
             let close = HeaderValue::from_static("close");
             response.headers_mut().insert(header::CONNECTION, close);
@@ -223,7 +223,7 @@ impl HeldSlot {
 #[derive(Debug)]
 pub(crate) struct LimitedListener {
     listener: TcpListener,
-    places: Arc<ConnectionSlots>,
+    slots: Arc<ConnectionSlots>,
     supervisor: Supervisor,
 }
 
@@ -231,7 +231,7 @@ impl LimitedListener {
     pub(crate) fn new(listener: TcpListener, limits: SlotLimits) -> Self {
         Self {
             listener,
-            places: ConnectionSlots::new(limits),
+            slots: ConnectionSlots::new(limits),
             supervisor: Supervisor::default(),
         }
     }
@@ -251,7 +251,7 @@ impl LimitedListener {
                     continue;
                 }
             };
-            let Some(place) = self.places.acquire_slot(address.ip()) else {
+            let Some(place) = self.slots.acquire_slot(address.ip()) else {
                 continue;
             };
             // without it responses are only slower
@@ -269,23 +269,23 @@ impl LimitedListener {
 pub(crate) struct Connection {
     stream: ClientStream,
     silence: Pin<Box<Sleep>>,
-    place: Arc<ConnectionSlot>,
+    slot: Arc<ConnectionSlot>,
     /// The latest write found no room.
     is_blocked: bool,
     /// When the connection is closed, unless the client has read all sent data by then.
-    untaken: Option<Pin<Box<Sleep>>>,
+    unread_timeout: Option<Pin<Box<Sleep>>>,
     /// The reader that waits for room.
     reader: Option<Waker>,
 }
 
 impl Connection {
-    fn new(stream: ClientStream, place: Arc<ConnectionSlot>) -> Self {
+    fn new(stream: ClientStream, slot: Arc<ConnectionSlot>) -> Self {
         Self {
             stream,
             silence: Box::pin(tokio::time::sleep(SILENCE_MAX)),
-            place,
+            slot,
             is_blocked: false,
-            untaken: None,
+            unread_timeout: None,
             reader: None,
         }
     }
@@ -295,7 +295,7 @@ impl Connection {
         match result {
             Poll::Ready(result) => {
                 self.silence.as_mut().reset(Instant::now() + SILENCE_MAX);
-                self.place.record_transfer();
+                self.slot.record_transfer();
                 Poll::Ready(result)
             }
             Poll::Pending if self.is_unresponsive(context) => {
@@ -313,8 +313,8 @@ impl Connection {
     fn record_room<T>(&mut self, result: &Poll<io::Result<T>>) {
         self.is_blocked = result.is_pending();
         if self.is_blocked {
-            let begin = || Box::pin(tokio::time::sleep(UNTAKEN_MAX));
-            self.untaken.get_or_insert_with(begin);
+            let begin = || Box::pin(tokio::time::sleep(UNREAD_MAX));
+            self.unread_timeout.get_or_insert_with(begin);
         } else if let Some(reader) = self.reader.take() {
             reader.wake();
         }
@@ -327,9 +327,9 @@ impl Connection {
         result: Poll<io::Result<usize>>,
     ) -> Poll<io::Result<usize>> {
         self.record_room(&result);
-        if let (Poll::Ready(Ok(count)), Some(untaken)) = (&result, &mut self.untaken) {
+        if let (Poll::Ready(Ok(count)), Some(untaken)) = (&result, &mut self.unread_timeout) {
             let bytes = u32::try_from(*count).unwrap_or(u32::MAX);
-            let later = untaken.deadline() + Duration::from_secs(1).saturating_mul(bytes) / TAKEN_RATE_MIN;
+            let later = untaken.deadline() + Duration::from_secs(1).saturating_mul(bytes) / READ_RATE_MIN;
             untaken.as_mut().reset(later);
         }
         self.watched(context, result)
@@ -337,7 +337,7 @@ impl Connection {
 
     /// Returns `true` if the client has not read the sent data within the limit.
     fn is_unresponsive(&mut self, context: &mut Context<'_>) -> bool {
-        (self.untaken.as_mut()).is_some_and(|untaken| untaken.as_mut().poll(context).is_ready())
+        (self.unread_timeout.as_mut()).is_some_and(|untaken| untaken.as_mut().poll(context).is_ready())
     }
 }
 
@@ -372,7 +372,7 @@ impl AsyncWrite for Connection {
         self.record_room(&result);
         if result.is_ready() {
             // the layers above flush when they have written everything
-            self.untaken = None;
+            self.unread_timeout = None;
         }
         result
     }
@@ -404,7 +404,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_silent_connection_is_closed() {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let listener = LimitedListener::new(listener, PLACES);
+        let listener = LimitedListener::new(listener, SLOT_LIMITS);
         let address = listener.listener.local_addr().unwrap();
         let (client, (stream, _, place)) = tokio::join!(TcpStream::connect(address), listener.accept());
         let mut connection = Connection::new(AcceptedClient::plain(stream).stream, Arc::new(place));
@@ -418,7 +418,7 @@ mod tests {
     /// Returns a connection whose client has not read any sent data, and that client.
     async fn blocked() -> (Connection, TcpStream) {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let listener = LimitedListener::new(listener, PLACES);
+        let listener = LimitedListener::new(listener, SLOT_LIMITS);
         let address = listener.listener.local_addr().unwrap();
         let (client, (stream, _, place)) = tokio::join!(TcpStream::connect(address), listener.accept());
         let mut connection = Connection::new(AcceptedClient::plain(stream).stream, Arc::new(place));
@@ -456,7 +456,7 @@ mod tests {
         assert_eq!(error.kind(), io::ErrorKind::TimedOut);
         let time = begun.elapsed();
         assert!(
-            time + Duration::from_secs(2) >= UNTAKEN_MAX && time < SILENCE_MAX,
+            time + Duration::from_secs(2) >= UNREAD_MAX && time < SILENCE_MAX,
             "{time:?}"
         );
         drop(client);

@@ -92,7 +92,7 @@ pub(crate) struct ServerState {
     pub(crate) stop: CancellationToken,
     pub(crate) hmi: HmiSettings,
     /// Other machines.
-    pub(crate) neighbours: Arc<PeerMachines>,
+    pub(crate) peer_machines: Arc<PeerMachines>,
     /// Handlers over REST.
     pub(crate) registrations: Registrations,
     /// The embedded broker, for clients over WebSocket.
@@ -128,7 +128,7 @@ impl ServerState {
             tasks: TaskTracker::new(),
             stop,
             hmi: HmiSettings::default(),
-            neighbours: PeerMachines::new("", Vec::new(), false),
+            peer_machines: PeerMachines::new("", Vec::new(), false),
             registrations: Registrations::default(),
             entrance: None,
             commands: AtomicU64::new(1),
@@ -143,7 +143,10 @@ impl ServerState {
 
     /// Adds the other machines.
     pub(crate) fn with_peer_machines(self, neighbours: Arc<PeerMachines>) -> Self {
-        Self { neighbours, ..self }
+        Self {
+            peer_machines: neighbours,
+            ..self
+        }
     }
 
     /// Adds the broker that clients reach over WebSocket, and shares the result.

@@ -11,7 +11,7 @@ use crate::types::machine::Presence;
 #[derive(Debug, Default)]
 pub(super) struct MachineAge {
     expires: Option<Duration>,
-    heard: Option<Instant>,
+    received: Option<Instant>,
     /// True if the presence has expired, and no new presence was received.
     was_missed: bool,
 }
@@ -19,13 +19,13 @@ pub(super) struct MachineAge {
 impl MachineAge {
     /// Restarts the age after a new connection.
     pub(super) fn restart_age(&mut self, now: Instant) {
-        self.heard = Some(now);
+        self.received = Some(now);
         self.was_missed = false;
     }
 
     /// Stops the age when the connection is lost.
     pub(super) fn pause(&mut self) {
-        self.heard = None;
+        self.received = None;
     }
 
     /// Records a presence of the machine. A retained presence shows only that the machine was online, so it
@@ -34,15 +34,15 @@ impl MachineAge {
     pub(super) fn record_presence(&mut self, presence: &Presence, retained: bool, now: Instant) -> bool {
         let expires_ms = presence.expires_ms.filter(|_| presence.online);
         self.expires = expires_ms.map(Duration::from_millis);
-        if !retained || self.heard.is_none() {
-            self.heard = Some(now);
+        if !retained || self.received.is_none() {
+            self.received = Some(now);
         }
         !retained && std::mem::take(&mut self.was_missed)
     }
 
     /// Returns the time at which the presence expires, unless it is renewed.
     pub(super) fn expires_at(&self) -> Option<Instant> {
-        Some(self.heard? + self.expires?)
+        Some(self.received? + self.expires?)
     }
 
     /// Returns true if the presence has expired; only once until a new presence is received.

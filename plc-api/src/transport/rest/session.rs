@@ -114,7 +114,7 @@ fn unsent(shared: &RestClient) -> Vec<ClientFrame> {
     let mut state = lock(&shared.state);
     let unsent = std::mem::take(&mut state.unsent).into_iter();
     let frames = unsent.filter_map(|id| {
-        let gone = state.gone.remove(&id).unwrap_or_default();
+        let gone = state.offline.remove(&id).unwrap_or_default();
         let presence = match state.handlers.get_mut(&id) {
             // the place is taken once
             Some(known) => {

@@ -114,7 +114,7 @@ fn admit(
         .and_then(|path| path.strip_prefix(API))
         .map_or(RouteMatch::Nothing, |path| find(method, path));
     if matches!(found, RouteMatch::Route(None)) {
-        return Ok(User::Stranger.into());
+        return Ok(User::Unauthenticated.into());
     }
     let is_urgent = path.is_some_and(|path| is_urgent(method, path));
     if is_urgent && access.allows_stop_without_login() && !access.is_from_user(headers, certificate) {

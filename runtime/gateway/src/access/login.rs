@@ -158,7 +158,7 @@ impl Logins {
         // an unknown name takes as long as a known one
         let phc = known.as_ref().and_then(|user| user.pin()).map(str::to_owned);
         let check = move || {
-            let is_right = is_of(&pin, phc.as_deref().unwrap_or(&NOBODY));
+            let is_right = is_of(&pin, phc.as_deref().unwrap_or(&UNKNOWN_USER_HASH));
             (is_right, weakness(&pin))
         };
         let (is_right, weakness) = tokio::task::spawn_blocking(check).await.unwrap_or_default();
@@ -224,7 +224,7 @@ impl Logins {
 }
 
 /// Hash of a PIN that belongs to no user.
-static NOBODY: LazyLock<String> =
+static UNKNOWN_USER_HASH: LazyLock<String> =
     LazyLock::new(|| random_secret().and_then(|pin| hash(&pin)).unwrap_or_default());
 
 #[cfg(test)]

@@ -88,7 +88,7 @@ pub(crate) enum User {
     /// Every client on the loopback, without a token file, and every client that an external broker admits: an admin.
     Anyone,
     /// Any client, on a route that needs no token.
-    Stranger,
+    Unauthenticated,
     /// Any client that reaches the server, if the builder allows hold, stop and abort without a login; it may do only
     /// these.
     Unidentified,
@@ -110,14 +110,14 @@ impl User {
     pub(crate) fn name(&self) -> Option<&str> {
         match self {
             User::Token(token) => Some(&token.name),
-            User::Anyone | User::Stranger | User::Unidentified => None,
+            User::Anyone | User::Unauthenticated | User::Unidentified => None,
         }
     }
 
     pub(crate) fn role(&self) -> Role {
         match self {
             User::Anyone => Role::Admin,
-            User::Stranger | User::Unidentified => Role::View,
+            User::Unauthenticated | User::Unidentified => Role::View,
             User::Token(token) => token.role,
         }
     }

@@ -174,7 +174,7 @@ impl Tokens {
     pub(crate) fn has(&self, user: &User) -> bool {
         match user {
             User::Token(token) => self.tokens.contains(token),
-            User::Anyone | User::Stranger | User::Unidentified => true,
+            User::Anyone | User::Unauthenticated | User::Unidentified => true,
         }
     }
 

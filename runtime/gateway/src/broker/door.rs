@@ -45,10 +45,10 @@ use crate::urgent_slots::ExecuteUrgent;
 
 /// Connection slots. A client becomes known when it is authenticated, and is then never evicted. Reason for the total:
 /// together with HTTP it stays below the 1024 files that a process may have open.
-pub(crate) const PLACES: SlotLimits = SlotLimits {
+pub(crate) const SLOT_LIMITS: SlotLimits = SlotLimits {
     all: 448,
     of_one: 128,
-    strangers: 192,
+    unauthenticated: 192,
     known: 256,
 };
 
@@ -68,7 +68,7 @@ pub(super) struct BrokerServer {
     pub(super) tls: Option<LiveTls>,
     pub(super) stop: broadcast::Sender<()>,
     pub(super) clients: TaskTracker,
-    pub(super) places: Arc<ConnectionSlots>,
+    pub(super) slots: Arc<ConnectionSlots>,
     pub(super) counts: Counts,
     pub(super) supervisor: Supervisor,
 }
@@ -78,7 +78,7 @@ pub(super) type ClientTransport = Either<ClientStream, Box<SocketBytes>>;
 
 /// An accepted connection that is not authenticated yet.
 struct PendingConnection {
-    way: ClientTransport,
+    transport: ClientTransport,
     address: SocketAddr,
     certificate: Option<Fingerprint>,
     /// False for a client without TLS although there is a certificate: it is rejected with this reason.
@@ -122,7 +122,7 @@ impl BrokerServer {
                     continue;
                 }
             };
-            let Some(place) = self.places.acquire_slot(address.ip()) else {
+            let Some(place) = self.slots.acquire_slot(address.ip()) else {
                 continue;
             };
             // on failure, responses are only slower
@@ -147,13 +147,13 @@ impl BrokerServer {
         address: SocketAddr,
         certificate: Option<Fingerprint>,
     ) {
-        let Some(place) = self.places.acquire_slot(address.ip()) else {
+        let Some(place) = self.slots.acquire_slot(address.ip()) else {
             return;
         };
         let leave = place.eviction_token();
         let clients = self.clients.clone();
         let visitor = PendingConnection {
-            way: Either::Right(Box::new(bytes)),
+            transport: Either::Right(Box::new(bytes)),
             address,
             certificate,
             // HTTP uses TLS if the broker does
@@ -180,7 +180,7 @@ impl BrokerServer {
         let visitor = PendingConnection {
             is_open: self.tls.is_none() || accepted.is_private(),
             certificate: accepted.certificate,
-            way: Either::Left(accepted.stream),
+            transport: Either::Left(accepted.stream),
             address,
         };
         self.serve(visitor, place).await;
@@ -191,15 +191,15 @@ impl BrokerServer {
         let address = visitor.address;
         let (let_in, connected) = oneshot::channel();
         let line = Arc::new(PacketMonitor::new());
-        self.guard.on_the_way.add(&line);
+        self.guard.in_transit.add(&line);
         let door = Arc::new(ConnectionGuard {
             is_open: visitor.is_open,
             certificate: visitor.certificate,
             guard: Arc::clone(&self.guard),
-            place,
+            slot: place,
             refused: Arc::default(),
-            shown: Mutex::default(),
-            let_in: Mutex::new(Some(let_in)),
+            authenticated: Mutex::default(),
+            connected: Mutex::new(Some(let_in)),
             line: Arc::clone(&line),
             router: Arc::clone(&self.router),
         });
@@ -207,7 +207,7 @@ impl BrokerServer {
             event_handler: Some(Arc::<ConnectionGuard>::clone(&door)),
             ..self.config.clone()
         };
-        let stream = GuardedStream::new(visitor.way, address, &door);
+        let stream = GuardedStream::new(visitor.transport, address, &door);
         let client = ClientHandler::new(
             BrokerTransport::WebSocket(Box::new(stream)),
             address,
@@ -262,8 +262,8 @@ impl BrokerServer {
 /// Disables the library's limits: the slots limit connections, and the guard limits messages.
 fn no_limits() -> ResourceLimits {
     ResourceLimits {
-        max_connections: PLACES.all,
-        max_connections_per_ip: PLACES.all,
+        max_connections: SLOT_LIMITS.all,
+        max_connections_per_ip: SLOT_LIMITS.all,
         max_message_rate_per_client: 0,
         max_bandwidth_per_client: 0,
         max_connection_rate: u32::MAX,
@@ -280,12 +280,12 @@ struct ConnectionGuard {
     is_open: bool,
     certificate: Option<Fingerprint>,
     guard: Arc<Guard>,
-    place: ConnectionSlot,
+    slot: ConnectionSlot,
     refused: Arc<Mutex<Option<u16>>>,
     /// Credentials of the client.
-    shown: Mutex<Option<AuthenticatedUser>>,
+    authenticated: Mutex<Option<AuthenticatedUser>>,
     /// Notified once the client is connected.
-    let_in: Mutex<Option<oneshot::Sender<ConnectedClient>>>,
+    connected: Mutex<Option<oneshot::Sender<ConnectedClient>>>,
     line: Arc<PacketMonitor>,
     router: Arc<MessageRouter>,
 }
@@ -297,7 +297,7 @@ impl ConnectionGuard {
         let Some(mut publish) = self.line.publish() else {
             return PublishAction::Continue;
         };
-        let (on_the_way, bytes) = (&self.guard.on_the_way, publish.payload.len());
+        let (on_the_way, bytes) = (&self.guard.in_transit, publish.payload.len());
         if !on_the_way.has_room(bytes) {
             return self.refuse(&event);
         }
@@ -318,7 +318,7 @@ impl ConnectionGuard {
     /// Writes the broker's own data on the sender into a message, and removes the client's.
     fn stamp(&self, publish: &mut PublishPacket, event: &ClientPublishEvent) {
         publish.topic_name = event.topic.to_string();
-        publish.payload = (self.guard.on_the_way).count(std::mem::take(&mut publish.payload));
+        publish.payload = (self.guard.in_transit).count(std::mem::take(&mut publish.payload));
         publish.properties.remove_topic_alias();
         publish.properties.inject_sender(event.user_id.as_deref());
         publish.properties.inject_client_id(Some(&event.client_id));
@@ -337,7 +337,7 @@ impl ConnectionGuard {
         let publish = self.line.publish();
         self.guard.execute_urgent(&event, lane, request).await;
         if let Some(mut publish) =
-            publish.filter(|publish| self.guard.on_the_way.has_room(publish.payload.len()))
+            publish.filter(|publish| self.guard.in_transit.has_room(publish.payload.len()))
         {
             self.stamp(&mut publish, &event);
             publish
@@ -374,13 +374,14 @@ impl BrokerEventHandler for ConnectionGuard {
                     self.deliver(event).await
                 }
                 PublishDecision::Handled => PublishAction::Handled,
-                PublishDecision::NotKept => self.refuse(&event),
+                PublishDecision::NotRetained => self.refuse(&event),
             }
         })
     }
 
     fn on_client_connect(&self, event: ClientConnectEvent) -> Answer<'_, ()> {
-        if let (Some(let_in), Some(shown)) = (self.let_in.lock().take(), self.shown.lock().take()) {
+        if let (Some(let_in), Some(shown)) = (self.connected.lock().take(), self.authenticated.lock().take())
+        {
             // an error only if the connection ends already
             let _ = let_in.send((Arc::clone(&event.client_id), shown));
         }
@@ -407,10 +408,8 @@ impl AuthProvider for ConnectionGuard {
         }
         self.line.set_version(connect.protocol_version);
         let certificate = self.certificate.as_ref();
-        let (result, shown) = self
-            .guard
-            .authenticate(connect, certificate, address, &self.place);
-        *self.shown.lock() = shown;
+        let (result, shown) = self.guard.authenticate(connect, certificate, address, &self.slot);
+        *self.authenticated.lock() = shown;
         Box::pin(now(Ok(result)))
     }
 

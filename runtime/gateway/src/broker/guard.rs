@@ -91,7 +91,7 @@ pub(super) enum PublishDecision {
     /// It is not delivered, because the guard has handled it.
     Handled,
     /// It is not delivered, because it cannot be kept.
-    NotKept,
+    NotRetained,
 }
 
 /// Admits users, restricts them to their topics, and rejects commands with the retain flag.
@@ -108,7 +108,7 @@ pub(super) struct Guard {
     pub(super) wrong: Rates<IpAddr>,
     pub(super) sessions: Arc<Sessions>,
     pub(super) retained: RetainedMessages,
-    pub(super) on_the_way: MessagesInTransit,
+    pub(super) in_transit: MessagesInTransit,
 }
 
 impl Guard {
@@ -127,7 +127,7 @@ impl Guard {
             wrong: Rates::new(WRONG_BURST, WRONG_PER_SECOND),
             sessions,
             retained: RetainedMessages::default(),
-            on_the_way: MessagesInTransit::default(),
+            in_transit: MessagesInTransit::default(),
         }
     }
 
@@ -375,7 +375,7 @@ impl Guard {
             Ok(clear) => PublishDecision::Deliver { clear },
             Err(text) => {
                 self.report_not_retained(&event.topic, &event.client_id, &text);
-                PublishDecision::NotKept
+                PublishDecision::NotRetained
             }
         }
     }
@@ -396,7 +396,7 @@ impl Guard {
         }
         let text = format!("retained message on {topic:.128} of {client:.64} refused: {text}");
         warn!("{text}");
-        self.access.machine.notice(ServerNotice::NotKept(Some(text)));
+        self.access.machine.notice(ServerNotice::NotRetained(Some(text)));
     }
 
     pub(super) fn speaks_5(&self, client_id: &str) -> bool {
@@ -467,7 +467,7 @@ impl BrokerEventHandler for Guard {
         if !is_of_runtime {
             let kind = self.kind(&event.topic);
             if self.retained.record_retained(kind, &event.topic, &event.payload) {
-                self.access.machine.notice(ServerNotice::NotKept(None));
+                self.access.machine.notice(ServerNotice::NotRetained(None));
             }
         }
         Box::pin(ready(()))

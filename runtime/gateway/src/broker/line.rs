@@ -17,10 +17,10 @@ use super::MQTT_5;
 
 /// Limit of message bytes in transit to connected clients. Beyond it, clients that do not read are closed, and messages
 /// of other clients are rejected, not delayed. Messages in session queues are not included.
-pub(super) const ON_THE_WAY_BYTES_MAX: usize = 64 * 1024 * 1024;
+pub(super) const IN_TRANSIT_BYTES_MAX: usize = 64 * 1024 * 1024;
 
 /// If there is no room, a client with messages in transit that has accepted nothing for this time is closed.
-const DEAF_AFTER: Duration = Duration::from_secs(1);
+const UNRESPONSIVE_AFTER: Duration = Duration::from_secs(1);
 
 /// Size limit of a CONNECT packet. Reason: the broker reads it before it knows the client. The will in it is a
 /// presence, as large as any message of a client at most.
@@ -169,7 +169,7 @@ impl PacketMonitor {
         [passing.stalled, owes]
             .into_iter()
             .flatten()
-            .any(|since| since.elapsed() >= DEAF_AFTER)
+            .any(|since| since.elapsed() >= UNRESPONSIVE_AFTER)
     }
 
     /// Ends the connection; a client of MQTT 5 receives the reason. To the library the client disconnects, so its will
@@ -273,7 +273,7 @@ impl MessagesInTransit {
 
     /// Whether there is room for this number of bytes. If there is none, clients that do not read are closed.
     pub(super) fn has_room(&self, bytes: usize) -> bool {
-        if self.bytes.load(Ordering::Relaxed) + bytes <= ON_THE_WAY_BYTES_MAX {
+        if self.bytes.load(Ordering::Relaxed) + bytes <= IN_TRANSIT_BYTES_MAX {
             return true;
         }
         for line in self.lines.lock().iter().filter_map(Weak::upgrade) {
@@ -347,7 +347,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_client_is_deaf_that_takes_nothing_while_something_is_on_its_way() {
         let line = PacketMonitor::new();
-        let pass = async || tokio::time::advance(DEAF_AFTER).await;
+        let pass = async || tokio::time::advance(UNRESPONSIVE_AFTER).await;
         pass().await;
         assert!(!line.is_unresponsive(), "nothing is in transit");
         line.write(&[0x32, 0]);
@@ -369,7 +369,7 @@ mod tests {
     #[test]
     fn what_is_on_its_way_counts_until_the_last_one_has_taken_it() {
         let on_the_way = MessagesInTransit::default();
-        let first = on_the_way.count(vec![0; ON_THE_WAY_BYTES_MAX - 10].into());
+        let first = on_the_way.count(vec![0; IN_TRANSIT_BYTES_MAX - 10].into());
         let again = first.clone();
         assert!(on_the_way.has_room(10) && !on_the_way.has_room(11));
         drop(first);
@@ -377,6 +377,6 @@ mod tests {
         let more = on_the_way.count(vec![0; 10].into());
         assert!(!on_the_way.has_room(1));
         drop((again, more));
-        assert!(on_the_way.has_room(ON_THE_WAY_BYTES_MAX));
+        assert!(on_the_way.has_room(IN_TRANSIT_BYTES_MAX));
     }
 }

@@ -48,7 +48,7 @@ struct RetainedEntry {
     /// `None` once it is kept.
     since: Option<Instant>,
     /// When the handler was reported offline. Its presence may then be evicted.
-    gone: Option<Instant>,
+    offline_since: Option<Instant>,
 }
 
 /// Retained messages of clients.
@@ -80,7 +80,7 @@ impl RetainedTable {
         let gone = self
             .topics
             .iter()
-            .filter_map(|(topic, kept)| Some((kept.gone?, topic)));
+            .filter_map(|(topic, kept)| Some((kept.offline_since?, topic)));
         let (_, topic) = gone.min()?;
         let topic = topic.clone();
         self.topics.remove(&topic);
@@ -122,12 +122,12 @@ impl RetainedMessages {
         }
         let known = table.topics.get(topic);
         let since = known.is_none_or(|kept| kept.since.is_some()).then(Instant::now);
-        let gone = known.and_then(|kept| kept.gone);
+        let gone = known.and_then(|kept| kept.offline_since);
         let kept = RetainedEntry {
             kind,
             bytes,
             since,
-            gone,
+            offline_since: gone,
         };
         table.topics.insert(topic.to_owned(), kept);
         Ok(clear)
@@ -147,7 +147,7 @@ impl RetainedMessages {
                 kind,
                 bytes,
                 since: None,
-                gone: is_gone.then(Instant::now),
+                offline_since: is_gone.then(Instant::now),
             };
             table.topics.insert(topic.to_owned(), kept);
         }

@@ -25,7 +25,7 @@ const REMEMBERED_PER_USER_MAX: usize = 24;
 struct PersistentSession {
     account: Account,
     /// When the client became absent.
-    away: Option<Instant>,
+    absent_since: Option<Instant>,
 }
 
 /// An admitted client.
@@ -76,7 +76,11 @@ impl Sessions {
         if client_id.is_empty() {
             return Err("a session that outlives its connection needs a client id".to_owned());
         }
-        remembered.retain(|_, session| session.away.is_none_or(|since| since.elapsed() < SESSION_EXPIRY));
+        remembered.retain(|_, session| {
+            session
+                .absent_since
+                .is_none_or(|since| since.elapsed() < SESSION_EXPIRY)
+        });
         if !remembered.contains_key(client_id) {
             let own = remembered.values().filter(|session| session.account == account);
             if matches!(account, Account::User(_)) && own.count() >= REMEMBERED_PER_USER_MAX {
@@ -96,7 +100,7 @@ impl Sessions {
         let session = PersistentSession {
             account,
             // absent until it is connected
-            away: Some(Instant::now()),
+            absent_since: Some(Instant::now()),
         };
         remembered.insert(client_id.to_owned(), session);
         Ok(())
@@ -115,7 +119,7 @@ impl Sessions {
     pub(super) fn connect(&self, client_id: Arc<str>, user: impl FnOnce() -> Option<User>) {
         let admitted = self.admitted.lock().remove(&*client_id);
         if let Some(session) = self.remembered.lock().get_mut(&*client_id) {
-            session.away = None;
+            session.absent_since = None;
         }
         let session = admitted.unwrap_or_else(|| AdmittedClient {
             user: user(),
@@ -134,7 +138,7 @@ impl Sessions {
                 let from = connected.remove(client_id).and_then(|(session, _)| session.from);
                 self.remember_host(client_id, from);
                 if let Some(session) = self.remembered.lock().get_mut(client_id) {
-                    session.away = Some(Instant::now());
+                    session.absent_since = Some(Instant::now());
                 }
             }
         }

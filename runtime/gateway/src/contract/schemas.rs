@@ -85,7 +85,7 @@ fn add_not_after(all: &mut Schemas, name: &str, not_after: &Value) {
 }
 
 /// Names of the schemas that the server and the runtime send.
-static SAID: LazyLock<BTreeSet<String>> =
+static SENT_SCHEMAS: LazyLock<BTreeSet<String>> =
     LazyLock::new(|| outgoing().into_iter().map(|(name, _)| name).collect());
 
 /// Schemas of the messages that the server and the runtime send.
@@ -119,7 +119,7 @@ pub(super) fn outgoing() -> Schemas {
 /// body that may carry an age limit is no response, so it has a separate name.
 pub(super) fn body_of(route: &Route, form: Form, takes_not_after: bool) -> (String, Value) {
     let (mut name, mut schema) = ((form.name)().into_owned(), schema_of(form, Direction::In).0);
-    if takes_not_after && SAID.contains(&name) {
+    if takes_not_after && SENT_SCHEMAS.contains(&name) {
         name += "Change";
     }
     let verb = route.fixed().find(|(name, _)| *name == "verb");

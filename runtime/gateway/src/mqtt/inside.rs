@@ -18,7 +18,7 @@ use tokio::time::Instant;
 
 use super::wire::{BrokerStamp, Connect, ConnectionLoss, Event, Version, Wire};
 use crate::arrivals::{ARRIVAL, EXECUTED};
-use crate::broker::{Exchange, ON_THE_WAY_MAX, PACKET_MAX};
+use crate::broker::{Exchange, IN_TRANSIT_MAX, PACKET_MAX};
 
 /// Limit of pending orders; further ones are refused until there is room.
 const ORDERS_MAX: usize = 64;
@@ -38,7 +38,7 @@ impl Connect for Inside {
     type Wire = InsideWire;
 
     fn open(&self, _node: usize, client_id: &str, will: Option<LastWill>, _: Version) -> InsideWire {
-        let (lanes, come) = DeliveryLanes::channel(ON_THE_WAY_MAX);
+        let (lanes, come) = DeliveryLanes::channel(IN_TRANSIT_MAX);
         let (displace, displaced) = oneshot::channel();
         InsideWire {
             exchange: self.0.clone(),
@@ -290,7 +290,7 @@ mod tests {
     use tokio::sync::mpsc;
 
     use super::*;
-    use crate::broker::{Broker, BrokerAccess, PLACES};
+    use crate::broker::{Broker, BrokerAccess, SLOT_LIMITS};
     use crate::tests::StubPort;
 
     const ROOT: &str = "tandem/v1/mill-1/";
@@ -303,7 +303,7 @@ mod tests {
             users: None,
             machine: crate::machine::Machine::new(StubPort::new()),
         };
-        Broker::start("127.0.0.1:0".parse().unwrap(), access, None, refused, PLACES).unwrap()
+        Broker::start("127.0.0.1:0".parse().unwrap(), access, None, refused, SLOT_LIMITS).unwrap()
     }
 
     /// Creates a connection with a will, subscribed to everything.
@@ -340,7 +340,7 @@ mod tests {
         let mut wire = connected(&inside, "runtime").await;
         wire.publish("begin".into(), 1, false, String::new(), None);
         assert_eq!(read(&mut wire).await.0, "begin");
-        let count = 3 * ON_THE_WAY_MAX;
+        let count = 3 * IN_TRANSIT_MAX;
         for n in 0..count {
             let now = Instant::now();
             inside

@@ -444,7 +444,10 @@ impl<C: Connect> Link<C> {
         while sent < SENT_AT_ONCE_MAX
             && self.outbox.send_next(|parcel| {
                 let handed = hand_over(parcel, root, session);
-                add(&metrics.mqtt_published, u64::from(handed == PublishOutcome::Over));
+                add(
+                    &metrics.mqtt_published,
+                    u64::from(handed == PublishOutcome::Accepted),
+                );
                 handed
             })
         {
@@ -584,7 +587,7 @@ fn hand_over(parcel: &Parcel, root: &str, session: &LinkSession<impl Wire>) -> P
         return PublishOutcome::Never;
     }
     if session.wire.publish(topic, qos, retain, payload, expiry_s) {
-        PublishOutcome::Over
+        PublishOutcome::Accepted
     } else {
         PublishOutcome::Full
     }

@@ -21,7 +21,7 @@ pub(super) enum Parcel {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum PublishOutcome {
     /// The client library has accepted it.
-    Over,
+    Accepted,
     /// The client library is full: try again later.
     Full,
     /// The broker cannot accept it: drop it.
@@ -100,7 +100,7 @@ impl Outbox {
             return false;
         }
         let parcel = self.queue.pop_front();
-        if let (PublishOutcome::Over, Some(parcel)) = (handed, parcel)
+        if let (PublishOutcome::Accepted, Some(parcel)) = (handed, parcel)
             && parcel.topic().map_or(1, Topic::qos) > 0
         {
             self.unacknowledged
@@ -285,7 +285,7 @@ mod tests {
             if let Parcel::Message(message) = parcel {
                 sent.push(Arc::clone(message));
             }
-            PublishOutcome::Over
+            PublishOutcome::Accepted
         }) {}
         sent
     }
@@ -356,7 +356,7 @@ mod tests {
         let mut outbox = Outbox::default();
         outbox.put(cancel(1));
         outbox.put(cancel(2));
-        assert!(outbox.send_next(|_| PublishOutcome::Over));
+        assert!(outbox.send_next(|_| PublishOutcome::Accepted));
         assert!(!outbox.send_next(|_| PublishOutcome::Full));
         assert_eq!(send_all(&mut outbox), [cancel(2)]);
     }

@@ -21,7 +21,7 @@ const TURN: u32 = 64;
 
 /// The task that listens.
 pub(crate) struct Listener<C> {
-    pub(crate) neighbours: Arc<PeerMachines>,
+    pub(crate) peer_machines: Arc<PeerMachines>,
     pub(crate) at: C,
     pub(crate) client_id: String,
     /// The part of a topic before the machine name, such as `tandem/v1/`.
@@ -41,7 +41,7 @@ impl Listener<BrokerAddress> {
         stop: CancellationToken,
     ) -> Result<Self, GatewayError> {
         Ok(Self {
-            neighbours,
+            peer_machines: neighbours,
             at: BrokerAddress::of_settings(settings)?,
             client_id: format!("{}-machines", client_id(settings, machine)),
             base: settings.base(),
@@ -56,10 +56,10 @@ impl<C: Connect> Listener<C> {
         loop {
             tokio::select! {
                 () = self.stop.cancelled() => return,
-                () = self.neighbours.asked.notified() => {}
+                () = self.peer_machines.requested.notified() => {}
             }
             self.listen().await;
-            let mut heard = self.neighbours.heard.lock();
+            let mut heard = self.peer_machines.state.lock();
             heard.broker = SharedBroker::Connecting;
             heard.registry.clear();
         }
@@ -72,7 +72,7 @@ impl<C: Connect> Listener<C> {
             let Err(lost) = self.connection(node, version).await else {
                 return;
             };
-            self.neighbours.heard.lock().broker = SharedBroker::Connecting;
+            self.peer_machines.state.lock().broker = SharedBroker::Connecting;
             debug!("no messages of other machines are received: {}", lost.why);
             if lost.version_unknown && version == Version::V5 {
                 version = Version::V3_1_1;
@@ -88,7 +88,7 @@ impl<C: Connect> Listener<C> {
 
     /// Returns when listening ends.
     fn deadline(&self) -> Instant {
-        self.neighbours.heard.lock().asked_at + ASKED_FOR
+        self.peer_machines.state.lock().asked_at + ASKED_FOR
     }
 
     /// Runs one connection; returns `Ok` when the requests end.
@@ -112,7 +112,7 @@ impl<C: Connect> Listener<C> {
                     info!("messages of other machines at the broker are received");
                     let base = &self.base;
                     wire.subscribe(TOPICS.iter().map(|topic| format!("{base}+/{topic}")));
-                    let mut heard = self.neighbours.heard.lock();
+                    let mut heard = self.peer_machines.state.lock();
                     heard.registry.clear();
                     heard.broker = SharedBroker::Connected;
                 }
@@ -120,7 +120,7 @@ impl<C: Connect> Listener<C> {
                     if let Some(of_machine) = publish.topic.strip_prefix(&self.base)
                         && let Some((machine, path)) = of_machine.split_once('/')
                     {
-                        let mut heard = self.neighbours.heard.lock();
+                        let mut heard = self.peer_machines.state.lock();
                         (heard.registry).store_message(machine, path, &publish.payload, Instant::now());
                     }
                 }

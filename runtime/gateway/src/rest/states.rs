@@ -64,7 +64,7 @@ async fn hmi(State(shared): State<Arc<ServerState>>) -> Response {
 }
 
 async fn machines(State(shared): State<Arc<ServerState>>) -> Response {
-    json_text(json!(shared.neighbours.machines()).to_string())
+    json_text(json!(shared.peer_machines.machines()).to_string())
 }
 
 async fn coordinate_systems(State(shared): State<Arc<ServerState>>) -> Result<Response, Problem> {

@@ -567,7 +567,7 @@ async fn headers_are_limited_in_number_in_size_and_in_time() {
     let address = listener.local_addr().unwrap();
     let stop = CancellationToken::new();
     let server = tokio::spawn(crate::server::serve(
-        crate::server::LimitedListener::new(listener, crate::server::PLACES),
+        crate::server::LimitedListener::new(listener, crate::server::SLOT_LIMITS),
         axum::Router::new(),
         None,
         stop.clone(),

@@ -51,9 +51,9 @@ type Script = Box<dyn Fn(&Request) -> Result<Answer, Refusal> + Send + Sync>;
 /// A port with its own hub.
 pub(super) struct StubPort {
     pub(super) hub: Hub,
-    pub(super) asked: Mutex<Vec<Request>>,
+    pub(super) requests: Mutex<Vec<Request>>,
     origins: Mutex<Vec<Origin>>,
-    pub(super) told: Mutex<Vec<ServerNotice>>,
+    pub(super) notices: Mutex<Vec<ServerNotice>>,
     pub(super) servo_timing: Mutex<Option<ServoTiming>>,
     pub(super) news: tokio::sync::Notify,
     script: Script,
@@ -84,9 +84,9 @@ impl StubPort {
     ) -> Arc<Self> {
         let stub = Self {
             hub: Hub::new(),
-            asked: Mutex::default(),
+            requests: Mutex::default(),
             origins: Mutex::default(),
-            told: Mutex::default(),
+            notices: Mutex::default(),
             servo_timing: Mutex::default(),
             news: tokio::sync::Notify::new(),
             script: Box::new(script),
@@ -161,12 +161,12 @@ impl StubPort {
 
     /// All requests so far.
     pub(super) fn asked(&self) -> Vec<Request> {
-        self.asked.lock().unwrap().clone()
+        self.requests.lock().unwrap().clone()
     }
 
     /// The texts of all warnings so far.
     pub(super) fn warnings(&self) -> Vec<String> {
-        let told = self.told.lock().unwrap();
+        let told = self.notices.lock().unwrap();
         let warnings = told.iter().filter_map(|notice| match notice {
             ServerNotice::Warning(text) => Some(text.clone()),
             _ => None,
@@ -204,7 +204,7 @@ impl Port for StubPort {
 
     fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
         let answer = (self.script)(&request);
-        self.asked.lock().unwrap().push(request);
+        self.requests.lock().unwrap().push(request);
         self.news.notify_waiters();
         if self.silent.load(std::sync::atomic::Ordering::Relaxed) {
             return Box::pin(std::future::pending());
@@ -228,7 +228,7 @@ impl ServedPort for StubPort {
     }
 
     fn notice(&self, notice: ServerNotice) {
-        self.told.lock().unwrap().push(notice);
+        self.notices.lock().unwrap().push(notice);
     }
 
     fn republish(&self) -> BoxFuture<'_, ()> {

@@ -9,7 +9,7 @@ use tokio::sync::mpsc;
 use tokio_util::task::AbortOnDropHandle;
 
 use super::*;
-use crate::broker::{Broker, BrokerAccess, PLACES};
+use crate::broker::{Broker, BrokerAccess, SLOT_LIMITS};
 use crate::mqtt::{self, MqttEnd};
 use crate::settings::MqttSettings;
 
@@ -339,7 +339,7 @@ pub(super) fn broker(address: std::net::SocketAddr) -> (Broker, std::net::Socket
         users: None,
         machine: crate::machine::Machine::new(StubPort::new()),
     };
-    let broker = Broker::start(address, access, None, refused, PLACES).unwrap();
+    let broker = Broker::start(address, access, None, refused, SLOT_LIMITS).unwrap();
     let address = broker.addr();
     (broker, address)
 }

@@ -251,9 +251,9 @@ async fn retained_message_over_limit_is_refused_with_reason_presences_pass() {
     let mut old = RawConnection::connect(&gateway, 4).await;
     assert_eq!(old.publish("plant/new", 1, true, &large).await, [0x40, 2, 0, 7]);
     let told = || {
-        let told = port.told.lock().unwrap();
+        let told = port.notices.lock().unwrap();
         let last = told.iter().rev().find_map(|notice| match notice {
-            ServerNotice::NotKept(text) => Some(text.clone()),
+            ServerNotice::NotRetained(text) => Some(text.clone()),
             _ => None,
         });
         last.flatten()
