@@ -14,11 +14,11 @@ use tokio::sync::{Mutex, MutexGuard, watch};
 
 use crate::claim::OutputId;
 use crate::error::Result;
+use crate::handler_session::HandlerSession;
 use crate::identity::Identity;
 use crate::lock::lock;
 use crate::plc::Plc;
 use crate::port::BoxFuture;
-use crate::presence::HandlerSession;
 use crate::states::States;
 use crate::text::panic_text;
 use crate::types::CoordinateSystemNumber;

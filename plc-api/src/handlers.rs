@@ -6,8 +6,8 @@
 
 mod background;
 mod device;
-mod followed;
-mod nest;
+mod followed_level;
+mod merge;
 mod run;
 mod table;
 #[cfg(test)]
@@ -39,7 +39,7 @@ use crate::types::alarm_text::AlarmText;
 use crate::types::machine::{ServedMCode, ServedMCodesFile};
 use crate::types::output::{Params, Redelivery};
 
-use followed::FollowedLevel;
+use followed_level::FollowedLevel;
 use run::LifecycleOptions;
 use table::{Check, Table};
 

@@ -12,11 +12,11 @@ use futures_util::FutureExt;
 
 use crate::claim::{OutputId, decide_start};
 use crate::error::{Error, Result};
+use crate::handler_session::{HandlerDeclaration, HandlerSession, OpenOutputs};
 use crate::hub::{Filter, Subscription};
 use crate::m_codes::{M_CODE_MAX, MCodes};
 use crate::names::mistake_in_id;
 use crate::plc::Plc;
-use crate::presence::{HandlerDeclaration, HandlerSession, OpenOutputs};
 use crate::types::message::Message;
 use crate::types::output::{OutputState, PendingOutput, Redelivery};
 

@@ -87,10 +87,10 @@
 //! # Ok(()) }
 //! ```
 
-mod asked;
 mod flags;
 mod image;
 mod operator;
+mod scan_question;
 mod watch;
 mod writer;
 mod writes;

@@ -25,7 +25,7 @@ use crate::persistence::{
     restore,
 };
 use crate::program_store::folder::{Opening, ProgramFileState, ProgramFolder, scan_folder};
-use crate::program_store::places::{FolderAssignmentsRead, PLACES_FILE};
+use crate::program_store::folder_assignments::{FolderAssignmentsRead, PLACES_FILE};
 use crate::stored_data::OpenQuestion;
 use crate::stored_data::inspection::Inspection;
 use crate::tables::{LOST_VALUE, Tables};

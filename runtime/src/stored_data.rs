@@ -18,7 +18,7 @@ use serde_json::json;
 use crate::disk::{
     Generations, SealedFileKind, fs, read_regular, read_sealed, seal, sync_folder, write_whole,
 };
-use crate::program_store::places::FolderByProgram;
+use crate::program_store::folder_assignments::FolderByProgram;
 
 /// File with the question, while it is pending.
 const QUESTION_FILE: &str = "question";

@@ -95,7 +95,7 @@
 mod background;
 mod perform;
 mod record;
-mod standing;
+mod standstill;
 #[cfg(test)]
 mod tests;
 mod trace;

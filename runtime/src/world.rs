@@ -13,18 +13,18 @@ mod broker;
 mod handler;
 mod history;
 mod operator;
+mod oracle;
+mod port_observer;
 mod process;
 pub(crate) mod random;
 mod trace;
-mod truth;
-mod witness;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use history::{History, HistoryOutcome, Mutation};
-use truth::Rule;
+use oracle::Rule;
 
 /// Name of the machine, and root of its topics.
 const MACHINE: &str = "mill";

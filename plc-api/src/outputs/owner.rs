@@ -8,10 +8,10 @@ use tokio::task::JoinHandle;
 
 use crate::claim::OutputId;
 use crate::error::{Error, Result};
+use crate::handler_session::{Event, HandlerSession, OfflineGuard};
 use crate::identity::Identity;
 use crate::lock::lock;
 use crate::plc::Plc;
-use crate::presence::{Event, HandlerSession, OfflineGuard};
 
 /// Outputs that exist as [`RawOutput`](super::RawOutput), each with true while it is claimed and not
 /// answered.

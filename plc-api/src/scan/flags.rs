@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use tokio::sync::{oneshot, watch};
 
-use super::asked::ScanQuestion;
+use super::scan_question::ScanQuestion;
 use crate::alarm::Alarm;
 use crate::handlers::AuxOutput;
 use crate::lock::lock;

@@ -1,7 +1,7 @@
 //! Alarms and questions of a scan to the operator.
 
-use super::asked::ScanQuestion;
 use super::image::Image;
+use super::scan_question::ScanQuestion;
 use crate::alarm::Alarm;
 use crate::types::CoordinateSystemNumber;
 

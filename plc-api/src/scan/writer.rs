@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::mem::take;
 
-use super::asked::ScanQuestion;
 use super::flags::Flags;
 use super::image::Image;
+use super::scan_question::ScanQuestion;
 use super::writes::put;
 use crate::alarm::Alarm;
 use crate::alarm_level::{AlarmLevel, is_active};

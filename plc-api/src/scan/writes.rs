@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::mem::discriminant;
 
-use super::asked::ScanQuestion;
 use super::flags::FlagKey;
+use super::scan_question::ScanQuestion;
 use crate::alarm::Alarm;
 use crate::handlers::AuxOutput;
 use crate::types::CoordinateSystemNumber;

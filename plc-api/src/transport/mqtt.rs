@@ -28,8 +28,8 @@ use crate::types::not_after::NotAfter;
 use crate::types::output::HandlerPresence;
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::topic::{CsTopic, Topic};
+use crate::wire::message_sender::MessageSender;
 use crate::wire::mqtt::{Until, encode, encode_not_after};
-use crate::wire::speaker::MessageSender;
 
 use address::MqttAddress;
 use age::MachineAge;

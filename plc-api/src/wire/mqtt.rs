@@ -8,6 +8,7 @@ use serde_json::{Map, Value, json};
 use super::PAYLOAD_MAX;
 use super::age_limit::names_urgent;
 use super::json::{edited_json_object, json_object};
+use super::message_sender::MessageSender;
 use super::parameter::{Fault, QueryValues};
 use super::pattern::{fill, take_apart};
 use super::requests::{COMMAND, ROWS};
@@ -15,7 +16,6 @@ use super::right::Right;
 use super::row::{
     Body, InboundTopic, IncomingRequest, NOT_AFTER, ParsedRequest, RequestParts, Row, Source, number,
 };
-use super::speaker::MessageSender;
 use crate::names::unique_name;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::CommandMeta;

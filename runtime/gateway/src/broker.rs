@@ -4,9 +4,9 @@
 //! Every setting of the library is set here, because its defaults listen on all addresses and write files. Commands,
 //! claims and settings with the retain flag are rejected: otherwise they would be executed again at the next start.
 
-mod door;
+mod accept;
 mod guard;
-mod line;
+mod packet_monitor;
 mod retained;
 mod sessions;
 mod socket;
@@ -26,14 +26,14 @@ use tokio_util::task::{AbortOnDropHandle, TaskTracker};
 use crate::access::Users;
 use crate::arrivals::Arrivals;
 use crate::broker_address::RefusedMessage;
+use crate::connection_slots::{ConnectionSlots, SlotLimits};
 use crate::error::GatewayError;
 use crate::machine::Machine;
-use crate::places::{ConnectionSlots, SlotLimits};
 use crate::settings::{MQTT_LISTEN, MqttSettings, bind};
 use crate::tls::{Fingerprint, LiveTls};
 use crate::urgent_slots::ExecuteUrgent;
-pub(crate) use door::SLOT_LIMITS;
-use door::{BrokerServer, Counts};
+pub(crate) use accept::SLOT_LIMITS;
+use accept::{BrokerServer, Counts};
 use guard::Guard;
 pub(crate) use sessions::Sessions;
 pub(crate) use socket::SocketBytes;

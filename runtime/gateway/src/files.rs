@@ -3,8 +3,8 @@
 use plc_api::server::ServerNotice;
 
 use crate::broker;
+use crate::connection_slots::SlotLimits;
 use crate::machine::Machine;
-use crate::places::SlotLimits;
 use crate::server;
 
 /// Number of files of the runtime besides connections of HTTP and the broker: store, journal, programs,

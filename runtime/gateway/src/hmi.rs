@@ -11,7 +11,7 @@ use rust_embed::{EmbeddedFile, RustEmbed};
 use tower_http::compression::CompressionLayer;
 
 use crate::problem::Problem;
-use crate::shared::ServerState;
+use crate::server_state::ServerState;
 
 #[derive(RustEmbed)]
 #[folder = "web"]

@@ -21,7 +21,7 @@ use tower_http::compression::CompressionLayer;
 
 use crate::hmi::is_known;
 use crate::problem::Problem;
-use crate::shared::ServerState;
+use crate::server_state::ServerState;
 
 /// Path of the folder on the server.
 const ROOT: &str = "/hmi";

@@ -9,11 +9,11 @@ use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
 use tandem_mtconnect::Agent;
 
+use crate::connection_slots::host_of;
 use crate::contract::routes::API;
-use crate::places::host_of;
 use crate::problem::Problem;
 use crate::server::Peer;
-use crate::shared::ServerState;
+use crate::server_state::ServerState;
 use crate::{access, hmi, hmi_dir, mqtt_socket, mtconnect, origin, rest, server, websocket};
 
 /// Creates the router of all HTTP paths.

@@ -16,7 +16,7 @@ use tokio::sync::Semaphore;
 use crate::broker::{PACKET_MAX, SocketBytes, WebSocketListener};
 use crate::problem::Problem;
 use crate::server::Peer;
-use crate::shared::ServerState;
+use crate::server_state::ServerState;
 use crate::socket_limits;
 
 /// Path of the broker.

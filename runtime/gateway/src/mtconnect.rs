@@ -11,8 +11,8 @@ use tokio_util::sync::CancellationToken;
 
 use crate::access::guard::guard_reading;
 use crate::error::GatewayError;
+use crate::server_state::ServerState;
 use crate::settings::{GatewaySettings, SHDR_LISTEN, bind};
-use crate::shared::ServerState;
 
 /// Path of the agent.
 pub(crate) const ROOT: &str = "/mtconnect";

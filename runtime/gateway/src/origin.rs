@@ -15,7 +15,7 @@ use tower_http::cors::{AllowOrigin, CorsLayer};
 
 use crate::contract::routes::ROUTES;
 use crate::problem::Problem;
-use crate::shared::ServerState;
+use crate::server_state::ServerState;
 
 /// How long a browser remembers the headers that pages of another origin may send.
 const PREFLIGHT_AGE: Duration = Duration::from_mins(10);

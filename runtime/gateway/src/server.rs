@@ -27,9 +27,9 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tower::Layer;
 
-use crate::places::{ACCEPT_RETRY, ConnectionSlot, ConnectionSlots, PendingUse, SlotLimits};
+use crate::connection_slots::{ACCEPT_RETRY, ConnectionSlot, ConnectionSlots, PendingUse, SlotLimits};
 use crate::problem::Problem;
-use crate::shared::ServerState;
+use crate::server_state::ServerState;
 use crate::tls::{AcceptedClient, ClientStream, Fingerprint, LiveTls};
 
 /// Limits of connection slots.

@@ -15,7 +15,7 @@ use tokio::net::{TcpListener, TcpSocket};
 
 use crate::access::{LiveTokens, Tokens};
 use crate::error::GatewayError;
-use crate::opened::{folder_problem, is_origin};
+use crate::exposed_settings::{folder_problem, is_origin};
 use crate::tls::{LiveTls, ServerTls};
 
 /// Settings of all servers of one machine.

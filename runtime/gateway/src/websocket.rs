@@ -42,7 +42,7 @@ use crate::metrics::add;
 use crate::position::Positions;
 use crate::problem::Problem;
 use crate::server::Peer;
-use crate::shared::{ServerState, WEBSOCKETS_MAX};
+use crate::server_state::{ServerState, WEBSOCKETS_MAX};
 use crate::socket_limits::{self, ControlFrames, TOO_MANY_CONTROL_FRAMES};
 
 /// Patterns of one client; more are refused.

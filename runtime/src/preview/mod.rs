@@ -8,10 +8,10 @@
 mod bytes;
 mod chunk;
 mod in_progress;
+mod path_simplifier;
 mod plan;
 mod planning;
 mod rehearsed;
-mod sleeve;
 mod slots;
 mod spindle;
 mod tracer;

@@ -5,7 +5,7 @@ use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
 use tandem_model::{Axis, AxisVector, MachinePosition, Origin};
 
 use super::chunk::{CHUNK_LINES, Chunk, Palette, Vertex, single};
-use super::sleeve::PathSimplifier;
+use super::path_simplifier::PathSimplifier;
 
 /// Maximum number of vertices of one path: some 50 MB with all levels. The picture ends there, the rehearsal continues.
 pub(super) const VERTICES_MAX: usize = 1 << 21;

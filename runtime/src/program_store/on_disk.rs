@@ -8,7 +8,7 @@ use std::sync::atomic::Ordering;
 use super::ProgramStore;
 use super::edit::Edit;
 use super::folder::{AcceptedFile, FolderScan, Opening, ProgramFileState, ProgramFolder, scan_folder};
-use super::places::{FolderAssignments, FolderByProgram};
+use super::folder_assignments::{FolderAssignments, FolderByProgram};
 use super::program::StoredProgram;
 use super::signing::Signature;
 use crate::disk::Generations;

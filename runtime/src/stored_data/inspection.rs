@@ -14,7 +14,7 @@ use crate::persistence::{
     Generation, Image, InspectedStore, STORE_FILE, StoreCondition, anchor_seal, inspect_expected_store,
 };
 use crate::program_store::folder::read_checksums as program_sums;
-use crate::program_store::places::{FolderAssignmentsRead, FolderByProgram, PLACES_FILE};
+use crate::program_store::folder_assignments::{FolderAssignmentsRead, FolderByProgram, PLACES_FILE};
 use crate::program_store::program_number;
 
 /// Findings of a start in a data folder, before anything is changed.

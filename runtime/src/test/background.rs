@@ -11,7 +11,7 @@ use parking_lot::Mutex;
 use tokio::sync::Notify;
 
 use super::TestError;
-use super::standing::watched;
+use super::standstill::watched;
 
 /// Text in tokio's panics when a test uses its sockets.
 const FOREIGN: &str = "IO is disabled";

@@ -1,5 +1,5 @@
 mod alarm_texts;
-mod beside;
+mod background_work;
 mod clocks;
 mod declared;
 mod io;

@@ -18,8 +18,8 @@ use tokio::time::Instant;
 
 use super::ROOT;
 use super::broker::{ModelBroker, ModelWire};
+use super::oracle::SharedOracle;
 use super::random::Random;
-use super::truth::SharedOracle;
 
 /// An output of a boot: boot, coordinate system, number.
 type Key = (BootId, u8, u64);

@@ -18,10 +18,10 @@ use super::MACHINE;
 use super::broker::{Connector, ModelBroker, Network};
 use super::handler::Handler;
 use super::operator::{Current, Operator, PROGRAMS, change, program, read};
+use super::oracle::{AtKill, BrokenRule, Oracle, Rule, SharedOracle};
 use super::process::Process;
 use super::random::Random;
 use super::trace::Trace;
-use super::truth::{AtKill, BrokenRule, Oracle, Rule, SharedOracle};
 use crate::config::{Config, Machine, ProgramSource};
 use crate::disk::simulated::memory::{Disk, Faults, Mount};
 

@@ -14,10 +14,10 @@ use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::wire::right::Right;
 
+use super::oracle::{LOST, SharedOracle};
+use super::port_observer::PortObserver;
 use super::random::Random;
 use super::trace::Trace;
-use super::truth::{LOST, SharedOracle};
-use super::witness::PortObserver;
 use crate::disk::simulated::memory::Mount;
 
 /// Current access to the machine: the number of its start, and its port.

@@ -14,8 +14,8 @@ use tokio::task::AbortHandle;
 
 use super::MACHINE;
 use super::broker::Connector;
-use super::truth::SharedOracle;
-use super::witness::PortObserver;
+use super::oracle::SharedOracle;
+use super::port_observer::PortObserver;
 use crate::Runtime;
 use crate::clock::Clock;
 use crate::config::Machine;

@@ -7,9 +7,9 @@ mod expressions;
 mod frames;
 mod links;
 mod operators;
-mod places;
 mod statements;
 mod types;
+mod variable_parts;
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::sync::Arc;

@@ -3,7 +3,7 @@
 use std::net::IpAddr;
 
 use super::User;
-use crate::places::host_of;
+use crate::connection_slots::host_of;
 
 /// Owner of requests that share one limit: a user, or without users a host.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]

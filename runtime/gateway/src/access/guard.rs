@@ -16,7 +16,7 @@ use super::{AuthenticatedUser, User};
 use crate::contract::routes::{API, RouteMatch, find};
 use crate::problem::Problem;
 use crate::server::{Peer, certificate_of, is_urgent};
-use crate::shared::ServerState;
+use crate::server_state::ServerState;
 use crate::tls::Fingerprint;
 
 /// Admits requests only to routes of the table, and only from users with the right. Handlers find the [`User`] and its

@@ -19,7 +19,7 @@ use super::login_budget::LoginBudgets;
 use super::pin::{hash, is_of, weakness};
 use super::token::{Token, random_secret};
 use super::{Tokens, User};
-use crate::places::host_of;
+use crate::connection_slots::host_of;
 
 /// Validity of a login's token. Reason: a shift, and some time.
 pub(crate) const LOGIN_MAX: Duration = Duration::from_hours(12);

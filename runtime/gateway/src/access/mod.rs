@@ -19,8 +19,8 @@ mod users;
 
 use std::sync::Arc;
 
+use plc_api::wire::message_sender::MessageSender;
 use plc_api::wire::right::Right;
-use plc_api::wire::speaker::MessageSender;
 use serde::{Deserialize, Serialize};
 
 pub(crate) use account::Account;

@@ -3,8 +3,8 @@
 use std::fmt::Write as _;
 
 use plc_api::wire::machines;
+use plc_api::wire::message_sender::MessageSender;
 use plc_api::wire::right::Right;
-use plc_api::wire::speaker::MessageSender;
 
 use super::{Role, Tokens};
 use crate::contract::topics::inbound_topics;

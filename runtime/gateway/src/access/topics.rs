@@ -1,7 +1,7 @@
 //! Access to MQTT topics. Pure: no I/O.
 
+use plc_api::wire::message_sender::MessageSender;
 use plc_api::wire::right::Right;
-use plc_api::wire::speaker::MessageSender;
 
 use super::{Role, User};
 use crate::contract::topics::inbound;

@@ -27,7 +27,7 @@ use serde::de::value::{Error as ValueError, StrDeserializer};
 use tokio::sync::mpsc;
 use tracing::warn;
 
-use super::line::MessagesInTransit;
+use super::packet_monitor::MessagesInTransit;
 use super::retained::{Kind, RetainedMessages};
 use super::sessions::{AdmittedClient, Sessions};
 use super::{BrokerAccess, FILTER_BYTES_MAX, MQTT_5};
@@ -35,8 +35,8 @@ use crate::access::topics::{may_publish, may_subscribe};
 use crate::access::{Account, AuthenticatedUser, Rates, User, Users};
 use crate::arrivals::Arrivals;
 use crate::broker_address::RefusedMessage;
+use crate::connection_slots::{ConnectionSlot, host_of};
 use crate::contract::topics::is_inbound;
-use crate::places::{ConnectionSlot, host_of};
 use crate::publisher::Publisher;
 use crate::tls::Fingerprint;
 use crate::urgent_slots::ExecuteUrgent;

@@ -4,9 +4,9 @@ use std::sync::LazyLock;
 
 use plc_api::types::command::Command;
 use plc_api::types::topic::Topic;
+use plc_api::wire::message_sender::MessageSender;
 use plc_api::wire::right::Right;
 use plc_api::wire::row::InboundTopic;
-use plc_api::wire::speaker::MessageSender;
 use serde_json::{Map, Value, json};
 
 use super::outbound::{CS, M, outbound};

@@ -2,9 +2,9 @@
 //! runtime publishes on them.
 
 use plc_api::wire::ROWS;
+use plc_api::wire::message_sender::MessageSender;
 use plc_api::wire::right::Right;
 use plc_api::wire::row::InboundTopic;
-use plc_api::wire::speaker::MessageSender;
 
 /// Returns every incoming topic, with the right that its sender needs.
 pub(crate) fn inbound_topics() -> impl Iterator<Item = (&'static InboundTopic, Right)> {

@@ -19,7 +19,7 @@ use plc_api::server::ServedPort;
 use plc_api::types::Timestamp;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::topic::Topic;
-use plc_api::wire::speaker::MessageSender;
+use plc_api::wire::message_sender::MessageSender;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;

@@ -10,7 +10,7 @@ use axum::{Json, Router};
 use serde_json::{Value, json};
 
 use crate::problem::Problem;
-use crate::shared::{ServerState, unexpected};
+use crate::server_state::{ServerState, unexpected};
 
 const OPENAPI: &str = include_str!("../../api/openapi.json");
 const ASYNCAPI: &str = include_str!("../../api/asyncapi.json");

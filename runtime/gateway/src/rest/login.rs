@@ -19,7 +19,7 @@ use crate::access::http::{token, too_many};
 use crate::access::login::{LOGIN_MAX, LoginRefusal};
 use crate::problem::Problem;
 use crate::server::Peer;
-use crate::shared::ServerState;
+use crate::server_state::ServerState;
 
 /// Logs a person in.
 pub(super) async fn log_in(

@@ -20,7 +20,7 @@ use plc_api::wire::row::check_path;
 
 use crate::contract::routes::{ROUTES, Serves};
 use crate::problem::Problem;
-use crate::shared::ServerState;
+use crate::server_state::ServerState;
 
 /// Returns the routes, without their common path prefix.
 pub(crate) fn routes() -> Router<Arc<ServerState>> {

@@ -33,7 +33,7 @@ use crate::contract::routes::API;
 use crate::machine::{AuthorizedRequest, Caller};
 use crate::problem::Problem;
 use crate::server::Peer;
-use crate::shared::{ServerState, unexpected};
+use crate::server_state::{ServerState, unexpected};
 use crate::urgent_slots::UrgentKind;
 
 /// Client id of a REST command that names no client.

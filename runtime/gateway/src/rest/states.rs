@@ -23,7 +23,7 @@ use super::login::{current_user, log_in, log_out};
 use super::{json_response, params};
 use crate::metrics::States;
 use crate::problem::Problem;
-use crate::shared::ServerState;
+use crate::server_state::ServerState;
 
 /// Routes that the server answers without the machine.
 pub(super) fn own_routes() -> Router<Arc<ServerState>> {

@@ -2,23 +2,23 @@
 
 mod access;
 mod authorization;
+mod connection_slots;
 mod data;
-mod deaf;
-mod ended;
+mod foreign_pages;
 mod gateway;
 mod mqtt;
 mod mqtt_backlog;
 mod mqtt_refusals;
 mod mqtt_socket;
 mod mtconnect;
-mod others;
-mod places;
 mod programs;
 mod rest;
 mod rest_refusals;
+mod revoked_credentials;
 mod senders;
 mod threats;
 mod unread;
+mod unresponsive;
 mod urgent;
 mod websocket;
 
@@ -43,7 +43,7 @@ use tokio::net::TcpStream;
 use tokio_util::sync::CancellationToken;
 
 use crate::access::http::Access;
-use crate::shared::ServerState;
+use crate::server_state::ServerState;
 use crate::{Gateway, GatewaySettings};
 
 type Script = Box<dyn Fn(&Request) -> Result<Answer, Refusal> + Send + Sync>;
@@ -275,7 +275,7 @@ pub(super) fn shared_with(port: Arc<StubPort>, tokens: Option<Arc<crate::Tokens>
         crate::machine::Machine::new(port),
         "127.0.0.1:8080".parse().unwrap(),
         "http",
-        crate::shared::MqttServer {
+        crate::server_state::MqttServer {
             host: None,
             port: 1883,
             is_private: false,

@@ -13,9 +13,9 @@ use tandem_model::flow::Path;
 use tandem_model::ramp::UnitRamp;
 use tandem_model::{Axis, AxisVector};
 
+use super::blended_block::{self, BlendedBlock};
 use super::curve;
 use super::limits::{Motors, SQUARE_MIN};
-use super::way::{self, BlendedBlock};
 
 /// Rounding of an acceleration, relative to its limit.
 const ROUNDING: f64 = 1e-9;
@@ -44,7 +44,7 @@ impl Side {
                 } else {
                     [0.0, arc.length()]
                 };
-                let [second, third] = way::bends(arc, within);
+                let [second, third] = blended_block::bends(arc, within);
                 Self {
                     velocity: arc.derivatives_at(at)[0].scaled(speed),
                     bends: [second.scaled(speed * speed), third.scaled(speed * speed * speed)],

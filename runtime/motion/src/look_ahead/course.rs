@@ -15,7 +15,7 @@ use tandem_model::flow::Path;
 use tandem_model::profile::SpeedGrowth;
 use tandem_model::{Axis, AxisVector};
 
-use super::way::{self, BlendedBlock, DerivativeBounds, PathDerivatives, PieceEnd, PieceMotion};
+use super::blended_block::{self, BlendedBlock, DerivativeBounds, PathDerivatives, PieceEnd, PieceMotion};
 
 /// A piece in the measure of its rate: plan time or distance.
 #[derive(Debug, Clone, Copy)]
@@ -142,7 +142,7 @@ impl BlendedBlock<'_> {
                 let distances = [from.distance, to.distance];
                 motion.bend(arc, distances, most, 0.0);
                 // The direction changes along the piece as well.
-                turn = turn.zip(way::bends(arc, distances)[0], |turn, bent| {
+                turn = turn.zip(blended_block::bends(arc, distances)[0], |turn, bent| {
                     turn + bent * most.speed * length_s / 2.0
                 });
             }

@@ -6,9 +6,9 @@
 
 use tandem_model::{ArcPath, Axis};
 
+use super::blended_block::{self, BlendedBlock};
 use super::limits::{Bounds, SQUARE_MIN};
 use super::straight::Straight;
-use super::way::{self, BlendedBlock};
 
 /// The largest share of a limit for the curvature; the rest changes the rate.
 const SHARE: f64 = 0.75;
@@ -28,7 +28,7 @@ pub(super) fn straightened(
         return None;
     }
     let v = way.block.speed;
-    let [second, third] = way::bends(arc, [0.0, arc.length()]);
+    let [second, third] = blended_block::bends(arc, [0.0, arc.length()]);
     let each = Axis::ALL.map(|axis| {
         let by_speed = [
             arc.steepest(axis) * v,

@@ -5,11 +5,11 @@ use std::collections::VecDeque;
 use tandem_model::flow::Path;
 use tandem_model::{AXES_MAX, Axis};
 
+use super::blended_block::{BlendedBlock, BlockPart, Phase, PieceEnd};
 use super::course::Course;
 use super::limits::{self, Bounds, Spread};
 use super::piece::{Piece, Shape};
 use super::straight::Straight;
-use super::way::{BlendedBlock, BlockPart, Phase, PieceEnd};
 use super::{corner, curve};
 
 /// The largest change of a velocity on one piece of a ramp, as a share of it.

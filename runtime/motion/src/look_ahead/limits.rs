@@ -10,8 +10,8 @@ use tandem_model::profile::SlewRoom;
 use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
 use tandem_model::{AXES_MAX, Axis};
 
+use super::blended_block::PieceMotion;
 use super::course::Course;
-use super::way::PieceMotion;
 use crate::limit::ACCELERATION_RESERVE;
 
 /// Smallest square of the rate: a millionth of the rate without look-ahead. The rate is never lower, so every block ends.

@@ -26,32 +26,32 @@
 //! so at each of their joints `q501''` steps by a vector that no rate but 0 removes from `q'' = q501'' w^2 + q501' w'`.
 //! The manual speaks of positions, velocities and accelerations.
 
+mod blended_block;
 mod braking;
 mod corner;
 mod course;
 mod curve;
 mod grid;
-mod held;
+mod held_block;
 mod limits;
 mod paced;
 mod piece;
 mod rate;
 mod step;
 mod straight;
-mod way;
 
 use std::collections::VecDeque;
 
 use tandem_model::profile::{Law, Profile};
 use tandem_model::settings::CoordinateSystemSettings;
 
+use self::blended_block::BlendedBlock;
+pub(crate) use self::blended_block::Passage;
 use self::braking::Braking;
-use self::held::HeldBlock;
+use self::held_block::HeldBlock;
 use self::limits::{Bounds, HalfPlane, Motors, SQUARE_MIN};
 use self::piece::Piece;
 use self::step::RateStep;
-use self::way::BlendedBlock;
-pub(crate) use self::way::Passage;
 use crate::block::RampedBlock;
 use crate::record::{Entry, Record};
 

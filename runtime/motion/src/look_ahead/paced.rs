@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use tandem_model::profile::{PACE_PIECES_MAX, Pace, PacePiece, Profile};
 
-use super::held::HeldBlock;
+use super::held_block::HeldBlock;
 use super::step::RateStep;
 
 /// Outputs a block with these steps, in as many profiles as they need.

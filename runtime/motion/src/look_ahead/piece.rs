@@ -2,8 +2,8 @@
 
 use tandem_model::profile::SlewRoom;
 
+use super::blended_block::Phase;
 use super::straight::Straight;
-use super::way::Phase;
 
 /// A piece, in plan time.
 #[derive(Debug, Clone, Copy)]

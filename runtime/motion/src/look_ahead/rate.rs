@@ -6,13 +6,13 @@ use std::collections::VecDeque;
 
 use tandem_model::profile::SlewRoom;
 
+use super::blended_block::BlendedBlock;
 use super::course::Course;
 use super::grid;
 use super::limits::{self, Bounds, HalfPlane, SQUARE_MIN, Spread};
 use super::piece::{Piece, Shape};
 use super::step::{self, RateStep};
 use super::straight::Straight;
-use super::way::BlendedBlock;
 
 /// A piece is halved when that gains more than this share of the square of the rate.
 const GAIN: f64 = 7e-4;

@@ -2,7 +2,7 @@
 
 use tandem_model::Span;
 
-use super::places::VariablePart;
+use super::variable_parts::VariablePart;
 use super::{Checker, Section};
 use crate::blocks::{BuiltIn, Direction, built_in};
 use crate::code::{BlockCall, BlockOf, ExprKind, Stmt, VariableLocation};

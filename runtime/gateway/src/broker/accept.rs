@@ -35,11 +35,11 @@ use tokio_util::task::TaskTracker;
 use tracing::warn;
 
 use super::guard::{Answer, Guard, PublishDecision, clearing};
-use super::line::PacketMonitor;
+use super::packet_monitor::PacketMonitor;
 use super::socket::SocketBytes;
 use crate::access::{AuthenticatedUser, CloseReason};
 use crate::arrivals::{ARRIVAL, EXECUTED};
-use crate::places::{ACCEPT_RETRY, ConnectionSlot, ConnectionSlots, SlotLimits};
+use crate::connection_slots::{ACCEPT_RETRY, ConnectionSlot, ConnectionSlots, SlotLimits};
 use crate::tls::{AcceptedClient, ClientStream, Fingerprint, LiveTls};
 use crate::urgent_slots::ExecuteUrgent;
 

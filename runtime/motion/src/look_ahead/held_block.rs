@@ -1,8 +1,8 @@
 //! The blocks that look-ahead holds back until their rate is final.
 
+use super::blended_block::{BlendedBlock, Passage};
 use super::limits::{Bounds, HalfPlane, Motors};
 use super::rate::{BentPiece, Limits};
-use super::way::{BlendedBlock, Passage};
 use crate::block::RampedBlock;
 
 /// A block that is not final.

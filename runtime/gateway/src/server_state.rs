@@ -21,7 +21,7 @@ use crate::access::http::Access;
 use crate::broker::WebSocketListener;
 use crate::machine::{AuthorizedRequest, Machine};
 use crate::metrics::Metrics;
-use crate::neighbours::PeerMachines;
+use crate::peer_machines::PeerMachines;
 use crate::problem::Problem;
 use crate::registrations::Registrations;
 use crate::settings::{HmiSettings, MqttSettings};

@@ -13,7 +13,7 @@ use plc_api::types::message::Message;
 use plc_api::types::request::{Answer, Refusal, Request};
 use plc_api::types::topic::Topic;
 
-use super::truth::SharedOracle;
+use super::oracle::SharedOracle;
 use crate::disk::simulated::memory::Mount;
 
 pub(super) struct PortObserver {

@@ -15,7 +15,7 @@ use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::wire::machines::{CoordinateSystemSeen, MachineLink, MachineSeen};
 use tokio::time::Instant;
 
-use crate::opened::is_origin;
+use crate::exposed_settings::is_origin;
 use crate::settings::is_machine_name;
 
 /// Limit of machines. Reason: each has a tile on one page.
