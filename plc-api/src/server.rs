@@ -20,7 +20,7 @@ pub trait ServedPort: Port {
     fn notice(&self, notice: ServerNotice);
 
     /// Publishes open outputs without an owner again, as redelivered, after a new connection to the broker,
-    /// because notices may have been lost. Returns when that is done.
+    /// because notices may have been lost. Returns when all are published.
     fn republish(&self) -> BoxFuture<'_, ()>;
 
     /// Returns the time of day, as in the machine's own messages.

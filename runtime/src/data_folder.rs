@@ -287,7 +287,7 @@ impl DataFolder {
             return Err(io::Error::new(io::ErrorKind::InvalidData, text));
         }
         for (key, mut page) in pages {
-            // values that were lost at the export stay unchanged
+            // a variable that the document marks as lost keeps its current value
             let now = self
                 .inspected
                 .image

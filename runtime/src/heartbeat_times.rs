@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use plc_api::types::not_after::{NOT_AFTER_MAX_MS, NotAfter};
 
-/// Storage time of a cycle's time: the maximum age of a request.
+/// The time of a heartbeat is stored this long. Reason: no request may be older than this time.
 const KEPT: Duration = Duration::from_millis(NOT_AFTER_MAX_MS);
 
 /// A heartbeat within this time after the previous one shares its time. Reason: it bounds the memory to 6,000 times

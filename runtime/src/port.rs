@@ -509,7 +509,7 @@ impl ServedPort for RuntimePort {
 
     fn republish(&self) -> BoxFuture<'_, ()> {
         Box::pin(async move {
-            // a runtime that is stopping refuses it
+            // a runtime that is stopping refuses the request
             let _ = self.pass_to_all(CoordinateSystemRequest::Republish).await;
         })
     }

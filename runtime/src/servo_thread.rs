@@ -209,7 +209,7 @@ pub(crate) fn pass(servo: &mut Servo, cycles: u64, statistics: &ServoStatistics)
 pub(crate) struct RelayCallbacks<W, F> {
     /// A cycle has emitted an event.
     pub wake: W,
-    /// The servo has failed, for this reason. Called once.
+    /// Called once, with the reason as text, when the servo has failed.
     pub failed: F,
 }
 
@@ -328,7 +328,7 @@ impl<W: Fn(), F: Fn(&str)> Relay<W, F> {
     }
 
     fn report(&self, why: &str) {
-        // each is called, whether or not the others fail
+        // a panic of one callback does not prevent the call of the other
         if let Some(cutoff) = &self.cutoff {
             let _ = catch_unwind(AssertUnwindSafe(cutoff));
         }

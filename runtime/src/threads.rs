@@ -42,7 +42,7 @@ pub(crate) trait Work: Send + 'static {
         self.patience()
     }
 
-    /// Waits for messages at most this long, and does the due work. Returns false when it has ended.
+    /// Waits for messages at most for `patience`, and does the due work. Returns false if no round must follow.
     fn round(&mut self, patience: Duration) -> bool;
 }
 

@@ -242,8 +242,8 @@ pub struct JournalFilter {
     pub run: Option<String>,
 }
 
-/// State of the last run of a coordinate system at the end of an earlier boot of the runtime, recorded at
-/// most 100 ms before this end: of `GET /cs/{n}/last_run`.
+/// Response of `GET /cs/{n}/last_run`: the last run of a coordinate system in an earlier boot of the runtime. The
+/// state was recorded at most 100 ms before that boot ended.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LastRun {

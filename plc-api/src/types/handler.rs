@@ -190,7 +190,7 @@ pub enum Departure {
         /// The announced time.
         until_s: f64,
     },
-    /// The connection, the process or the presence of the handler ended without such an announcement.
+    /// The handler announced no return: its connection or process ended, or its presence expired.
     Unannounced {
         /// End of the grace time.
         until_s: f64,

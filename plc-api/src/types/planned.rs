@@ -243,7 +243,7 @@ pub struct RehearsedPeak {
     pub limit: f64,
     /// Program number.
     pub program: u16,
-    /// Line.
+    /// Line of the block with the highest value, from 1.
     pub line: u32,
 }
 

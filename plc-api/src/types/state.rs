@@ -158,7 +158,7 @@ pub struct Position {
     /// positions are meaningless. Empty if the machine does not report this.
     #[serde(default)]
     pub homed: BTreeMap<String, bool>,
-    /// Commanded minus actual.
+    /// Commanded minus actual position, by axis letter.
     pub following_error: BTreeMap<String, f64>,
     /// Remaining distance of the block that runs.
     pub distance_to_go: BTreeMap<String, f64>,

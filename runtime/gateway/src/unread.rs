@@ -103,7 +103,7 @@ struct UnreadBytes {
     of_host: HashMap<Option<IpAddr>, usize>,
 }
 
-/// The bytes of one response.
+/// Reserved bytes of one response that the client has not read; dropping the value releases them.
 #[derive(Debug)]
 struct UnreadAnswer {
     table: Arc<Mutex<UnreadBytes>>,

@@ -251,7 +251,7 @@ alarms! {
     MOTOR_NOT_HOMED = 208, Reset, "The position of a motor is unknown",
         "The drive has no absolute position, and was not homed since it was switched on.",
         "Home the motor with the functions of the drive before it moves, or use an absolute encoder; then reset.";
-    SERVO_LATE = 209, Held, "The servo was late in motion",
+    SERVO_LATE = 209, Held, "The servo thread was late while motors moved",
         "While motors moved, the servo thread did not run for longer than servo_late_ms.",
         "Look for the program that stopped the runtime or kept the processor busy. Check the machine, then resume.";
     // 300 to 399: sequence control

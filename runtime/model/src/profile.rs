@@ -88,9 +88,9 @@ pub enum Law {
         to: AxisVector,
         /// Share of the distance covered between the ramps, per second.
         rate: f64,
-        /// From rest to speed.
+        /// Ramp from rest to `rate`.
         start: UnitRamp,
-        /// From speed to rest.
+        /// Ramp from `rate` to rest.
         stop: UnitRamp,
         /// Revolutions of the spindle from start to end, clockwise positive; 0: it is not locked to the move.
         revolutions: f64,

@@ -48,7 +48,7 @@ pub enum Version {
     /// 2.0.
     #[serde(rename = "2.0")]
     V2_0,
-    /// 2.3.
+    /// MTConnect 2.3.
     #[default]
     #[serde(rename = "2.3")]
     V2_3,

@@ -22,7 +22,7 @@ pub struct Options {
     /// User as which this server itself reads the machine
     #[arg(long, value_name = "NAME", requires = "token_file")]
     pub user: Option<String>,
-    /// File with the token of that user
+    /// File with the token of the user that --user names
     #[arg(long, value_name = "FILE", requires = "user")]
     pub token_file: Option<PathBuf>,
     /// Certificate authorities for verifying the machine's certificate, PEM; default: those of the system

@@ -96,7 +96,7 @@ pub enum SpindleDirection {
 pub enum Event {
     /// A profile gave its first sample, its start point.
     Started {
-        /// Its segment number.
+        /// Segment number of the profile.
         segment: u64,
         /// Its origin.
         origin: Origin,

@@ -30,7 +30,7 @@ pub struct ProfileConsumer {
 /// Creates a queue in which at most `profiles_max` profiles wait; it rejects further ones.
 pub fn profile_queue(profiles_max: usize) -> (ProfileProducer, ProfileConsumer) {
     let (ring_in, ring_out) = RingBuffer::new(profiles_max);
-    // while the consumer uses a box, the producer may make another one
+    // one place more: while the consumer uses a box, the producer may allocate another box
     let (used_in, used_out) = RingBuffer::new(profiles_max + 1);
     let producer = ProfileProducer {
         ring: ring_in,

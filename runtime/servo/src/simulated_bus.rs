@@ -94,7 +94,7 @@ impl SimulatedDrive {
     /// Takes the commanded position of this cycle and returns the actual position.
     fn cycle(&mut self, command: f64) -> f64 {
         let step = command - self.command;
-        // Error of a line command: it settles at step * lag_periods.
+        // If the command changes by the same step in each cycle, the following error settles at step * lag_periods.
         let settled = step * self.lag_periods;
         let before = self.command - self.actual;
         let error = settled + (before - settled) * self.decay;

@@ -21,10 +21,10 @@ pub struct CompileArguments {
     /// Writes each program's code into this folder, as NAME.pmc, instead of to standard output
     #[arg(long, value_name = "DIR")]
     out_dir: Option<PathBuf>,
-    /// Writes the header of this main program
+    /// Writes the header of a main program with this number
     #[arg(long, value_name = "N", conflicts_with = "subprogram", value_parser = clap::value_parser!(u16).range(1..=i64::from(PROGRAM_NUMBER_MAX)))]
     main: Option<u16>,
-    /// Writes the header of this subprogram
+    /// Writes the header of a subprogram with this number
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(PROGRAM_NUMBER_MAX)))]
     subprogram: Option<u16>,
     /// NC dialect of the programs

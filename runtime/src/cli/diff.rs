@@ -29,9 +29,9 @@ pub struct DiffArguments {
     /// NC dialect of the programs; default: that of the configuration
     #[arg(long, value_parser = dialects::find)]
     dialect: Option<&'static Dialect>,
-    /// Coordinate system that runs both programs; default: the one whose `programs` in --config name the
-    /// file. If no `programs` name a file, its program runs in the coordinate system of the other file,
-    /// otherwise in 1
+    /// Coordinate system that runs both programs. Without this option, each program runs in the coordinate
+    /// system whose `programs` in --config name its file. If no `programs` name the file, the program runs
+    /// in the coordinate system of the other file; if no `programs` name either file, in 1
     #[arg(long)]
     cs: Option<CoordinateSystemNumber>,
     /// Path difference below which two programs are equal, in mm or degrees

@@ -52,19 +52,20 @@ enum JournalAction {
         /// Shows lines from this time on: an age (2h, 30m), or a UTC time (2026-11-25, 2026-11-25T10:00)
         #[arg(long, value_name = "TIME")]
         since: Option<String>,
-        /// Shows lines before this time, written in the same way
+        /// Shows lines before this time, in the forms of --since
         #[arg(long, value_name = "TIME")]
         until: Option<String>,
         /// Shows only lines of this coordinate system; 0: only lines of the machine
         #[arg(long, value_name = "NUMBER")]
         cs: Option<u8>,
-        /// Shows only outputs of this M number, and stops by it
+        /// Shows only lines about outputs of this M number, and about program stops by this M number
         #[arg(long, value_name = "NUMBER")]
         m: Option<u16>,
         /// Shows only lines of this user, client or handler
         #[arg(long, value_name = "NAME")]
         user: Option<String>,
-        /// Shows only lines of this run, such as BOOT-1-7; 1-7 selects this run after every start of the runtime
+        /// Shows only lines of this run, such as BOOT-1-7; without the boot identifier (1-7): of the run with this
+        /// number after each start of the runtime
         #[arg(long, value_name = "RUN")]
         run: Option<String>,
         /// Prints one JSON object per line, as stored

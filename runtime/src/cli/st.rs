@@ -44,7 +44,7 @@ pub struct StArguments {
     /// User of the machine; do not write it into the address
     #[arg(long, value_name = "NAME", requires = "token_file")]
     user: Option<String>,
-    /// File with the token of that user
+    /// File with the token of the user that --user names
     #[arg(long, value_name = "FILE", requires = "user")]
     token_file: Option<PathBuf>,
     /// Certificate authorities for verifying the machine's certificate, PEM; default: those of the system

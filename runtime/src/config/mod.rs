@@ -233,8 +233,8 @@ pub struct MotorConfig {
     #[serde(default)]
     #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "deg"))]
     pub orientation_position: f64,
-    /// Spindle: greatest difference from the commanded speed at which the stock sequence program resets M03 and M04; it resets M05
-    /// at rest.
+    /// Spindle: the stock sequence program resets M03 and M04 when the speed differs from the commanded speed by at
+    /// most this percentage. The program resets M05 when the spindle is at rest.
     #[serde(default = "number::<10>")]
     #[schemars(range(min = 0.1, max = 100.0), extend("x-unit" = "%"))]
     pub at_speed_percent: f64,
@@ -541,8 +541,8 @@ pub struct HttpConfig {
     pub listen: String,
     /// File with the tokens of the users; needed for every address except loopback addresses.
     pub token_file: Option<PathBuf>,
-    /// A login ends after this time without activity, in seconds; 0: it ends only after 12 h. Activity is every use of
-    /// the HMI and every request that does more than read.
+    /// A login ends after this time without activity, in seconds, and after 12 h in any case; 0: only after 12 h. Using
+    /// the HMI is activity, and so is each request that changes data or commands the machine.
     pub login_idle_s: u32,
     /// Origins of other web pages that may use REST and WebSocket with a token, such as `https://hmi.example.com`;
     /// needs `token_file`.

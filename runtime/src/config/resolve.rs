@@ -226,7 +226,7 @@ impl Config {
                 checked.problem("id", "tools count from 1");
             }
             if tools.insert(id, Tool { length, radius }).is_some() {
-                checked.problem("id", "the id stands twice");
+                checked.problem("id", "the id is listed twice");
             }
             checked.check_ranges(config, &["id"]);
         }
@@ -336,7 +336,7 @@ impl Config {
                 locks: self.input.rules(config.number),
             };
             if systems.insert(config.number, system).is_some() {
-                checked.problem("number", "the number stands twice");
+                checked.problem("number", "the number is listed twice");
             }
         }
         systems.into_values().collect()

@@ -451,7 +451,7 @@ impl CoordinateSystem {
             reply,
         } = envelope;
         if let Err(refusal) = self.context.shared.check_not_after(not_after.as_ref()) {
-            // The caller may have left; nothing was done.
+            // The caller may no longer wait for the reply; the request was not executed.
             let _ = reply.send(Err(refusal));
             return;
         }

@@ -93,7 +93,7 @@ pub(super) enum Cause {
     Interlock,
     /// The connection to the MQTT broker is lost.
     BusLoss,
-    /// The servo was late in motion.
+    /// The servo thread was late while motors moved.
     ServoLate,
     /// No heartbeat of a watched client arrived within its interval.
     ClientLost,

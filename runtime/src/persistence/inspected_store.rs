@@ -211,7 +211,7 @@ fn inspect_content(
     }
     if content.last == 0 || content.last < sums.last {
         let how = format!(
-            "the store ends with change {}, but the last change was {}",
+            "the last change in the store is number {}, but the checksums name change {} as the last",
             content.last, sums.last
         );
         return damaged(&how, bytes, sums);

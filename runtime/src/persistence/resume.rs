@@ -57,7 +57,7 @@ enum Last {
 /// Chain data of a file.
 struct Scan {
     last: Last,
-    /// Number of the file.
+    /// Number of the journal file.
     file: Option<u64>,
     /// The file contains the searched line.
     has_sought: bool,

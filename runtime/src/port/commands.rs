@@ -134,8 +134,8 @@ impl RuntimePort {
     /// Returns the reply to a repeated command, and publishes it again, because the caller has not received it.
     ///
     /// # Errors
-    /// Returns an error if the names are refused, if another command with this id came before, whose reply stays, or if
-    /// the command cannot be remembered.
+    /// Returns an error if the client id or the command id is invalid, or if the memory for commands is full. Also
+    /// returns an error if a different earlier command has this command id; the reply to that command stays unchanged.
     pub(super) fn replied_again(
         &self,
         meta: &CommandMeta,

@@ -84,7 +84,8 @@ impl RuntimePort {
         self.keep_output(writer, &point, set.value).await?;
         let written = self.shared.write_io(&point, set);
         if written.is_err() {
-            // its owner has changed in the meantime, and this value never took effect
+            // the owner of the point has changed since the check, so the stored value has not taken effect: restore the
+            // previous value
             self.keep_output(writer, &point, before).await?;
         }
         written.map(|()| Answer::Done)

@@ -216,7 +216,7 @@ impl PlanContent {
         self.outcome != RehearsalOutcome::Planning
     }
 
-    /// Returns the planned time of the current moment of a run.
+    /// Returns the planned times from the start of the plan to the current moment of a run.
     pub fn time_of(&self, now: &RunMoment) -> Times {
         let waits = |mark: &PlanMark| {
             mark.waits && mark.segment == now.segment && mark.origin.line == now.executing.line

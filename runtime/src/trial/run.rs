@@ -32,7 +32,7 @@ const OF_COMPENSATION: [&AlarmEntry; 7] = [
     &OVERCUT,
 ];
 
-/// Values that only a machine knows.
+/// Assumed values of the machine that the program text does not contain.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TrialAssumptions {
     pub start: f64,

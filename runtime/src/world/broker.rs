@@ -32,9 +32,9 @@ pub(super) struct Network {
 #[derive(Debug)]
 enum DeliveryStep {
     Connected(u64),
-    /// From a client.
+    /// The broker received a message from this client.
     Arrived(u64, ModelMessage),
-    /// To a client.
+    /// The broker delivers an event to this client.
     Delivered(u64, Event),
     Will(ModelMessage),
 }

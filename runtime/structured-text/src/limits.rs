@@ -1,6 +1,6 @@
 //! Limits of programs.
 
-/// Bytes of a source text.
+/// Largest size of a source text, bytes.
 pub const SOURCE_BYTES_MAX: usize = 1024 * 1024;
 
 /// Number of findings that are listed.

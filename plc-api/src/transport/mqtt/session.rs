@@ -28,7 +28,7 @@ const LIBRARY_QUEUE: usize = 64;
 
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
 
-/// Longest interval between two checks of the age of the machine.
+/// Longest interval between two checks whether the presence of the machine has expired.
 const WATCH: Duration = Duration::from_millis(100);
 
 /// Topics of a machine below its root, other than `reply`.

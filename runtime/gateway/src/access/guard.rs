@@ -50,7 +50,7 @@ pub(crate) async fn guard(
             let response = next.run(request).await;
             // a body without an exact size is read from a file
             let bytes = response.body().size_hint().exact().unwrap_or(0);
-            // the next request of this user waits
+            // if these bytes exceed the user's rate, the user's next requests are rejected for a time (429)
             shared.access.count_bytes(&user, bytes);
             response
         }

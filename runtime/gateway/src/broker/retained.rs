@@ -64,7 +64,7 @@ struct RetainedTable {
 }
 
 impl RetainedTable {
-    /// Whether there is room for a message in addition to those of other topics.
+    /// Returns true if the limits of this kind permit a retained message of this size in this topic.
     fn fits(&self, kind: Kind, topic: &str, bytes: usize) -> bool {
         let (count_max, bytes_max) = kind.limits();
         let others = self

@@ -332,7 +332,7 @@ fn response_headers(route: &Route, status: u16) -> Option<Value> {
     }
 }
 
-/// True if the response is an unchanged message of the machine.
+/// Returns true if the response is the last message of a state, as the machine publishes it.
 fn is_state(route: &Route) -> bool {
     plc_api::wire::states::STATES
         .iter()

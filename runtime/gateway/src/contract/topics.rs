@@ -1,5 +1,5 @@
-//! Topics on which MQTT requests arrive. The outgoing ones are in [`InboundTopic`](plc_api::types::topic::InboundTopic), and only the
-//! runtime publishes on them.
+//! Topics on which the runtime receives MQTT requests. The topics on which only the runtime publishes are in
+//! [`Topic`](plc_api::types::topic::Topic).
 
 use plc_api::wire::ROWS;
 use plc_api::wire::message_sender::MessageSender;

@@ -362,7 +362,7 @@ fn refuse_unnamed(request: &Request) -> Option<(String, Refusal)> {
     is_unnamed.then(|| (id.clone(), Refusal::new(RefusalCode::Invalid, text)))
 }
 
-/// True for a presence and a heartbeat, whose topics have always named their senders.
+/// Returns true for a presence or a heartbeat: the topic of such a request always contains the handler's id.
 fn names_itself(request: &Request) -> bool {
     matches!(request, Request::Handler(..) | Request::Heartbeat(..))
 }

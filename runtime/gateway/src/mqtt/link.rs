@@ -205,8 +205,9 @@ impl<C: Connect> Link<C> {
         }
     }
 
-    /// One connection, from the first attempt to its end or to the stop: over MQTT 5, and at once over 3.1.1 if the broker
-    /// does not know 5. One that has spoken 5 before was probably being stopped when it hung up: it gets more attempts.
+    /// Serves one connection, from the first attempt until the connection ends or the runtime stops. If the broker does
+    /// not know MQTT 5, the link tries MQTT 3.1.1 at once. If the broker has spoken MQTT 5 before, it was probably
+    /// shutting down: the link tries MQTT 3.1.1 only after [`HANG_UPS_MAX`] attempts.
     async fn connection(&mut self) -> Result<(), ConnectionLoss> {
         let lost = match self.connection_over(Version::V5).await {
             Err(lost) if lost.version_unknown => lost,

@@ -60,7 +60,7 @@ pub trait Connect: Send + Sync + 'static {
     }
 }
 
-/// A connection to a broker, from the first attempt to its end. Dropping it ends it.
+/// A connection to a broker, from the first attempt to its end. Dropping a `Wire` ends the connection.
 pub trait Wire: Send + 'static {
     /// The next event. Cancel-safe.
     fn next(&mut self) -> impl Future<Output = Result<Event, ConnectionLoss>> + Send;

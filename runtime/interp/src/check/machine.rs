@@ -138,7 +138,7 @@ impl Explorer<'_> {
         let [i, j] = axes.map(|axis| words.get(restrictions::centre(axis)).unwrap_or_default());
         let (start, end) = (i.hypot(j), (x - i).hypot(y - j));
         let difference = (start - end).abs();
-        // NaN, and so no reason to warn, if the text does not show the path
+        // If the text does not determine the start or end point, `difference` is NaN, and no warning follows.
         if start > 0.0 && difference > ROUNDING_MAX && difference > BESIDE_MAX * start {
             let CurrentBlock { tree, block, .. } = here;
             let finding = diagnostics::ARC_END_OFF.at(

@@ -31,7 +31,7 @@ pub(super) fn find(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
     }
     let distance = own.distance.or(in_force.distance);
     let [first, second] = axes.map(|axis| with.position.move_distance(words, distance, axis));
-    // NaN, and so no reason to reject, if the text does not show the path
+    // If the text does not determine the start or end point, `chord` is NaN, and the arc is not rejected.
     let chord = first.hypot(second);
     // a difference in the current unit: an inch is more than a millimetre, so this never rejects too much; the path
     // stage checks the result of scaling

@@ -298,7 +298,8 @@ pub(super) fn room(course: &Course, inverse: &[f64; AXES_MAX], [start, end]: [f6
             continue;
         }
         let velocity = [motion.velocity[0][axis], motion.velocity[1][axis]];
-        // A velocity leaves its chord by at most h^2/8 times the third derivative.
+        // The velocity differs from the line between its end values by at most h^2/8 times the third derivative of the
+        // position.
         let off_chord = motion.third[axis] * h_s * h_s / 8.0;
         let largest = velocity[0].abs().max(velocity[1].abs()) + off_chord;
         if largest == 0.0 {

@@ -143,7 +143,7 @@ impl Compensator {
         self.queue.iter().enumerate().map(of).sum()
     }
 
-    /// Requests a stop between the legs taken so far and the next one.
+    /// Requests a stop before the next leg that the compensator receives.
     pub fn stop(&mut self) {
         self.stop_next = true;
     }

@@ -35,7 +35,7 @@ impl Config {
                 }
             }
             if motors.insert(motor.number, motor.settings()).is_some() {
-                checked.problem("number", "the number stands twice");
+                checked.problem("number", "the number is listed twice");
             }
         }
         motors
@@ -65,7 +65,7 @@ impl Config {
                 }
             };
             if skips.insert(number, skip).is_some() {
-                checked.problem("motor", "the motor stands twice");
+                checked.problem("motor", "the motor is listed twice");
             }
         }
         skips
@@ -102,7 +102,7 @@ impl Config {
                 below: config.below.unwrap_or(f64::INFINITY),
             };
             if rounds.insert(number, round).is_some() {
-                checked.problem("coordinate_system", "the coordinate system stands twice");
+                checked.problem("coordinate_system", "the coordinate system is listed twice");
             }
         }
         rounds

@@ -254,7 +254,7 @@ fn lock(ports: &mut Ports, machine: &mut Machine, kind: LockKind) {
 }
 
 fn m_code(ports: &mut Ports, machine: &mut Machine) {
-    // a constant in its range
+    // the check has admitted only constants from 1 to 191 for M, and from 1 to 8 for CS
     let (m, cs) = (
         u16::try_from(ports.int(0)).unwrap_or_default(),
         system(&ports.slots[1]),
