@@ -1,6 +1,6 @@
 // Variables, each time the machine publishes a change.
 
-import { Refused } from "./errors.js";
+import { RequestRefused } from "./errors.js";
 
 const COUNT_MAX = 1_024;
 
@@ -54,5 +54,5 @@ export async function* changesOf(plc, path, kind, first, count) {
 function refused(kind, first, count) {
   const which = count === 1 ? `${kind}${first} is` : `${count} variables from ${kind}${first} on are`;
   const toWrite = `[[variables.published]] from = "${kind}${first}", count = ${count}`;
-  return new Refused("not_found", `${which} not published by this machine: name them in its configuration, such as ${toWrite}`);
+  return new RequestRefused("not_found", `${which} not published by this machine: name them in its configuration, such as ${toWrite}`);
 }

@@ -4,7 +4,7 @@ import { randomBytes } from "node:crypto";
 
 import { parseAddress } from "./address.js";
 import { Bell, sleep } from "./bell.js";
-import { ConnectError, NoAnswer, NotConnected, Refused, sentence } from "./errors.js";
+import { ConnectError, NoAnswer, NotConnected, RequestRefused, sentence } from "./errors.js";
 import { Hub } from "./hub.js";
 import { limits, Link } from "./link.js";
 import { checkMaySend } from "./output.js";
@@ -167,10 +167,10 @@ export class Connection {
     this.#isPresent = false;
     for (const request of this.#requests) request.reject(new NotConnected(`${request.path}: the connection was closed here`));
     this.hub.close();
-    this.#tellNews();
+    this.#ringBells();
   }
 
-  #tellNews() {
+  #ringBells() {
     this.#news.forEach((news) => news.ring());
   }
 
@@ -229,7 +229,7 @@ export class Connection {
       link.abandon();
       this.#link = null;
       this.#isPresent = false;
-      this.#tellNews();
+      this.#ringBells();
     }
   }
 
@@ -300,7 +300,7 @@ export class Connection {
     else if (pattern === "reply/+") this.#onReply(message);
     else if (pattern === "presence") this.#onPresence();
     this.onMessage(path, pattern, message);
-    this.#tellNews();
+    this.#ringBells();
   }
 
   #onPresence() {
@@ -326,7 +326,7 @@ export class Connection {
       // a late answer to a claim, from a machine without `of` in its results; an output that is reset leaves `pending`
       // first
       if (result.of === undefined && asked.kind === "reset" && result.status === "accepted" && this.#isOpen(path, result.seq)) continue;
-      if (result.status === "refused") request.reject(new Refused("invalid", result.text ?? "invalid message"));
+      if (result.status === "refused") request.reject(new RequestRefused("invalid", result.text ?? "invalid message"));
       else request.resolve(result);
     }
   }
@@ -342,7 +342,7 @@ export class Connection {
     if (reply.status === "accepted") return;
     for (const request of this.#requests) {
       if (request.commandId !== reply.command_id) continue;
-      if (reply.status === "rejected") request.reject(new Refused(reply.code, reply.text));
+      if (reply.status === "rejected") request.reject(new RequestRefused(reply.code, reply.text));
       else request.resolve(reply);
     }
   }
@@ -350,9 +350,9 @@ export class Connection {
   // --- outgoing messages
 
   /**
-   * Sends a message, and waits for its answer, or for the broker's acknowledgement if it has none. Throws `Refused`,
-   * `NotConnected` (no connection within the time limit, not sent), `NoAnswer` (sent, but not answered) or `Ended` (the
-   * sending handler was cancelled).
+   * Sends a message, and waits for its answer, or for the broker's acknowledgement if it has none. Throws
+   * `RequestRefused`, `NotConnected` (no connection within the time limit, not sent), `NoAnswer` (sent, but not answered)
+   * or `OutputEnded` (the sending handler was cancelled).
    * @param {string} path @param {object} payload
    * @param {{retain?: boolean, commandId?: string, resultOf?: ResultOf, timeoutMs?: number}} [options]
    * @returns {Promise<any>}

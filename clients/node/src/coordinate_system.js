@@ -1,6 +1,6 @@
 // One coordinate system of a machine: commands, inputs and readings.
 
-import { CommandFailed, NotConnected, Refused } from "./errors.js";
+import { CommandFailed, NotConnected, RequestRefused } from "./errors.js";
 import { lockLevel } from "./levels.js";
 import { changesOf } from "./changes.js";
 
@@ -21,9 +21,9 @@ const MOTION_TIMEOUT_MS = 600_000;
 /** @typedef {import("./messages.d.ts").CommandReplyMessage} CommandReply */
 
 /**
- * One coordinate system of a machine. Commands return after their effect. All throw `Refused` (nothing has changed),
- * `CommandFailed` (the command was accepted, but could not take effect), `NotConnected` (nothing was sent) or `NoAnswer`
- * (the effect is unknown).
+ * One coordinate system of a machine. Commands return after their effect. All throw `RequestRefused` (nothing has
+ * changed), `CommandFailed` (the command was accepted, but could not take effect), `NotConnected` (nothing was sent) or
+ * `NoAnswer` (the effect is unknown).
  */
 export class CoordinateSystem {
   #plc;
@@ -145,13 +145,14 @@ export class CoordinateSystem {
   // --- the control lease
 
   /**
-   * Takes or renews the control lease: until it ends, only commands of this connection start motion. Throws `Refused`
-   * while another client holds it. Returns the number of the lease, which this connection sends with each of its commands.
+   * Takes or renews the control lease: until it ends, only commands of this connection start motion. Throws
+   * `RequestRefused` while another client holds it. Returns the number of the lease, which this connection sends with
+   * each of its commands.
    * @param {string} holder @param {{ttlMs?: number}} [options]
    */
   async takeLease(holder, { ttlMs = 5_000 } = {}) {
     const { lease } = await this.#plc.ask(`cs/${this.number}/lease/take`, { holder, ttl_ms: ttlMs, ...this.#fence() });
-    if (lease === undefined) throw new Refused("unavailable", "the answer of the machine does not contain the lease");
+    if (lease === undefined) throw new RequestRefused("unavailable", "the answer of the machine does not contain the lease");
     this.#plc.fences.set(this.number, lease.fence);
     return lease.fence;
   }
@@ -193,8 +194,8 @@ export class CoordinateSystem {
   /**
    * Sets a source of the interlock: while any source is on, no motion runs or starts; the text is the reason. A
    * program that serves the machine owns its sources: they are written again on each connection and at each boot, and
-   * no other client can clear them. If the machine is offline, the program waits for it. Throws `Refused` if another
-   * handler owns the source.
+   * no other client can clear them. If the machine is offline, the program waits for it. Throws `RequestRefused` if
+   * another handler owns the source.
    * @param {boolean} value @param {string} [text] @param {{source?: string}} [options]
    */
   async setInterlock(value, text = "", { source = "default" } = {}) {
@@ -250,7 +251,7 @@ export class CoordinateSystem {
    * @param {PendingOutput} output @param {string} choice
    */
   async answer({ m, seq, question }, choice) {
-    if (question === undefined) throw new Refused("not_found", `M${m} has no question`);
+    if (question === undefined) throw new RequestRefused("not_found", `M${m} has no question`);
     const { bootId, connection } = this.#plc;
     const answer = { boot_id: bootId, seq, question_id: question.id, choice, client_id: connection.clientId };
     await this.#set(`m_code/${m}/answer`, answer);
@@ -349,7 +350,7 @@ export class CoordinateSystem {
   /** @param {string} name @returns {any} */
   #last(name) {
     const message = this.#plc.connection.hub.last(`cs/${this.number}/${name}`);
-    if (message === undefined) throw new Refused("not_found", `coordinate system ${this.number} does not exist, or has not published its ${name} yet`);
+    if (message === undefined) throw new RequestRefused("not_found", `coordinate system ${this.number} does not exist, or has not published its ${name} yet`);
     return message;
   }
 }

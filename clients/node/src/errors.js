@@ -63,7 +63,7 @@ export class ConnectError extends TandemError {}
 export class NotConnected extends TandemError {}
 
 /** The machine has refused a request; nothing has changed. */
-export class Refused extends TandemError {
+export class RequestRefused extends TandemError {
   /** @param {string} code @param {string} text */
   constructor(code, text) {
     super(text);
@@ -100,7 +100,7 @@ export class NoAnswer extends TandemError {
 }
 
 /** The output no longer belongs to this handler: it was cancelled, reset by hand, or belongs to another boot. */
-export class Ended extends TandemError {
+export class OutputEnded extends TandemError {
   /** @param {string} text @param {import("./messages.d.ts").CancelReason | null} reason */
   constructor(text, reason) {
     super(text);

@@ -7,11 +7,11 @@ export {
   Alarm,
   CommandFailed,
   ConnectError,
-  Ended,
   NoAnswer,
   NotConnected,
+  OutputEnded,
   ProgramError,
-  Refused,
+  RequestRefused,
   TakenOver,
   TandemError,
 } from "./errors.js";

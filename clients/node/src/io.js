@@ -1,6 +1,6 @@
 // Inputs and outputs of the plant: sensor values, and the commands of sequence programs to actuators.
 
-import { NotConnected, Refused } from "./errors.js";
+import { NotConnected, RequestRefused } from "./errors.js";
 
 /** @typedef {import("./messages.d.ts").IoStateMessage} IoState */
 /** @typedef {import("./messages.d.ts").IoValue} IoValue */
@@ -25,15 +25,15 @@ export class Io {
   }
 
   /**
-   * State: the value, the owner, and whether the value is forced. Throws `Refused` if the configuration does not declare
-   * the input or output, or the machine has not published it yet.
+   * State: the value, the owner, and whether the value is forced. Throws `RequestRefused` if the configuration does not
+   * declare the input or output, or the machine has not published it yet.
    * @returns {IoState}
    */
   get state() {
-    const state = this.#told();
+    const state = this.#latestState();
     if (state !== undefined) return state;
     this.#check();
-    throw new Refused("not_found", `${this.path}: the machine has not published its state yet`);
+    throw new RequestRefused("not_found", `${this.path}: the machine has not published its state yet`);
   }
 
   /** Current value: the forced value, otherwise the value that the owner has written, otherwise the safe value. @returns {IoValue} */
@@ -74,8 +74,8 @@ export class Io {
    * gets its safe value. If the machine is offline, the program waits for it. A client without handlers writes outputs that no
    * handler owns.
    *
-   * Throws `Refused` if the output is not declared, the value has the wrong kind or range, or another handler owns the
-   * output.
+   * Throws `RequestRefused` if the output is not declared, the value has the wrong kind or range, or another handler owns
+   * the output.
    * @param {IoValue} value
    */
   async set(value) {
@@ -87,23 +87,23 @@ export class Io {
   /** Replaces the written value, as an operator does, until `release`. @param {IoValue} value */
   async force(value) {
     this.#check(value);
-    await this.#putInPlace(value);
+    await this.#sendForce(value);
   }
 
   /** Removes the forced value: the value that the owner has written applies again. */
   async release() {
     this.#check();
-    await this.#putInPlace(null);
+    await this.#sendForce(null);
   }
 
   /** @param {IoValue | null} value */
-  async #putInPlace(value) {
+  async #sendForce(value) {
     const { connection, levels } = this.#plc;
     await connection.request(`${this.path}/force`, { value, by: levels.owner ?? connection.clientId });
   }
 
   /** @returns {IoState | undefined} */
-  #told() {
+  #latestState() {
     return this.#plc.connection.hub.last(this.path);
   }
 
@@ -118,18 +118,18 @@ export class Io {
     const own = Object.hasOwn(declared, this.name) ? declared[this.name] : undefined;
     if (own === undefined) {
       const there = Object.keys(declared).slice(0, NAMED_MAX).join(", ") || "none";
-      throw new Refused("not_found", `the configuration has no [io.${this.side}.${this.name}]; there are ${there}`);
+      throw new RequestRefused("not_found", `the configuration has no [io.${this.side}.${this.name}]; there are ${there}`);
     }
     const wrong = value === undefined ? null : whatIsWrong(own, value);
-    if (wrong !== null) throw new Refused("invalid", `${this.path}: ${wrong}`);
+    if (wrong !== null) throw new RequestRefused("invalid", `${this.path}: ${wrong}`);
   }
 
   #checkOwner() {
-    const state = this.#told();
+    const state = this.#latestState();
     const { owner } = this.#plc.levels;
     if (state === undefined || state.owner === null || state.owner === owner || (state.lost && owner !== null)) return;
     const whose = state.lost ? `it waits for handler ${state.owner}` : `handler ${state.owner} owns it`;
-    throw new Refused("not_allowed", `${this.path}: ${whose}; an operator can force a value`);
+    throw new RequestRefused("not_allowed", `${this.path}: ${whose}; an operator can force a value`);
   }
 }
 

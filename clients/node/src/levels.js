@@ -2,7 +2,7 @@
 // boot.
 
 import { Bell, sleep } from "./bell.js";
-import { Ended, NoAnswer, NotConnected, Refused } from "./errors.js";
+import { NoAnswer, NotConnected, OutputEnded, RequestRefused } from "./errors.js";
 
 const RETRY_MS = 500;
 const TIMEOUT_MS = 2_000;
@@ -11,7 +11,7 @@ export const LEVELS_MAX = 1_024;
 
 /**
  * A source of a lock.
- * @typedef {{cs: number, kind: "interlock" | "start_lock", source: string}} Place
+ * @typedef {{cs: number, kind: "interlock" | "start_lock", source: string}} LockTarget
  */
 
 /**
@@ -21,7 +21,7 @@ export const LEVELS_MAX = 1_024;
 
 /**
  * Returns the message that sets a source of a lock.
- * @param {Place} place @param {boolean} value @param {string} text @returns {Wanted}
+ * @param {LockTarget} target @param {boolean} value @param {string} text @returns {Wanted}
  */
 export function lockLevel({ cs, kind, source }, value, text) {
   return { name: `${kind} ${source} of coordinate system ${cs}`, topic: `cs/${cs}/input/${kind}/set`, payload: { value, text, source } };
@@ -45,14 +45,14 @@ export class Levels {
   }
 
   /**
-   * Sets a level. Throws `Refused`, for example if another handler owns it, and `NotConnected` or `NoAnswer`; a program
-   * that serves the machine waits for a connection instead of these two.
+   * Sets a level. Throws `RequestRefused`, for example if another handler owns it, and `NotConnected` or `NoAnswer`; a
+   * program that serves the machine waits for a connection instead of these two.
    * @param {Wanted} wanted
    */
   async set(wanted) {
     const key = wanted.name;
     const before = this.#wanted.get(key);
-    if (before === undefined && this.#wanted.size >= LEVELS_MAX) throw new Refused("invalid", `one program sets at most ${LEVELS_MAX} levels`);
+    if (before === undefined && this.#wanted.size >= LEVELS_MAX) throw new RequestRefused("invalid", `one program sets at most ${LEVELS_MAX} levels`);
     this.#wanted.set(key, wanted);
     if (this.owner === null) return this.#write(key);
     const { stopped } = this.#connection;
@@ -61,7 +61,7 @@ export class Levels {
         await this.#announced.rung({ signal: stopped });
         return await this.#write(key);
       } catch (error) {
-        if (error instanceof Refused || error instanceof Ended) {
+        if (error instanceof RequestRefused || error instanceof OutputEnded) {
           if (before === undefined) this.#wanted.delete(key);
           else this.#wanted.set(key, before);
         }
@@ -88,7 +88,7 @@ export class Levels {
   }
 
   /** Pauses writing: the machine no longer knows the owner. */
-  onAway() {
+  onOffline() {
     this.#announced.mute();
   }
 

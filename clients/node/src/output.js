@@ -4,7 +4,7 @@ import { AsyncLocalStorage } from "node:async_hooks";
 import { randomBytes } from "node:crypto";
 
 import { Bell, sleep } from "./bell.js";
-import { cut, Ended, NotConnected } from "./errors.js";
+import { cut, NotConnected, OutputEnded } from "./errors.js";
 import { Params } from "./params.js";
 
 const RETRY_MS = 500;
@@ -21,7 +21,7 @@ export const limits = { cleanUpMs: 5_000 };
 /** The output whose handler runs in the current asynchronous context. @type {AsyncLocalStorage<Output>} */
 const atWork = new AsyncLocalStorage();
 
-/** Throws an `Ended` if the running handler was cancelled and its clean-up time is over. */
+/** Throws an `OutputEnded` if the running handler was cancelled and its clean-up time is over. */
 export function checkMaySend() {
   atWork.getStore()?.checkMaySend();
 }
@@ -31,11 +31,12 @@ export function checkMaySend() {
 /**
  * An auxiliary function output: an M code with its parameters, on which a handler works. If the output is cancelled,
  * `signal` is aborted: pass it to every wait of the handler. A cancelled handler has 5 s to clean up; after that, any
- * message that it sends through any `Plc` is refused with an `Ended`, and does not reach the machine.
+ * message that it sends through any `Plc` is refused with an `OutputEnded`, and does not reach the machine.
  */
 export class Output {
   /**
-   * Aborted when the output no longer belongs to this handler; its `reason` is an `Ended`, whose `reason` is the cause.
+   * Aborted when the output no longer belongs to this handler; its `reason` is an `OutputEnded`, whose `reason` is the
+   * cause.
    * @type {AbortSignal}
    */
   signal;
@@ -110,7 +111,7 @@ export class Output {
 
   /** Reason of the cancellation; null without a cancellation, or if the reason was lost with a connection. */
   get cancelReason() {
-    return this.signal.reason instanceof Ended ? this.signal.reason.reason : null;
+    return this.signal.reason instanceof OutputEnded ? this.signal.reason.reason : null;
   }
 
   toString() {
@@ -125,7 +126,7 @@ export class Output {
   progress(text, percent) {
     const share = percent === undefined || Number.isNaN(percent) ? {} : { percent: Math.min(Math.max(percent, 0), 100) };
     this.#progress = { ...this.named(), text: cut(text, PROGRESS_MAX), ...share };
-    this.#tell("progress", this.#progress);
+    this.#postReport("progress", this.#progress);
   }
 
   /** The last `checkpoint` of a previous handler of this output; undefined if no checkpoint was stored. */
@@ -145,13 +146,13 @@ export class Output {
     if (size === 0) throw new TypeError("a checkpoint is a value that can be written as JSON");
     if (size > CHECKPOINT_MAX) throw new RangeError(`a checkpoint has at most ${CHECKPOINT_MAX} bytes as JSON, but this checkpoint has ${size}`);
     this.#checkpoint = { ...this.named(), checkpoint: value };
-    this.#tell("checkpoint", this.#checkpoint);
+    this.#postReport("checkpoint", this.#checkpoint);
   }
 
   /**
    * Asks the operator, and waits for one of the choices. The question is shown with the output and ends with it;
-   * several questions are asked one after the other. Throws `Ended` once the output no longer belongs to this handler,
-   * and a `RangeError` for an invalid question.
+   * several questions are asked one after the other. Throws `OutputEnded` once the output no longer belongs to this
+   * handler, and a `RangeError` for an invalid question.
    * @template {string} Choice
    * @param {string} text 1 to 200 characters @param {readonly Choice[]} choices 1 to 8 different texts of 1 to 40 characters
    * @returns {Promise<Choice>}
@@ -200,7 +201,7 @@ export class Output {
     const look = (/** @type {import("./messages.d.ts").PendingMessage} */ pending) => {
       if (pending.boot_id !== this.bootId) return undefined;
       const output = pending.outputs.find(({ seq }) => seq === this.seq);
-      if (output === undefined) throw new Ended(`M${this.m} ended before the question was answered`, null);
+      if (output === undefined) throw new OutputEnded(`M${this.m} ended before the question was answered`, null);
       if (output.question?.id === id) isHidden.mute();
       else isHidden.ring();
       return output.question?.id === id ? output.question.answer : undefined;
@@ -221,13 +222,13 @@ export class Output {
   }
 
   /** Sends the last progress and checkpoint again. @internal */
-  tellAgain() {
-    this.#tell("progress", this.#progress);
-    this.#tell("checkpoint", this.#checkpoint);
+  postReportsAgain() {
+    this.#postReport("progress", this.#progress);
+    this.#postReport("checkpoint", this.#checkpoint);
   }
 
   /** @param {string} what @param {object | null} report */
-  #tell(what, report) {
+  #postReport(what, report) {
     if (report !== null && !this.cancelled) this.#connection.post(this.path(what), report);
   }
 
@@ -241,7 +242,7 @@ export class Output {
 
   /** @internal @param {import("./messages.d.ts").CancelReason | null} reason */
   cancel(reason) {
-    this.#abort.abort(new Ended(`M${this.m} was cancelled; ${this.#whyCancelled(reason)}`, reason));
+    this.#abort.abort(new OutputEnded(`M${this.m} was cancelled; ${this.#whyCancelled(reason)}`, reason));
     setTimeout(() => (this.#isOver = true), limits.cleanUpMs).unref();
   }
 
@@ -250,7 +251,7 @@ export class Output {
     if (!this.#isOver) return;
     const reason = this.cancelReason;
     const ago = `M${this.m} was cancelled ${limits.cleanUpMs / 1000} s ago and more; ${this.#whyCancelled(reason)}`;
-    throw new Ended(`${ago}; nothing was sent: its handler must end when output.signal is aborted`, reason);
+    throw new OutputEnded(`${ago}; nothing was sent: its handler must end when output.signal is aborted`, reason);
   }
 
   /** @param {import("./messages.d.ts").CancelReason | null} reason */

@@ -2,7 +2,7 @@
 
 import { ANSWER_TIMEOUT_MS, Connection } from "./connection.js";
 import { CoordinateSystem } from "./coordinate_system.js";
-import { Refused } from "./errors.js";
+import { RequestRefused } from "./errors.js";
 import { Io } from "./io.js";
 import { Levels } from "./levels.js";
 import { NOT_AFTER_MS, PersonLevels, personConnection } from "./person.js";
@@ -151,7 +151,7 @@ export class Plc {
    * Yields P variables: their current values, then after each change by any writer. A machine publishes the variables
    * listed in `[[variables.published]]` of its configuration, at most 10 times a second; if values change faster,
    * only the latest. An NC program writes a variable when the block is interpreted, ahead of the motion. Throws
-   * `Refused` if not all of them are published.
+   * `RequestRefused` if not all of them are published.
    * @param {number} first @param {number} [count] @returns {AsyncGenerator<number[], void>}
    */
   pChanges(first, count = 1) {
@@ -167,7 +167,7 @@ export class Plc {
   async readVariables(cs, kind, first, count) {
     const { variables } = await this.ask(`cs/${cs}/variable/get`, { kind, from: first, count });
     const values = variables?.values;
-    if (!Array.isArray(values) || values.length !== count) throw new Refused("unavailable", `the machine did not answer with ${count} values`);
+    if (!Array.isArray(values) || values.length !== count) throw new RequestRefused("unavailable", `the machine did not answer with ${count} values`);
     return values.map(numberOf);
   }
 

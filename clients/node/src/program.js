@@ -3,11 +3,11 @@
 import { ALARMS_MAX } from "./alarms.js";
 import { Bell } from "./bell.js";
 import { Connection } from "./connection.js";
-import { Declared } from "./declared.js";
 import { ProgramError } from "./errors.js";
+import { MCodeDeclaration } from "./m_code_declaration.js";
 import { Plc } from "./plc.js";
 import { lockLevel } from "./levels.js";
-import { checkReturnsWithin, place, RETURNS_WITHIN_MS, Runner } from "./runner.js";
+import { checkReturnsWithin, handlerKey, RETURNS_WITHIN_MS, Runner } from "./runner.js";
 
 const M_CODE_MAX = 191;
 /** M codes that the runtime handles itself; they never reach a handler. */
@@ -16,7 +16,7 @@ const REDELIVERIES = ["ask", "redo", "verify"];
 
 /** @typedef {import("./output.js").Output} Output */
 /** @typedef {import("./params.js").Params} Params */
-/** @typedef {import("./levels.js").Place} Place */
+/** @typedef {import("./levels.js").LockTarget} LockTarget */
 /** @typedef {import("./messages.d.ts").Redelivery} Redelivery */
 /** @typedef {import("./alarms.js").UserAlarm} UserAlarm */
 
@@ -39,9 +39,9 @@ const REDELIVERIES = ["ask", "redo", "verify"];
  * (an operator decides), `redo` (the handler runs again), `verify` (it runs with `output.redelivered` true); by
  * default, the setting of the program
  * @property {string} [name] function of the M codes, such as "clamp", for alarms and panels
- * @property {Partial<Record<import("./params.js").Letter, import("./declared.js").Param>>} [params] their parameters,
- * such as `{ A: { name: "force", unit: "kN", min: 1, max: 20 } }`. A program with other parameters is not loaded, and
- * the handler is not started with them. `{}`: no parameters
+ * @property {Partial<Record<import("./params.js").Letter, import("./m_code_declaration.js").Param>>} [params] their
+ * parameters, such as `{ A: { name: "force", unit: "kN", min: 1, max: 20 } }`. A program with other parameters is not
+ * loaded, and the handler is not started with them. `{}`: no parameters
  */
 
 /**
@@ -61,7 +61,7 @@ const REDELIVERIES = ["ask", "redo", "verify"];
 export class Level {
   #changed = (/** @type {Level} */ _level) => {};
 
-  /** @param {Place} at @param {string} text @param {boolean} value */
+  /** @param {LockTarget} at @param {string} text @param {boolean} value */
   constructor(at, text, value) {
     this.place = at;
     this.text = text;
@@ -130,7 +130,7 @@ export class Serving {
  * with the text of the alarm; any other exception also stops it with an alarm.
  */
 export class SequenceProgram {
-  /** @type {Map<string, import("./runner.js").Entry>} */
+  /** @type {Map<string, import("./runner.js").HandlerEntry>} */
   #handlers = new Map();
   /** @type {Map<string, {cs: number | undefined, m: number, check: Check}>} */
   #checks = new Map();
@@ -167,10 +167,10 @@ export class SequenceProgram {
     const numbers = numbersOf(codes);
     if (typeof handler !== "function") throw new ProgramError(`M${numbers[0]}: the handler is not a function; write async (output, plc) => {}`);
     checkRedelivery(redelivery);
-    const declared = new Declared(name, params);
+    const declared = new MCodeDeclaration(name, params);
     for (const m of numbers) {
-      if (this.#handlers.has(place(cs, m))) throw new ProgramError(`M${m}${of(cs)} has two handlers`);
-      this.#handlers.set(place(cs, m), { m, cs, call: handler, redelivery, declared });
+      if (this.#handlers.has(handlerKey(cs, m))) throw new ProgramError(`M${m}${of(cs)} has two handlers`);
+      this.#handlers.set(handlerKey(cs, m), { m, cs, call: handler, redelivery, declared });
     }
     if (validate !== undefined) this.validate(numbers, validate, { cs });
     return this;
@@ -179,8 +179,8 @@ export class SequenceProgram {
   /** Registers a check of parameters; it runs when a program is loaded. @param {Codes} codes @param {Check} check @param {{cs?: number | undefined}} [options] */
   validate(codes, check, { cs } = {}) {
     for (const m of numbersOf(codes)) {
-      if (this.#checks.has(place(cs, m))) throw new ProgramError(`M${m}${of(cs)} is validated twice`);
-      this.#checks.set(place(cs, m), { cs, m, check });
+      if (this.#checks.has(handlerKey(cs, m))) throw new ProgramError(`M${m}${of(cs)} is validated twice`);
+      this.#checks.set(handlerKey(cs, m), { cs, m, check });
     }
     return this;
   }

@@ -1,7 +1,7 @@
 // The loop of a sequence program: it receives messages of the machine, and starts handlers.
 
 import { Bell, sleep } from "./bell.js";
-import { Alarm, CODE_OF_ERROR, CODE_OF_EXCEPTION, cut, NoAnswer, NotConnected, ProgramError, Refused, sentence, TakenOver, TandemError } from "./errors.js";
+import { Alarm, CODE_OF_ERROR, CODE_OF_EXCEPTION, cut, NoAnswer, NotConnected, ProgramError, RequestRefused, sentence, TakenOver, TandemError } from "./errors.js";
 import { Output } from "./output.js";
 import { Params } from "./params.js";
 import { numberAt } from "./topics.js";
@@ -34,16 +34,16 @@ const STRICTEST_FIRST = ["ask", "verify", "redo"];
 
 /**
  * A handler of the table.
- * @typedef {object} Entry
+ * @typedef {object} HandlerEntry
  * @property {number} m
  * @property {number | undefined} cs undefined: all that have no separate handler for the M code
  * @property {(output: Output, plc: import("./plc.js").Plc) => unknown} call
  * @property {Redelivery | undefined} redelivery undefined: the machine's configuration applies
- * @property {import("./declared.js").Declared} declared
+ * @property {import("./m_code_declaration.js").MCodeDeclaration} declared
  */
 
 /**
- * @typedef {object} Running
+ * @typedef {object} RunningHandler
  * @property {Output} output
  * @property {string} boot
  * @property {boolean} isAnswering true if the reset was sent, so the output is no longer cancelled
@@ -52,7 +52,7 @@ const STRICTEST_FIRST = ["ask", "verify", "redo"];
  */
 
 /** Returns the key of a handler or check in its table. @param {number | undefined} cs @param {number} m */
-export function place(cs, m) {
+export function handlerKey(cs, m) {
   return `${cs ?? "all"}/${m}`;
 }
 
@@ -79,7 +79,7 @@ export class Runner {
   #handlers;
   #checks;
   #takeOver;
-  /** @type {Map<string, Running>} */
+  /** @type {Map<string, RunningHandler>} */
   #running = new Map();
   /** Outputs that this instance has begun, the oldest first. @type {Set<string>} */
   #begun = new Set();
@@ -95,7 +95,7 @@ export class Runner {
   #left = new AbortController();
 
   /**
-   * @param {string} handlerId @param {Map<string, Entry>} handlers @param {Map<string, (params: Params) => unknown>} checks
+   * @param {string} handlerId @param {Map<string, HandlerEntry>} handlers @param {Map<string, (params: Params) => unknown>} checks
    * @param {import("./alarms.js").UserAlarm[]} alarms @param {import("./plc.js").Plc} plc
    * @param {import("./connection.js").Connection} connection @param {boolean} takeOver
    */
@@ -111,7 +111,7 @@ export class Runner {
     connection.will = JSON.stringify(this.#offline());
     connection.onMessage = (path, pattern, message) => this.#onMessage(path, pattern, message);
     connection.onConnected = () => {
-      plc.levels.onAway();
+      plc.levels.onOffline();
       this.#mustAnnounce.ring();
     };
   }
@@ -220,7 +220,7 @@ export class Runner {
     this.#awaitsAcceptance = false;
     this.announced.ring();
     this.#plc.levels.onAnnounced(this.#handlerId);
-    this.#lookAtAll();
+    this.#updateAllHandlers();
   }
 
   // --- messages of the machine
@@ -228,12 +228,12 @@ export class Runner {
   /** @param {string} path @param {string} pattern @param {any} message */
   #onMessage(path, pattern, message) {
     const cs = numberAt(path, 1);
-    if (pattern === "cs/+/m_code/pending") this.#lookAt(cs, message);
+    if (pattern === "cs/+/m_code/pending") this.#updateHandlers(cs, message);
     else if (pattern === "cs/+/m_code/+/cancel") this.#cancel((id) => id === idOf(message.boot_id, cs, message.seq), message.reason);
     else if (pattern === "cs/+/m_code/+/validate") void this.#validate(cs, numberAt(path, 3), message);
     else if (pattern === "presence" && message.online) {
       this.#cancel((_id, { boot }) => boot !== message.boot_id, "shutdown");
-      this.#lookAtAll();
+      this.#updateAllHandlers();
     } else if (pattern === "birth") {
       if (this.#hasAnnounced && this.#systems().join() !== this.#announcedSystems.join()) this.#mustAnnounce.ring();
     } else if (pattern === "handler/+/result" && message.instance === this.#connection.instance) this.#onResult(message);
@@ -260,14 +260,14 @@ export class Runner {
 
   /** @param {number} cs @param {number} m */
   #find(cs, m) {
-    return this.#handlers.get(place(cs, m)) ?? this.#handlers.get(place(undefined, m));
+    return this.#handlers.get(handlerKey(cs, m)) ?? this.#handlers.get(handlerKey(undefined, m));
   }
 
   /** @param {number} cs @param {number} m @param {import("./messages.d.ts").ValidateMessage} asked */
   async #validate(cs, m, asked) {
     if (this.#checks.size === 0 || this.#find(cs, m) === undefined) return;
-    const ofAll = this.#handlers.has(place(cs, m)) ? undefined : this.#checks.get(place(undefined, m));
-    const check = this.#checks.get(place(cs, m)) ?? ofAll;
+    const ofAll = this.#handlers.has(handlerKey(cs, m)) ? undefined : this.#checks.get(handlerKey(undefined, m));
+    const check = this.#checks.get(handlerKey(cs, m)) ?? ofAll;
     let verdict = { ok: true, text: "" };
     try {
       await check?.(new Params(asked.params));
@@ -280,10 +280,10 @@ export class Runner {
     this.#connection.post(`cs/${cs}/m_code/${m}/validate_result`, answer);
   }
 
-  #lookAtAll() {
+  #updateAllHandlers() {
     for (const cs of this.#systems()) {
       const pending = this.#connection.hub.last(`cs/${cs}/m_code/pending`);
-      if (pending !== undefined) this.#lookAt(cs, pending);
+      if (pending !== undefined) this.#updateHandlers(cs, pending);
     }
   }
 
@@ -291,15 +291,15 @@ export class Runner {
    * Ends handlers whose output is over or belongs to another handler, and starts handlers of pending ones.
    * @param {number} cs @param {PendingMessage} pending
    */
-  #lookAt(cs, { boot_id: boot, outputs }) {
+  #updateHandlers(cs, { boot_id: boot, outputs }) {
     if (boot !== this.#connection.bootId || !this.announced.isRung || this.#left.signal.aborted || this.#ended !== null) return;
     const ours = outputs.filter((output) => output.handler_id === null || output.handler_id === this.#handlerId);
     const open = new Set(ours.map(({ seq }) => seq));
     this.#cancel((_id, { output, boot: its }) => its === boot && output.cs === cs && !open.has(output.seq), null);
     for (const output of ours) {
       const id = idOf(boot, cs, output.seq);
-      if (output.state === "OUTPUT" && output.handler_id === null) this.#takeUp(id, boot, cs, output, false);
-      else if (this.#isClaimedForUs(output) && this.#isNew(id)) this.#takeUp(id, boot, cs, output, true);
+      if (output.state === "OUTPUT" && output.handler_id === null) this.#startHandler(id, boot, cs, output, false);
+      else if (this.#isClaimedForUs(output) && this.#isNew(id)) this.#startHandler(id, boot, cs, output, true);
     }
   }
 
@@ -318,24 +318,24 @@ export class Runner {
   }
 
   /** @param {string} id */
-  #noteBegun(id) {
+  #rememberOutput(id) {
     this.#begun.add(id);
     const [oldest] = this.#begun;
     if (this.#begun.size > BEGUN_MAX && oldest !== undefined) this.#begun.delete(oldest);
   }
 
   /**
-   * Returns whether an output was claimed for this instance but lost in transit, so that it was never begun (H20).
+   * Returns whether an output was claimed for this instance but lost in transit, so that it was never started (H20).
    * @param {string} id @param {PendingOutput} pending
    */
-  #isNeverBegun(id, pending) {
+  #isNeverStarted(id, pending) {
     return pending.lost_instance === this.#connection.instance && this.#isNew(id);
   }
 
   // --- outputs
 
   /** @param {string} id @param {string} boot @param {number} cs @param {PendingOutput} pending @param {boolean} isClaimed */
-  #takeUp(id, boot, cs, pending, isClaimed) {
+  #startHandler(id, boot, cs, pending, isClaimed) {
     const working = this.#running.get(id);
     if (working !== undefined) {
       // the handler still works; only its connection was lost
@@ -344,11 +344,11 @@ export class Runner {
     }
     const entry = this.#find(cs, pending.m);
     if (entry === undefined || (this.#isStopping && !isClaimed)) return;
-    const how = this.#isNeverBegun(id, pending) ? "redo" : howOf(pending, entry.redelivery);
+    const how = this.#isNeverStarted(id, pending) ? "redo" : howOf(pending, entry.redelivery);
     if (how === "ask") return;
-    this.#noteBegun(id);
+    this.#rememberOutput(id);
     const output = new Output(this.#connection, this.#identity, { bootId: boot, cs }, pending, how === "verify");
-    /** @type {Running} */
+    /** @type {RunningHandler} */
     const running = { output, boot, isAnswering: false, isReclaiming: false, ended: Promise.resolve() };
     this.#running.set(id, running);
     running.ended = this.#work(running, entry, isClaimed, pending.lost)
@@ -360,17 +360,17 @@ export class Runner {
   #onEnd(id, cs, output) {
     this.#running.delete(id);
     const pending = this.#connection.hub.last(`cs/${cs}/m_code/pending`);
-    if (output.cancelled && pending !== undefined) this.#lookAt(cs, pending);
+    if (output.cancelled && pending !== undefined) this.#updateHandlers(cs, pending);
   }
 
-  /** @param {(id: string, running: Running) => boolean} isMeant @param {CancelReason | null} reason */
+  /** @param {(id: string, running: RunningHandler) => boolean} isMeant @param {CancelReason | null} reason */
   #cancel(isMeant, reason) {
     for (const [id, running] of this.#running) {
       if (isMeant(id, running) && !running.isAnswering && !running.output.cancelled) running.output.cancel(reason);
     }
   }
 
-  /** @param {Running} running @param {Entry} entry @param {boolean} isClaimed @param {boolean} isLost */
+  /** @param {RunningHandler} running @param {HandlerEntry} entry @param {boolean} isClaimed @param {boolean} isLost */
   async #work(running, entry, isClaimed, isLost) {
     const { output } = running;
     const { log } = this.#connection;
@@ -394,7 +394,7 @@ export class Runner {
     }
   }
 
-  /** @param {Output} output @param {Entry} entry @returns {Promise<Alarm | null>} */
+  /** @param {Output} output @param {HandlerEntry} entry @returns {Promise<Alarm | null>} */
   async #call(output, entry) {
     try {
       entry.declared.check(output.m, output.params);
@@ -422,7 +422,7 @@ export class Runner {
       try {
         return await this.#connection.request(output.path(kind), { ...output.named(), ...more }, { resultOf });
       } catch (error) {
-        if (error instanceof Refused) {
+        if (error instanceof RequestRefused) {
           const isOld = error.message.includes("unknown field `instance`") && tries < INSTANCE_TRIES;
           if (!isOld) {
             log.warn(`${kind} of ${output} is refused: ${error.message}`);
@@ -448,7 +448,7 @@ export class Runner {
     });
   }
 
-  /** Repeats the claim of an output on which a handler still works. @param {Running} running */
+  /** Repeats the claim of an output on which a handler still works. @param {RunningHandler} running */
   #reclaim(running) {
     if (running.isReclaiming) return;
     running.isReclaiming = true;
@@ -457,7 +457,7 @@ export class Runner {
       await this.#register();
       const claimed = await this.#untilAnswered(output, "claim", {});
       running.isReclaiming = false;
-      if (claimed?.status === "accepted") output.tellAgain();
+      if (claimed?.status === "accepted") output.postReportsAgain();
       else if (!running.isAnswering && !output.cancelled) output.cancel(null);
     };
     claim().catch((error) => this.#connection.log.error(`the claim of ${output} has failed:`, error));

@@ -8,7 +8,7 @@ import { join, resolve } from "node:path";
 import { createInterface } from "node:readline";
 import { setTimeout as delay } from "node:timers/promises";
 
-import { Refused } from "./errors.js";
+import { RequestRefused } from "./errors.js";
 
 /** X, Y and Z in one coordinate system, without a spindle. */
 export const DEFAULT_CONFIG = `
@@ -44,7 +44,7 @@ const PROGRAM = 9_000;
 
 /**
  * A run that has ended.
- * @typedef {object} Ended
+ * @typedef {object} EndedProgram
  * @property {boolean} completed true if the program has reached its end
  * @property {string} execution `PROGRAM_COMPLETED` or `STOPPED`
  * @property {string | null} reason
@@ -154,7 +154,7 @@ export class Machine {
 
   // --- programs
 
-  /** Stores NC text, and loads it; throws `Refused` with the line if the text has errors. @param {string} text @param {{cs?: number}} [options] */
+  /** Stores NC text, and loads it; throws `RequestRefused` with the line if the text has errors. @param {string} text @param {{cs?: number}} [options] */
   async load(text, { cs = 1 } = {}) {
     await this.rest("PUT", `/programs/${PROGRAM + cs}`, text);
     await this.rest("POST", `/cs/${cs}/load?wait=1`, { program: PROGRAM + cs });
@@ -162,7 +162,7 @@ export class Machine {
 
   /**
    * Starts the loaded program, and returns while it runs: call the result to wait for its end.
-   * @param {{cs?: number}} [options] @returns {Promise<() => Promise<Ended>>}
+   * @param {{cs?: number}} [options] @returns {Promise<() => Promise<EndedProgram>>}
    */
   async started({ cs = 1 } = {}) {
     const { command_id: id } = await this.rest("POST", `/cs/${cs}/start?wait=1`);
@@ -219,7 +219,7 @@ export class Machine {
 
   /**
    * Sends a request below `/api/v1`: a text unchanged, anything else as JSON; returns the JSON of the answer. Throws
-   * `Refused`.
+   * `RequestRefused`.
    * @param {string} method @param {string} path @param {unknown} [body] @returns {Promise<any>}
    */
   async rest(method, path, body) {
@@ -243,8 +243,8 @@ function refusal(status, said) {
   try {
     const { code, detail, diagnostics = [] } = JSON.parse(said);
     const found = diagnostics.map((/** @type {any} */ one) => `line ${one.line}: ${one.code} ${one.message}`);
-    return new Refused(code, [detail, ...found].join("; "));
+    return new RequestRefused(code, [detail, ...found].join("; "));
   } catch {
-    return new Refused(String(status), said);
+    return new RequestRefused(String(status), said);
   }
 }

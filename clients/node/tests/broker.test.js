@@ -41,7 +41,7 @@ test("a claim without an answer follows the registration on a new connection", a
   const claim = "handler/cell/cs/1/m_code/20/claim";
   const broker = await FakeBroker.open({ acknowledges: true, accepts: true });
   const serving = await program().serve(`mqtt://${broker.node}/mill-1`, { log });
-  broker.putOut(20);
+  broker.issueOutput(20);
   while (!broker.heard.includes(claim)) await delay(10);
   broker.heard.length = 0;
   broker.cut();

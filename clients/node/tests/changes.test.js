@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 
-import { Plc, Refused } from "../src/index.js";
+import { Plc, RequestRefused } from "../src/index.js";
 import { Machine, DEFAULT_CONFIG } from "../src/testing.js";
 
 const PUBLISHED = '\n[[variables.published]]\nfrom = "P200"\ncount = 4\n[[variables.published]]\nfrom = "Q7"\n';
@@ -42,7 +42,7 @@ test("what is written is published once, whoever writes it", async () => {
 });
 
 test("variables that are not published are refused with what to write", async () => {
-  const isRefused = (/** @type {RegExp} */ words) => (/** @type {unknown} */ error) => error instanceof Refused && words.test(error.message);
+  const isRefused = (/** @type {RegExp} */ words) => (/** @type {unknown} */ error) => error instanceof RequestRefused && words.test(error.message);
   await assert.rejects(plc.pChanges(203, 2).next(), isRefused(/^2 variables from P203 on are not published.*from = "P203", count = 2$/));
   await assert.rejects(plc.cs(1).qChanges(8).next(), isRefused(/^Q8 is not published/));
   for (const count of [0, 1025, 1.5]) await assert.rejects(plc.pChanges(200, count).next(), isRefused(/not published/));

@@ -8,7 +8,7 @@ import { join, resolve } from "node:path";
 import { test } from "node:test";
 
 import { parseAddress } from "../src/address.js";
-import { Declared } from "../src/declared.js";
+import { MCodeDeclaration } from "../src/m_code_declaration.js";
 import { BACKLOG_MAX, Hub, TOPICS_MAX } from "../src/hub.js";
 import { AddressError, Alarm, Params, ProgramError, SequenceProgram, UserAlarm } from "../src/index.js";
 import { DEFAULT_CONFIG } from "../src/testing.js";
@@ -118,7 +118,7 @@ test("a program with a check and no handler does not begin", async () => {
 });
 
 test("parameters that are not as declared are an alarm that says what to write", () => {
-  const declared = new Declared("clamp", { A: { name: "force", unit: "kN", min: 1, max: 20 }, B: { whole: true, min: 1, max: 2, optional: true } });
+  const declared = new MCodeDeclaration("clamp", { A: { name: "force", unit: "kN", min: 1, max: 20 }, B: { whole: true, min: 1, max: 2, optional: true } });
   declared.check(12, new Params({ A: 20, B: 0.1 * 20 }));
   const wrong = (/** @type {import("../src/messages.d.ts").Params} */ given) => {
     try {

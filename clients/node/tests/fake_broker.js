@@ -61,21 +61,21 @@ export class FakeBroker {
   /** Publishes that the machine has accepted the registered handler. */
   accept() {
     const result = { ...example("handler/{id}/result"), instance: this.#instance };
-    this.#lines.forEach((line) => this.#say(line, "handler/cell/result", result));
+    this.#lines.forEach((line) => this.#publish(line, "handler/cell/result", result));
   }
 
   /** Publishes that the machine is online. */
   sayPresence() {
     const presence = { ...example("presence"), expires_ms: this.does.expiresMs ?? 30_000 };
-    this.#lines.forEach((line) => this.#say(line, "presence", presence));
+    this.#lines.forEach((line) => this.#publish(line, "presence", presence));
   }
 
   /** Publishes a pending M code that no handler has claimed. @param {number} m */
-  putOut(m) {
+  issueOutput(m) {
     const pending = example("cs/{cs}/m_code/pending");
     const output = { ...pending.outputs[0], m, state: "OUTPUT", handler_id: null, instance: null, progress: null, question: null };
     const message = { ...pending, outputs: [output] };
-    this.#lines.forEach((line) => this.#say(line, "cs/1/m_code/pending", message));
+    this.#lines.forEach((line) => this.#publish(line, "cs/1/m_code/pending", message));
   }
 
   /** Breaks all connections. */
@@ -102,7 +102,7 @@ export class FakeBroker {
     else if (cmd === "pingreq") send(line, { cmd: "pingresp" });
     else if (cmd === "subscribe") {
       send(line, { cmd: "suback", messageId, granted: subscriptions.map(() => 1) });
-      this.#say(line, "birth", example("birth"));
+      this.#publish(line, "birth", example("birth"));
       this.sayPresence();
     } else if (cmd === "publish") {
       const path = topic.slice(MACHINE.length);
@@ -120,7 +120,7 @@ export class FakeBroker {
   }
 
   /** @param {import("node:net").Socket} line @param {string} path @param {object} message */
-  #say(line, path, message) {
+  #publish(line, path, message) {
     send(line, { cmd: "publish", topic: MACHINE + path, payload: JSON.stringify(message), qos: 0, retain: false, dup: false });
   }
 }

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 
-import { Plc, Refused, SequenceProgram } from "../src/index.js";
+import { Plc, RequestRefused, SequenceProgram } from "../src/index.js";
 import { Machine, DEFAULT_CONFIG } from "../src/testing.js";
 
 const PLANT = '\n[io.in.flows]\n[io.in.level]\nkind = "number"\nunit = "l"\nmin = 0\nmax = 60\n[io.out.valve]\n';
@@ -57,8 +57,8 @@ test("a value is followed, forced and released, and what it cannot be is refused
     assert.equal(level.state.written, 12.5);
     await level.release();
     assert.equal((await values.next()).value, 12.5);
-    for (const wrong of [61, -1, NaN, true]) await assert.rejects(level.set(wrong), Refused);
+    for (const wrong of [61, -1, NaN, true]) await assert.rejects(level.set(wrong), RequestRefused);
     await assert.rejects(plc.ioIn("vent").set(true), /no \[io\.in\.vent\]; there are flows, level/);
-    assert.throws(() => plc.ioIn("vent").value, Refused);
+    assert.throws(() => plc.ioIn("vent").value, RequestRefused);
   });
 });

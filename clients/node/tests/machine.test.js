@@ -5,7 +5,7 @@ import assert from "node:assert/strict";
 import { after, before, beforeEach, test } from "node:test";
 import { setTimeout as delay } from "node:timers/promises";
 
-import { Alarm, CommandFailed, ConnectError, Ended, NoAnswer, NotConnected, Plc, Refused, SequenceProgram, stopSignal, TakenOver, UserAlarm } from "../src/index.js";
+import { Alarm, CommandFailed, ConnectError, NoAnswer, NotConnected, OutputEnded, Plc, RequestRefused, SequenceProgram, stopSignal, TakenOver, UserAlarm } from "../src/index.js";
 import { limits } from "../src/output.js";
 import { Machine } from "../src/testing.js";
 
@@ -141,7 +141,7 @@ for (const verb of ["stop", "abort", "reset"]) {
       try {
         await delay(1_000_000, undefined, { signal: output.signal });
       } finally {
-        ends.push([output.cancelled, output.cancelReason, output.signal.reason instanceof Ended]);
+        ends.push([output.cancelled, output.cancelReason, output.signal.reason instanceof OutputEnded]);
       }
     });
     await serving(program, async () => {
@@ -180,7 +180,7 @@ test("what a handler sends that works on after its cancel is refused here, once 
     await machine.waitFor(() => error !== undefined);
     assert.deepEqual(await plc.readP(100, 3), [1, 2, 0]);
   });
-  assert.ok(error instanceof Ended && error.reason === "stop", String(error));
+  assert.ok(error instanceof OutputEnded && error.reason === "stop", String(error));
   assert.match(error.message, /^M20 was cancelled 0.2 s ago and more; reason: stop; nothing was sent: its handler must end when/);
 });
 
@@ -188,7 +188,7 @@ test("a question that is open ends with its output", async () => {
   /** @type {unknown[]} */
   const ends = [];
   const program = new SequenceProgram("inspection").on(80, async (output) => {
-    await output.ask("Is it clean?", ["yes", "no"]).catch((error) => ends.push(error instanceof Ended && error.reason));
+    await output.ask("Is it clean?", ["yes", "no"]).catch((error) => ends.push(error instanceof OutputEnded && error.reason));
   });
   await serving(program, async () => {
     await machine.load("M80\nM30");
@@ -341,7 +341,7 @@ test("a run ends with all its parts, and says how", async () => {
 test("a refusal says why, and what has failed says so", async () => {
   await connected(async (plc) => {
     const mill = plc.cs(1);
-    const refused = (/** @type {string} */ code) => (/** @type {unknown} */ error) => error instanceof Refused && error.code === code;
+    const refused = (/** @type {string} */ code) => (/** @type {unknown} */ error) => error instanceof RequestRefused && error.code === code;
     await assert.rejects(mill.load(999), refused("not_found"));
     await assert.rejects(mill.mdi("G01 X1 F"), refused("program_has_errors"));
     assert.throws(() => plc.cs(7).state, refused("not_found"));
@@ -351,7 +351,7 @@ test("a refusal says why, and what has failed says so", async () => {
         try {
           return mill.position.machine.X;
         } catch (error) {
-          if (!(error instanceof Refused)) throw error;
+          if (!(error instanceof RequestRefused)) throw error;
           await delay(10);
         }
       }
@@ -386,7 +386,7 @@ test("variables are what was written", async () => {
     assert.deepEqual(await plc.readP(100, 5), [1.5, NaN, Infinity, -Infinity, 0.1]);
     await plc.cs(1).writeQ(10, [7]);
     assert.deepEqual(await plc.cs(1).readQ(10), [7]);
-    await assert.rejects(plc.readP(32_767, 2), Refused);
+    await assert.rejects(plc.readP(32_767, 2), RequestRefused);
   });
 });
 
@@ -424,7 +424,7 @@ test("a lease gives starts to its holder alone", async () => {
   await connected((line) =>
     connected(async (panel) => {
       await line.cs(1).takeLease("line", { ttlMs: 10_000 });
-      await assert.rejects(panel.cs(1).load(1), Refused);
+      await assert.rejects(panel.cs(1).load(1), RequestRefused);
       assert.equal((await (await line.cs(1).run(1)).ended()).end.how, "completed");
       await line.cs(1).releaseLease();
       assert.equal((await (await panel.cs(1).run(1)).ended()).end.how, "completed");

@@ -68,20 +68,20 @@ class FakeBroker:
         """Publish that the machine has accepted the registered handler."""
         result = {**example("handler/{id}/result"), "instance": self._instance}
         for line in self._lines:
-            self._say(line, "handler/cell/result", result)
+            self._publish(line, "handler/cell/result", result)
 
     def say_presence(self) -> None:
         """Publish that the machine is online."""
         for line in self._lines:
-            self._say(line, "presence", {**example("presence"), "expires_ms": self.expires_ms})
+            self._publish(line, "presence", {**example("presence"), "expires_ms": self.expires_ms})
 
-    def put_out(self, m: int) -> None:
+    def issue_output(self, m: int) -> None:
         """Publish a pending M code that no handler has claimed."""
         pending = example("cs/{cs}/m_code/pending")
         nobody = dict.fromkeys(("handler_id", "instance", "progress", "question"))
         output = {**pending["outputs"][0], "m": m, "state": "OUTPUT", **nobody}
         for line in self._lines:
-            self._say(line, "cs/1/m_code/pending", {**pending, "outputs": [output]})
+            self._publish(line, "cs/1/m_code/pending", {**pending, "outputs": [output]})
 
     async def until_heard(self, topic: str) -> None:
         """Wait until a message has arrived on a topic."""
@@ -115,7 +115,7 @@ class FakeBroker:
         elif kind == SUBSCRIBE:
             count = sum(1 for _ in _filters(body[2:]))
             line.write(bytes([SUBACK, 2 + count]) + body[:2] + bytes([1] * count))
-            self._say(line, "birth", example("birth"))
+            self._publish(line, "birth", example("birth"))
             self.say_presence()
         elif kind == PUBLISH:
             end = 2 + int.from_bytes(body[:2], "big")
@@ -134,7 +134,7 @@ class FakeBroker:
             if self.accepts:
                 self.accept()
 
-    def _say(self, line: asyncio.StreamWriter, topic: str, message: dict[str, Any]) -> None:
+    def _publish(self, line: asyncio.StreamWriter, topic: str, message: dict[str, Any]) -> None:
         path, payload = f"{MACHINE}{topic}".encode(), json.dumps(message).encode()
         body = len(path).to_bytes(2, "big") + path + payload
         line.write(bytes([PUBLISH << 4]) + bytes([len(body) % 128 | 128, len(body) // 128]) + body)

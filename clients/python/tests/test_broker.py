@@ -67,7 +67,7 @@ def test_a_claim_without_an_answer_follows_the_registration_on_a_new_connection(
     async def work() -> None:
         broker = FakeBroker(acknowledges=True, accepts=True)
         async with broker.open(), program.serving(broker.address):
-            broker.put_out(20)
+            broker.issue_output(20)
             await broker.until_heard(CLAIM)
             broker.heard.clear()
             broker.cut()

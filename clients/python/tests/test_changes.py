@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tandem_plc import Output, Plc, Refused, SequenceProgram, ToolData
+from tandem_plc import Output, Plc, RequestRefused, SequenceProgram, ToolData
 from tandem_plc.testing import DEFAULT_CONFIG, Machine
 
 InLoop = Callable[[Awaitable[Any]], Any]
@@ -66,12 +66,14 @@ def test_what_a_program_or_another_client_writes_is_published(tandem_machine: Ma
 def test_variables_that_are_not_published_are_refused_with_the_remedy(tandem_machine: Machine, in_loop: InLoop) -> None:
     async def work() -> None:
         async with Plc.connect(tandem_machine.mqtt) as plc:
-            with pytest.raises(Refused, match=r'2 variables from P203 on are not published.*from = "P203", count = 2'):
+            with pytest.raises(
+                RequestRefused, match=r'2 variables from P203 on are not published.*from = "P203", count = 2'
+            ):
                 await anext(plc.p_changes(203, 2))
-            with pytest.raises(Refused, match=r"Q8 is not published"):
+            with pytest.raises(RequestRefused, match=r"Q8 is not published"):
                 await anext(plc.cs(1).q_changes(8))
             for count in (0, 1025):
-                with pytest.raises(Refused, match="not published"):
+                with pytest.raises(RequestRefused, match="not published"):
                     await anext(plc.p_changes(200, count))
 
     in_loop(work())

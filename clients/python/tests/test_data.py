@@ -172,7 +172,12 @@ def schema_of(document: dict[str, Any], name: str) -> dict[str, Any]:
 
 def test_the_forms_are_those_of_the_asyncapi_document() -> None:
     document = json.loads((ROOT / "runtime/gateway/api/asyncapi.json").read_text())
-    renamed = {"Birth": "Birth", "ActiveAlarms": "ActiveAlarms", "Validate": "Validate"}
+    renamed = {
+        "Birth": "Birth",
+        "ActiveAlarms": "ActiveAlarms",
+        "Validate": "Validate",
+        "CapturedPositions": "Captured",
+    }
     forms: set[Any] = {form_of(path.replace("+", "1")) for path in (*FILTERS, "reply/x", "handler/x/presence")}
     nested = {messages.PendingOutput, messages.Question, messages.Progress, messages.WaitingOn, messages.LockSource}
     nested |= {messages.CoordinateSystemInfo, messages.Lease, Params}

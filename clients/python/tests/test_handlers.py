@@ -24,7 +24,7 @@ from tandem_plc import (
     Plc,
     ProgramError,
     Redelivery,
-    Refused,
+    RequestRefused,
     SequenceProgram,
     UserAlarm,
     stop_signal,
@@ -66,7 +66,7 @@ def test_parameters_are_refused_when_the_program_is_loaded(tandem_machine: Machi
     @program.on(6, validate=pocket)
     async def change_tool(_output: Output) -> None: ...
 
-    with tandem_machine.serve(program), pytest.raises(Refused, match=r"line 2: E0190.*VA is 99.*1 to 24"):
+    with tandem_machine.serve(program), pytest.raises(RequestRefused, match=r"line 2: E0190.*VA is 99.*1 to 24"):
         tandem_machine.run("G01 X0 F3000\nM06 VA99\nM30")
 
 
@@ -84,7 +84,7 @@ def test_a_program_with_parameters_that_are_not_declared_is_not_loaded(tandem_ma
             ("M12", r"E0191 M12 clamp needs VA \(force, 1 to 20 kN\)"),
             ("M12 VA5 VC1", r"E0191 M12 clamp takes no VC"),
         ]:
-            with pytest.raises(Refused, match=message):
+            with pytest.raises(RequestRefused, match=message):
                 tandem_machine.run(f"{text}\nM30")
         assert tandem_machine.run("M12 VA5\nM12 VA20 VB2\nM30").completed
         # the value of a variable is known only when the block runs
@@ -140,7 +140,7 @@ def test_a_check_that_fails_refuses_the_program_and_the_program_goes_on_serving(
         raise ZeroDivisionError("a mistake")
 
     with tandem_machine.serve(program):
-        with pytest.raises(Refused, match="the check of M6 has failed: ZeroDivisionError"):
+        with pytest.raises(RequestRefused, match="the check of M6 has failed: ZeroDivisionError"):
             tandem_machine.run("M06\nM30")
         assert tandem_machine.run("M07\nM30").completed
 

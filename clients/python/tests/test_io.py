@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tandem_plc import Alarm, IoForced, IoState, Output, Plc, Refused, SequenceProgram
+from tandem_plc import Alarm, IoForced, IoState, Output, Plc, RequestRefused, SequenceProgram
 from tandem_plc.decode import DecodeError, decode
 from tandem_plc.testing import DEFAULT_CONFIG, Machine
 
@@ -86,7 +86,7 @@ def test_nobody_writes_what_is_another_handlers(tandem_machine: Machine, in_loop
         async with cell.serving(tandem_machine.mqtt) as serving, Plc.connect(tandem_machine.mqtt) as plc:
             await serving.plc.io_out("valve").set(True)
             await plc.until(lambda: plc.io_out("valve").value is True)
-            with pytest.raises(Refused, match="handler cell owns it") as refused:
+            with pytest.raises(RequestRefused, match="handler cell owns it") as refused:
                 await plc.io_out("valve").set(False)
             assert refused.value.code == "not_allowed"
 
@@ -112,14 +112,14 @@ def test_a_forced_value_counts_until_its_release(tandem_machine: Machine, in_loo
 def test_what_cannot_be_is_refused_in_words(tandem_machine: Machine, in_loop: InLoop) -> None:
     async def work() -> None:
         async with Plc.connect(tandem_machine.mqtt) as plc:
-            with pytest.raises(Refused, match=r"no \[io.out.vent\]; there are valve"):
+            with pytest.raises(RequestRefused, match=r"no \[io.out.vent\]; there are valve"):
                 await plc.io_out("vent").set(True)
-            with pytest.raises(Refused, match=r"no \[io.in.vent\]"):
+            with pytest.raises(RequestRefused, match=r"no \[io.in.vent\]"):
                 _ = plc.io_in("vent").value
             for wrong in (61, -1, float("nan"), True):
-                with pytest.raises(Refused, match="write"):
+                with pytest.raises(RequestRefused, match="write"):
                     await plc.io_in("level").set(wrong)
-            with pytest.raises(Refused, match="True or False"):
+            with pytest.raises(RequestRefused, match="True or False"):
                 await plc.io_out("valve").force(1.0)
 
     in_loop(work())

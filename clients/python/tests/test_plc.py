@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tandem_plc import Alarm, CommandFailed, ConnectError, Execution, NoAnswer, NotConnected, Plc, Refused
+from tandem_plc import Alarm, CommandFailed, ConnectError, Execution, NoAnswer, NotConnected, Plc, RequestRefused
 from tandem_plc.testing import Machine
 
 InLoop = Callable[[Awaitable[Any]], Any]
@@ -37,16 +37,16 @@ def test_a_program_is_loaded_and_run(tandem_machine: Machine, in_loop: InLoop) -
 def test_a_refusal_says_why_and_nothing_has_changed(tandem_machine: Machine, in_loop: InLoop) -> None:
     async def work() -> None:
         async with Plc.connect(tandem_machine.mqtt) as plc:
-            with pytest.raises(Refused) as refused:
+            with pytest.raises(RequestRefused) as refused:
                 await plc.cs(1).load(999)
             assert refused.value.code == "not_found"
-            with pytest.raises(Refused) as refused:
+            with pytest.raises(RequestRefused) as refused:
                 await plc.cs(1).resume()
             assert refused.value.code == "not_allowed"
-            with pytest.raises(Refused) as refused:
+            with pytest.raises(RequestRefused) as refused:
                 await plc.cs(1).mdi("G01 X1 F")
             assert refused.value.code == "program_has_errors"
-            with pytest.raises(Refused):
+            with pytest.raises(RequestRefused):
                 _ = plc.cs(7).state
 
     in_loop(work())
@@ -113,7 +113,7 @@ def test_variables_are_what_was_written(tandem_machine: Machine, in_loop: InLoop
             assert read == [1.5, math.inf, -math.inf, 0.1]
             await plc.cs(1).write_q(10, [7.0])
             assert await plc.cs(1).read_q(10) == [7.0]
-            with pytest.raises(Refused):
+            with pytest.raises(RequestRefused):
                 await plc.read_p(32_767, 2)
 
     in_loop(work())
@@ -159,7 +159,7 @@ def test_a_lease_gives_starts_to_its_holder_alone(tandem_machine: Machine, in_lo
     async def work() -> None:
         async with Plc.connect(tandem_machine.mqtt) as line, Plc.connect(tandem_machine.mqtt) as panel:
             await line.cs(1).take_lease("line", 10_000)
-            with pytest.raises(Refused):
+            with pytest.raises(RequestRefused):
                 await panel.cs(1).load(1)
             assert (await line.cs(1).run(1)).completed
             await line.cs(1).release_lease()

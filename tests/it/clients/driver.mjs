@@ -3,7 +3,7 @@
 
 import { createInterface } from "node:readline";
 
-import { Ended, Refused, SequenceProgram, TandemError, UserAlarm } from "../../../clients/node/src/index.js";
+import { OutputEnded, RequestRefused, SequenceProgram, TandemError, UserAlarm } from "../../../clients/node/src/index.js";
 
 const [address, redelivery, returnsWithinMs, endsWithinMs] = process.argv.slice(2);
 const EMPTY = new UserAlarm(23, "the tank is empty", {
@@ -43,7 +43,7 @@ async function work(output) {
   try {
     await untilGo(output.signal);
   } catch (error) {
-    if (error instanceof Ended) say(`cancelled M22 ${error.reason}`);
+    if (error instanceof OutputEnded) say(`cancelled M22 ${error.reason}`);
     throw error;
   }
   say("done M22");
@@ -88,7 +88,7 @@ async function withIo(plc, name, word) {
     await plc.ioOut(name).set(word === "on" || word === "off" ? word === "on" : Number(word));
     return say("io set");
   } catch (error) {
-    if (error instanceof Refused) return say("io refused");
+    if (error instanceof RequestRefused) return say("io refused");
     throw error;
   }
 }
@@ -107,7 +107,7 @@ async function hear(plc, line) {
     await carryOut(mill, verb, rest);
     return say(`${verb} done`);
   } catch (error) {
-    if (error instanceof Refused) return say(`${verb} refused ${error.code}`);
+    if (error instanceof RequestRefused) return say(`${verb} refused ${error.code}`);
     if (error instanceof TandemError) return say(`${verb} failed ${error.message}`);
     throw error;
   }

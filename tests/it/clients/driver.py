@@ -14,7 +14,7 @@ from tandem_plc import (
     Params,
     Plc,
     Redelivery,
-    Refused,
+    RequestRefused,
     SequenceProgram,
     Serving,
     TandemError,
@@ -92,7 +92,7 @@ async def with_io(plc: Plc, line: str) -> None:
     try:
         await plc.io_out(name).set(value == "on" if value in ("on", "off") else float(value))
         say("io set")
-    except Refused:
+    except RequestRefused:
         say("io refused")
 
 
@@ -119,7 +119,7 @@ async def told(plc: Plc, line: str) -> None:
         else:
             await mill.command(verb)
         say(f"{verb} done")
-    except Refused as refused:
+    except RequestRefused as refused:
         say(f"{verb} refused {refused.code}")
     except TandemError as error:
         say(f"{verb} failed {error}")

@@ -18,27 +18,27 @@ A handler is an async function that serves an M code: the NC program waits until
 from .alarms import UserAlarm
 from .connection import Credentials
 from .coordinate_system import CoordinateSystem
-from .declared import Param
 from .errors import (
     AddressError,
     Alarm,
     CommandFailed,
     ConnectError,
-    Ended,
     NoAnswer,
     NotConnected,
+    OutputEnded,
     ProgramError,
-    Refused,
+    RequestRefused,
     TakenOver,
     TandemError,
 )
 from .io import Io
+from .m_code_declaration import Param
 from .messages import (
     AlarmRecord,
     AlarmWords,
     Birth,
     CancelReason,
-    Captured,
+    CapturedPositions,
     CommandReply,
     Execution,
     IoDeclaration,
@@ -75,13 +75,12 @@ __all__ = [
     "AlarmWords",
     "Birth",
     "CancelReason",
-    "Captured",
+    "CapturedPositions",
     "CommandFailed",
     "CommandReply",
     "ConnectError",
     "CoordinateSystem",
     "Credentials",
-    "Ended",
     "Execution",
     "Io",
     "IoDeclaration",
@@ -94,6 +93,7 @@ __all__ = [
     "NotConnected",
     "OptionalSkip",
     "Output",
+    "OutputEnded",
     "Overrides",
     "Param",
     "Params",
@@ -105,7 +105,7 @@ __all__ = [
     "Progress",
     "Question",
     "Redelivery",
-    "Refused",
+    "RequestRefused",
     "Run",
     "RunAlarm",
     "RunEnded",

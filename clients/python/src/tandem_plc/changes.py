@@ -7,7 +7,7 @@ import struct
 from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING
 
-from .errors import Refused
+from .errors import RequestRefused
 from .messages import PublishedVariables
 
 if TYPE_CHECKING:
@@ -44,11 +44,11 @@ async def changes(plc: Plc, path: str, kind: str, first: int, count: int) -> Asy
                 yield values
 
 
-def _refused(kind: str, first: int, count: int) -> Refused:
+def _refused(kind: str, first: int, count: int) -> RequestRefused:
     which = f"{kind}{first} is" if count == 1 else f"{count} variables from {kind}{first} on are"
     to_write = f'[[variables.published]] from = "{kind}{first}", count = {count}'
     text = f"{which} not published by this machine: name them in its configuration, such as {to_write}"
-    return Refused("not_found", text)
+    return RequestRefused("not_found", text)
 
 
 def _number(value: object) -> float:

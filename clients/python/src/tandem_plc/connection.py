@@ -16,7 +16,7 @@ from typing import Any
 
 from .address import Address
 from .decode import DecodeError, decode
-from .errors import ConnectError, NoAnswer, NotConnected, Refused
+from .errors import ConnectError, NoAnswer, NotConnected, RequestRefused
 from .hub import Hub
 from .link import Link, Options
 from .messages import CommandReply, HandshakeResult, Pending, Presence
@@ -310,7 +310,7 @@ class Connection:
             ):
                 continue  # a late answer to its claim: an output that is reset has left ``pending`` before
             if result.status == "refused":
-                self._end(request, error=Refused("invalid", result.text or "invalid message"))
+                self._end(request, error=RequestRefused("invalid", result.text or "invalid message"))
             else:
                 self._end(request, result)
 
@@ -324,7 +324,7 @@ class Connection:
         for request in list(self._requests):
             if request.command_id == reply.command_id:
                 if reply.status == "rejected":
-                    self._end(request, error=Refused(reply.code, reply.text))
+                    self._end(request, error=RequestRefused(reply.code, reply.text))
                 else:
                     self._end(request, reply)
 
@@ -358,7 +358,7 @@ class Connection:
         """Send a message, and wait for its answer, or for the broker's acknowledgement if it has none.
 
         Raises:
-            Refused: the machine refuses the request.
+            RequestRefused: the machine refuses the request.
             NotConnected: there was no connection within the time limit, and the request was not sent.
             NoAnswer: the request was sent, but not answered.
         """

@@ -7,10 +7,10 @@ from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from .changes import changes
-from .errors import Alarm, CommandFailed, NotConnected, Refused
-from .levels import lock_level, lock_place
+from .errors import Alarm, CommandFailed, NotConnected, RequestRefused
+from .levels import lock_level, lock_target
 from .messages import (
-    Captured,
+    CapturedPositions,
     CommandReply,
     Execution,
     Lock,
@@ -37,8 +37,9 @@ class CoordinateSystem:
     """One coordinate system of a machine. Commands return after their effect.
 
     Each command takes ``command_id``, which names it: a command repeated with the id of a :class:`~tandem_plc.NoAnswer`
-    is not executed twice. All commands raise ``Refused`` (nothing has changed), ``CommandFailed`` (the command was
-    accepted, but could not take effect), ``NotConnected`` (nothing was sent) or ``NoAnswer`` (the effect is unknown).
+    is not executed twice. All commands raise ``RequestRefused`` (nothing has changed), ``CommandFailed`` (the command
+    was accepted, but could not take effect), ``NotConnected`` (nothing was sent) or ``NoAnswer`` (the effect is
+    unknown).
     """
 
     def __init__(self, plc: Plc, number: int) -> None:
@@ -189,7 +190,7 @@ class CoordinateSystem:
             Number of the lease, which this connection sends with each of its commands.
 
         Raises:
-            Refused: another client holds the lease.
+            RequestRefused: another client holds the lease.
         """
         payload: dict[str, Any] = {"holder": holder, "ttl_ms": ttl_ms}
         fence = self._plc._fences.get(self.number)
@@ -198,7 +199,7 @@ class CoordinateSystem:
         reply = await self._plc._ask(f"cs/{self.number}/lease/take", payload)
         lease = reply.lease
         if lease is None:
-            raise Refused("unavailable", "the answer of the machine does not contain the lease")
+            raise RequestRefused("unavailable", "the answer of the machine does not contain the lease")
         self._plc._fences[self.number] = lease.fence
         return lease.fence
 
@@ -233,7 +234,7 @@ class CoordinateSystem:
         and no other client can clear them. If the machine is offline, the program waits for it.
 
         Raises:
-            Refused: another handler owns the source.
+            RequestRefused: another handler owns the source.
         """
         await self._set_lock("interlock", value, text, source)
 
@@ -241,7 +242,7 @@ class CoordinateSystem:
         """Set a source of the start lock, as :meth:`set_interlock`: while any source is on, no program starts.
 
         Raises:
-            Refused: another handler owns the source.
+            RequestRefused: another handler owns the source.
         """
         await self._set_lock("start_lock", value, text, source)
 
@@ -276,10 +277,10 @@ class CoordinateSystem:
         """Answer the question of a pending output, as an operator does.
 
         Raises:
-            Refused: the output has no question.
+            RequestRefused: the output has no question.
         """
         if output.question is None:
-            raise Refused("not_found", f"M{output.m} has no question")
+            raise RequestRefused("not_found", f"M{output.m} has no question")
         payload = {
             "boot_id": self._plc.boot_id,
             "seq": output.seq,
@@ -290,7 +291,7 @@ class CoordinateSystem:
         await self._set_path(f"m_code/{output.m}/answer", payload)
 
     async def _set_lock(self, kind: str, value: bool, text: str, source: str) -> None:
-        await self._plc._levels.set(lock_place(self.number, kind, source), lock_level(value, text, source))
+        await self._plc._levels.set(lock_target(self.number, kind, source), lock_level(value, text, source))
 
     async def _set(self, path: str, payload: dict[str, Any]) -> None:
         await self._set_path(f"{path}/set", payload)
@@ -311,9 +312,9 @@ class CoordinateSystem:
         return self._last("position", Position)
 
     @property
-    def captured(self) -> Captured:
+    def captured(self) -> CapturedPositions:
         """Positions captured by the last G31."""
-        return self._last("captured", Captured)
+        return self._last("captured", CapturedPositions)
 
     @property
     def tool(self) -> Tool:
@@ -389,4 +390,4 @@ class CoordinateSystem:
         if isinstance(message, kind):
             return message
         text = f"coordinate system {self.number} does not exist, or has not published its {name} yet"
-        raise Refused("not_found", text)
+        raise RequestRefused("not_found", text)

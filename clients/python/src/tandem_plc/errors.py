@@ -69,7 +69,7 @@ class NotConnected(TandemError):
     """There is no connection; nothing was sent and nothing has changed."""
 
 
-class Refused(TandemError):
+class RequestRefused(TandemError):
     """The machine has refused a request; nothing has changed."""
 
     def __init__(self, code: str, text: str) -> None:
@@ -107,5 +107,5 @@ class NoAnswer(TandemError):
         """Id of the command; ``None`` if the request was not a command."""
 
 
-class Ended(TandemError):
+class OutputEnded(TandemError):
     """The output no longer belongs to this handler: it was cancelled, reset by hand, or belongs to another boot."""

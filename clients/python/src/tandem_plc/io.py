@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import AsyncIterator, Callable
 from typing import TYPE_CHECKING
 
-from .errors import NotConnected, Refused
+from .errors import NotConnected, RequestRefused
 from .messages import IoState
 
 if TYPE_CHECKING:
@@ -32,13 +32,14 @@ class Io:
         """State: the value, the owner, and whether the value is forced.
 
         Raises:
-            Refused: the configuration does not declare the input or output, or the machine has not published it yet.
+            RequestRefused: the configuration does not declare the input or output, or the machine has not published it
+                yet.
         """
         message = self._plc._connection.hub.last(self.path)
         if isinstance(message, IoState):
             return message
         self._check(None)
-        raise Refused("not_found", f"{self.path}: the machine has not published its state yet")
+        raise RequestRefused("not_found", f"{self.path}: the machine has not published its state yet")
 
     @property
     def value(self) -> bool | float:
@@ -60,7 +61,7 @@ class Io:
         Example: ``await level.wait_until(lambda v: v > 12.5)``.
 
         Raises:
-            Refused: the configuration does not declare the input or output.
+            RequestRefused: the configuration does not declare the input or output.
             NotConnected: the connection was closed here.
         """
         self._check(None)
@@ -78,7 +79,8 @@ class Io:
         handler owns.
 
         Raises:
-            Refused: the output is not declared, another handler owns it, or the value has the wrong kind or range.
+            RequestRefused: the output is not declared, another handler owns it, or the value has the wrong kind or
+                range.
             NotConnected: there is no connection, for a client without handlers.
             NoAnswer: the value was sent, but its arrival is unknown.
         """
@@ -91,17 +93,17 @@ class Io:
         """Replace the written value, as an operator does, until :meth:`release`.
 
         Raises:
-            Refused: the input or output is not declared, or the value has the wrong kind or range.
+            RequestRefused: the input or output is not declared, or the value has the wrong kind or range.
         """
         self._check(value)
-        await self._put_in_place(value)
+        await self._send_force(value)
 
     async def release(self) -> None:
         """Remove the forced value: the value that the owner has written applies again."""
         self._check(None)
-        await self._put_in_place(None)
+        await self._send_force(None)
 
-    async def _put_in_place(self, value: bool | float | None) -> None:
+    async def _send_force(self, value: bool | float | None) -> None:
         connection = self._plc._connection
         payload = {"value": value, "by": connection.handler_id or connection.client_id}
         await connection.request(f"{self.path}/force", payload)
@@ -115,10 +117,10 @@ class Io:
         if self.name not in declared:
             there = ", ".join(list(declared)[:20]) or "none"
             text = f"the configuration has no [io.{self.side}.{self.name}]; there are {there}"
-            raise Refused("not_found", text)
+            raise RequestRefused("not_found", text)
         wrong = None if value is None else declared[self.name].wrong(value)
         if wrong is not None:
-            raise Refused("invalid", f"{self.path}: {wrong}")
+            raise RequestRefused("invalid", f"{self.path}: {wrong}")
 
     def _check_owner(self) -> None:
         state, own = self._plc._connection.hub.last(self.path), self._plc._levels.owner
@@ -130,4 +132,4 @@ class Io:
         ):
             return
         whose = f"it waits for handler {state.owner}" if state.lost else f"handler {state.owner} owns it"
-        raise Refused("not_allowed", f"{self.path}: {whose}; an operator can force a value")
+        raise RequestRefused("not_allowed", f"{self.path}: {whose}; an operator can force a value")

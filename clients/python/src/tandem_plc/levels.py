@@ -7,7 +7,7 @@ import logging
 from typing import Any
 
 from .connection import Connection
-from .errors import NoAnswer, NotConnected, Refused
+from .errors import NoAnswer, NotConnected, RequestRefused
 
 log = logging.getLogger("tandem_plc")
 
@@ -16,11 +16,11 @@ _TIMEOUT_S = 2.0
 LEVELS_MAX = 1024
 """Maximum number of sources, inputs and outputs that one program sets; a plant has up to 256 of each."""
 
-Place = tuple[str, str]
+LevelTarget = tuple[str, str]
 """Key of a level: the topic that sets the level, and the source of an interlock or start lock."""
 
 
-def lock_place(cs: int, kind: str, source: str) -> Place:
+def lock_target(cs: int, kind: str, source: str) -> LevelTarget:
     """Return the key of a source; ``kind`` is ``interlock`` or ``start_lock``."""
     return f"cs/{cs}/input/{kind}/set", source
 
@@ -35,48 +35,48 @@ class Levels:
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
-        self._wanted: dict[Place, dict[str, Any]] = {}
-        self._dirty: set[Place] = set()
+        self._wanted: dict[LevelTarget, dict[str, Any]] = {}
+        self._dirty: set[LevelTarget] = set()
         self._is_announced = asyncio.Event()
         self._work = asyncio.Event()
         self.owner: str | None = None
         """The handler that owns them; it must be registered before they are written."""
 
-    async def set(self, place: Place, level: dict[str, Any]) -> None:
+    async def set(self, target: LevelTarget, level: dict[str, Any]) -> None:
         """Set a level.
 
         Raises:
-            Refused: the machine refuses the level, for example because another handler owns the source.
+            RequestRefused: the machine refuses the level, for example because another handler owns the source.
             NotConnected: there is no connection; a program that serves the machine waits for a connection instead.
             NoAnswer: the level was sent, but its arrival is unknown.
         """
-        if place not in self._wanted and len(self._wanted) >= LEVELS_MAX:
-            raise Refused("invalid", f"one program sets at most {LEVELS_MAX} levels")
-        before = self._wanted.get(place)
-        self._wanted[place] = level
+        if target not in self._wanted and len(self._wanted) >= LEVELS_MAX:
+            raise RequestRefused("invalid", f"one program sets at most {LEVELS_MAX} levels")
+        before = self._wanted.get(target)
+        self._wanted[target] = level
         if self.owner is None:
-            await self._write(place)
+            await self._write(target)
             return
         while True:
             try:
                 await self._is_announced.wait()
-                await self._write(place)
+                await self._write(target)
             except (NotConnected, NoAnswer) as error:
-                log.warning("%s %s is not written yet: %s", *place, error)
+                log.warning("%s %s is not written yet: %s", *target, error)
                 await asyncio.sleep(_RETRY_S)
-            except Refused:
+            except RequestRefused:
                 if before is None:
-                    self._wanted.pop(place, None)
+                    self._wanted.pop(target, None)
                 else:
-                    self._wanted[place] = before
+                    self._wanted[target] = before
                 raise
             else:
                 return
 
-    def want(self, place: Place, level: dict[str, Any]) -> None:
+    def want(self, target: LevelTarget, level: dict[str, Any]) -> None:
         """Set a level without waiting; :meth:`keep_written` writes it."""
-        self._wanted[place] = level
-        self._dirty.add(place)
+        self._wanted[target] = level
+        self._dirty.add(target)
         self._work.set()
 
     def on_announced(self, owner: str) -> None:
@@ -86,7 +86,7 @@ class Levels:
         self._dirty.update(self._wanted)
         self._work.set()
 
-    def on_away(self) -> None:
+    def on_offline(self) -> None:
         """Pause writing: the machine no longer knows the owner."""
         self._is_announced.clear()
 
@@ -98,18 +98,18 @@ class Levels:
             if not self._dirty:
                 self._work.clear()
                 continue
-            place = self._dirty.pop()
+            target = self._dirty.pop()
             try:
-                await self._write(place)
-            except Refused as error:
-                log.error("%s %s: %s", *place, error)  # noqa: TRY400 -- what the machine says is enough
+                await self._write(target)
+            except RequestRefused as error:
+                log.error("%s %s: %s", *target, error)  # noqa: TRY400 -- what the machine says is enough
             except (NotConnected, NoAnswer) as error:
-                log.warning("%s %s is not written yet: %s", *place, error)
-                self._dirty.add(place)
+                log.warning("%s %s is not written yet: %s", *target, error)
+                self._dirty.add(target)
                 await asyncio.sleep(_RETRY_S)
 
-    async def _write(self, place: Place) -> None:
-        payload = dict(self._wanted[place])
+    async def _write(self, target: LevelTarget) -> None:
+        payload = dict(self._wanted[target])
         if self.owner is not None:
             payload.update(handler_id=self.owner, instance=self._connection.instance)
-        await self._connection.request(place[0], payload, timeout_s=_TIMEOUT_S)
+        await self._connection.request(target[0], payload, timeout_s=_TIMEOUT_S)

@@ -422,7 +422,7 @@ class OptionalSkip:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Captured:
+class CapturedPositions:
     """Positions captured by the last G31, by motor."""
 
     run_id: str | None

@@ -8,7 +8,7 @@ import secrets
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from .errors import Ended, NoAnswer, NotConnected, Refused
+from .errors import NoAnswer, NotConnected, OutputEnded, RequestRefused
 from .messages import CancelReason, PendingOutput
 from .params import Params
 
@@ -159,7 +159,7 @@ class Output:
         if percent is not None:
             report["percent"] = min(max(float(percent), 0.0), 100.0)
         self._progress = report
-        self._tell("progress", report)
+        self._post_report("progress", report)
 
     def checkpoint(self, value: Any) -> None:
         """Store a checkpoint that records the progress of the work; it replaces the previous checkpoint.
@@ -179,15 +179,15 @@ class Output:
         if size > CHECKPOINT_MAX:
             raise ValueError(f"a checkpoint has at most {CHECKPOINT_MAX} bytes as JSON, but this checkpoint has {size}")
         self._checkpoint = {**self._named(), "checkpoint": value}
-        self._tell("checkpoint", self._checkpoint)
+        self._post_report("checkpoint", self._checkpoint)
 
-    def _tell(self, what: str, report: dict[str, Any] | None) -> None:
+    def _post_report(self, what: str, report: dict[str, Any] | None) -> None:
         if report is not None and not self.cancelled:
             self._connection.post(self._path(what), report)
 
-    def _tell_again(self) -> None:
-        self._tell("progress", self._progress)
-        self._tell("checkpoint", self._checkpoint)
+    def _post_reports_again(self) -> None:
+        self._post_report("progress", self._progress)
+        self._post_report("checkpoint", self._checkpoint)
 
     async def ask(self, text: str, choices: Sequence[str]) -> str:
         """Ask the operator, and wait for one of the choices.
@@ -201,14 +201,14 @@ class Output:
 
         Raises:
             ValueError: text or choices are out of range.
-            Ended: the output no longer belongs to this handler.
+            OutputEnded: the output no longer belongs to this handler.
         """
         _check_question(text, choices)
         async with self._turn:
             question = {**self._named(), "question_id": f"question-{secrets.token_hex(6)}"}
             try:
                 return await self._until_answered({**question, "text": text, "choices": list(choices)})
-            except (asyncio.CancelledError, Refused):
+            except (asyncio.CancelledError, RequestRefused):
                 self._connection.post(self._path("ask"), {**question, "choices": []})
                 raise
 
@@ -234,7 +234,7 @@ class Output:
                     continue
                 shown = next((output for output in pending.outputs if output.seq == self.seq), None)
                 if shown is None:
-                    raise Ended(f"M{self.m} ended before the question was answered")
+                    raise OutputEnded(f"M{self.m} ended before the question was answered")
                 asked = shown.question
                 is_shown = asked is not None and asked.id == question["question_id"]
                 if is_shown and asked is not None and asked.answer is not None:

@@ -47,6 +47,6 @@ class PersonLevels:
     def __init__(self, connection: PersonConnection) -> None:
         self._connection = connection
 
-    async def set(self, place: tuple[str, str], level: dict[str, Any]) -> None:
+    async def set(self, target: tuple[str, str], level: dict[str, Any]) -> None:
         """Set a level."""
-        await self._connection.request(place[0], dict(level))
+        await self._connection.request(target[0], dict(level))

@@ -11,7 +11,7 @@ from typing import Any, cast
 from .changes import changes
 from .connection import ANSWER_TIMEOUT_S, PRESENT_TIMEOUT_S, Connection, Credentials
 from .coordinate_system import CoordinateSystem
-from .errors import Alarm, Refused
+from .errors import Alarm, RequestRefused
 from .io import Io
 from .levels import Levels
 from .messages import AlarmRecord, Birth, CommandReply, Presence, ToolData
@@ -141,7 +141,7 @@ class Plc:
         """Read up to 1024 P variables, all from one moment.
 
         Raises:
-            Refused: not all of these variables exist.
+            RequestRefused: not all of these variables exist.
         """
         return await self._read_variables(1, "P", first, count)
 
@@ -149,7 +149,7 @@ class Plc:
         """Write up to 1024 P variables, all or none.
 
         Raises:
-            Refused: not all of these variables exist.
+            RequestRefused: not all of these variables exist.
         """
         await self._write_variables(1, "P", first, values)
 
@@ -161,7 +161,7 @@ class Plc:
         ahead of the motion.
 
         Raises:
-            Refused: the machine does not publish all these variables.
+            RequestRefused: the machine does not publish all these variables.
         """
         async for values in changes(self, "variables", "P", first, count):
             yield values
@@ -175,7 +175,7 @@ class Plc:
         reply = await self._ask(f"cs/{cs}/variable/get", {"kind": kind, "from": first, "count": count})
         values = (reply.variables or {}).get("values")
         if not isinstance(values, list) or len(values) != count:
-            raise Refused("unavailable", f"the machine did not answer with {count} values")
+            raise RequestRefused("unavailable", f"the machine did not answer with {count} values")
         return [float(value) for value in values]
 
     async def _write_variables(self, cs: int, kind: str, first: int, values: Sequence[float]) -> None:

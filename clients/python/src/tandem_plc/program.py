@@ -13,9 +13,9 @@ from typing import Any, TypeVar
 
 from .alarms import ALARMS_MAX, UserAlarm
 from .connection import PRESENT_TIMEOUT_S, Connection, Credentials
-from .declared import Declared, Param
 from .errors import ProgramError
-from .levels import lock_level, lock_place
+from .levels import lock_level, lock_target
+from .m_code_declaration import MCodeDeclaration, Param
 from .messages import Redelivery
 from .output import Output
 from .params import Params
@@ -39,12 +39,12 @@ T = TypeVar("T", bound=Task)
 
 
 @dataclass(frozen=True)
-class Entry:
+class RegisteredHandler:
     """A handler of the table."""
 
     call: Callable[[Output, Plc], Awaitable[None]]
     redelivery: Redelivery | None
-    declared: Declared
+    declared: MCodeDeclaration
 
 
 class Level:
@@ -98,7 +98,7 @@ class SequenceProgram:
             raise ProgramError(f"handler_id {handler_id!r}: write 1 to 64 characters without / + #")
         self.handler_id = handler_id
         self.redelivery = redelivery
-        self.handlers: dict[tuple[int | None, int], Entry] = {}
+        self.handlers: dict[tuple[int | None, int], RegisteredHandler] = {}
         self.checks: dict[tuple[int | None, int], Check] = {}
         self._alarms: dict[int, UserAlarm] = {}
         self._levels: list[Level] = []
@@ -133,7 +133,9 @@ class SequenceProgram:
         """
 
         def register(handler: H) -> H:
-            entry = Entry(_two_arguments(handler), redelivery or self.redelivery, Declared(name, params))
+            entry = RegisteredHandler(
+                _two_arguments(handler), redelivery or self.redelivery, MCodeDeclaration(name, params)
+            )
             for m in _numbers(codes):
                 if (cs, m) in self.handlers:
                     raise ProgramError(f"M{m}{_of(cs)} has two handlers")
@@ -308,7 +310,7 @@ class SequenceProgram:
             for level in self._levels:
                 level.follow(
                     lambda level: plc._levels.want(
-                        lock_place(*level.place), lock_level(level.value, level.text, level.place[2])
+                        lock_target(*level.place), lock_level(level.value, level.text, level.place[2])
                     )
                 )
             await connection.start(timeout_s)

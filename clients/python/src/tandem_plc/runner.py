@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from .alarms import UserAlarm
 from .connection import PRESENCE_EXPIRES_S, Connection
-from .declared import Declared
 from .errors import (
     CODE_OF_ERROR,
     CODE_OF_EXCEPTION,
@@ -19,10 +18,11 @@ from .errors import (
     NoAnswer,
     NotConnected,
     ProgramError,
-    Refused,
+    RequestRefused,
     TakenOver,
     TandemError,
 )
+from .m_code_declaration import MCodeDeclaration
 from .messages import (
     Birth,
     Cancel,
@@ -65,7 +65,7 @@ OutputId = tuple[str, int, int]
 """Boot, coordinate system and sequence number."""
 
 
-class Entry(Protocol):
+class HandlerEntry(Protocol):
     """A handler of the table."""
 
     @property
@@ -77,7 +77,7 @@ class Entry(Protocol):
         """Treatment of work that may already have begun; ``None``: the machine's configuration applies."""
 
     @property
-    def declared(self) -> Declared:
+    def declared(self) -> MCodeDeclaration:
         """Declaration of the M codes."""
 
 
@@ -92,7 +92,7 @@ def check_returns_within(seconds: float) -> int:
     return round(seconds * 1000)
 
 
-class _Running:
+class _RunningHandler:
     def __init__(self, output: Output) -> None:
         self.output = output
         self.is_answering = False
@@ -108,7 +108,7 @@ class _Running:
             self.task.cancel()
 
 
-def _m_code(m: int, cs: int | None, entry: Entry) -> dict[str, Any]:
+def _m_code(m: int, cs: int | None, entry: HandlerEntry) -> dict[str, Any]:
     said = entry.declared.to_json(m, cs)
     return said if entry.redelivery is None else {**said, "redelivery": entry.redelivery.value}
 
@@ -129,7 +129,7 @@ class Runner:
     def __init__(
         self,
         handler_id: str,
-        handlers: Mapping[tuple[int | None, int], Entry],
+        handlers: Mapping[tuple[int | None, int], HandlerEntry],
         checks: Mapping[tuple[int | None, int], Callable[[Params], object]],
         alarms: Sequence[UserAlarm],
         connection: Connection,
@@ -151,7 +151,7 @@ class Runner:
         self._is_known_to_stop = asyncio.Event()
         self._connection = connection
         self._plc = plc
-        self._running: dict[OutputId, _Running] = {}
+        self._running: dict[OutputId, _RunningHandler] = {}
         # outputs that this instance has begun, the oldest first
         self._begun: dict[OutputId, None] = {}
         self._jobs: set[asyncio.Task[None]] = set()
@@ -277,17 +277,17 @@ class Runner:
             self._awaits_acceptance = False
             self.announced.set()
             self._plc._levels.on_announced(self._handler_id)
-            self._look_at_all()
+            self._update_all_handlers()
 
     def _on_connected(self) -> None:
-        self._plc._levels.on_away()
+        self._plc._levels.on_offline()
         self._must_announce.set()
 
     # --- messages of the machine
 
     def _on_message(self, path: str, message: Any) -> None:
         if isinstance(message, Pending):
-            self._look_at(number_at(path, 1), message)
+            self._update_handlers(number_at(path, 1), message)
         elif isinstance(message, Cancel):
             meant = (message.boot_id, number_at(path, 1), message.seq)
             self._cancel(lambda other: other == meant, message.reason)
@@ -296,7 +296,7 @@ class Runner:
         elif isinstance(message, Presence):
             if message.online:
                 self._cancel(lambda other: other[0] != message.boot_id, CancelReason.SHUTDOWN)
-                self._look_at_all()
+                self._update_all_handlers()
         elif isinstance(message, Birth):
             if self._has_announced and self._systems() != self._announced_systems:
                 self._must_announce.set()
@@ -324,7 +324,7 @@ class Runner:
         if not self._ended.done():
             self._ended.set_result(TakenOver(result.text or f"another process serves as {self._handler_id}"))
 
-    def _find(self, cs: int, m: int) -> Entry | None:
+    def _find(self, cs: int, m: int) -> HandlerEntry | None:
         return self._handlers.get((cs, m)) or self._handlers.get((None, m))
 
     def _validate(self, cs: int, m: int, asked: Validate) -> None:
@@ -344,13 +344,13 @@ class Runner:
             result.update(ok=False, text=f"the check of M{m} has failed: {type(error).__name__}: {error}"[:1000])
         self._connection.post(f"cs/{cs}/m_code/{m}/validate_result", result)
 
-    def _look_at_all(self) -> None:
+    def _update_all_handlers(self) -> None:
         for cs in self._systems():
             pending = self._connection.hub.last(f"cs/{cs}/m_code/pending")
             if pending is not None:
-                self._look_at(cs, pending)
+                self._update_handlers(cs, pending)
 
-    def _look_at(self, cs: int, pending: Pending) -> None:
+    def _update_handlers(self, cs: int, pending: Pending) -> None:
         """End handlers whose output is over or belongs to another handler, and start handlers of pending ones."""
         if pending.boot_id != self._connection.boot_id or not self.announced.is_set():
             return
@@ -359,9 +359,9 @@ class Runner:
         for output in pending.outputs:
             id_ = (pending.boot_id, cs, output.seq)
             if output.state is OutputState.OUTPUT and output.handler_id is None:
-                self._take_up(id_, output, is_claimed=False)
+                self._start_handler(id_, output, is_claimed=False)
             elif self._is_claimed_for_us(output) and self._is_new(id_):
-                self._take_up(id_, output, is_claimed=True)
+                self._start_handler(id_, output, is_claimed=True)
 
     def _is_claimed_for_us(self, output: PendingOutput) -> bool:
         """Return whether the machine already claimed an output for this instance when it issued it."""
@@ -376,18 +376,18 @@ class Runner:
         """Return whether an output was never begun here: a stale ``pending`` may arrive after its end."""
         return id_ not in self._running and id_ not in self._begun
 
-    def _note_begun(self, id_: OutputId) -> None:
+    def _remember_output(self, id_: OutputId) -> None:
         self._begun[id_] = None
         if len(self._begun) > _BEGUN_MAX:
             del self._begun[next(iter(self._begun))]
 
-    def _is_never_begun(self, id_: OutputId, pending: PendingOutput) -> bool:
-        """Return whether an output was claimed for this instance but lost in transit, so that it never began (H20)."""
+    def _is_never_started(self, id_: OutputId, pending: PendingOutput) -> bool:
+        """Return whether an output was claimed for this instance, but was lost in transit and never started (H20)."""
         return pending.lost_instance == self._connection.instance and self._is_new(id_)
 
     # --- outputs
 
-    def _take_up(self, id_: OutputId, pending: PendingOutput, *, is_claimed: bool) -> None:
+    def _start_handler(self, id_: OutputId, pending: PendingOutput, *, is_claimed: bool) -> None:
         running = self._running.get(id_)
         if running is not None:
             # the handler still works; only its connection was lost
@@ -397,12 +397,12 @@ class Runner:
         entry = self._find(id_[1], pending.m)
         if entry is None or (self._is_stopping and not is_claimed):
             return
-        how = Redelivery.REDO if self._is_never_begun(id_, pending) else _how(pending, entry.redelivery)
+        how = Redelivery.REDO if self._is_never_started(id_, pending) else _how(pending, entry.redelivery)
         if how is Redelivery.ASK:
             return
-        self._note_begun(id_)
+        self._remember_output(id_)
         output = Output(self._connection, self._identity, id_[0], id_[1], pending, redelivered=how is Redelivery.VERIFY)
-        running = self._running[id_] = _Running(output)
+        running = self._running[id_] = _RunningHandler(output)
         work = self._work(running, entry, is_claimed=is_claimed, is_lost=pending.lost)
         running.task = asyncio.create_task(work, name=repr(output))
         running.task.add_done_callback(lambda task: self._on_end(id_, task))
@@ -414,14 +414,14 @@ class Runner:
         if ended is not None and ended.output.cancelled:
             pending = self._connection.hub.last(f"cs/{id_[1]}/m_code/pending")
             if pending is not None:
-                self._look_at(id_[1], pending)
+                self._update_handlers(id_[1], pending)
 
     def _cancel(self, is_meant: Callable[[OutputId], bool], reason: CancelReason | None) -> None:
         for id_, running in list(self._running.items()):
             if is_meant(id_):
                 running.cancel(reason)
 
-    async def _work(self, running: _Running, entry: Entry, *, is_claimed: bool, is_lost: bool) -> None:
+    async def _work(self, running: _RunningHandler, entry: HandlerEntry, *, is_claimed: bool, is_lost: bool) -> None:
         output = running.output
         if not is_claimed:
             if is_lost:
@@ -445,7 +445,7 @@ class Runner:
         if answer is None or answer.status not in ("accepted", "duplicate"):
             log.warning("the machine did not accept the reset of %r: %s", output, answer)
 
-    async def _call(self, output: Output, entry: Entry) -> Alarm | None:
+    async def _call(self, output: Output, entry: HandlerEntry) -> Alarm | None:
         try:
             entry.declared.check(output.m, output.params)
             await entry.call(output, self._plc)
@@ -478,7 +478,7 @@ class Runner:
                 await asyncio.sleep(_RETRY_S)
                 if kind == "claim":
                     await self._register()
-            except Refused as error:
+            except RequestRefused as error:
                 tries += 1
                 if "unknown field `instance`" in error.text and tries < _INSTANCE_TRIES:
                     # a machine without support for instances; an answer to an earlier try may still arrive
@@ -494,7 +494,7 @@ class Runner:
         with contextlib.suppress(NotConnected, NoAnswer):
             await self._connection.request(self._presence_path(), self._online(), retain=True)
 
-    def _reclaim(self, running: _Running) -> None:
+    def _reclaim(self, running: _RunningHandler) -> None:
         """Repeat the claim of an output on which a handler still works."""
         if running.is_reclaiming:
             return
@@ -505,7 +505,7 @@ class Runner:
             claimed = await self._until_answered(running.output, "claim", {})
             running.is_reclaiming = False
             if claimed is not None and claimed.status == "accepted":
-                running.output._tell_again()
+                running.output._post_reports_again()
             else:
                 running.cancel(None)
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
-from ..errors import Refused
+from ..errors import RequestRefused
 from ..program import SequenceProgram, Serving
 
 DEFAULT_CONFIG = """
@@ -230,7 +230,7 @@ class Machine:
         """Store NC text, load it, start it, and wait until it has ended.
 
         Raises:
-            Refused: the text has errors, or a handler refuses its parameters; the error contains the line.
+            RequestRefused: the text has errors, or a handler refuses its parameters; the error contains the line.
             TimeoutError: it has not ended within the time limit; the text has the reason of the wait.
         """
         self.load(text, cs=cs)
@@ -240,21 +240,21 @@ class Machine:
         """Store NC text, and load it.
 
         Raises:
-            Refused: the text has errors, or a handler refuses its parameters; the error contains the line.
+            RequestRefused: the text has errors, or a handler refuses its parameters; the error contains the line.
         """
         self.rest("PUT", f"/programs/{_PROGRAM + cs}", text)
         self.rest("POST", f"/cs/{cs}/load?wait=1", {"program": _PROGRAM + cs})
 
-    def started(self, *, cs: int = 1) -> Started:
+    def started(self, *, cs: int = 1) -> StartedRun:
         """Start the loaded program, and return while it runs.
 
         Raises:
-            Refused: the program may not start now.
+            RequestRefused: the program may not start now.
         """
         before = max((line["n"] for line in self.journal()), default=0)
         reply = self.rest("POST", f"/cs/{cs}/start?wait=1")
         state = self.wait_for(lambda state: state["last_command_id"] == reply["command_id"], cs=cs)
-        return Started(self, cs, str(state["run_id"]), before)
+        return StartedRun(self, cs, str(state["run_id"]), before)
 
     # --- actions and views of an operator
 
@@ -285,7 +285,7 @@ class Machine:
 
         Raises:
             TimeoutError: no question was asked within the time limit.
-            Refused: the answer is not among the choices.
+            RequestRefused: the answer is not among the choices.
         """
         state = self.wait_for(
             lambda state: bool((state["waiting_on"] or {}).get("question")), cs=cs, timeout_s=timeout_s
@@ -305,7 +305,7 @@ class Machine:
         """Send a request below ``/api/v1``: a text unchanged, anything else as JSON; returns the JSON of the answer.
 
         Raises:
-            Refused: the machine refuses the request.
+            RequestRefused: the machine refuses the request.
         """
         data, kind = None, "application/json"
         if isinstance(body, str):
@@ -324,8 +324,8 @@ class Machine:
 
 
 @dataclass(frozen=True)
-class Started:
-    """A run that has begun."""
+class StartedRun:
+    """A run that has started."""
 
     machine: Machine
     cs: int
@@ -365,11 +365,11 @@ def _read_to_end(output: IO[str]) -> None:
             pass
 
 
-def _refused(status: int, body: bytes) -> Refused:
+def _refused(status: int, body: bytes) -> RequestRefused:
     try:
         problem = json.loads(body)
         code, text = str(problem["code"]), str(problem["detail"])
         found = [f"line {item['line']}: {item['code']} {item['message']}" for item in problem.get("diagnostics") or ()]
     except (ValueError, KeyError, TypeError):
-        return Refused(str(status), body.decode(errors="replace"))
-    return Refused(code, "; ".join([text, *found]))
+        return RequestRefused(str(status), body.decode(errors="replace"))
+    return RequestRefused(code, "; ".join([text, *found]))

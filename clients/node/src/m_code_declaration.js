@@ -10,7 +10,7 @@ const UNIT_MAX = 16;
 /** @typedef {import("./params.js").Letter} Letter */
 
 /** The declaration of a handler's M codes. */
-export class Declared {
+export class MCodeDeclaration {
   /** @param {string | undefined} name @param {Partial<Record<Letter, Param>> | undefined} params */
   constructor(name, params) {
     this.name = name;

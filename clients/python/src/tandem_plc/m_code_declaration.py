@@ -68,7 +68,7 @@ class Param:
 
 
 @dataclass(frozen=True)
-class Declared:
+class MCodeDeclaration:
     """The declaration of a handler's M codes."""
 
     name: str | None
