@@ -56,7 +56,7 @@ export interface CancelMessage { boot_id: BootId; reason: CancelReason; rev?: nu
 export type CancelReason = "reset" | "stop" | "abort" | "alarm" | "timeout" | "operator" | "shutdown";
 
 /** Payload of `captured`. */
-export interface CapturedMessage {
+export interface CapturedPositionsMessage {
   boot_id: BootId; captured: boolean[]; line: number; motors: number[]; positions: number[]; rev?: number;
   run_id: string | null; ts: string; v: 1;
 }
@@ -364,7 +364,7 @@ export interface PendingOutput {
 export interface PlanIdentity { called: string | null; hash: string; inputs: string; }
 
 /** A block of a program. */
-export interface PlannedPlace { line: number; program: number; }
+export interface PlannedLocation { line: number; program: number; }
 
 /** Payload of `position`. Lengths are mm and angles degrees, regardless of G20 and G21. */
 export interface PositionMessage {
@@ -411,7 +411,7 @@ export interface ProgramInfo {
 export interface ProgramList { programs: ProgramInfo[]; }
 
 /** Payload of `program`. */
-export interface ProgramPlaceMessage {
+export interface ProgramLocationMessage {
   block: string; boot_id: BootId; interpreted_line: number; line: number; nest_level: number; number: number | null;
   rev?: number; stack: CallSite[]; ts: string; v: 1;
 }
@@ -441,7 +441,7 @@ export type RefusalCode = "not_found" | "not_allowed" | "program_runs" | "start_
 /** Predicted run of a program: planned with the conditions at the start of the run in progress, otherwise
  * with the current ones. Times are those at 100 percent overrides. */
 export interface Rehearsal {
-  at: PlannedPlace | null; axes: Record<string, RehearsedAxis>; cs: number; cycle_time_s: number;
+  at: PlannedLocation | null; axes: Record<string, RehearsedAxis>; cs: number; cycle_time_s: number;
   depends: RunTimeDependence | null; feed_s: number; fixed_s: number; hash: string; lines: RehearsedLine[];
   m_code_count: number; m_codes: RehearsedMCode[]; outcome: RehearsalOutcome; plan: PlanIdentity; program: number;
   rapid_s: number; revision: string; run: RehearsedRun | null; run_id: string | null; text: string; wait_s: number;
@@ -484,7 +484,7 @@ export interface Run {
 export interface RunAlarm { line: number | null; number: number; text: string; }
 
 /** End of a run. */
-export interface RunEnded { at: Timestamp; how: RunEndedHow; place: PlannedPlace | null; text: string; }
+export interface RunEnded { at: Timestamp; how: RunEndedHow; place: PlannedLocation | null; text: string; }
 
 /** Kind of the end of a run. */
 export type RunEndedHow = "completed" | "stopped" | "aborted" | "reset" | "alarm" | "lease_lost" | "replaced" | "refused" | "restarted";
@@ -533,7 +533,8 @@ export interface StartConditionsMessage { boot_id: BootId; obstacles: StartObsta
 
 /** One obstacle of a start. */
 export interface StartObstacle {
-  at: PlannedPlace | null; detail: string; kind: StartObstacleKind; m_codes: number[]; refuses: boolean; text: string;
+  at: PlannedLocation | null; detail: string; kind: StartObstacleKind; m_codes: number[]; refuses: boolean;
+  text: string;
 }
 
 /** Kind of an obstacle of a start. */
@@ -672,11 +673,11 @@ export type MessageOf<Topic extends string> =
   Topic extends `tools` ? ToolTableMessage :
   Topic extends `stored_data` ? StoredDataMessage :
   Topic extends `cs/${number}/state` ? StateMessage :
-  Topic extends `cs/${number}/program` ? ProgramPlaceMessage :
+  Topic extends `cs/${number}/program` ? ProgramLocationMessage :
   Topic extends `cs/${number}/position` ? PositionMessage :
   Topic extends `cs/${number}/modal` ? ModalMessage :
   Topic extends `cs/${number}/m_code/pending` ? PendingMessage :
-  Topic extends `cs/${number}/captured` ? CapturedMessage :
+  Topic extends `cs/${number}/captured` ? CapturedPositionsMessage :
   Topic extends `cs/${number}/input/optional_skip/state` ? OptionalSkipMessage :
   Topic extends `cs/${number}/input/optional_stop/state` ? SwitchMessage :
   Topic extends `cs/${number}/input/single_block/state` ? SwitchMessage :

@@ -31,7 +31,7 @@ const CS_TOPICS = /** @type {const} */ ({
  * @typedef {object} CoordinateSystem
  * @property {import("../types.d.ts").CoordinateSystemInfo} info
  * @property {import("../types.d.ts").StateMessage | null} state
- * @property {import("../types.d.ts").ProgramPlaceMessage | null} place
+ * @property {import("../types.d.ts").ProgramLocationMessage | null} place
  * @property {import("../types.d.ts").PositionMessage | null} position
  * @property {import("../types.d.ts").ModalMessage | null} modal
  * @property {import("../types.d.ts").PendingMessage | null} pending

@@ -10,7 +10,7 @@ import { NEAR_MM } from "./cycles.js";
 const LOOK_MS = 50;
 const AT_REST = ["READY", "PROGRAM_COMPLETED", "STOPPED"];
 
-/** @typedef {import("../types.d.ts").CapturedMessage} Captured */
+/** @typedef {import("../types.d.ts").CapturedPositionsMessage} Captured */
 
 /**
  * Runs a cycle to its end, holds and waits included; returns the captured machine positions in the order of its touches.

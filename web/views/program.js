@@ -229,7 +229,7 @@ function own(number, o) {
   return o === null || o === undefined ? programName(number) : t("program.own", { program: programName(number), o });
 }
 
-/** @param {import("../types.d.ts").ProgramPlaceMessage | null} place */
+/** @param {import("../types.d.ts").ProgramLocationMessage | null} place */
 function callers(place) {
   return (place?.stack ?? []).map((site) => `${t("common.program_line", { program: programName(site.program), line: site.line })} › `).join("");
 }

@@ -274,7 +274,7 @@ export class CoordinateSystem {
     return this.#last("position");
   }
 
-  /** Positions captured by the last G31. @returns {import("./messages.d.ts").CapturedMessage} */
+  /** Positions captured by the last G31. @returns {import("./messages.d.ts").CapturedPositionsMessage} */
   get captured() {
     return this.#last("captured");
   }

@@ -176,7 +176,6 @@ def test_the_forms_are_those_of_the_asyncapi_document() -> None:
         "Birth": "Birth",
         "ActiveAlarms": "ActiveAlarms",
         "Validate": "Validate",
-        "CapturedPositions": "Captured",
     }
     forms: set[Any] = {form_of(path.replace("+", "1")) for path in (*FILTERS, "reply/x", "handler/x/presence")}
     nested = {messages.PendingOutput, messages.Question, messages.Progress, messages.WaitingOn, messages.LockSource}

@@ -81,7 +81,13 @@ pub struct Transition {
     pub to: ProgramState,
 }
 
-const fn new_transition(name: &'static str, number: u32, node: u32, from: ProgramState, to: ProgramState) -> Transition {
+const fn new_transition(
+    name: &'static str,
+    number: u32,
+    node: u32,
+    from: ProgramState,
+    to: ProgramState,
+) -> Transition {
     Transition {
         name,
         number,

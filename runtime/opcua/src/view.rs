@@ -6,7 +6,9 @@ use plc_api::types::machine::{ActiveAlarms, Birth, CoordinateSystemInfo, MotorIn
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::Pending;
 use plc_api::types::run::RunState;
-use plc_api::types::state::{Modal, OptionalSkip, Overrides, Position, ProgramPlace, Spindle, State, Tool};
+use plc_api::types::state::{
+    Modal, OptionalSkip, Overrides, Position, ProgramLocation, Spindle, State, Tool,
+};
 use plc_api::types::topic::Topic;
 use plc_api::types::{BootId, CoordinateSystemNumber};
 
@@ -25,7 +27,7 @@ pub struct View {
 #[derive(Debug, Clone, Default)]
 pub struct Channel {
     pub state: Option<State>,
-    pub place: Option<ProgramPlace>,
+    pub place: Option<ProgramLocation>,
     pub position: Option<Position>,
     /// The position before `position`.
     pub position_before: Option<Position>,
