@@ -151,11 +151,14 @@ const fn journal_text(
 /// Largest number of characters of a journal parameter. Reason: no name or time is longer.
 const JOURNAL_TEXT_MAX: usize = 256;
 
+/// Largest number of characters of a dialect's name. Reason: no name is longer.
+const DIALECT_NAME_MAX: usize = 32;
+
 const DIALECT: QueryParameter = QueryParameter {
     name: "dialect",
-    values: Values::Words(&["nj", "dgshape"]),
+    values: Values::Text(1, DIALECT_NAME_MAX),
     is_required: false,
-    description: "NC dialect of the text; default: the dialect of the lowest coordinate system.",
+    description: "Name of the NC dialect of the text, as in the configuration; default: the dialect of the lowest coordinate system.",
     read: |text, query| {
         query.dialect = Some(text.to_owned());
         Some(())

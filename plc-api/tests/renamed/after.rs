@@ -50,8 +50,8 @@ fn program() -> SequenceProgram {
 }
 
 #[test]
-fn a_parameter_of_ones_own_is_read() {
-    assert_eq!(Side::of(Some(2.0)), Some(Side::Right));
+fn a_parameter_of_an_own_type_is_declared() {
+    assert!(!Side::declaration().optional);
     assert_eq!(HandlerPresence::offline(None).instance, None);
 }
 

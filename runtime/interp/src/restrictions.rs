@@ -2,7 +2,6 @@
 //! checker applies it to the state that the text shows, the interpreter to the actual modal state.
 
 mod arc_shape;
-mod dgshape;
 mod usual;
 
 use tandem_model::Axis;
@@ -16,7 +15,6 @@ use crate::dialect::{Dialect, list};
 use crate::meaning::{LengthOffset, ModalValue, MotionKind, Role, Side};
 use crate::modal::Modal;
 
-pub use dgshape::DGSHAPE;
 pub use usual::USUAL;
 
 /// A combination that is not allowed in a block.

@@ -75,7 +75,7 @@ pub(super) fn run(arguments: &CheckArguments) -> CommandResult {
             lines.extend(notes.map(|note| format!("  note: {note}")));
             lines.extend(served.map(|served| format!("  {served}")));
             let text = lines.join("\n");
-            match arguments.format.write(&[], true, dialects::nj()) {
+            match arguments.format.write(&[], true, machine.dialect()) {
                 None => print_line(text),
                 Some(nothing) => {
                     print_line(nothing);
@@ -92,7 +92,9 @@ pub(super) fn run(arguments: &CheckArguments) -> CommandResult {
         system.with_context(|| format!("the machine has no coordinate system {cs}"))
     });
     let named = named.transpose()?;
-    let default = machine.as_ref().map_or_else(dialects::nj, Machine::dialect);
+    let default = machine
+        .as_ref()
+        .map_or_else(dialects::default_dialect, Machine::dialect);
     let dialect_of = |system: Option<&ConfiguredSystem>| {
         let of_system = || system.map_or(default, |system| system.dialect);
         arguments.dialect.unwrap_or_else(of_system)

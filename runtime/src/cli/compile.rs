@@ -28,7 +28,7 @@ pub struct CompileArguments {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(PROGRAM_NUMBER_MAX)))]
     subprogram: Option<u16>,
     /// NC dialect of the programs
-    #[arg(long, value_parser = dialects::find, default_value = "nj")]
+    #[arg(long, value_parser = dialects::find, default_value = dialects::DEFAULT_NAME)]
     dialect: &'static Dialect,
 }
 

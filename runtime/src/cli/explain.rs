@@ -17,7 +17,7 @@ pub struct ExplainArguments {
     /// their titles
     what: Vec<String>,
     /// NC dialect of codes and words
-    #[arg(long, value_parser = dialects::find, default_value = "nj")]
+    #[arg(long, value_parser = dialects::find, default_value = dialects::DEFAULT_NAME)]
     dialect: &'static Dialect,
     /// Configuration of the machine whose M codes and alarms are explained, with their names, parameters and texts
     #[arg(long, value_name = "FILE")]

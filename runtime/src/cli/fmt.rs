@@ -24,7 +24,7 @@ pub struct FmtArguments {
     #[arg(long)]
     check: bool,
     /// NC dialect of the programs
-    #[arg(long, value_parser = dialects::find, default_value = "nj")]
+    #[arg(long, value_parser = dialects::find, default_value = dialects::DEFAULT_NAME)]
     dialect: &'static Dialect,
 }
 

@@ -366,6 +366,6 @@ impl Machine {
     pub fn dialect(&self) -> &'static Dialect {
         self.coordinate_systems
             .first()
-            .map_or_else(dialects::nj, |system| system.dialect)
+            .map_or_else(dialects::default_dialect, |system| system.dialect)
     }
 }

@@ -283,7 +283,11 @@ pub struct CoordinateSystemConfig {
     #[schemars(range(min = 1))]
     pub number: u8,
     /// NC dialect of its programs.
-    #[serde(default = "dialects::nj", deserialize_with = "dialect", skip_serializing)]
+    #[serde(
+        default = "dialects::default_dialect",
+        deserialize_with = "dialect",
+        skip_serializing
+    )]
     #[schemars(schema_with = "dialect_schema")]
     pub dialect: &'static Dialect,
     /// Axis letter to motor number.
@@ -378,7 +382,7 @@ fn dialect<'de, D: Deserializer<'de>>(deserializer: D) -> Result<&'static Dialec
 
 fn dialect_schema(_: &mut SchemaGenerator) -> Schema {
     let names: Vec<&str> = dialects::names().collect();
-    json_schema!({ "type": "string", "enum": names, "default": dialects::nj().name })
+    json_schema!({ "type": "string", "enum": names, "default": dialects::DEFAULT_NAME })
 }
 
 /// `[[tool]]`

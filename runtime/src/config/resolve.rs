@@ -2,6 +2,7 @@
 
 mod alarm;
 mod coordinate_system;
+mod dgshape;
 mod hmi;
 mod identification;
 mod input;

@@ -4,6 +4,7 @@ mod architecture;
 mod circles;
 mod codes;
 mod crates;
+mod dialects;
 mod language;
 mod names;
 mod product;

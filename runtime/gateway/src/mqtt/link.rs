@@ -25,7 +25,7 @@ use tokio_util::sync::CancellationToken;
 use tracing::{info, warn};
 
 use super::dispatch::{Arrival, Dispatch};
-use super::outbox::{Outbox, Parcel, PublishOutcome};
+use super::outbox::{Outbox, Parcel, PublishOutcome, expiry_s};
 use super::urgent_replies::Reader;
 use super::wire::{self, BrokerStamp, Connect, ConnectionLoss, Event, Version, Wire};
 use super::{Parts, client_id, message, publisher_of};
@@ -592,13 +592,4 @@ fn hand_over(parcel: &Parcel, root: &str, session: &LinkSession<impl Wire>) -> P
     } else {
         PublishOutcome::Full
     }
-}
-
-/// Returns the expiry of a message at the broker, in s, if it is a presence that is not repeated.
-fn expiry_s(message: &Message) -> Option<u32> {
-    let Payload::Presence(presence) = &message.payload else {
-        return None;
-    };
-    let expires_ms = presence.expires_ms.filter(|_| presence.online)?;
-    u32::try_from(expires_ms.div_ceil(1000)).ok()
 }

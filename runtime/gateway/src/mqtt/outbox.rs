@@ -204,6 +204,15 @@ impl Outbox {
     }
 }
 
+/// Returns the expiry of a message at the broker, in s, if it is a presence that is not repeated.
+pub(super) fn expiry_s(message: &Message) -> Option<u32> {
+    let Payload::Presence(presence) = &message.payload else {
+        return None;
+    };
+    let expires_ms = presence.expires_ms.filter(|_| presence.online)?;
+    u32::try_from(expires_ms.div_ceil(1000)).ok()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -13,6 +13,8 @@
 //!
 //! [`NcOptions`]: tandem_model::settings::NcOptions
 
+mod restrictions;
+
 use tandem_model::flow::MultiBlock;
 use tandem_model::settings::{CompensationRules, PathRules, RapidPath, RotaryFeed};
 use tandem_syntax::Grammar;
@@ -48,7 +50,6 @@ use crate::dialect::{
     Dialect, GroupConflict, MCodeTime, ModalWords, Numbers, OtherMCodes, OutputDefault, Policy, SpindleWord,
     Spiral,
 };
-use crate::restrictions;
 
 /// Returns the dialect of DGSHAPE's machines.
 pub fn dgshape() -> &'static Dialect {
@@ -136,6 +137,6 @@ pub(super) static DGSHAPE: Dialect = Dialect {
         compensation: CompensationRules::Unchecked,
         multi_block: MultiBlock::On,
     },
-    restrictions: &restrictions::DGSHAPE,
+    restrictions: &restrictions::RESTRICTIONS,
     texts: &super::texts::DGSHAPE,
 };

@@ -12,6 +12,14 @@ use crate::dialect::Dialect;
 pub use dgshape::dgshape;
 pub use nj::nj;
 
+/// Name of the dialect of texts for which neither a machine nor an option names one.
+pub const DEFAULT_NAME: &str = nj::NAME;
+
+/// Returns the dialect of texts for which neither a machine nor an option names one.
+pub fn default_dialect() -> &'static Dialect {
+    nj()
+}
+
 /// All dialects. Configuration and command line find them by name.
 static DIALECTS: &[&Dialect] = &[&nj::NJ, &dgshape::DGSHAPE];
 

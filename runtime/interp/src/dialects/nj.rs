@@ -35,13 +35,16 @@ use crate::codes::{AXIS_WORDS, CodeTable};
 use crate::dialect::{Dialect, ModalWords, Policy};
 use crate::restrictions;
 
+/// Name of the dialect.
+pub(super) const NAME: &str = "nj";
+
 /// Returns the dialect of the NJ/NY-series controllers.
 pub fn nj() -> &'static Dialect {
     &NJ
 }
 
 pub(super) static NJ: Dialect = Dialect {
-    name: "nj",
+    name: NAME,
     grammar: Grammar::nj,
     g_codes: CodeTable::new(&[
         &G00, &G01, &G02, &G03, &G04, &G09, &G17, &G18, &G19, &G20, &G21, &G28, &G30, &G31, &G40, &G41, &G42,

@@ -61,7 +61,7 @@ impl Setup {
             let assigned = machine.system_of_program(program);
             Some(assigned.map_or_else(|| machine.dialect(), |system| system.dialect))
         };
-        let of_machine = || of_machine().unwrap_or_else(dialects::nj);
+        let of_machine = || of_machine().unwrap_or_else(dialects::default_dialect);
         let dialect = self.dialect.unwrap_or_else(of_machine);
         let config = config.filter(|_| machine.is_some());
         (

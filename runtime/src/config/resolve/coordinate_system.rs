@@ -4,17 +4,14 @@ use std::collections::BTreeMap;
 
 use tandem_interp::codes::work_offset::NAMES;
 use tandem_model::settings::{
-    CoordinateSystemSettings, MCodeSet, MotionOptions, MotorKind, MotorSettings, NcOptions, SimulatedRound,
+    CoordinateSystemSettings, MCodeSet, MotionOptions, MotorKind, MotorSettings, SimulatedRound,
     SimulatedSkip, WorkOffsets,
 };
-use tandem_model::{AXES_MAX, Axis, AxisVector};
+use tandem_model::{AXES_MAX, Axis};
 
 use super::super::error::nearest;
 use super::super::{CoordinateSystemConfig, POSITION_MAX};
 use super::TableCheck;
-
-/// The table of the dialect of this name.
-const DGSHAPE: &str = "dgshape";
 
 impl CoordinateSystemConfig {
     pub(super) fn settings(
@@ -85,44 +82,6 @@ impl CoordinateSystemConfig {
         }
     }
 
-    fn nc_options(&self, m_codes: MCodeSet, checked: &mut TableCheck<'_, '_>) -> NcOptions {
-        if self.dgshape.is_some() && self.dialect.name != DGSHAPE {
-            let text =
-                format!("dgshape: this table has no effect; remove it, or write dialect = \"{DGSHAPE}\"");
-            checked.problem(DGSHAPE, text);
-        }
-        let config = self.dgshape.clone().unwrap_or_default();
-        let path = format!("{}.{DGSHAPE}", checked.path);
-        let name = format!("{}dgshape: ", checked.name);
-        checked
-            .problems
-            .check_table(path, name)
-            .check_ranges(&config, &[]);
-        let mut external_offset = AxisVector::ZERO;
-        for (letter, value) in &config.external_offset {
-            match axis(letter).filter(|_| self.axes.contains_key(letter) && value.abs() <= POSITION_MAX) {
-                Some(axis) => external_offset[axis] = *value,
-                None => checked.problem(
-                    &format!("dgshape.external_offset.{letter}"),
-                    format!(
-                        "external_offset: {letter} = {value}: write an axis of this coordinate system and a number"
-                    ),
-                ),
-            }
-        }
-        NcOptions {
-            calculator: config.calculator,
-            angle_increment_deg: config.angle_increment,
-            min_feedrate_mm_min: config.min_feedrate,
-            min_spindle_speed_r_min: config.min_spindle_speed,
-            max_spindle_speed_r_min: config.max_spindle_speed,
-            peck_clearance_mm: config.peck_clearance,
-            compensation_start: config.compensation_start,
-            external_offset,
-            m_codes,
-        }
-    }
-
     pub(super) fn work_offsets(&self, checked: &mut TableCheck<'_, '_>) -> WorkOffsets {
         let mut offsets = WorkOffsets::default();
         for (name, values) in &self.work_offset {
@@ -151,6 +110,6 @@ impl CoordinateSystemConfig {
     }
 }
 
-fn axis(letter: &str) -> Option<Axis> {
+pub(super) fn axis(letter: &str) -> Option<Axis> {
     letter.parse().ok().and_then(Axis::from_letter)
 }

@@ -4,8 +4,8 @@ use tandem_syntax::diagnostics::{
     COMPENSATION_RULE, FIXED_CYCLE_RULE, M_NOT_ALONE, MACHINE_POSITION_RULE, TOOL_OFFSET_RULE, UNIT_CHANGE,
 };
 
-use super::{ForbiddenElement, Restriction, RestrictionScope};
 use crate::meaning::{MotionKind, Role};
+use crate::restrictions::{ForbiddenElement, Restriction, RestrictionScope};
 
 const fn in_compensation(what: ForbiddenElement, message: &'static str) -> Restriction {
     Restriction::new(
@@ -35,7 +35,7 @@ const STRAIGHT: &str = "tool-diameter offset begins or ends with an arc";
 const BY_LINES: &str = "Write G00 or {linear} in the block.";
 
 /// Only the first restriction that a block violates is reported.
-pub static DGSHAPE: [Restriction; 20] = [
+pub static RESTRICTIONS: [Restriction; 20] = [
     alone(Role::Stop),
     alone(Role::End),
     Restriction::new(
