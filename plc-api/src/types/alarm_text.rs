@@ -9,14 +9,14 @@ use super::refusal::{Refusal, RefusalCode};
 /// Highest code of a handler's alarm.
 pub const USER_CODE_MAX: u16 = 9_999;
 
-/// Largest number of characters of an alarm's text; a longer text is cut. Reason: panels show the text, and
-/// histories store it.
+/// Largest number of characters of an alarm's text; [`Alarm::user`](crate::Alarm::user) cuts a longer text.
+/// Reason: panels show the text, and alarm histories store it.
 pub const ALARM_TEXT_MAX: usize = 1_000;
 
 /// Largest number of alarm texts of one handler or configuration.
 pub const ALARM_TEXTS_MAX: usize = 256;
 
-/// Largest number of languages of one alarm, in addition to that of its own text.
+/// Largest number of translations of one alarm, in addition to its own text.
 pub const LANGUAGES_MAX: usize = 8;
 
 /// Number of characters of a language tag, such as `de` or `pt-BR`.
@@ -34,8 +34,8 @@ pub struct AlarmWords {
     pub remedy: Option<String>,
 }
 
-/// Texts of an alarm of a sequence program. A raised alarm shows the remedy, and panels show the text in
-/// their language.
+/// Texts of an alarm of a sequence program. When the alarm is raised, the machine adds the remedy and the
+/// translations; each panel shows the text in its language.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -56,8 +56,8 @@ impl AlarmText {
     /// Validates the texts of this alarm.
     ///
     /// # Errors
-    /// Fails if the code is above 9999, a text is empty or too long, a language tag is malformed, or there
-    /// are too many languages.
+    /// Fails if the code is above 9999, a text is empty or has more than 1000 characters, a language tag is
+    /// malformed, or there are more than 8 languages.
     pub fn mistake(&self) -> Result<(), String> {
         if self.code > USER_CODE_MAX {
             return Err(format!("{}: write 0 to {USER_CODE_MAX}", self.code));
@@ -91,8 +91,8 @@ impl AlarmText {
 /// Validates the alarm texts of one handler.
 ///
 /// # Errors
-/// Fails with `too_large` if there are too many texts, and with `invalid` if a text is not allowed; the error
-/// text states what to write.
+/// Fails with `too_large` if there are more than 256 texts, and with `invalid` if a text is not allowed. The
+/// error text gives the correct form.
 pub(super) fn check_all(texts: &[AlarmText]) -> Result<(), Refusal> {
     if texts.len() > ALARM_TEXTS_MAX {
         let text = format!("alarms: {} of them, write up to {ALARM_TEXTS_MAX}", texts.len());

@@ -20,7 +20,8 @@ use args::{axis, check_names, jog, mdi, run, start};
 
 pub use super::verb::Verb;
 
-/// Commands. Verbs and arguments are those of `command/{verb}` and of the REST routes.
+/// A command to a coordinate system. The MQTT topic `command/{verb}` and the REST routes use the same verbs
+/// and arguments.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(rename_all = "snake_case", deny_unknown_fields))]
@@ -33,19 +34,20 @@ pub enum Command {
     },
     /// Starts a new run at the beginning of the loaded program, or with `from_line` at that line.
     Start,
-    /// Starts a run at a line, with the state in force there: a start with `from_line`.
+    /// Starts a run at a line of the program, with the state in force at that line: verb `start` with
+    /// `from_line`.
     #[cfg_attr(feature = "schema", schemars(skip))]
     StartFrom(LineStart),
-    /// Loads a program, if the order names one, and starts the program. The program is started again after
-    /// each `PROGRAM_COMPLETED` until all parts are done, but not after an alarm, a stop, a reset, a lost
-    /// lease or a restart.
+    /// Loads a program, if the order contains a program number, and starts the loaded program. After each
+    /// `PROGRAM_COMPLETED` the machine starts the program again until all parts are done. The machine starts
+    /// no further part after an alarm, a stop, a reset, a lost lease or a restart of the runtime.
     #[cfg_attr(feature = "schema", schemars(skip))]
     Run(RunOrder),
-    /// Feed hold.
+    /// Holds the motion on its path (feed hold).
     Hold,
-    /// Continues after a pause.
+    /// Continues a paused run.
     Resume,
-    /// Moves back along the passed path in a feed hold with G500, or forward again.
+    /// Moves back along the path already passed, during a feed hold with G500, or moves forward again.
     BackTrace {
         /// True to move back; false to move forward again, as resume does.
         on: bool,
@@ -61,43 +63,45 @@ pub enum Command {
         /// Id of the alarm.
         id: u64,
     },
-    /// Manual data input: runs lines of NC text, then READY. The effect is reached when all lines have been
-    /// run.
+    /// Manual data input: runs lines of NC text; the state word is READY after that. The command is done when
+    /// all lines have been run.
     Mdi {
         /// One or several lines, at most 32 KiB; an end (M30) is not needed.
         text: String,
-        /// For text that a program or a button generates: the text starts with the configured unit and
-        /// absolute positions (G90) in force. At its end, also after an alarm or a stop, the machine restores
-        /// the modal state, the feedrate and the selected offsets that were in force before.
+        /// True for a macro: text that a program or a button generates. The macro starts with the configured
+        /// unit and absolute positions (G90) in force. At its end, also after an alarm or a stop, the machine
+        /// restores the modal state, the feedrate and the selected offsets that were in force before the
+        /// macro.
         #[cfg_attr(feature = "schema", schemars(rename = "macro", with = "Option<bool>"))]
         is_macro: bool,
     },
-    /// Moves one axis by hand, then READY. A jog with the `refresh_id` of the running jog refreshes that jog
-    /// and changes nothing else; 200 ms after the last refresh the jog stops. A step, which is a jog with a
-    /// `distance` of at most `jog_step_max` of `[hmi]`, needs no refresh. A jog ends at the soft limit. With
-    /// `end`, the command ends the jog with this `refresh_id`. A jog with a distance is `done` if it has
-    /// moved the whole distance, otherwise `failed`.
+    /// Moves one axis by hand; the state word is READY after that. A jog with the `refresh_id` of the running
+    /// jog refreshes that jog and changes nothing else; 200 ms after the last refresh the jog stops. A step,
+    /// which is a jog with a `distance` of at most `jog_step_max` of `[hmi]`, needs no refresh. A jog ends at
+    /// the soft limit. With `end` in the JSON arguments, the command ends the jog with this `refresh_id`. A
+    /// jog with a distance is `done` if it has moved the whole distance, otherwise `failed`.
     #[cfg_attr(feature = "schema", schemars(transform = jog_or_its_end))]
     Jog {
         /// Axis letter.
         axis: char,
-        /// mm/min or deg/min, not 0; the sign is the direction. Limited to the motor's maximum; the rapid
-        /// override applies.
+        /// Velocity, mm/min or deg/min, not 0; the sign is the direction. The machine limits the velocity to
+        /// the maximum of the motor; the rapid override applies.
         velocity: f64,
         /// Largest distance, mm or degrees, above 0; `None` moves up to the soft limit.
         distance: Option<f64>,
         /// Id of the jog, 1 to 128 characters. A jog that has ended cannot be started again with its id.
         refresh_id: String,
     },
-    /// Brakes the jog with this id at once, then READY: a jog with `end`. This command needs no lease. If it
-    /// arrives before or after its jog, or twice, it changes nothing else, and a later jog with this id is
-    /// refused.
+    /// Brakes the jog with this id at once; the state word is READY after that. In JSON it is a `jog` with
+    /// `end`. This command needs no lease. If it arrives before or after its jog, or twice, nothing else
+    /// changes, and a later jog with this id is refused.
     #[cfg_attr(feature = "schema", schemars(skip))]
     JogEnd {
         /// Id of the jog.
         refresh_id: String,
     },
-    /// Moves axes to their first reference points, each motor alone as G28 does, then READY.
+    /// Moves axes to their first reference points, each motor alone as G28 does; the state word is READY
+    /// after that.
     Home {
         /// Axis letters; an empty list means all axes.
         #[cfg_attr(feature = "schema", schemars(with = "Option<Vec<char>>", length(min = 1)))]
@@ -106,7 +110,7 @@ pub enum Command {
 }
 
 impl Command {
-    /// Verbs with or without arguments, as [`Command::parse`] accepts them.
+    /// All verbs that [`Command::parse`] accepts, with or without arguments.
     pub const VERBS: [&'static str; 13] = [
         "load",
         "start",
@@ -142,8 +146,8 @@ impl Command {
         }
     }
 
-    /// Returns true for hold, stop, abort and the end of a jog: these commands bypass every queue and have no
-    /// further condition.
+    /// Returns true for hold, stop, abort and the end of a jog: these commands bypass every queue, and every
+    /// state allows them.
     pub fn is_urgent(&self) -> bool {
         self.verb().is_urgent() || matches!(self, Command::JogEnd { .. })
     }
@@ -188,8 +192,8 @@ impl Command {
         self.is_urgent() || matches!(self, Command::JogEnd { .. })
     }
 
-    /// Returns the names of the arguments of a verb, or `None` for hold, stop and abort. Those ignore unknown
-    /// arguments, so that additional arguments never prevent a machine from stopping.
+    /// Returns the names of the arguments of a verb, or `None` for hold, stop and abort. These three commands
+    /// ignore unknown arguments, so that an additional argument never prevents a machine from stopping.
     fn names_of_args(verb: &str) -> Option<&'static [&'static str]> {
         Some(match verb {
             "hold" | "stop" | "abort" => return None,
@@ -208,7 +212,7 @@ impl Command {
     /// Parses a verb and its JSON arguments.
     ///
     /// # Errors
-    /// Returns an error in words for the sender if the verb or an argument is not valid.
+    /// Fails if the verb or an argument is not valid; the text is for the sender of the command.
     pub fn parse(verb: &str, args: &Value) -> Result<Command, String> {
         if let (Some(known), true) = (Self::names_of_args(verb), Self::VERBS.contains(&verb)) {
             check_names(verb, known, args)?;
@@ -259,7 +263,7 @@ impl Command {
     }
 }
 
-/// Extends the schema of a jog by its end, which needs only the id of the jog.
+/// Extends the JSON schema of `jog` by the form that ends a jog, which needs only the id of the jog.
 #[cfg(feature = "schema")]
 fn jog_or_its_end(schema: &mut schemars::Schema) {
     let Some(jog) = schema.pointer_mut("/properties/jog") else {
@@ -289,28 +293,29 @@ pub struct CommandMeta {
     /// Time when the command was issued; required with `ttl_ms`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub issued_at: Option<Timestamp>,
-    /// Age limit: the command is refused if it is older than this, ms.
+    /// Age limit, ms after `issued_at`: an older command is refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ttl_ms: Option<u64>,
-    /// Conditions for the execution of the command.
+    /// Conditions under which the machine executes the command.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expect: Option<Expect>,
-    /// The command is refused if it would take effect later than this. Without this field, the command takes
-    /// effect at any age.
+    /// Latest time at which the command may take effect; after this time the command is refused. Without this
+    /// field, the command takes effect at any age.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub not_after: Option<NotAfter>,
     /// Number of the control lease under which the command is sent. While a client holds the lease, load,
-    /// start, run, resume, back trace, mdi, jog and home need this number. They are refused if the lease with
-    /// this number has ended. Hold, stop, abort, reset and the end of a jog need no lease.
+    /// start, run, resume, back trace, mdi, jog and home need this number. These commands are refused if the
+    /// lease with this number has ended. Hold, stop, abort, reset and the end of a jog need no lease.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fence: Option<u64>,
-    /// Key under which the runtime remembers the command. The runtime sets it; it is never transmitted.
+    /// Key under which the runtime remembers the command. The runtime sets the key; messages do not contain
+    /// it.
     #[serde(skip)]
     pub memory: MemoryKey,
 }
 
 impl CommandMeta {
-    /// Sets an age limit if the command has none.
+    /// Sets the age limit `not_after` if the command has no such limit.
     #[must_use]
     pub fn limited(self, not_after: Option<NotAfter>) -> Self {
         let not_after = self.not_after.or(not_after);
@@ -327,15 +332,15 @@ pub struct MemoryKey {
     pub command: String,
 }
 
-/// Condition of a command.
+/// Conditions of a command: if one of them does not hold, the command is refused.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Expect {
-    /// The boot that the sender knows.
+    /// The boot of the runtime that the sender expects.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub boot_id: Option<BootId>,
-    /// The revision of `state` that the sender knows.
+    /// The revision of `state` that the sender expects.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub state_rev: Option<u64>,
     /// Hash of the program: for a load the hash of the program to be loaded, otherwise the hash of the loaded
@@ -374,9 +379,9 @@ pub struct CommandReply {
     pub command_id: String,
     /// Status of the command.
     pub status: CommandStatus,
-    /// `ok`, or the code of the refusal.
+    /// `ok`, or the code of the refusal or failure.
     pub code: String,
-    /// Text for people.
+    /// Description of the result for people.
     pub text: String,
     /// Revision of `state` at the time of this reply.
     pub state_rev: u64,

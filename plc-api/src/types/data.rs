@@ -78,7 +78,7 @@ pub enum VariableKind {
     Q,
 }
 
-/// Variables that are numbered together.
+/// A set of variables with common numbers: P of the machine, or Q of one coordinate system.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum VariableArea {
     /// P, common to all coordinate systems.
@@ -88,7 +88,7 @@ pub enum VariableArea {
 }
 
 impl VariableArea {
-    /// Returns the area of a letter, for a message about a coordinate system.
+    /// Returns the area of a letter in a message to the coordinate system `cs`.
     pub fn from_kind(kind: VariableKind, cs: CoordinateSystemNumber) -> Self {
         match kind {
             VariableKind::P => VariableArea::Global,
@@ -113,8 +113,8 @@ impl VariableArea {
     }
 }
 
-/// Values of consecutive variables, all at the same moment: in the reply to `variable/get`, and of `GET
-/// /variables/p`.
+/// Values of consecutive variables, all at the same moment: part of the reply to `variable/get`, and response
+/// of `GET /variables/p`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct VariableValues {
@@ -139,8 +139,8 @@ impl VariableValues {
     }
 }
 
-/// The variables listed in `[[variables.published]]` of the configuration, all at the same moment: of the
-/// topics `variables` and `cs/{cs}/variables`.
+/// Payload of `variables` and `cs/{cs}/variables`: the variables that `[[variables.published]]` of the
+/// configuration lists, all at the same moment.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PublishedVariables {
@@ -164,7 +164,7 @@ impl PublishedVariables {
     }
 }
 
-/// A tool of the table: values used by G41 to G44 (D17).
+/// A tool of the tool table: the dimensions that G41 to G44 use (D17).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -179,7 +179,7 @@ pub struct ToolData {
     pub length: f64,
 }
 
-/// The tool table, ascending by number: of `GET /tools`.
+/// The tool table, ascending by number: response of `GET /tools` and payload of `tools`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ToolTable {
@@ -192,7 +192,7 @@ pub struct ToolTable {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ToolChange {
-    /// Tools to set or add; tools that are not named do not change.
+    /// Tools to change or add; tools that are not in this list do not change.
     #[serde(default)]
     pub tools: Vec<ToolData>,
     /// Numbers of tools to remove.
@@ -200,9 +200,9 @@ pub struct ToolChange {
     pub remove: Vec<u16>,
 }
 
-/// Work offsets of a coordinate system, mm or degrees: of `GET /cs/{n}/work_offsets`. As the body of `PUT` on
-/// this route it is a change: offsets and axes that it does not name do not change, and the change is applied
-/// completely or not at all.
+/// Work offsets of a coordinate system, mm or degrees: response of `GET /cs/{n}/work_offsets`. As the body of
+/// `PUT` on this route the table is a change: offsets and axes that it does not contain do not change. The
+/// machine applies the change completely or not at all.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -211,7 +211,7 @@ pub struct WorkOffsetTable {
     pub work_offsets: BTreeMap<String, BTreeMap<String, f64>>,
 }
 
-/// Work offsets of a coordinate system, mm or degrees: of the topic `cs/{cs}/work_offsets`.
+/// Work offsets of a coordinate system, mm or degrees: payload of `cs/{cs}/work_offsets`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct WorkOffsetValues {
@@ -219,7 +219,7 @@ pub struct WorkOffsetValues {
     pub work_offsets: BTreeMap<String, BTreeMap<String, f64>>,
 }
 
-/// Filter for lines of the journal: of `GET /journal`. A field that is not set accepts every value.
+/// Filter for lines of the journal: query of `GET /journal`. A field that is not set accepts every value.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct JournalFilter {
     /// Earliest time, in UTC, such as `2026-11-25` or `2026-11-25T10:00`, or an age, such as `2h` or `30m`.
@@ -228,7 +228,7 @@ pub struct JournalFilter {
     /// Time before which the lines were written, in the same format.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub until: Option<String>,
-    /// Lines of this coordinate system; 0 for lines of the machine.
+    /// Lines about this coordinate system; 0 for lines about the whole machine.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cs: Option<CoordinateSystemNumber>,
     /// Lines about outputs of this M number, and about stops that it caused.
@@ -237,7 +237,8 @@ pub struct JournalFilter {
     /// Lines of this user, client or handler.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub user: Option<String>,
-    /// Lines of this run: its `run_id` `BOOT-1-7`, or `1-7` for every start of the runtime.
+    /// Lines of this run: its complete `run_id`, such as `BOOT-1-7`, or `1-7` for the run of this number in
+    /// every boot.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
 }

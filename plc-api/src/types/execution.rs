@@ -6,7 +6,7 @@ use super::explained::explained;
 
 explained! {
     "state of a coordinate system"
-    /// State words, after MTConnect Execution.
+    /// State word of a coordinate system, named as in MTConnect Execution.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
     #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
     pub enum Execution {

@@ -1,5 +1,5 @@
-//! Words that people see, each with its meaning and what to do. Each row is next to the definition of its
-//! word.
+//! Words that people see in messages, each with its meaning and the next step. The row of a word is next to
+//! the definition of the word.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,7 +11,7 @@ pub struct Explanation {
     pub what: String,
     /// Plain text; indented lines must be shown unchanged.
     pub text: String,
-    /// File name of a picture of its example, below `/pictures/`.
+    /// File name, below `/pictures/`, of a picture of the example in the text.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub picture: Option<String>,
 }
@@ -29,7 +29,8 @@ pub struct ExplainedWord {
     pub way_on: &'static str,
 }
 
-/// Defines an enum of words: each has its word in JSON, its meaning as documentation, and what to do next.
+/// Defines an enum of words: each variant has its word in JSON, its meaning (also its documentation), and the
+/// next step for the reader.
 macro_rules! explained {
     (
         $of:literal

@@ -1,4 +1,4 @@
-//! The form of JSON: the type from which it is written or into which it is read.
+//! The form of a JSON text, given by the type that is encoded as the text or decoded from it.
 
 use serde::Serialize;
 
@@ -7,7 +7,8 @@ use super::{BootId, Timestamp};
 /// Version of the interface, `v` in every message.
 pub const INTERFACE_VERSION: u32 = 1;
 
-/// The form of JSON, named by its type. With the feature `schema` it provides the type's JSON Schema.
+/// The form of a JSON text, given by a type. With the feature `schema` it provides the JSON Schema of the
+/// type.
 #[derive(Debug, Clone, Copy)]
 pub struct Form {
     /// Name of the type in the documents of the interface.
@@ -18,13 +19,13 @@ pub struct Form {
     pub schema: fn(&mut schemars::SchemaGenerator) -> schemars::Schema,
 }
 
-/// A type that is the form of some JSON.
+/// A type that can be the form of a JSON text.
 #[cfg(feature = "schema")]
 pub trait HasForm: schemars::JsonSchema {}
 #[cfg(feature = "schema")]
 impl<T: schemars::JsonSchema> HasForm for T {}
 
-/// A type that is the form of some JSON.
+/// A type that can be the form of a JSON text.
 #[cfg(not(feature = "schema"))]
 pub trait HasForm {}
 #[cfg(not(feature = "schema"))]
@@ -42,7 +43,8 @@ impl Form {
     }
 }
 
-// A payload in the envelope of every message. Documents show the description of the payload.
+// A message: its payload in the envelope of every message. In generated documents it has the description of
+// its payload.
 #[allow(
     missing_docs,
     reason = "a description of its own would go before that of the payload"

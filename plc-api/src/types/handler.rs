@@ -14,7 +14,7 @@ use super::refusal::{Refusal, RefusalCode};
 /// Range of `expires_ms`: age at which a presence that is not repeated expires, ms.
 pub const EXPIRES_MS: RangeInclusive<u64> = 300..=3_600_000;
 
-/// Number of presences within `expires_ms`, so that two of them may be lost.
+/// Number of presences that a handler publishes within `expires_ms`, so that two of them may be lost.
 pub const REFRESHES: u32 = 3;
 
 /// Range of `returns_within_ms`: announced time within which a handler that leaves returns, ms.
@@ -23,8 +23,8 @@ pub const RETURNS_WITHIN_MS: RangeInclusive<u64> = 1..=3_600_000;
 /// Largest number of characters of an instance name.
 pub const INSTANCE_MAX: usize = 64;
 
-/// First character of an instance name that a server assigns to a client without one; the rest identifies the
-/// connection.
+/// First character of an instance name that a server assigns to a client without an instance name. The other
+/// characters identify the connection.
 pub const CONNECTION_MARK: char = '~';
 
 /// Payload of `handler/{id}/presence`.
@@ -45,20 +45,20 @@ pub struct HandlerPresence {
     /// another instance is refused. Without this field, the connection identifies the instance.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
-    /// With `online`: replaces the instance that is online; that instance is notified.
+    /// With `online`: this instance replaces the instance that is online, which is notified.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub take_over: bool,
-    /// With `instance`: the handler begins work on an output as soon as `m_code/pending` shows it with this
-    /// instance as the owner. If no other handler serves the M code, the machine claims each output for this
-    /// instance in the step that makes the output, and no claim is sent (rule H20).
+    /// With `instance`: the handler begins work on an output as soon as `m_code/pending` shows this instance
+    /// as the owner of the output. If no other handler serves the M code, the machine claims each output for
+    /// this instance in the step that issues the output, and no claim is sent (rule H20).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub exclusive: bool,
     /// Treatment of an output that was claimed when its handler was lost. The stricter of this value and the
     /// value in the configuration of the M code applies; if neither is set, `ask` applies.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub redelivery: Option<Redelivery>,
-    /// Declarations of the M codes: their names, their parameters, and the treatment of a lost output of
-    /// each.
+    /// Declarations of the M codes: their names, their parameters, and the treatment of their outputs after a
+    /// loss of the handler.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub m_codes: Vec<MCodeDeclaration>,
     /// Texts of the handler's alarms: remedies and languages.
@@ -69,13 +69,14 @@ pub struct HandlerPresence {
     /// last will had been received. Without this field, only the last will reports that the handler has left.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expires_ms: Option<u64>,
-    /// Without `online`: the handler will be back within this time, ms, 1 to 3,600,000. Until then its M
-    /// codes are treated as served, and their outputs wait for it; afterwards they are treated as if no
-    /// handler were registered.
+    /// With `online` false: the handler will return within this time, ms, 1 to 3,600,000. Until then its M
+    /// codes are treated as served, and their outputs wait for the handler; afterwards the M codes are
+    /// treated as if no handler were registered.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub returns_within_ms: Option<u64>,
-    /// With `expires_ms`: counts the connections of this instance. A repeated presence without a change has
-    /// no effect over the same connection. Over a new connection, unclaimed outputs are published again.
+    /// With `expires_ms`: number of this connection among those of the instance. An unchanged presence that
+    /// is repeated over the same connection has no effect. After a presence over a new connection, unclaimed
+    /// outputs are published again.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub connection: Option<u64>,
 }
@@ -100,8 +101,8 @@ impl HandlerPresence {
             .filter(|_| self.handles.contains(&HandledCode { cs, m }))
     }
 
-    /// Returns how the handler treats a claimed output of an M code after the loss of its handler, or `None`
-    /// if the handler does not declare this.
+    /// Returns the declared treatment of a claimed output of an M code after the loss of the handler, or
+    /// `None` if the handler declares none.
     pub fn redelivery_of(&self, cs: CoordinateSystemNumber, m: u16) -> Option<Redelivery> {
         let declared = self.declaration(cs, m).and_then(|said| said.redelivery);
         declared.or(self.redelivery)
@@ -135,8 +136,8 @@ impl HandlerPresence {
     /// name its instance and its validity.
     ///
     /// # Errors
-    /// Returns an error with the text to write if `instance` is not a name of the process itself, or if
-    /// `online` without `expires_ms`.
+    /// Fails if `instance` is missing or a name that a server assigned, or if `online` is true without
+    /// `expires_ms`. The error text gives the correct form.
     pub fn check_registration(&self) -> Result<(), String> {
         let names_itself = self.instance.as_deref().is_some_and(is_own_instance);
         if !names_itself {
@@ -154,7 +155,8 @@ impl HandlerPresence {
     /// Validates the instance name, the times, and the declarations of M codes and alarms.
     ///
     /// # Errors
-    /// Returns an error (`invalid` or `too_large`) that states what to write if one of them is not allowed.
+    /// Fails with `invalid` or `too_large` if one of them is not allowed. The error text gives the correct
+    /// form.
     pub fn check(&self) -> Result<(), Refusal> {
         let (least, most) = (*EXPIRES_MS.start(), *EXPIRES_MS.end());
         if let Some(wrong) = self.expires_ms.filter(|ms| !EXPIRES_MS.contains(ms)) {
@@ -182,7 +184,7 @@ impl HandlerPresence {
     }
 }
 
-/// How a handler went offline. Times are seconds since the start.
+/// Kind of a handler's departure. Times are seconds since the start of the runtime.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Departure {
     /// The handler announced that it returns before this time (`returns_within_ms`).
@@ -192,7 +194,7 @@ pub enum Departure {
     },
     /// The handler announced no return: its connection or process ended, or its presence expired.
     Unannounced {
-        /// End of the grace time.
+        /// End of the time for which the machine waits for the handler.
         until_s: f64,
     },
     /// Another instance replaced the handler.
@@ -200,8 +202,8 @@ pub enum Departure {
 }
 
 impl Departure {
-    /// Returns the time until which the M codes, outputs and levels wait for the handler, or `None` if
-    /// another instance has taken them over.
+    /// Returns the time until which the M codes, outputs and levels of the handler wait for its return, or
+    /// `None` if another instance has taken them over.
     pub fn until_s(self) -> Option<f64> {
         match self {
             Departure::Announced { until_s } | Departure::Unannounced { until_s } => Some(until_s),
@@ -210,7 +212,8 @@ impl Departure {
     }
 }
 
-/// Returns true for an instance name that the client itself chose; such a name outlives its connections.
+/// Returns true for an instance name that the client itself chose; such a name stays the same over several
+/// connections.
 pub fn is_own_instance(instance: &str) -> bool {
     !instance.starts_with(CONNECTION_MARK)
 }
@@ -225,7 +228,7 @@ pub struct HandledCode {
     pub m: u16,
 }
 
-/// Result of a presence.
+/// Status in the answer to a presence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
@@ -239,7 +242,7 @@ pub enum HandlerStatus {
     /// Another instance of this id requests to come online. The online instance must repeat its presence
     /// within 2 s; otherwise the other instance replaces it.
     Confirm,
-    /// Another instance has replaced this one: this instance ends its work, and stops sending claims and
+    /// Another instance has replaced this instance, which must end its work and send no further claims and
     /// resets.
     TakenOver,
 }

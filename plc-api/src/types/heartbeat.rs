@@ -23,15 +23,15 @@ pub struct Heartbeat {
 }
 
 /// Payload of `client/{id}/heartbeat`: requests that the machine watches this client. If the next heartbeat
-/// is late, every run is held: `FEED_HOLD`, reason `CLIENT_LOST`.
+/// is late, the machine holds the run of `cs`, or all runs: `FEED_HOLD`, reason `CLIENT_LOST`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ClientHeartbeat {
-    /// Time within which the next heartbeat must be received, ms: 100 to 60000. 0 ends the watch: the client
-    /// leaves.
+    /// Time within which the machine must receive the next heartbeat, ms: 100 to 60000. 0 ends the watch,
+    /// because the client leaves.
     pub ttl_ms: u64,
-    /// The coordinate system that is held; left out or null for all.
+    /// The coordinate system whose run is held; left out or null for all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cs: Option<CoordinateSystemNumber>,
 }

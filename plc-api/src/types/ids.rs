@@ -9,15 +9,15 @@ pub const CLIENT_ID_MAX: usize = 64;
 pub const COMMAND_ID_MAX: usize = 128;
 
 /// Returns true for a valid id of a client or a handler: 1 to [`CLIENT_ID_MAX`] characters without `/ + #`
-/// and without NUL, because it is a level of MQTT topics.
+/// and without NUL, because the id is a level of MQTT topics.
 pub fn is_client_id(id: &str) -> bool {
     has_length(id, CLIENT_ID_MAX) && !id.bytes().any(|byte| matches!(byte, b'/' | b'+' | b'#' | 0))
 }
 
-/// Validates the id of a client or a handler; `what` names the id in the error.
+/// Validates the id of a client or a handler; `what` is the name of the id in the error text.
 ///
 /// # Errors
-/// Returns `invalid` with what to write if the id is not valid.
+/// Fails with `invalid` if the id is not valid. The error text gives the correct form.
 pub fn check_client_id(what: &str, id: &str) -> Result<(), Refusal> {
     let text = || format!("{what}: write 1 to {CLIENT_ID_MAX} characters without / + #");
     is_client_id(id)
@@ -28,7 +28,7 @@ pub fn check_client_id(what: &str, id: &str) -> Result<(), Refusal> {
 /// Validates the client id and the command id, which has 1 to [`COMMAND_ID_MAX`] characters.
 ///
 /// # Errors
-/// Returns `invalid` with what to write if one of them is not valid.
+/// Fails with `invalid` if one of them is not valid. The error text gives the correct form.
 pub fn check_command(client_id: &str, command_id: &str) -> Result<(), Refusal> {
     check_client_id("client_id", client_id)?;
     let text = || format!("command_id: write 1 to {COMMAND_ID_MAX} characters");

@@ -28,7 +28,7 @@ impl IoSide {
     /// Both sides.
     pub const ALL: [IoSide; 2] = [IoSide::In, IoSide::Out];
 
-    /// Returns the level of this side in topics and routes.
+    /// Returns the word for this side in topics and routes: `in` or `out`.
     pub fn wire_name(self) -> &'static str {
         match self {
             IoSide::In => "in",
@@ -36,7 +36,7 @@ impl IoSide {
         }
     }
 
-    /// Returns the side of a level.
+    /// Returns the side for the word `in` or `out`, or `None` for another word.
     pub fn of_wire_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|side| side.wire_name() == name)
     }
@@ -90,7 +90,7 @@ pub enum IoValue {
 }
 
 impl IoValue {
-    /// Returns true while the value is on; false for a number.
+    /// Returns true if the on/off value is on; false if it is off, and for a number.
     pub fn is_on(self) -> bool {
         self == true
     }
@@ -139,7 +139,7 @@ impl From<f64> for IoValue {
     }
 }
 
-/// Compares as in `value == true`; a number is neither `true` nor `false`.
+/// Compares an on/off value, as in `value == true`. A number is equal to neither `true` nor `false`.
 impl PartialEq<bool> for IoValue {
     fn eq(&self, other: &bool) -> bool {
         matches!(self, IoValue::Bool(value) if value == other)
@@ -152,7 +152,7 @@ impl PartialEq<f64> for IoValue {
     }
 }
 
-/// Compares as in `value > 12.5`; an on/off value is neither greater nor less.
+/// Compares a number, as in `value > 12.5`. An on/off value is neither greater nor less.
 impl PartialOrd<f64> for IoValue {
     fn partial_cmp(&self, other: &f64) -> Option<Ordering> {
         self.as_number()?.partial_cmp(other)
@@ -176,14 +176,14 @@ pub enum IoKind {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged, expecting = "write true, false, a number or \"keep\"")]
 pub enum IoLoss {
-    /// A safe value, which also applies at a start.
+    /// A safe value, which also applies at a start of the machine.
     Value(IoValue),
-    /// The value that the owner wrote last.
+    /// The value that the owner wrote last is kept.
     Keep(KeepWord),
 }
 
 impl IoLoss {
-    /// The value that the owner wrote last stays.
+    /// The value that the owner wrote last is kept.
     pub const KEEP: Self = IoLoss::Keep(KeepWord::Keep);
 
     /// Returns the safe value, or `None` if the value that the owner wrote last stays.
@@ -255,8 +255,8 @@ pub struct IoDeclaration {
     pub kind: IoKind,
     /// The value while its owner is lost: a safe value, which also applies at a start, or `keep`.
     pub on_loss: IoLoss,
-    /// With `on_loss` `keep`: the value at a start, or `last`, the value that was written last before the
-    /// start.
+    /// With `on_loss` `keep`: the value at a start of the machine, or `last`, the value that was written last
+    /// before the start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_start: Option<IoStart>,
     /// Description for people; empty if the name is sufficient.
@@ -284,8 +284,8 @@ impl IoDeclaration {
         }
     }
 
-    /// Sets `on_loss` to `keep`: the value that the last owner wrote is kept. `at_start` is the value at a
-    /// start.
+    /// Sets `on_loss` to `keep`: after a loss of the owner, its last value is kept. `at_start` is the value
+    /// at a start of the machine.
     #[must_use]
     pub fn kept(self, at_start: impl Into<IoStart>) -> Self {
         Self {
@@ -300,8 +300,8 @@ impl IoDeclaration {
         self.at_start == Some(IoStart::LAST)
     }
 
-    /// Returns the value at a start. If `last` is declared but no value is stored, the value is off, or the
-    /// allowed number nearest to 0.
+    /// Returns the value at a start of the machine. If `last` is declared but no value is stored, the value
+    /// is off, or the allowed number nearest to 0.
     pub fn first_value(&self) -> IoValue {
         let zero = match self.kind {
             IoKind::Bool => IoValue::Bool(false),
@@ -320,7 +320,7 @@ impl IoDeclaration {
     /// Checks that the input or output can have this value.
     ///
     /// # Errors
-    /// Returns an error with the text to write if the value is of the other kind or out of range.
+    /// Fails if the value is of the other kind or out of range. The error text gives the correct form.
     pub fn check(&self, value: IoValue) -> Result<(), String> {
         match (self.kind, value) {
             (IoKind::Bool, IoValue::Bool(_)) => Ok(()),
@@ -399,13 +399,14 @@ pub struct IoState {
     /// The value that was written last. Before the first write it is the start value; after the loss of the
     /// owner it is the value of `on_loss`.
     pub written: IoValue,
-    /// The handler that owns the input or output: the last handler that wrote it. While the owner is not
-    /// lost, only the owner may write; after its loss (`lost`), any handler may. Null if no handler has
-    /// written it since the start: then any handler and any client without presence may write it.
+    /// The handler that owns the input or output, because it wrote the value last. While the owner is not
+    /// lost, only the owner may write; after a loss of the owner (`lost`), any handler may write. Null if no
+    /// handler has written a value since the start: then any handler and any client without presence may
+    /// write.
     pub owner: Option<String>,
-    /// True once the owner is lost. The owner of an output is lost if it left without an announcement and did
-    /// not return within `grace_ms`, or did not return within the announced time. The owner of an input is
-    /// also lost at once if it left without an announcement. The value is then that of `on_loss`.
+    /// True once the owner is lost; the value is then that of `on_loss`. The owner of an output is lost if it
+    /// left without an announcement and did not return within `grace_ms`, or did not return within the
+    /// announced time. The owner of an input is also lost at once if it leaves without an announcement.
     #[serde(default)]
     pub lost: bool,
     /// True if the value that was written last before the start (`at_start = "last"`) is damaged: the
@@ -433,7 +434,7 @@ pub struct IoForced {
 pub struct IoSet {
     /// The value.
     pub value: IoValue,
-    /// The handler that owns the input or output from now on; its presence must be online.
+    /// The handler that owns the input or output after this message; its presence must be online.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub handler_id: Option<String>,
     /// With `handler_id`: the instance that the presence of the handler names. Required if the presence names
@@ -447,8 +448,8 @@ pub struct IoSet {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct IoForce {
-    /// The value that is in force from now on; null ends the forcing, and the written value is in force
-    /// again.
+    /// The value that is in force after this message; null ends the forcing, and the written value is in
+    /// force again.
     #[serde(deserialize_with = "null_or_value")]
     #[cfg_attr(feature = "schema", schemars(required, schema_with = "value_or_null"))]
     pub value: Option<IoValue>,
@@ -471,7 +472,7 @@ fn value_or_null(generator: &mut schemars::SchemaGenerator) -> schemars::Schema 
     schemars::json_schema!({"anyOf": [value, {"type": "null"}]})
 }
 
-/// Reads a field that may be null, but must be present.
+/// Reads a field that must be present, but may be null.
 fn null_or_value<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<IoValue>, D::Error> {
     Option::deserialize(deserializer)
 }
@@ -485,7 +486,7 @@ impl IoSet {
     }
 }
 
-/// Creates the refusal of an operation on a point.
+/// Creates the refusal of a request about an input or output of the plant.
 pub(crate) fn refused(code: RefusalCode, point: &IoPoint, why: impl fmt::Display) -> Refusal {
     Refusal::new(code, format!("{point}: {why}"))
 }

@@ -52,7 +52,7 @@ pub struct LeaseRelease {
     pub fence: u64,
 }
 
-/// A lease that is held.
+/// A control lease that a client holds.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Lease {

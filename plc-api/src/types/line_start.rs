@@ -19,8 +19,8 @@ pub struct LineStart {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 9999)))]
     pub program: Option<u16>,
-    /// Which pass of the program over the line, from 1; required if the program reaches the line more than
-    /// once, as in loops and subprograms.
+    /// Number of the pass of the program over the line, from 1; required if the program reaches the line more
+    /// than once, as in loops and subprograms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "schema", schemars(range(min = 1)))]
     pub occurrence: Option<u32>,
@@ -30,8 +30,8 @@ pub struct LineStart {
 }
 
 impl LineStart {
-    /// Creates a start at a line of the loaded program that is reached once, with an approach in the plane
-    /// first.
+    /// Creates a start at a line that the loaded program reaches once, with the approach
+    /// [`Approach::PlaneFirst`].
     pub fn line(from_line: u32) -> Self {
         Self {
             from_line,
@@ -57,7 +57,7 @@ pub enum Approach {
     Direct,
 }
 
-/// State in force at the line where a run begins, and the actions of such a start before that line.
+/// State in force at the line where a run begins, and the actions of the start before the block of that line.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LineState {
@@ -65,7 +65,7 @@ pub struct LineState {
     pub program: u16,
     /// The line.
     pub line: u32,
-    /// Which pass of the program over the line, from 1.
+    /// Number of the pass of the program over the line, from 1.
     pub occurrence: u32,
     /// Text of the line.
     pub block: String,
@@ -75,9 +75,10 @@ pub struct LineState {
     pub modal: Modal,
     /// Start position of the block in work coordinates, by axis letter, mm or degrees.
     pub work: BTreeMap<String, f64>,
-    /// Start position in machine coordinates.
+    /// Start position of the block in machine coordinates, by axis letter, mm or degrees.
     pub machine: BTreeMap<String, f64>,
-    /// Motions from the current position to the start position, in order: axes with their machine positions.
+    /// Motions from the current position to the start position, in order. Each entry contains axis letters
+    /// with machine positions.
     pub approach: Vec<BTreeMap<String, f64>>,
     /// M codes that are issued before the approach, in order.
     pub restore: Vec<RestoredOutput>,

@@ -1,11 +1,11 @@
-//! Interlock and start lock: inputs that are on while any of their sources is on.
+//! Interlock and start lock: inputs that are on as long as at least one of their sources is on.
 
 use serde::{Deserialize, Serialize};
 
 use super::ids::{CLIENT_ID_MAX, check_client_id, is_client_id};
 use super::refusal::{Refusal, RefusalCode};
 
-/// Name of the source that a message sets if it names no source.
+/// Name of the source that a message sets if the message contains no source.
 pub const DEFAULT_SOURCE: &str = "default";
 
 /// Largest number of characters of the reason of a lock. Reason: the text is one line of a panel.
@@ -15,7 +15,7 @@ pub const LOCK_TEXT_MAX: usize = 500;
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Lock {
-    /// On while any of its sources is on.
+    /// On as long as at least one source is on.
     pub value: bool,
     /// Reasons, as given by the sources that are on.
     #[serde(default)]
@@ -37,12 +37,13 @@ pub struct LockSource {
     /// Reason, as given by the source.
     #[serde(default)]
     pub text: String,
-    /// The handler that owns the source: while it is not lost, only this handler and an operator (`force`)
-    /// may clear the source. Null if clients without presence have set the source, and any such client may
-    /// clear it; also null with `lost` if a source of the configuration has had no owner since the start.
+    /// The handler that owns the source: while the owner is not lost, only this handler and an operator
+    /// (`force`) may clear the source. Null if a client without presence has set the source; any such client
+    /// may clear it. Also null, with `lost`, for a source of the configuration that has had no owner since
+    /// the start.
     pub handler_id: Option<String>,
     /// True once the owner of the source is lost, and for a source of the configuration until its first owner
-    /// sets it. The value is then that of `on_loss`.
+    /// sets the source. While true, the value is that of `on_loss`.
     #[serde(default)]
     pub lost: bool,
     /// The operator who set the source instead of its owner, until the owner writes the source again.
@@ -57,21 +58,22 @@ pub struct LockSource {
 pub struct LockSet {
     /// On or off.
     pub value: bool,
-    /// Reason, in the operator's words.
+    /// Reason, in words for the operator, at most 500 characters.
     #[serde(default)]
     pub text: String,
     /// Name of the source, 1 to 64 characters without `/ + #`; `default` if left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub source: Option<String>,
-    /// The handler that owns the source from now on; its presence must be online. With `force`: the operator
-    /// who decides.
+    /// The handler that owns the source after this message; its presence must be online. With `force`: the
+    /// name of the operator.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub handler_id: Option<String>,
     /// With `handler_id`: the instance that the presence of the handler names. Required if the presence names
     /// an instance; another instance is refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
-    /// An operator's message: accepted for any owner of the source, and marked with the operator's name.
+    /// True for an operator's message: it is accepted for any owner of the source, and the source shows the
+    /// name of the operator.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force: Option<bool>,
 }
@@ -125,7 +127,7 @@ impl LockSet {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum OnLoss {
-    /// The last value; off at a start.
+    /// The value that the owner set last; off at a start of the machine.
     #[default]
     Keep,
     /// On.

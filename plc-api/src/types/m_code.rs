@@ -1,4 +1,4 @@
-//! Declarations of M codes by a sequence program: their names, and the meaning of VA to VH.
+//! Declarations of M codes by a sequence program: their names, and the meanings of the parameters VA to VH.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -21,7 +21,7 @@ pub const UNIT_MAX: usize = 16;
 /// floating-point numbers.
 const WHOLE_TOLERANCE: f64 = 1e-9;
 
-/// One of VA to VH; in JSON `A` to `H`, as in `params` of an output.
+/// Letter of one of the parameters VA to VH; in JSON `A` to `H`, as in `params` of an output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[allow(missing_docs, reason = "they are their names")]
@@ -104,7 +104,7 @@ pub struct ParamDeclaration {
 }
 
 impl ParamDeclaration {
-    /// Creates a parameter with a unit that accepts any number.
+    /// Creates the declaration of a parameter that accepts any number, in this unit.
     pub fn in_unit(unit: impl Into<String>) -> Self {
         Self {
             unit: Some(unit.into()),
@@ -112,7 +112,7 @@ impl ParamDeclaration {
         }
     }
 
-    /// Sets these bounds; `None` leaves a bound unchanged.
+    /// Sets the lowest and the highest accepted number; `None` leaves a bound unchanged.
     #[must_use]
     pub fn within(self, min: Option<f64>, max: Option<f64>) -> Self {
         Self {
@@ -122,8 +122,8 @@ impl ParamDeclaration {
         }
     }
 
-    /// Returns true if the parameter accepts this number. A whole number may deviate by the rounding of a
-    /// program's calculation, such as 0.1 * 30.
+    /// Returns true if the parameter accepts this number. A whole number may differ by the rounding error of
+    /// a calculation in the program, such as 0.1 * 30.
     pub fn takes(&self, number: f64) -> bool {
         let meant = if self.whole { number.round() } else { number };
         meant.is_finite()
@@ -188,7 +188,7 @@ fn is_word(text: &str, max: usize) -> bool {
     (1..=max).contains(&text.chars().count()) && !text.contains(char::is_control)
 }
 
-/// Declared parameters of an M code; the M code has no other parameters.
+/// Declared parameters of an M code; the M code accepts no other parameters.
 pub type DeclaredParams = BTreeMap<ParamLetter, ParamDeclaration>;
 
 /// Declaration of an M code by the handler that serves it: its name, and the meaning of its parameters.
@@ -216,14 +216,14 @@ pub struct MCodeDeclaration {
     pub redelivery: Option<Redelivery>,
 }
 
-/// A parameter as a program gives it.
+/// A parameter of an M code in the text of an NC program.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum GivenParam {
     /// Not programmed.
     Absent,
     /// A number.
     Number(f64),
-    /// A variable; its number is known only when the block runs.
+    /// A variable; its value is known only when the block runs.
     Variable,
 }
 
@@ -263,7 +263,8 @@ impl MCodeDeclaration {
     /// Checks the parameters of an output against the declaration.
     ///
     /// # Errors
-    /// Returns an error with the first parameter that does not match the declaration, and what to write.
+    /// Fails with the first parameter that does not match the declaration. The error text gives the correct
+    /// form.
     pub fn check(&self, params: &Params) -> Result<(), ParamFault> {
         let Some(declared) = &self.params else {
             return Ok(());
@@ -327,7 +328,8 @@ impl MCodeDeclaration {
     /// Validates the declaration.
     ///
     /// # Errors
-    /// Returns an error that states what to write if the M number, a name, a unit or a range is not allowed.
+    /// Fails if the M number, a name, a unit or a range is not allowed. The error text gives the correct
+    /// form.
     pub fn mistake(&self) -> Result<(), String> {
         if self.m > M_CODE_MAX {
             return Err(format!("M{}: M codes are 0 to {M_CODE_MAX}", self.m));
@@ -389,7 +391,7 @@ impl ServedMCode {
         }
     }
 
-    /// Returns the handler that serves the M code, in words.
+    /// Returns the name of the handler that serves the M code, or a text for the stock sequence program.
     pub fn by(&self) -> String {
         match &self.handler_id {
             Some(id) => format!("handler {id}"),
@@ -398,12 +400,12 @@ impl ServedMCode {
     }
 }
 
-/// M codes that a sequence program serves, in a file for checks of NC programs while the sequence program
-/// does not run. [`SequenceProgram::served`](crate::SequenceProgram::served) returns the contents of the
-/// file. The `birth` of a machine is also valid; its other fields are ignored.
+/// M codes that a sequence program serves, as a file: with it NC programs can be checked while the sequence
+/// program does not run. [`SequenceProgram::served`](crate::SequenceProgram::served) returns the contents of
+/// the file. The file may also contain the `birth` of a machine; its other fields are ignored.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct ServedMCodesFile {
-    /// Ascending; at most 1000. An entry without `cs` applies to all coordinate systems.
+    /// M codes, ascending by number; at most 1000. An entry without `cs` applies to all coordinate systems.
     pub serves: Vec<ServedMCode>,
 }
 
@@ -417,7 +419,7 @@ impl std::fmt::Display for ServedMCodesFile {
 /// Validates declarations.
 ///
 /// # Errors
-/// Returns `invalid` with the first declaration that is not allowed, and what to write.
+/// Fails with `invalid` for the first declaration that is not allowed. The error text gives the correct form.
 pub(super) fn check_all(declared: &[MCodeDeclaration]) -> Result<(), Refusal> {
     let mut mistakes = declared.iter().filter_map(|one| one.mistake().err());
     match mistakes.next() {

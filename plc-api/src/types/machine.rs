@@ -121,9 +121,9 @@ pub struct MotorInfo {
     pub number: u16,
     /// `linear` (mm), `rotary` (deg) or `spindle` (r/min).
     pub kind: String,
-    /// Lowest and highest machine position.
+    /// Lowest and highest machine position, mm or degrees; null for a motor without soft limits.
     pub soft_limits: Option<[f64; 2]>,
-    /// Units per second (spindle: r/min).
+    /// Highest velocity, mm/s or degrees/s (spindle: r/min).
     pub max_velocity: f64,
 }
 
@@ -161,9 +161,9 @@ pub struct Limits {
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum AlarmSeverity {
-    /// Information for the operator; nothing stops.
+    /// Information for the operator; nothing is stopped.
     Warning,
-    /// Stops its coordinate system, or the whole machine.
+    /// Stops the coordinate system of the alarm, or the whole machine.
     #[default]
     Alarm,
 }
@@ -176,7 +176,8 @@ pub struct AlarmRecord {
     pub id: u64,
     /// Warning or alarm.
     pub severity: AlarmSeverity,
-    /// 1 to 9999 for an alarm of the runtime's table; 10000 + code for a handler's alarm.
+    /// Number of the alarm: 1 to 9999 for an alarm of the runtime's table; 10000 + code for a handler's
+    /// alarm.
     pub number: u16,
     /// Description of the event.
     pub text: String,
@@ -212,7 +213,7 @@ pub struct AlarmRecord {
 pub struct AlarmRaise {
     /// The coordinate system that the alarm stops; null for all.
     pub cs: Option<CoordinateSystemNumber>,
-    /// 0 to 9999; the alarm number is 10000 + this code.
+    /// Code, 0 to 9999; the alarm number is 10000 + this code.
     pub code: u16,
     /// Description of the event, 1 to 1000 characters.
     pub text: String,
@@ -222,6 +223,6 @@ pub struct AlarmRaise {
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ActiveAlarms {
-    /// Ascending by id.
+    /// Active alarms, ascending by id.
     pub alarms: Vec<AlarmRecord>,
 }

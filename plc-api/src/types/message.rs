@@ -46,7 +46,7 @@ impl Message {
         serde_json::to_string(&envelope).unwrap_or_else(|_| "{}".to_owned())
     }
 
-    /// Parses the JSON form of a message of this topic.
+    /// Parses a message of this topic from JSON.
     ///
     /// # Errors
     /// Fails if the text is not JSON, or does not have the form of the topic.

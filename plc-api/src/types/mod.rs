@@ -40,7 +40,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
-/// Last second of the year 9999, since 1970. Reason: the format cannot represent later times.
+/// Last second of the year 9999, in seconds since 1970. Reason: the format cannot represent later times.
 const SECOND_MAX: u64 = 253_402_300_799;
 
 /// Number of a CNC coordinate system, from 1.
@@ -71,7 +71,7 @@ impl Timestamp {
         Self(rfc3339_micros(time))
     }
 
-    /// Returns the time for people, without fractions of a second.
+    /// Returns the time as text for people, without fractions of a second.
     pub fn to_the_second(&self) -> String {
         let second = self.to_system_time();
         second.map_or_else(
@@ -86,8 +86,8 @@ impl Timestamp {
     }
 }
 
-/// Formats a time to the microsecond. The text of the second is cached, because consecutive messages mostly
-/// share it. This takes one allocation; `format!` takes three.
+/// Formats a time to the microsecond. The text up to the second is cached, because most consecutive messages
+/// have the same second. This takes one allocation; `format!` takes three.
 fn rfc3339_micros(time: SystemTime) -> String {
     thread_local! {
         static SECOND: RefCell<(u64, String)> = const { RefCell::new((0, String::new())) };

@@ -12,15 +12,15 @@ pub use super::handler::{HandledCode, HandlerPresence, HandlerResult, HandlerSta
 pub use super::params::Params;
 pub use super::redelivery::Redelivery;
 
-/// Time at which an output is issued (D30).
+/// Time at which the machine issues an output (D30).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Timing {
-    /// After the motion of the earlier blocks has stopped in position; the next block waits for the reset.
+    /// After the earlier motion has ended in position; the next block waits for the reset.
     #[default]
     AfterMotion,
-    /// When the block is interpreted; the program continues, but the reset is still required.
+    /// When the block is interpreted: the program continues, but the output must still be reset.
     WithMotion,
 }
 
@@ -57,7 +57,7 @@ pub struct OutputNotice {
     pub run_id: String,
     /// M number, 0 to 191.
     pub m: u16,
-    /// VA to VH.
+    /// Parameters VA to VH.
     pub params: Params,
     /// Timing in force for this output.
     pub timing: Timing,
@@ -65,7 +65,8 @@ pub struct OutputNotice {
     pub program: u16,
     /// Line of the source file, from 1.
     pub line: u32,
-    /// 1 for the first notice, increased by one each time the output is published again.
+    /// Number of this notice: 1 for the first notice, increased by one each time the output is published
+    /// again.
     pub attempt: u32,
     /// True if the output was published before. It is published again after the loss of its handler (`lost`
     /// in `m_code/pending`), at the request of an operator, when a handler for its M code comes online, and
@@ -77,7 +78,7 @@ pub struct OutputNotice {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PendingOutput {
-    /// The output.
+    /// The notice of the output.
     #[serde(flatten)]
     pub output: OutputNotice,
     /// State of the output.
@@ -93,12 +94,14 @@ pub struct PendingOutput {
     /// worked on the output.
     #[serde(default)]
     pub lost: bool,
-    /// If `lost`: the instance that had claimed the output, if it named itself. Only this instance may claim
-    /// the output without a decision, and may begin work that it had never begun (H20).
+    /// If `lost`: the instance that had claimed the output, if this instance named itself. Only this instance
+    /// may claim the output without a decision of an operator. If it had never begun the work (H20), it may
+    /// begin now.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lost_instance: Option<String>,
-    /// If `lost`: the stricter of the values of the M code's configuration and of the lost handler. Together
-    /// with the value of another handler, it decides whether that handler may claim the output.
+    /// If `lost`: the stricter of two values, that in the configuration of the M code and that of the lost
+    /// handler. Together with the value of another handler, it decides whether that handler may claim the
+    /// output.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub redelivery: Option<Redelivery>,
     /// Last progress report of the owner.
@@ -129,7 +132,7 @@ pub struct Pending {
 pub struct Progress {
     /// Current step of the work, at most 200 characters.
     pub text: String,
-    /// 0 to 100.
+    /// Completed share of the work, percent, 0 to 100.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub percent: Option<f64>,
 }
@@ -143,7 +146,7 @@ pub struct Claim {
     pub boot_id: BootId,
     /// Sequence number of the output.
     pub seq: u64,
-    /// Handler that claims.
+    /// Handler that claims the output.
     pub handler_id: String,
     /// Identifies one process among all that were started with this `handler_id`: the id that the process
     /// made at its start.
@@ -160,7 +163,7 @@ pub struct Reset {
     pub boot_id: BootId,
     /// Sequence number of the output.
     pub seq: u64,
-    /// Handler or operator that resets.
+    /// Handler or operator that resets the output.
     pub handler_id: String,
     /// Identifies one process among all that were started with this `handler_id`: the id that the process
     /// made at its start.
@@ -175,7 +178,7 @@ pub struct Reset {
     /// With `fault`: the alarm's text, unchanged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub text: Option<String>,
-    /// An operator's reset: accepted for any owner of the output.
+    /// True for an operator's reset: it is accepted for any owner of the output.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force: Option<bool>,
 }
@@ -229,19 +232,19 @@ explained! {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum OutputAct {
-    /// A claim, which is always answered.
+    /// A claim; each claim is answered.
     Claim,
-    /// A reset, which is always answered.
+    /// A reset; each reset is answered.
     Reset,
-    /// A progress report that is rejected.
+    /// A progress report; it is answered only if it is rejected.
     Progress,
-    /// A checkpoint that is rejected.
+    /// A checkpoint; it is answered only if it is rejected.
     Checkpoint,
-    /// A question that is rejected.
+    /// A question; it is answered only if it is rejected.
     Ask,
-    /// A decision of an operator that is rejected.
+    /// A decision of an operator; it is answered only if it is rejected.
     Redeliver,
-    /// An answer of an operator that is rejected.
+    /// An operator's answer; it is answered only if it is rejected.
     Answer,
 }
 
@@ -249,9 +252,9 @@ pub enum OutputAct {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct HandshakeResult {
-    /// Sequence number that the claim or reset named.
+    /// Sequence number in the message that this result answers.
     pub seq: u64,
-    /// Sender of the claim or reset.
+    /// Sender of the message that this result answers.
     pub handler_id: String,
     /// Result of the message.
     pub status: HandshakeStatus,
@@ -261,11 +264,11 @@ pub struct HandshakeResult {
     /// Instance of the sender, as named in the message.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
-    /// With an accepted claim of an output on which a lost handler may have worked: whether the handler must
-    /// inspect the machine first.
+    /// With an accepted claim of an output on which a lost handler may have worked: `verify` if the handler
+    /// must inspect the machine first, `redo` if it must start from the beginning.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub how: Option<Redelivery>,
-    /// Reason for a rejection, and the remedy.
+    /// Reason of a rejection, and the remedy.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub text: Option<String>,
 }
@@ -335,7 +338,7 @@ pub struct ProgressReport {
     pub boot_id: BootId,
     /// Sequence number of the output.
     pub seq: u64,
-    /// The owner.
+    /// The owner of the output.
     pub handler_id: String,
     /// Identifies one process among all that were started with this `handler_id`: the id that the process
     /// made at its start.
@@ -343,7 +346,7 @@ pub struct ProgressReport {
     pub instance: Option<String>,
     /// Current step of the work, at most 200 characters.
     pub text: String,
-    /// 0 to 100.
+    /// Completed share of the work, percent, 0 to 100.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub percent: Option<f64>,
 }
@@ -361,13 +364,13 @@ pub struct CheckpointReport {
     pub boot_id: BootId,
     /// Sequence number of the output.
     pub seq: u64,
-    /// The owner.
+    /// The owner of the output.
     pub handler_id: String,
     /// Identifies one process among all that were started with this `handler_id`: the id that the process
     /// made at its start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instance: Option<String>,
-    /// Any JSON of at most 4096 bytes; replaces the previous checkpoint. `null` removes it.
+    /// Any JSON of at most 4096 bytes, which replaces the previous checkpoint. `null` removes the checkpoint.
     pub checkpoint: Value,
 }
 
@@ -394,6 +397,6 @@ pub struct Redeliver {
     pub boot_id: BootId,
     /// Sequence number of the output.
     pub seq: u64,
-    /// Decision on how the handler continues.
+    /// Decision on how the next handler continues the work.
     pub how: Redelivery,
 }

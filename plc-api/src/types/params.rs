@@ -2,39 +2,39 @@
 
 use serde::{Deserialize, Serialize};
 
-/// VA to VH of an output, in JSON `A` to `H`: numbers as the program gives them, without a unit (G20 and G21
-/// do not change them); `None` if not programmed.
+/// Parameters VA to VH of an output, in JSON `A` to `H`: numbers as the program gives them, without a unit
+/// (G20 and G21 do not change them); `None` if not programmed.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "UPPERCASE", default, deny_unknown_fields)]
 pub struct Params {
-    /// VA.
+    /// Parameter VA.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub a: Option<f64>,
-    /// VB.
+    /// Parameter VB.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub b: Option<f64>,
-    /// VC.
+    /// Parameter VC.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub c: Option<f64>,
-    /// VD.
+    /// Parameter VD.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub d: Option<f64>,
-    /// VE.
+    /// Parameter VE.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub e: Option<f64>,
-    /// VF.
+    /// Parameter VF.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub f: Option<f64>,
-    /// VG.
+    /// Parameter VG.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub g: Option<f64>,
-    /// VH.
+    /// Parameter VH.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub h: Option<f64>,
 }
 
-/// Defines a reader for each field.
+/// Defines a function for each field that returns its value.
 macro_rules! readers {
     ($($name:ident)*) => {
         impl Params {
