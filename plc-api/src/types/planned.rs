@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::CoordinateSystemNumber;
 
-/// Default and smallest distance between the planned path and the answered lines, mm.
+/// Default and smallest value of `tolerance`, the largest distance between the path and the lines of the
+/// answer, mm.
 pub const PATH_TOLERANCE_MM: f64 = 0.01;
 
 /// Length of the header of a path, bytes. Its format does not depend on the rest of the path.
@@ -18,10 +19,10 @@ pub struct PathQuery {
     /// The coordinate system that runs the program; `None` for the first coordinate system in which the
     /// program is loaded, otherwise the first of all.
     pub cs: Option<CoordinateSystemNumber>,
-    /// Largest distance of a point of the path from the lines, mm; `None` for the accuracy with which the
-    /// path is kept.
+    /// Largest distance between a point of the path and the lines of the answer, mm; `None` for the accuracy
+    /// with which the path is stored.
     pub tolerance: Option<f64>,
-    /// First chunk of lines in the answer.
+    /// Number of the first chunk of lines in the answer.
     pub from: u32,
     /// Number of chunks; `None` for all.
     pub count: Option<u32>,
@@ -36,7 +37,8 @@ pub struct ManualText {
     pub text: String,
 }
 
-/// Inputs of a plan. Two plans with the same identity are equal.
+/// Identity of a plan: all inputs from which the plan is computed. Two plans with the same identity are
+/// equal.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PlanIdentity {
@@ -50,23 +52,23 @@ pub struct PlanIdentity {
     pub inputs: String,
 }
 
-/// A planned path as bytes; their format is described on the page about the planned path.
+/// A planned path as bytes; the book describes their format on the page about the planned path.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct PlannedPath {
     /// Identifies the plan, its progress, and its run: the `ETag`.
     pub tag: String,
-    /// The run in progress to which the plan belongs; `None` for the plan of a start.
+    /// The run in progress to which the plan belongs; `None` if the plan is of a start that has not happened.
     pub run_id: Option<String>,
     /// Inputs of the plan.
     pub plan: PlanIdentity,
-    /// The bytes.
+    /// Bytes of the path, with their header.
     pub bytes: Vec<u8>,
 }
 
 /// The run and the plan to which the bytes of a path belong, as JSON in the header.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct PathIdentity {
-    /// The run in progress to which the plan belongs; null for the plan of a start.
+    /// The run in progress to which the plan belongs; null if the plan is of a start that has not happened.
     pub run_id: Option<String>,
     /// Inputs of the plan.
     #[serde(flatten)]
@@ -91,7 +93,7 @@ impl PathIdentity {
 }
 
 impl PlannedPath {
-    /// Creates the path of these bytes, with the identity in their header.
+    /// Creates the path of these bytes, with the identity that their header contains.
     pub fn new(tag: String, bytes: Vec<u8>) -> Self {
         let PathIdentity { run_id, plan } = PathIdentity::of_bytes(&bytes).unwrap_or_default();
         Self {
@@ -103,8 +105,8 @@ impl PlannedPath {
     }
 }
 
-/// Predicted run of a program: planned with the conditions at the start of the run in progress, otherwise
-/// with the current ones. Times are those at 100 percent overrides.
+/// Predicted run of a program. If a run of the program is in progress, it is planned with the conditions at
+/// the start of that run, otherwise with the current conditions. Times apply to overrides of 100 percent.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Rehearsal {
@@ -124,8 +126,8 @@ pub struct Rehearsal {
     pub revision: String,
     /// State of the planning.
     pub outcome: RehearsalOutcome,
-    /// The alarm that ends the run, or the reason why planning ended early; empty with `planning` and
-    /// `completed`.
+    /// The alarm that ends the run, or the reason why planning ended early; empty if `outcome` is `planning`
+    /// or `completed`.
     pub text: String,
     /// Program and line of the alarm or the early end; null without such an event.
     pub at: Option<PlannedLocation>,
@@ -140,16 +142,16 @@ pub struct Rehearsal {
     /// Part of the cycle time for waits for M codes, as far as their durations are known from runs since the
     /// start of the runtime, s.
     pub wait_s: f64,
-    /// Place from which the path depends on events while the program runs; null if the path depends on no
-    /// such event.
+    /// First block whose path depends on events while the program runs; null if the path depends on no such
+    /// event.
     pub depends: Option<RunTimeDependence>,
-    /// The M codes in their order, at most 1000.
+    /// M codes in the order in which the program issues them, at most 1000.
     pub m_codes: Vec<RehearsedMCode>,
-    /// Number of all M codes.
+    /// Number of all M codes that the program issues.
     pub m_code_count: u64,
     /// Lowest and highest machine position of each axis, by letter.
     pub axes: BTreeMap<String, RehearsedAxis>,
-    /// Start times of blocks, ascending. For a large number of blocks it is an evenly spread selection. The
+    /// Start times of blocks, ascending: of at most 2048 blocks, evenly selected if the program has more. The
     /// path contains the time of every line.
     pub lines: Vec<RehearsedLine>,
     /// Progress of this program's run; null if no run is in progress or planning continues.
@@ -179,11 +181,11 @@ pub enum RehearsalOutcome {
 pub struct PlannedLocation {
     /// Program number, main or subprogram.
     pub program: u16,
-    /// From 1.
+    /// Line, from 1.
     pub line: u32,
 }
 
-/// Place from which a path depends on events while the program runs.
+/// First block whose path depends on events while the program runs.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RunTimeDependence {
@@ -207,7 +209,7 @@ pub struct RehearsedMCode {
     pub program: u16,
     /// Line of the M code.
     pub line: u32,
-    /// Time when it is issued, s.
+    /// Time at which the M code is issued, s from the start of the run.
     pub at_s: f64,
     /// Whether the program waits for the reset of the M code.
     pub waits: bool,
@@ -223,13 +225,13 @@ pub struct RehearsedAxis {
     pub motor: u16,
     /// Lowest machine position, mm or degrees.
     pub lowest: f64,
-    /// Highest machine position.
+    /// Highest machine position, mm or degrees.
     pub highest: f64,
-    /// Soft limits; null if the axis has none.
+    /// Lowest and highest allowed machine position, mm or degrees; null if the axis has no soft limits.
     pub soft_limits: Option<[f64; 2]>,
-    /// Highest speed, per second, and its place.
+    /// Highest speed, mm/s or degrees/s, and the block that causes it.
     pub velocity: RehearsedPeak,
-    /// Highest acceleration, per second squared, and its place.
+    /// Highest acceleration, mm/s² or degrees/s², and the block that causes it.
     pub acceleration: RehearsedPeak,
 }
 
@@ -253,9 +255,9 @@ pub struct RehearsedPeak {
 pub struct RehearsedLine {
     /// Program number.
     pub program: u16,
-    /// Line.
+    /// Line of the block, from 1.
     pub line: u32,
-    /// Start time, s.
+    /// Start time of the block, s from the start of the run.
     pub at_s: f64,
 }
 
@@ -263,7 +265,7 @@ pub struct RehearsedLine {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RehearsedRun {
-    /// The planned time of the block that runs now, s.
+    /// Time in the plan at which the running block begins, s.
     pub at_s: f64,
     /// Time to the end, s, with the current overrides, without holds and without future waits of unknown
     /// duration. Null if the time is unknown because an override of 0 stops the motion, or because the

@@ -13,7 +13,7 @@ pub struct ProgramInfo {
     pub number: u16,
     /// First comment of the text, for display in lists.
     pub title: String,
-    /// Size of the text.
+    /// Size of the text, bytes.
     pub bytes: u64,
     /// Number of errors found by the check.
     pub errors: u32,
@@ -58,8 +58,8 @@ impl ProgramFolder {
     /// Returns the folder in the form that is stored: without spaces around names.
     ///
     /// # Errors
-    /// Returns an error with the text to write if the folder is too long or too deep, or a name is empty, `.`
-    /// or `..`, or contains a control character or a backslash.
+    /// Fails if the folder is too long or too deep, or a name is empty, `.` or `..`, or contains a control
+    /// character or a backslash. The error text gives the correct form.
     pub fn checked(&self) -> Result<Self, String> {
         let names: Vec<&str> = self.folder.split('/').map(str::trim).collect();
         let is_name = |name: &&str| {
@@ -91,12 +91,12 @@ pub enum SignatureState {
     Wrong,
 }
 
-/// A program with its identification.
+/// Text of a program, with its hash.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProgramText {
     /// The text.
     pub text: String,
-    /// As in [`ProgramInfo::hash`].
+    /// Hash of the text, as in [`ProgramInfo::hash`].
     pub hash: String,
 }
 
@@ -104,7 +104,7 @@ pub struct ProgramText {
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ProgramCheck {
-    /// True if the program is new in the store (for a write).
+    /// For a write: true if the store did not contain the program before.
     #[serde(skip)]
     pub created: bool,
     /// Findings in the order of the text.
@@ -113,19 +113,19 @@ pub struct ProgramCheck {
     pub m_codes: Vec<u16>,
     /// Programs that the program calls, ascending.
     pub programs: Vec<u16>,
-    /// As in [`ProgramInfo::hash`].
+    /// Hash of the text, as in [`ProgramInfo::hash`].
     #[serde(default)]
     pub hash: String,
-    /// True if the same program was already stored, and nothing has changed (for a write).
+    /// For a write: true if the same text was already stored, so that nothing has changed.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub unchanged: bool,
-    /// As in [`ProgramInfo::signature`].
+    /// State of the signature, as in [`ProgramInfo::signature`].
     #[serde(default)]
     pub signature: Option<SignatureState>,
-    /// As in [`ProgramInfo::dialect`].
+    /// NC dialect of the text, as in [`ProgramInfo::dialect`].
     #[serde(default)]
     pub dialect: String,
-    /// As in [`ProgramInfo::o_number`].
+    /// Number in the text, as in [`ProgramInfo::o_number`].
     #[serde(default)]
     pub o_number: Option<u32>,
 }
@@ -134,25 +134,25 @@ pub struct ProgramCheck {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ProgramDiagnostic {
-    /// `E0123` or `W0123`.
+    /// Code of the finding, such as `E0123` for an error or `W0123` for a warning.
     pub code: String,
     /// Error or warning.
     pub severity: DiagnosticSeverity,
-    /// Line, from 1.
+    /// First line of the finding, from 1.
     pub line: u32,
-    /// Column in characters, from 1.
+    /// Column of the first character of the finding, from 1.
     pub column: u32,
-    /// Line of the end.
+    /// Last line of the finding.
     pub end_line: u32,
-    /// Column after the last character.
+    /// Column after the last character of the finding.
     pub end_column: u32,
     /// Description of the finding.
     pub message: String,
-    /// Suggested change.
+    /// Suggested change of the text.
     pub help: String,
 }
 
-/// Error or warning.
+/// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]

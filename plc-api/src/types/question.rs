@@ -23,7 +23,7 @@ pub const QUESTION_ID_MAX: usize = 64;
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Question {
-    /// Id of the question; an answer repeats it.
+    /// Id of the question; its answer contains the same id.
     pub id: String,
     /// Text of the question, 1 to 200 characters.
     pub text: String,
@@ -46,7 +46,7 @@ pub struct Ask {
     pub boot_id: BootId,
     /// Sequence number of the output.
     pub seq: u64,
-    /// The owner.
+    /// The owner of the output.
     pub handler_id: String,
     /// Identifies one process among all that were started with this `handler_id`: the id that the process
     /// made at its start.
@@ -66,7 +66,7 @@ impl Ask {
     /// Validates the id, the text and the choices.
     ///
     /// # Errors
-    /// Returns an error with the fault and what to write if one of them is out of its limits.
+    /// Fails if one of them is out of its limits. The error text gives the fault and the correct form.
     pub fn check(&self) -> Result<(), Refusal> {
         if !within(&self.question_id, QUESTION_ID_MAX) {
             return invalid(format!("question_id: write 1 to {QUESTION_ID_MAX} characters"));
@@ -124,13 +124,13 @@ pub struct OperatorAnswer {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Validate {
-    /// Id of the request; the result repeats it.
+    /// Id of the request; its result contains the same id.
     pub request_id: String,
     /// Program number.
     pub program: u16,
     /// Line of the source file, from 1.
     pub line: u32,
-    /// VA to VH as written in the program.
+    /// Parameters VA to VH as written in the program.
     pub params: Params,
 }
 
@@ -139,7 +139,7 @@ pub struct Validate {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ValidateResult {
-    /// Id of the request.
+    /// Id of the request that this result answers.
     pub request_id: String,
     /// Handler that answers.
     pub handler_id: String,

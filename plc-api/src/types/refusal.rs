@@ -115,13 +115,13 @@ explained! {
 }
 
 impl RefusalCode {
-    /// Returns true if the same request may succeed a moment later.
+    /// Returns true if the same request may succeed when it is repeated after a short time.
     pub fn may_pass(self) -> bool {
         matches!(self, RefusalCode::Unavailable | RefusalCode::NoAnswer)
     }
 
-    /// Returns true if the state, a lock or the control lease is the reason: such a refusal of a command
-    /// contains the state and the commands that it allows.
+    /// Returns true if the reason is the state, a lock or the control lease. Such a refusal of a command
+    /// contains the state and the commands that the state allows.
     pub fn is_of_state(self) -> bool {
         matches!(
             self,

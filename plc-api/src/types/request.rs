@@ -27,7 +27,7 @@ use super::upload::{ProgramCondition, ProgramUpload};
 
 pub use super::refusal::{Refusal, RefusalCode};
 
-/// A request with a typed answer: each type of [`typed`].
+/// A request with a typed answer. Each type of [`typed`] implements this trait.
 pub trait TypedRequest: Into<Request> + Send {
     /// Type of the machine's answer. If it is an `Option`, a transport may omit the answer.
     type Answer: TryFrom<Answer, Error = Answer> + Send;
@@ -89,7 +89,7 @@ macro_rules! requests {
         pub enum CoordinateSystemRequest {
             /// A message about an output, with its M number if the transport provides it.
             Output(Option<u16>, OutputRequest),
-            /// An instance of a handler is offline: id, instance, and kind of the departure.
+            /// An instance of a handler went offline: id of the handler, instance, kind of the departure.
             HandlerLeft(String, Option<String>, Departure),
             /// The connection to the broker was restored: open outputs without an owner are published again.
             Republish,
@@ -128,7 +128,8 @@ macro_rules! requests {
         }
 
         impl Request {
-            /// Returns the coordinate system that the request concerns, or `None` if it concerns the machine.
+            /// Returns the coordinate system that the request concerns; `None` for a request to the whole
+            /// machine.
             pub fn coordinate_system(&self) -> Option<CoordinateSystemNumber> {
                 match self {
                     $(Request::$o(cs, ..) => Some(*cs),)*
@@ -142,8 +143,8 @@ macro_rules! requests {
                 }
             }
 
-            /// Returns the coordinate system, the sequence number and the M number (if named) of a request
-            /// about an output.
+            /// Returns the coordinate system, the sequence number and the M number (if the request contains
+            /// it) of a request about an output.
             pub(crate) fn output_mut(&mut self) -> Option<(CoordinateSystemNumber, u64, &mut Option<u16>)> {
                 match self {
                     $(Request::$o(cs, m, said) => Some((*cs, said.seq, m)),)*
@@ -153,7 +154,7 @@ macro_rules! requests {
         }
 
         impl OutputRequest {
-            /// Sequence number of the output.
+            /// Returns the sequence number of the output.
             pub fn seq(&self) -> u64 {
                 match self {$(
                     OutputRequest::$o(said) => said.seq,
@@ -194,7 +195,7 @@ macro_rules! requests {
     };
 }
 
-/// Pattern of an ignored field.
+/// Expands to a pattern that ignores a field.
 macro_rules! any {
     ($field:ident) => {
         _
@@ -240,7 +241,7 @@ macro_rules! typed {
 }
 
 requests! {
-    // if the transport names `m`, this must be the M number of the output
+    // if the transport provides `m`, it must be the M number of the output
     output {
         /// A handler claims an output.
         Claim(claim: output::Claim) -> HandshakeResult;
@@ -274,7 +275,7 @@ requests! {
         Lease {
             /// The operation on the lease.
             request: LeaseRequest,
-            /// Sender.
+            /// Sender of the request.
             meta: CommandMeta,
         } -> CommandReply;
         /// A handler reports whether an M code of a program that is being loaded may be issued with its
@@ -287,7 +288,7 @@ requests! {
         /// Sets the number of the tool in the spindle.
         Tool(id: u16) -> ();
     }
-    // the machine executes these, and every coordinate system applies its part
+    // the machine executes these requests, and every coordinate system applies its part
     every_coordinate_system {
         /// A handler comes online, changes its M codes, or leaves. A coordinate system receives this request
         /// for online handlers only.
@@ -297,38 +298,38 @@ requests! {
         /// Raises an alarm of a coordinate system, or of the whole machine.
         RaiseAlarm(raise: AlarmRaise) -> ();
         /// Sets the skip input of a motor, by its CNC motor number; the input keeps the value. The
-        /// transmission is not real time: G31 captures the position of the motor at which the servo receives
-        /// the value.
+        /// transmission is not real time: G31 captures the position that the motor has when the servo
+        /// receives the value.
         SkipInput(motor: u16, value: bool) -> ();
     }
     machine {
-        /// Answers the question about stored files that do not fit together.
+        /// Answers the question about inconsistent stored files.
         AnswerStoredData(answer: StoredDataAnswer) -> ();
-        /// Status of a command.
+        /// Reads the status of a command by its id.
         CommandStatus(id: String) -> CommandReply;
-        /// All handlers that are or were online, by id.
+        /// Reads the presences of all handlers that are or were online, by handler id.
         Handlers -> BTreeMap<String, HandlerPresence>;
         /// Reads variables, all at the same moment.
         ReadVariables {
-            /// P, or Q of a coordinate system.
+            /// The variables: P, or Q of a coordinate system.
             area: VariableArea,
             /// Number of the first variable.
             from: u32,
             /// Number of variables, 1 to 1024.
             count: u32,
-            /// Sender, if the answer is also published on `reply/{client_id}`.
+            /// Sender of the request, if the answer is also published on `reply/{client_id}`.
             meta: Option<CommandMeta>,
         } -> Vec<f64>;
-        /// Writes variables: all of them between two blocks of any program, or none.
+        /// Writes all given variables between two blocks of any program, or none of them.
         WriteVariables {
-            /// P, or Q of a coordinate system.
+            /// The variables: P, or Q of a coordinate system.
             area: VariableArea,
             /// Number of the first variable.
             from: u32,
-            /// Values, 1 to 1024.
+            /// Values of the variables, 1 to 1024.
             values: Vec<f64>,
-            /// Sender, if the answer is also published on `reply/{client_id}`. A command id that was received
-            /// in the last 10 minutes gets the stored reply, and nothing is written.
+            /// Sender of the request, if the answer is also published on `reply/{client_id}`. A command id
+            /// that was received in the last 10 minutes gets the stored reply, and nothing is written.
             meta: Option<CommandMeta>,
         } -> Option<CommandReply>;
         /// Writes an input or output of the plant.
@@ -336,18 +337,18 @@ requests! {
         /// Forces a value on an input or output of the plant, which replaces the written value, or ends the
         /// forcing.
         ForceIo(point: IoPoint, force: IoForce) -> ();
-        /// The tool table.
+        /// Reads the tool table.
         Tools -> ToolTable;
-        /// Changes the tool table. The change is stored on disk before it is answered.
+        /// Changes the tool table. The machine stores the change on disk before it answers.
         WriteTools(change: ToolChange) -> ();
-        /// Work offsets of a coordinate system.
+        /// Reads the work offsets of a coordinate system.
         WorkOffsets(cs: CoordinateSystemNumber) -> WorkOffsetTable;
-        /// Changes work offsets. The change is stored on disk before it is answered.
+        /// Changes work offsets. The machine stores the change on disk before it answers.
         WriteWorkOffsets(cs: CoordinateSystemNumber, change: WorkOffsetTable) -> ();
-        /// State of the last run before this start of the runtime; `None` if there was no run.
+        /// Reads the state of the last run in an earlier boot of the runtime; `None` if there was no run.
         LastRun(cs: CoordinateSystemNumber) -> Option<data::LastRun>;
-        /// Journal lines that match the filter: the newest `count` (1 to 1000) after skipping the `from`
-        /// newest lines.
+        /// Reads journal lines that match the filter: `count` lines (1 to 1000), without the newest `from`
+        /// lines.
         Journal {
             /// Number of newest lines to skip.
             from: u32,
@@ -356,57 +357,59 @@ requests! {
             /// The filter.
             filter: data::JournalFilter,
         } -> Vec<Value>;
-        /// Alarms raised since the start, newest last, at most 1000.
+        /// Reads the alarms raised since the start of the runtime, newest last, at most 1000.
         AlarmHistory -> Vec<AlarmRecord>;
-        /// State in force at a line of the loaded program, and the actions of a start from that line.
+        /// Reads the state in force at a line of the loaded program, and the actions of a start from that
+        /// line.
         LineState(cs: CoordinateSystemNumber, from: LineStart) -> line_start::LineState;
-        /// Path of a text if it ran as manual data input now, as far as it is planned.
+        /// Predicts the path of a text, run now as manual data input, as far as the path is planned.
         ManualPath(cs: CoordinateSystemNumber, text: planned::ManualText) -> planned::PlannedPath;
-        /// Effects of a text if it ran as manual data input now, as far as it is planned.
+        /// Predicts the effects of a text, run now as manual data input, as far as the path is planned.
         ManualRehearsal(cs: CoordinateSystemNumber, text: planned::ManualText) -> planned::Rehearsal;
-        /// Motion of the axes of a coordinate system in the last minute.
+        /// Reads the motion of the axes of a coordinate system in the last minute.
         Trace(cs: CoordinateSystemNumber, query: trace::TraceQuery) -> trace::Trace;
-        /// A run, by its id. With a wait, the answer follows when the run has ended or the wait time is over.
+        /// Reads a run by its id. The machine answers when the run has ended, or after `wait_s` at the
+        /// latest.
         Run {
             /// Id of the run.
             id: String,
-            /// Longest wait for the end of the run, s, at most 60.
+            /// Longest wait for the end of the run, s, at most 60; 0 for an answer at once.
             wait_s: u32,
         } -> run::Run;
-        /// Runs that have ended, and the production counters.
+        /// Reads the runs that have ended, and the production counters.
         Runs(query: run::RunQuery) -> run::Runs;
-        /// Programs of the store.
+        /// Lists the programs of the store.
         Programs -> Vec<ProgramInfo>;
-        /// Meaning of a name in the HMI, in a message or in the configuration: a diagnostic, an alarm, a
-        /// code, a word of a state or a refusal, a key.
+        /// Explains a name in the HMI, in a message or in the configuration: a diagnostic, an alarm, a code,
+        /// a word for a state or a refusal, or a configuration key.
         Explain(what: String) -> Explanation;
     }
     program {
-        /// Text of a program.
+        /// Reads the text of a program.
         ReadProgram(number: u16) -> String;
-        /// Writes a program. It is stored even if it has errors.
+        /// Writes a program. A program with errors is also stored.
         WriteProgram(number: u16, text: String) -> ProgramCheck;
-        /// Removes a program.
+        /// Removes a program from the store.
         DeleteProgram(number: u16) -> ();
-        /// Text of a program with its hash.
+        /// Reads the text of a program with its hash.
         FetchProgram(number: u16) -> ProgramText;
-        /// Writes a program under a condition. It is stored even if it has errors.
+        /// Writes a program if the condition holds. A program with errors is also stored.
         StoreProgram(number: u16, upload: ProgramUpload) -> ProgramCheck;
-        /// Removes a program under a condition.
+        /// Removes a program from the store if the condition holds.
         RemoveProgram(number: u16, condition: ProgramCondition) -> ();
         /// Checks a program of the store.
         CheckProgram(number: u16) -> ProgramCheck;
-        /// Checks a text as if it were this program, in a dialect. `None` means the dialect of the lowest
-        /// coordinate system.
+        /// Checks a text, in a dialect, as if it were the program `number`. `None` means the dialect of the
+        /// lowest coordinate system.
         CheckText(number: u16, dialect: Option<String>, text: String) -> ProgramCheck;
         /// Puts a program of the store into a folder.
         PutInFolder(number: u16, folder: ProgramFolder) -> ();
-        /// Intermediate code of a program of the store. If the program has errors, the request is refused as
-        /// `program_has_errors` with the diagnostics.
+        /// Reads the intermediate code of a program of the store. If the program has errors, the request is
+        /// refused as `program_has_errors` with the diagnostics.
         IntermediateCode(number: u16) -> String;
-        /// Path of a program of the store if it ran now, as far as it is planned.
+        /// Predicts the path of a program of the store, run now, as far as the path is planned.
         PlannedPath(number: u16, query: PathQuery) -> planned::PlannedPath;
-        /// Effects of a program of the store if it ran now, as far as it is planned.
+        /// Predicts the effects of a program of the store, run now, as far as the path is planned.
         Rehearsal(number: u16, cs: Option<CoordinateSystemNumber>) -> planned::Rehearsal;
     }
 }
@@ -431,7 +434,7 @@ pub enum Input {
     OptionalStop(bool),
     /// Single block: each block ends at rest and waits for a resume.
     SingleBlock(bool),
-    /// Dry run.
+    /// Dry run: motion at the dry run feedrate instead of F.
     DryRun(bool),
     /// Interlock: while it is on, motion is held on its path, and no motion begins or continues.
     Interlock(LockSet),
@@ -446,13 +449,13 @@ pub enum Input {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct OverrideChange {
-    /// 0 to 200.
+    /// Feed override, 0 to 200.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub feed: Option<f64>,
-    /// 0 to 100.
+    /// Rapid override, 0 to 100.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rapid: Option<f64>,
-    /// 0 to 200.
+    /// Spindle override, 0 to 200.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub spindle: Option<f64>,
 }
@@ -462,7 +465,7 @@ pub struct OverrideChange {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct SpindleCommand {
-    /// Commanded direction, stop or orientation.
+    /// Commanded direction, a stop or an orientation.
     pub direction: SpindleDirection,
     /// Speed, r/min; used with `cw` and `ccw`.
     #[serde(default)]
@@ -513,7 +516,7 @@ answers! {
     Tools(ToolTable),
     /// Work offsets.
     WorkOffsets(WorkOffsetTable),
-    /// State of the last run; `None` if there was no run.
+    /// State of the last run in an earlier boot; `None` if there was no run.
     LastRun(Option<data::LastRun>),
     /// Lines of the journal in time order: JSON objects with `ts`, `t_s` (seconds since the start of the
     /// runtime), `cs`, `event` and the fields of that event.
@@ -524,19 +527,19 @@ answers! {
     ProgramText(String),
     /// A program with its hash.
     Program(ProgramText),
-    /// Result of a check.
+    /// Result of a check of a program.
     Check(ProgramCheck),
-    /// Handlers by id.
+    /// Presences of handlers, by handler id.
     Handlers(BTreeMap<String, HandlerPresence>),
-    /// Alarms.
+    /// Alarms raised since the start of the runtime.
     Alarms(Vec<AlarmRecord>),
-    /// Meaning of a name.
+    /// Explanation of a name.
     Explanation(Explanation),
     /// The planned path of a program.
     Path(planned::PlannedPath),
-    /// Effects of a run.
+    /// Predicted effects of a run.
     Rehearsed(planned::Rehearsal),
-    /// State in force at a line.
+    /// State in force at a line of a program.
     LineState(line_start::LineState),
     /// Recent motion of the axes.
     Trace(trace::Trace),

@@ -9,7 +9,7 @@ use super::{CoordinateSystemNumber, Timestamp};
 /// Largest number of parts of one run.
 pub const PARTS_MAX: u32 = 1_000_000;
 
-/// Number of stored runs, over all starts of the runtime; the oldest runs are removed.
+/// Largest number of stored runs of all boots together; the runtime removes the oldest runs.
 pub const RUNS_KEPT: usize = 10_000;
 
 /// Largest number of runs of one answer.
@@ -38,7 +38,7 @@ fn one() -> u32 {
 }
 
 impl RunOrder {
-    /// Creates an order for one part of a program.
+    /// Creates an order for one part: the program with this number is run once.
     pub fn program(number: u16) -> Self {
         Self {
             program: Some(number),
@@ -47,7 +47,7 @@ impl RunOrder {
     }
 }
 
-/// A run of the loaded program: of `cs/{n}/run`, `GET /runs/{id}` and `GET /runs`.
+/// A run of the loaded program, as in `cs/{n}/run`, `GET /runs/{id}` and `GET /runs`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Run {
@@ -58,7 +58,7 @@ pub struct Run {
     pub cs: CoordinateSystemNumber,
     /// Main program number.
     pub program: u16,
-    /// The program's hash.
+    /// Hash of the program.
     #[serde(default)]
     pub hash: Option<String>,
     /// The line at which the run started; null if it started at the beginning.
@@ -99,7 +99,7 @@ pub struct RunState {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct TimeLeft {
-    /// The run; null if no program runs.
+    /// Id of the run; null if no program runs.
     #[serde(default)]
     pub run_id: Option<String>,
     /// The plan of the run from which the time was computed; null if the run is not planned yet.
@@ -193,7 +193,7 @@ pub struct RunAlarm {
     pub line: Option<u32>,
 }
 
-/// Filter for runs: of `GET /runs`.
+/// Filter for runs: query of `GET /runs`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct RunQuery {
     /// The coordinate system; `None` for all.
@@ -204,15 +204,15 @@ pub struct RunQuery {
     pub count: u32,
 }
 
-/// Runs that have ended, newest first, and production counters: of `GET /runs`.
+/// Response of `GET /runs`: runs that have ended, newest first, and production counters.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(rename = "RunList"))]
 pub struct Runs {
-    /// Runs.
+    /// Runs that have ended, newest first.
     pub runs: Vec<Run>,
-    /// Counters of each program, for the requested coordinate systems, ascending. They continue over all
-    /// starts of the runtime.
+    /// Counters of each program in the requested coordinate systems, ascending. They continue over all starts
+    /// of the runtime.
     pub production: Vec<Production>,
 }
 
@@ -224,9 +224,9 @@ pub struct Production {
     pub cs: CoordinateSystemNumber,
     /// Main program number.
     pub program: u16,
-    /// Parts completed.
+    /// Number of completed parts.
     pub parts: u64,
-    /// Runs that ended before all their parts were completed.
+    /// Number of runs that ended before all their parts were completed.
     pub cut_short: u64,
     /// Total time of the completed parts, s.
     pub parts_s: f64,

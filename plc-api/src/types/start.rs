@@ -21,7 +21,7 @@ pub struct StartObstacle {
     pub kind: StartObstacleKind,
     /// Description and remedy.
     pub text: String,
-    /// Part of the description from another source: text of the input, holder of the lease, or reason;
+    /// The part of `text` that is not fixed: text of the input, holder of the lease, or reason of the fault;
     /// otherwise empty.
     #[serde(default)]
     pub detail: String,
@@ -53,7 +53,7 @@ pub enum StartObstacleKind {
     Interlock,
     /// The start lock is on.
     StartLock,
-    /// A client holds the control lease, and only that client may start.
+    /// A client holds the control lease; only this client may start.
     Lease,
     /// The program does not run here: it has errors, is not signed, is damaged, or was changed since it was
     /// loaded.

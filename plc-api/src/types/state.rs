@@ -123,13 +123,13 @@ pub struct ProgramLocation {
     pub number: Option<u16>,
     /// 0 in the main program, 1 to 8 in subprograms.
     pub nest_level: u8,
-    /// Callers, main program first.
+    /// Calls that lead to the running program, main program first.
     pub stack: Vec<CallSite>,
     /// Line of the block whose motion runs, from 1.
     pub line: u32,
     /// Text of that line.
     pub block: String,
-    /// Line that the interpreter has reached (pre-read).
+    /// Line that the interpreter has reached in its pre-read.
     pub interpreted_line: u32,
 }
 
@@ -149,9 +149,9 @@ pub struct CallSite {
 pub struct Position {
     /// Commanded machine position by axis letter.
     pub machine: BTreeMap<String, f64>,
-    /// Commanded position in work coordinates.
+    /// Commanded position in work coordinates, by axis letter.
     pub work: BTreeMap<String, f64>,
-    /// Actual machine position.
+    /// Actual machine position, by axis letter.
     pub actual: BTreeMap<String, f64>,
     /// Whether each axis is homed: its position refers to the zero of the machine, by an absolute encoder or
     /// because its drive has been homed. An axis that is not homed does not move (alarm 208), and its
@@ -160,7 +160,7 @@ pub struct Position {
     pub homed: BTreeMap<String, bool>,
     /// Commanded minus actual position, by axis letter.
     pub following_error: BTreeMap<String, f64>,
-    /// Remaining distance of the block that runs.
+    /// Remaining distance of the running block, by axis letter.
     pub distance_to_go: BTreeMap<String, f64>,
     /// Speed on the path, mm/min.
     pub feedrate: f64,
@@ -196,19 +196,19 @@ pub struct Modal {
     pub mdi: Vec<String>,
 }
 
-/// Payload of `captured`.
+/// Payload of `captured`: the positions that the last G31 captured.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CapturedPositions {
-    /// Run of the G31.
+    /// Id of the run that executed the G31.
     pub run_id: Option<String>,
-    /// Line of the G31.
+    /// Line of the G31, from 1.
     pub line: u32,
     /// Motor numbers, ascending.
     pub motors: Vec<u16>,
     /// Captured machine positions, mm or degrees.
     pub positions: Vec<f64>,
-    /// By motor: false if the skip input was not received; the position is then where the motor stopped
+    /// For each motor: false if the skip input was not received; the position is then where the motor stopped
     /// (D41).
     pub captured: Vec<bool>,
 }
@@ -217,11 +217,12 @@ pub struct CapturedPositions {
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct OptionalSkip {
-    /// Numbers that are on, ascending.
+    /// Numbers of the block skip inputs that are on, ascending.
     pub requested: Vec<u8>,
-    /// Numbers that the interpreter uses now.
+    /// Numbers of the block skips that the interpreter applies now.
     pub effective: Vec<u8>,
-    /// First line interpreted with these numbers; blocks before it were read ahead with the previous ones.
+    /// First line that was interpreted with `effective`; earlier lines were read ahead with the previous
+    /// numbers.
     pub effective_from_line: u32,
 }
 

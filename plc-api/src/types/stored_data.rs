@@ -22,7 +22,7 @@ pub struct StoredDataQuestion {
     /// Time of the newest entry of the journal at that start: all data that were stored before this time
     /// should exist. `null` if the journal has no entry.
     pub newest_journal_entry: Option<Timestamp>,
-    /// Findings of inconsistency.
+    /// Inconsistencies that were found.
     pub findings: Vec<StoredDataFinding>,
 }
 
@@ -38,7 +38,7 @@ impl StoredDataQuestion {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct StoredDataFinding {
-    /// The part.
+    /// The inconsistent part.
     pub part: StoredDataPart,
     /// Kind of the inconsistency.
     pub fault: StoredDataFault,

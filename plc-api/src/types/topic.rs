@@ -98,8 +98,8 @@ pub enum Payload {
 }
 
 /// Topics of one coordinate system: each with its path, the variant and type of its payload, and its
-/// description. A state also has a REST route, which is empty if a request reads it. An event also has the M
-/// number of an output.
+/// description. A state also has a REST route, which is empty if a separate request reads the state. An event
+/// also has the M number of an output.
 macro_rules! cs_topics {
     (
         states {$($state:ident $path:literal $route:literal $payload:ident($type:ident) $says:literal;)*}
@@ -114,7 +114,7 @@ macro_rules! cs_topics {
         }
 
         impl CsTopic {
-            /// Topics whose last value is kept and retained, with their paths.
+            /// State topics, whose last value is kept and retained, with their paths.
             pub const STATES: [(CsTopic, &'static str); 21] = [$((CsTopic::$state, $path),)*];
 
             /// Returns the path below that of the coordinate system.
@@ -137,7 +137,7 @@ macro_rules! cs_topics {
                 }
             }
 
-            /// Returns the route, below `/api/v1`, of a state that is read as its last message.
+            /// Returns the route, below `/api/v1`, whose answer is the last message of this state, or `None`.
             pub fn route(self) -> Option<&'static str> {
                 match self {
                     $(CsTopic::$state => Some(concat!("/cs/{cs}/", $route)).filter(|_| !$route.is_empty()),)*
@@ -153,7 +153,7 @@ macro_rules! cs_topics {
                 }
             }
 
-            /// Returns the form of the messages.
+            /// Returns the form of the messages of this topic.
             pub fn form(self) -> Form {
                 match self {
                     $(CsTopic::$state => Form::for_type::<MessageEnvelope<'static, $type>>(),)*
@@ -161,7 +161,7 @@ macro_rules! cs_topics {
                 }
             }
 
-            /// Returns one event of this M code for each kind of event.
+            /// Returns all event topics of this M code, one for each kind of event.
             pub fn events(m: u16) -> impl Iterator<Item = CsTopic> {
                 [$(CsTopic::$event(m)),*].into_iter()
             }
@@ -279,7 +279,7 @@ impl Topic {
         }
     }
 
-    /// Returns the form of the messages.
+    /// Returns the form of the messages of this topic.
     pub fn form(&self) -> Form {
         match self {
             Topic::Presence => Form::for_type::<MessageEnvelope<'static, Presence>>(),
@@ -385,8 +385,9 @@ impl Topic {
         }
     }
 
-    /// Returns the state that an event explains. A client that receives both gets the event before any later
-    /// value of that state. A `cancel` explains why `m_code/pending` no longer shows an output.
+    /// Returns the state whose change an event explains. A client that subscribes to both receives the event
+    /// before any later value of that state. A `cancel` explains why `m_code/pending` no longer shows an
+    /// output.
     pub fn explains(&self) -> Option<Topic> {
         match self {
             Topic::CoordinateSystem(cs, CsTopic::Cancel(_)) => Some(Topic::cs(*cs, CsTopic::Pending)),
@@ -394,7 +395,8 @@ impl Topic {
         }
     }
 
-    /// Returns true for topics that are published continuously, so that a single message does not matter.
+    /// Returns true for topics that are published continuously, so that the loss of a single message does no
+    /// harm.
     fn is_stream(&self) -> bool {
         matches!(
             self,

@@ -9,7 +9,7 @@ use super::{CoordinateSystemNumber, Timestamp};
 /// Number of stored samples, and largest number of samples of one answer.
 pub const TRACE_SAMPLES_MAX: u32 = 6000;
 
-/// Requested samples: of `GET /cs/{n}/trace`.
+/// Requested samples: query of `GET /cs/{n}/trace`.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct TraceQuery {
     /// Number of the first sample; if this sample is no longer stored, the answer starts at the oldest
@@ -21,7 +21,7 @@ pub struct TraceQuery {
     pub axes: String,
 }
 
-/// Samples of the last minute, in time order: of `GET /cs/{n}/trace`.
+/// Response of `GET /cs/{n}/trace`: samples of the last minute, in time order.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Trace {
@@ -47,16 +47,16 @@ pub struct Trace {
     pub axes: BTreeMap<String, TraceAxis>,
 }
 
-/// Motion of one axis: a value for each sample, mm or degrees.
+/// Motion of one axis: a value for each sample; positions in mm or degrees.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct TraceAxis {
     /// Commanded machine position.
     pub position: Vec<f64>,
-    /// Commanded velocity of that servo cycle, per second.
+    /// Commanded velocity in the servo cycle of the sample, mm/s or degrees/s.
     pub velocity: Vec<f64>,
-    /// Change of the commanded velocity in that servo cycle, per second squared.
+    /// Change of the commanded velocity in this servo cycle, mm/s² or degrees/s².
     pub acceleration: Vec<f64>,
-    /// Commanded minus actual position.
+    /// Commanded minus actual position, mm or degrees.
     pub following_error: Vec<f64>,
 }

@@ -7,7 +7,7 @@ use super::refusal::{Refusal, RefusalCode};
 pub struct ProgramUpload {
     /// Text of the program.
     pub text: String,
-    /// Condition; the comparison and the change are one atomic step.
+    /// Condition for storing the program; its check and the change are one atomic step.
     pub condition: ProgramCondition,
     /// The Ed25519 signature of the text's bytes, 64 bytes in Base64.
     pub signature: Option<String>,
@@ -15,16 +15,16 @@ pub struct ProgramUpload {
     pub dialect: Option<String>,
 }
 
-/// Condition for changing a program, as in `If-Match` and `If-None-Match`.
+/// Condition for changing a program; the fields are the headers `If-Match` and `If-None-Match`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ProgramCondition {
-    /// The stored program must be among these.
+    /// Hashes of which the stored program must have one.
     pub if_match: Option<Hashes>,
-    /// The stored program must not be among these.
+    /// Hashes of which the stored program must have none.
     pub if_none_match: Option<Hashes>,
 }
 
-/// Programs by their hashes.
+/// A set of programs, given by their hashes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Hashes {
     /// Any stored program.
@@ -44,8 +44,8 @@ impl Hashes {
 }
 
 impl ProgramCondition {
-    /// Compares the condition with the hash of the stored program: `None` if no program has this number, an
-    /// empty hash if the program is damaged.
+    /// Checks the condition against `now`, the hash of the stored program. `now` is `None` if no program has
+    /// this number, and empty if the program is damaged.
     ///
     /// # Errors
     /// Fails if the condition does not hold.

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A verb, for lists of allowed commands.
+/// Verb of a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
@@ -13,11 +13,11 @@ pub enum Verb {
     Start,
     /// Loads a program, if the order names one, and runs it once for each ordered part.
     Run,
-    /// Feed hold.
+    /// Holds the motion on its path (feed hold).
     Hold,
-    /// Continues after a pause.
+    /// Continues a paused run.
     Resume,
-    /// Moves back along the passed path in a feed hold with G500, or forward again.
+    /// Moves back along the path already passed, during a feed hold with G500, or moves forward again.
     BackTrace,
     /// Decelerates on the path and ends the run.
     Stop,
@@ -27,17 +27,17 @@ pub enum Verb {
     Reset,
     /// Acknowledges an alarm.
     AlarmAcknowledge,
-    /// Manual data input: runs lines of NC text, then READY.
+    /// Manual data input: runs lines of NC text; the state word is READY after that.
     Mdi,
-    /// Moves one axis by hand, then READY.
+    /// Moves one axis by hand; the state word is READY after that.
     Jog,
-    /// Moves axes to their first reference points, each motor alone as G28 does, then READY.
+    /// Moves axes to their first reference points, each motor alone as G28 does; the state word is READY
+    /// after that.
     Home,
 }
 
 impl Verb {
-    /// Returns true for hold, stop and abort: these commands bypass every queue and have no further
-    /// condition.
+    /// Returns true for hold, stop and abort: these commands bypass every queue, and every state allows them.
     pub fn is_urgent(self) -> bool {
         matches!(self, Verb::Hold | Verb::Stop | Verb::Abort)
     }

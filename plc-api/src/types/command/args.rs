@@ -13,7 +13,7 @@ const REFRESH_ID_MAX: usize = 128;
 /// Largest distance of a jog, mm or degrees.
 const JOG_DISTANCE_MAX: f64 = 1_000_000.0;
 
-/// Fails if the arguments are not an object, or have a member that the verb does not know.
+/// Rejects arguments that are not an object, or that contain a name unknown to the verb.
 pub(super) fn check_names(verb: &str, known: &[&str], args: &Value) -> Result<(), String> {
     let args = match args {
         Value::Null => return Ok(()),
@@ -37,7 +37,7 @@ pub(super) fn axis(value: &Value) -> Option<char> {
     letters.next().filter(|_| letters.next().is_none())
 }
 
-/// Reads the order of a run of one part or more.
+/// Reads the arguments of `run`: the program and the number of parts.
 pub(super) fn run(args: &Value) -> Result<Command, String> {
     let given = |key: &str| args.get(key).filter(|value| !value.is_null());
     let program = given("program").map(|value| {
@@ -56,7 +56,7 @@ pub(super) fn run(args: &Value) -> Result<Command, String> {
     }))
 }
 
-/// Reads a start at the beginning of the program, or at a line.
+/// Reads the arguments of `start`: the beginning of the program, or a line.
 pub(super) fn start(args: &Value) -> Result<Command, String> {
     let given = |key: &str| args.get(key).filter(|value| !value.is_null());
     let number = |key: &str, of: &str| match given(key) {
