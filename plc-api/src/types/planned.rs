@@ -265,7 +265,7 @@ pub struct RehearsedLine {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RehearsedRun {
-    /// Time in the plan at which the running block begins, s.
+    /// Time in the plan of the block that runs now, s from the start of the run.
     pub at_s: f64,
     /// Time to the end, s, with the current overrides, without holds and without future waits of unknown
     /// duration. Null if the time is unknown because an override of 0 stops the motion, or because the

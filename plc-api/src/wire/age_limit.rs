@@ -8,14 +8,14 @@ use super::parameter::Fault;
 use super::row::{Body, IncomingRequest, NOT_AFTER, RequestParts, Source};
 use crate::types::not_after::NotAfter;
 
-/// Returns true for the path of hold, stop or abort.
+/// Returns true if the values in a path contain the verb hold, stop or abort.
 pub(super) fn names_urgent(params: &[(&str, &str)]) -> bool {
     let mut params = params.iter();
     params.any(|(name, value)| *name == "verb" && ["hold", "stop", "abort"].contains(value))
 }
 
 impl IncomingRequest<'_> {
-    /// Returns the age limit in the body.
+    /// Returns the age limit that the body or payload contains.
     pub(super) fn not_after(&self) -> Result<Option<NotAfter>, Fault> {
         #[derive(Deserialize)]
         struct AgeLimit {
@@ -38,7 +38,7 @@ impl IncomingRequest<'_> {
 }
 
 impl RequestParts {
-    /// Adds an age limit to the body and to the payload of the topic.
+    /// Adds an age limit to the body and to the payload of a request.
     pub(super) fn limit_age(&mut self, not_after: Option<&NotAfter>) {
         let Some(not_after) = not_after else { return };
         if let Body::Nothing = self.body {

@@ -1,4 +1,4 @@
-//! Answers in their form on REST, written by the server end and read by the client transport.
+//! Answers as REST transmits them: written by the server end, read by the client transport.
 
 use std::collections::BTreeMap;
 
@@ -19,34 +19,34 @@ use crate::types::request::{Answer, Request};
 /// Form of a request's answer over REST.
 #[derive(Debug, Clone)]
 pub enum AnswerForm {
-    /// Only a status.
+    /// A status without content.
     Nothing,
-    /// With `wait` the reply of the completed command, otherwise the id of the command.
+    /// Answer to a command: with `wait` the reply to the completed command, otherwise the id of the command.
     Command {
-        /// Whether to wait for the effect of the command.
+        /// True if the answer waits for the effect of the command.
         wait: bool,
     },
-    /// The reply of a command that has started a run, which is a new resource.
+    /// The reply to a command that has started a run; the run is a new resource with its own address.
     Started,
     /// The reply to a request for the control lease.
     Lease,
-    /// The result of a claim or reset, with the fields that only the request contains.
+    /// Result of a claim or reset. The fields are those of the request that a rejection does not contain.
     Handshake {
         /// Sequence number of the output.
         seq: u64,
         /// Sender of the claim or reset.
         handler_id: String,
-        /// Whether an operator answers a question.
+        /// True if the request is an operator's answer to a question.
         is_answer: bool,
     },
-    /// Values of variables, with the range of the request.
+    /// Values of variables; the fields are the range in the request.
     Variables {
         /// Letter of the variables.
         kind: VariableKind,
         /// Number of the first variable.
         from: u32,
     },
-    /// Intermediate code, or the text of a program for a request without its hash.
+    /// Plain text: intermediate code, or the text of a program without its hash.
     Text,
     /// Text of a program, with its hash as `ETag`.
     Program,
@@ -63,7 +63,7 @@ pub enum AnswerForm {
     },
 }
 
-/// Returns the form for a request that is answered with JSON of this type.
+/// Returns the form of an answer that is JSON of the type `T`.
 pub(super) fn json_of<T>(_: &Request) -> AnswerForm
 where
     T: TryFrom<Answer> + Into<Answer> + Serialize + DeserializeOwned,
@@ -74,29 +74,29 @@ where
     }
 }
 
-/// An answer ready for sending.
+/// An HTTP answer, ready for sending.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Reply {
-    /// 204.
+    /// Status 204 without content.
     Nothing,
-    /// Status and JSON.
+    /// The status, and JSON as the body.
     Json(u16, String),
-    /// Plain text.
+    /// A body of plain text.
     Text(String),
-    /// Text of a program, and its hash.
+    /// Text of a program, with its hash.
     Program(ProgramText),
-    /// Bytes, with their tag.
+    /// Bytes of a planned path, with its tag.
     Bytes(PlannedPath),
-    /// Status and JSON of the stored program, and its hash.
+    /// The status, the result of the check as JSON, and the hash of the stored program.
     Stored(u16, String, String),
-    /// 201: JSON of the reply, and the address of the new resource.
+    /// Status 201: JSON of the reply, and the address of the new resource.
     Created(String, String),
-    /// 202: a command is accepted; the id of the command is part of the address of its status. For a load and
-    /// a start also the hash of the program.
+    /// Status 202: a command is accepted. The id of the command is part of the address of its status. A load
+    /// and a start also have the hash of the program.
     Accepted(String, Option<String>),
 }
 
-/// Answers that contain their value in a field of an object.
+/// Defines bodies of answers that contain the value of the answer in one field of an object.
 macro_rules! in_a_field {
     ($($name:ident { $field:ident: $type:ty $(, $schema:meta)? })*) => {$(
         #[derive(Serialize, Deserialize)]
@@ -162,8 +162,8 @@ impl AnswerForm {
     /// Encodes an answer for sending.
     ///
     /// # Errors
-    /// Returns the problem of an answer that is a refusal on REST, such as a rejected claim, and if the
-    /// answer does not have this form.
+    /// Returns the problem to send if the answer is a refusal on REST, such as a rejected claim, or does not
+    /// have this form.
     pub fn encode(&self, answer: Answer) -> Result<Reply, Box<Problem>> {
         let json = |value: Value| Ok(Reply::Json(200, value.to_string()));
         match (self, answer) {
@@ -211,10 +211,10 @@ impl AnswerForm {
         }
     }
 
-    /// Decodes an HTTP answer with the value of its `ETag`, which is empty if the answer has no `ETag`.
+    /// Decodes an HTTP answer. `etag` is the value of its header `ETag`, or empty.
     ///
     /// # Errors
-    /// Returns the refusal that the answer contains.
+    /// Fails with the refusal that the answer contains.
     pub fn decode(&self, status: u16, etag: &str, body: Vec<u8>) -> Result<Answer, Refusal> {
         if !(200..300).contains(&status) {
             return self.refused(status, &String::from_utf8_lossy(&body));
@@ -230,7 +230,8 @@ impl AnswerForm {
         let body = body.as_str();
         Ok(match self {
             AnswerForm::Nothing | AnswerForm::Path => Answer::Done,
-            // 200 contains the reply; 202 contains only the id of an accepted command
+            // 200 contains the reply of the completed command; 202 contains only the id of an accepted
+            // command
             AnswerForm::Command { .. } if status == 202 => {
                 let AcceptedCommand { command_id, hash } = read(body)?;
                 Answer::Command(CommandReply {
@@ -295,8 +296,8 @@ impl Reply {
     }
 }
 
-/// Returns the problem of a rejected claim or reset, with its status as the code. An accepted claim or reset,
-/// now or earlier, has no problem: the answer is its result.
+/// Returns the problem of a rejected claim or reset, whose status becomes the code of the problem. Returns
+/// `None` if the claim or reset is accepted now or was accepted earlier.
 fn handshake_problem(result: &HandshakeResult, is_answer: bool) -> Option<Problem> {
     let seq = result.seq;
     let (code, text) = match result.status {

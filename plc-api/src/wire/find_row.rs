@@ -1,11 +1,11 @@
-//! The row of a request that was not received on a route or topic.
+//! The row of a request that arrived without a route or topic, such as in a WebSocket frame.
 
 use super::requests::ROWS;
 use super::row::{ParsedRequest, Row};
 use crate::types::request::Request;
 
-/// Returns a request that was not received on a route or topic, with the right of its row, or `None` if no
-/// row carries it.
+/// Adds the right of its row to a request that arrived without a route or topic. Returns `None` if the
+/// request has no row.
 pub(super) fn parsed(request: Request) -> Option<ParsedRequest> {
     row_of(&request).map(|row| row.parsed(request))
 }

@@ -1,4 +1,4 @@
-//! Additions of a machine builder to the HMI, in the configuration and in the answer of the server.
+//! Additions of a machine builder to the HMI: in the configuration, and in the answer of the server.
 
 use serde::{Deserialize, Serialize};
 
@@ -38,10 +38,10 @@ impl Default for Hmi {
 pub struct HmiButton {
     /// Text on the button, 1 to 40 characters.
     pub text: String,
-    /// A picture before the text: a file of the folder `dir`, such as `lamp.svg`.
+    /// A picture before the text: name of a file in the folder `dir`, such as `lamp.svg`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub icon: Option<String>,
-    /// The coordinate system of the button; without it, the selected one.
+    /// The coordinate system of the button; if absent, the coordinate system that the operator has selected.
     #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 255)))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cs: Option<CoordinateSystemNumber>,
@@ -62,7 +62,7 @@ pub struct HmiButton {
     /// `optional_skip/1` to `optional_skip/31`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub input: Option<String>,
-    /// Question before the action, 1 to 200 characters.
+    /// Question that the operator must confirm before the action, 1 to 200 characters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confirm: Option<String>,
     /// States in which the button can be pressed; empty for all states in which the machine accepts the
@@ -71,18 +71,18 @@ pub struct HmiButton {
     pub states: Vec<Execution>,
 }
 
-/// A card of the panel Machine: it shows an M code while it is open, a variable, an input, or the drawing of
-/// a module of the folder `dir`.
+/// A card of the panel Machine: it shows the open output of an M code, a variable, an input, or the drawing
+/// of a module in the folder `dir`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct HmiCard {
     /// Title of the card, 1 to 40 characters.
     pub text: String,
-    /// A picture before the title: a file of the folder `dir`.
+    /// A picture before the title: name of a file in the folder `dir`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub icon: Option<String>,
-    /// The coordinate system of the card; without it, the selected one.
+    /// The coordinate system of the card; if absent, the coordinate system that the operator has selected.
     #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 255)))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cs: Option<CoordinateSystemNumber>,
@@ -93,14 +93,14 @@ pub struct HmiCard {
     /// Variable that the card shows, such as `P100` or `Q5`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub variable: Option<String>,
-    /// Unit after the variable, at most 12 characters.
+    /// Unit that the card shows after the variable, at most 12 characters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
     /// Input that the card shows: `optional_stop`, `single_block`, `dry_run`, `interlock`, `start_lock`, or
     /// `optional_skip/1` to `optional_skip/31`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub input: Option<String>,
-    /// ES module of the folder `dir`, such as `oil.js`, whose default export draws the card.
+    /// ES module in the folder `dir`, such as `oil.js`, whose default export draws the card.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub module: Option<String>,
 }

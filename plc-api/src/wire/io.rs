@@ -7,7 +7,7 @@ use super::row_macros::written;
 use crate::types::io::{IoForce, IoSet};
 use crate::types::request::Request;
 
-/// A handler or a client writes an input or output.
+/// Row of the request by which a handler or a client writes an input or output.
 #[allow(
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"
@@ -28,7 +28,7 @@ pub(super) const WRITE: Row = Row {
     )
 };
 
-/// An operator forces an input or output.
+/// Row of the request by which an operator forces an input or output.
 #[allow(
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"

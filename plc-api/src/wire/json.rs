@@ -1,4 +1,4 @@
-//! JSON objects of received messages.
+//! Parsing of JSON objects in received messages.
 
 use std::fmt;
 
@@ -7,17 +7,17 @@ use serde::de::{
     DeserializeOwned, DeserializeSeed, Deserializer, IgnoredAny, IntoDeserializer, MapAccess, Visitor,
 };
 
-/// Parses a JSON object. Reason for the check of the first character: otherwise an array would be accepted as
-/// the fields in their order.
+/// Parses a JSON object. The first character is checked, because otherwise an array would be accepted, with
+/// its elements as the fields in order.
 ///
 /// # Errors
-/// Returns an error for the sender if the JSON is not valid.
+/// Fails if the JSON is not valid; the text is for the sender of the message.
 pub fn json_object<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, String> {
     edited_json_object(bytes, None, &[])
 }
 
-/// Parses a JSON object as if it contained one more field, with the value that the path names. The fields
-/// that are read separately are ignored.
+/// Parses a JSON object as if it also contained the field `added`, whose value comes from the path. The
+/// fields `left_out`, which are read separately, are ignored.
 pub(super) fn edited_json_object<T: DeserializeOwned>(
     bytes: &[u8],
     added: Option<(&'static str, u64)>,
@@ -37,8 +37,8 @@ pub(super) fn edited_json_object<T: DeserializeOwned>(
         .map_err(|error| error.to_string())
 }
 
-/// Wrapper of a deserializer, of its visitor or of its fields. It adds the field `added`, and leaves out the
-/// fields `left_out`.
+/// Wrapper of a deserializer, of its visitor or of its fields, which adds the field `added`, and leaves out
+/// the fields `left_out`.
 struct EditedDeserializer<'a, D> {
     added: Option<(&'static str, u64)>,
     left_out: &'a [&'a str],

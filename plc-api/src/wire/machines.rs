@@ -1,4 +1,4 @@
-//! The machines that the HMI shows on one page, from the messages that this runtime receives.
+//! The machines that the HMI shows on one page, according to the messages that this runtime receives.
 
 use serde::Serialize;
 
@@ -19,12 +19,12 @@ pub const TOPICS: [&str; 7] = [
     "cs/+/time_left",
 ];
 
-/// The other machines.
+/// The other machines that the HMI shows.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(rename = "MachineList"))]
 pub struct Machines {
-    /// Addresses of the configuration, `[hmi] machines`, in their order.
+    /// Addresses in `[hmi] machines` of the configuration, in the order of the configuration.
     pub addresses: Vec<String>,
     /// The external broker that this runtime shares with other machines.
     pub broker: SharedBroker,
@@ -58,7 +58,7 @@ pub struct MachineSeen {
     pub age_ms: Option<u64>,
     /// Address of the HMI of the machine, if the machine publishes this address.
     pub url: Option<String>,
-    /// Number of active alarms.
+    /// Number of active alarms of the machine.
     pub alarm_count: u32,
     /// The newest active alarms, at most 4.
     pub alarms: Vec<AlarmRecord>,

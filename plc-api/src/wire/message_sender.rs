@@ -1,12 +1,12 @@
 //! Sender of a message over MQTT, as named in its topic: `handler/{id}/...` and `client/{id}/...`.
 //!
-//! The access rules of any broker can restrict these topics to users. The sender in a payload must agree with
-//! its topic.
+//! The access rules of any broker can restrict these topics to users. The sender in a payload must be the
+//! sender in the topic.
 
 use super::row::ParsedRequest;
 use crate::types::request::{Input, Request};
 
-/// Prefixes of the paths of requests, after the levels of the sender.
+/// Beginnings of the paths of requests that may follow the two levels with the sender.
 const REQUESTS: [&str; 5] = ["cs/", "io/", "motor/", "alarm/raise", "stored_data/answer"];
 
 /// The sender of a message.
@@ -39,8 +39,8 @@ impl MessageSender {
         }
     }
 
-    /// Splits a path into its sender and the path of the request. Presences and heartbeats have their own
-    /// paths.
+    /// Splits a path into its sender and the path of the request. The path of a presence or a heartbeat is
+    /// not split, although it begins with the same levels.
     pub fn split(path: &str) -> (Option<Self>, &str) {
         let mut levels = path.splitn(3, '/');
         let (Some(kind), Some(id), Some(rest)) = (levels.next(), levels.next(), levels.next()) else {
@@ -54,7 +54,7 @@ impl MessageSender {
         }
     }
 
-    /// Returns the path on which this sender publishes a request.
+    /// Returns the path on which this sender publishes a request, whose own path is `path`.
     pub fn path(&self, path: &str) -> String {
         match self {
             MessageSender::Handler(id) => format!("handler/{id}/{path}"),
@@ -62,8 +62,8 @@ impl MessageSender {
         }
     }
 
-    /// Returns the sender of a request: the handler that it names, otherwise `handler` for requests of a
-    /// handler, otherwise the client.
+    /// Returns the sender of a request: the handler that the request names, otherwise `handler` if handlers
+    /// send such requests, otherwise the client.
     pub fn of_request(request: &Request, handler: Option<&str>, client: &str) -> Self {
         let client = || MessageSender::Client(client.to_owned());
         match request {
@@ -88,11 +88,11 @@ impl MessageSender {
         }
     }
 
-    /// Sets the sender of the topic in a request if the payload names no sender. `client_id` is the client
-    /// that the payload names.
+    /// If the payload names no sender, sets the sender in the topic as the sender of the request. `client_id`
+    /// is the client that the payload names.
     ///
     /// # Errors
-    /// Fails, in words, if the payload names another sender.
+    /// Fails if the payload names another sender; the text is for the sender.
     pub(super) fn identify(&self, parsed: &mut ParsedRequest, client_id: Option<&str>) -> Result<(), String> {
         if let Some(owner) = parsed.owner_mut().filter(|owner| owner.is_none()) {
             *owner = matches!(self, MessageSender::Handler(_)).then(|| self.id().to_owned());
@@ -117,7 +117,7 @@ impl MessageSender {
     }
 }
 
-/// Returns true if a client id is the id of the topic, or starts with this id and `-`.
+/// Returns true if a client id is equal to the id in the topic, or starts with this id and `-`.
 fn is_of(client_id: &str, id: &str) -> bool {
     client_id == id
         || client_id
@@ -125,7 +125,7 @@ fn is_of(client_id: &str, id: &str) -> bool {
             .is_some_and(|rest| rest.starts_with('-'))
 }
 
-/// Returns the handler in whose name a request is made.
+/// Returns the handler that a request names as its sender.
 fn named(request: &Request) -> Option<String> {
     match request {
         Request::Claim(_, _, claim) => Some(claim.handler_id.clone()),

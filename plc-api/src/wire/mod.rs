@@ -1,10 +1,10 @@
-//! Tables of the wire formats: every request to the machine with its routes and topics, written and read by
-//! the same rows.
+//! Tables of the wire formats: every request to the machine with its routes and topics. The same rows write
+//! and read a request.
 //!
 //! A [`Row`](row::Row) is one request: its right, its routes and topics, its content, and the functions that
 //! read and write it. Client transports write with [`rest::encode`], [`mqtt::encode`] and
-//! [`websocket::encode`]; server ends read with the row of their route, with [`mqtt::decode`] and with
-//! [`ClientFrame::requests`](websocket::ClientFrame::requests). Pure: no sockets, no async.
+//! [`websocket::encode`]. Server ends read with the row of their route, with [`mqtt::decode`] and with
+//! [`ClientFrame::requests`](websocket::ClientFrame::requests). The module is pure: no sockets, no async.
 
 mod age_limit;
 pub mod answer;
@@ -37,9 +37,9 @@ pub use json::json_object;
 pub use pattern::percent_encoded;
 pub use requests::ROWS;
 
-/// Largest content of one message of a client, bytes, on every transport: the payload over MQTT, a JSON body
-/// over REST, a frame of the WebSocket. A larger message is refused. Reason: the largest message, 1024
-/// variables or a fault text, is much smaller.
+/// Largest content of one message of a client, bytes, on every transport: an MQTT payload, a JSON body over
+/// REST, or a frame of the WebSocket. A larger message is refused. Reason: the largest message of a correct
+/// client, with 1024 variables or a fault text, is much smaller.
 pub const PAYLOAD_MAX: usize = 64 * 1024;
 
 #[cfg(test)]

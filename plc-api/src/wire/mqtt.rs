@@ -25,7 +25,7 @@ use crate::types::output::{Claim, HandlerPresence, HandshakeResult, HandshakeSta
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::Request;
 
-/// A message to send, and the event that completes its request.
+/// A message to send, with the event that completes its request.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outgoing {
     /// Path below the machine's root.
@@ -41,9 +41,9 @@ pub struct Outgoing {
 /// Event that completes a request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Until {
-    /// The broker has acknowledged the message.
+    /// The broker acknowledges the message.
     Acknowledged,
-    /// The `result` of a claim or reset.
+    /// The `result` of the claim or reset arrives.
     Result {
         /// Coordinate system of the output.
         cs: CoordinateSystemNumber,
@@ -58,14 +58,14 @@ pub enum Until {
         /// True for a reset, false for a claim.
         is_reset: bool,
     },
-    /// The `result` of a presence.
+    /// The `result` of the presence arrives.
     Announced {
         /// Id of the handler.
         handler_id: String,
         /// Instance of the handler.
         instance: String,
     },
-    /// The `reply` of a command: accepted, or done.
+    /// The `reply` of the command arrives: accepted, or done.
     Reply {
         /// Id of the command.
         command_id: String,
@@ -126,8 +126,8 @@ impl Until {
     }
 }
 
-/// Returns the sender of a request that is answered on `reply/{client_id}`, and its coordinate system; 0 for
-/// all.
+/// Returns the sender of a request that is answered on `reply/{client_id}`, and the coordinate system of the
+/// request; 0 means all coordinate systems.
 pub fn sender(request: &Request) -> Option<(CoordinateSystemNumber, &CommandMeta)> {
     match request {
         Request::Command { cs, meta, .. } | Request::Lease { cs, meta, .. } => Some((*cs, meta)),
@@ -139,11 +139,12 @@ pub fn sender(request: &Request) -> Option<(CoordinateSystemNumber, &CommandMeta
     }
 }
 
-/// Creates the message of a request. Replies are sent to `client_id`, regardless of the client id in the
-/// request. `m_of` returns the M number of an open output if the request does not contain this number.
+/// Creates the message of a request. Replies are sent to `client_id`, even if the request contains another
+/// client id. `m_of` returns the M number of an open output, for a request that does not contain this number.
 ///
 /// # Errors
-/// Returns `not_supported` if MQTT does not carry the request, and `not_found` if the output is not open.
+/// Fails with `not_supported` if MQTT does not carry the request, and with `not_found` if the output is not
+/// open.
 pub fn encode(
     request: Request,
     client_id: &str,
@@ -229,14 +230,14 @@ impl InboundTopic {
         }
     }
 
-    /// Returns true for a claim and a reset, which a `result` answers.
+    /// Returns true for the topics of claims and resets, which a `result` answers.
     fn has_result(&self) -> bool {
         self.pattern.ends_with("/claim") || self.pattern.ends_with("/reset")
     }
 
     /// Reads the sender and the conditions from a payload.
     fn meta(&self, payload: &[u8], retained: bool, is_urgent: bool) -> Result<CommandMeta, Refusal> {
-        // the content of this field must never delay a hold, stop or abort
+        // an invalid `not_after` must not prevent a hold, stop or abort
         let left_out = if is_urgent { &[NOT_AFTER][..] } else { &[] };
         let meta: CommandMeta = edited_json_object(payload, None, left_out)
             .map_err(|error| invalid(text_of(Fault::Json(error))))?;
@@ -250,7 +251,7 @@ impl InboundTopic {
             let text = format!("{what} must not be retained; publish it without the retain flag");
             return Err(Refusal::new(RefusalCode::Retained, text));
         }
-        // the request itself may have fields of these names
+        // fields with these names that are not in the envelope belong to the request itself
         Ok(CommandMeta {
             ttl_ms: meta.ttl_ms.filter(|_| self.envelope.contains(&"ttl_ms")),
             not_after: meta.not_after.filter(|_| self.envelope.contains(&NOT_AFTER)),
@@ -271,10 +272,10 @@ pub enum Inbound {
     Ask {
         /// The request.
         request: ParsedRequest,
-        /// Hold, stop, abort and an alarm bypass every queue.
+        /// True for hold, stop, abort and a raised alarm, which bypass every queue.
         urgent: bool,
     },
-    /// A command that is not a valid request: its sender is notified.
+    /// A command that is not a valid request: the server end notifies its sender.
     Reject {
         /// Coordinate system of the command.
         cs: CoordinateSystemNumber,
@@ -285,14 +286,14 @@ pub enum Inbound {
         /// Reason.
         refusal: Refusal,
     },
-    /// A claim or reset that is not a valid request: its sender is notified by a `result`, if the sender may
-    /// use this name.
+    /// A claim or reset that is not a valid request: the server end notifies its sender by a `result`, if the
+    /// sender has the right for this name.
     RefuseOutput {
         /// Coordinate system of the output.
         cs: CoordinateSystemNumber,
         /// M number of the output.
         m: u16,
-        /// Result for the sender.
+        /// Result to publish for the sender.
         result: HandshakeResult,
         /// The right that the request needs.
         right: Right,
@@ -301,8 +302,8 @@ pub enum Inbound {
     Drop(String),
 }
 
-/// Parses a message. `retained` means that the broker has sent it with the retain flag: the message is stale
-/// and is not executed.
+/// Parses a message. `retained` means that the broker sent the message with the retain flag. Such a message is
+/// stale, and is executed only on topics that allow the flag.
 pub fn decode(path: &str, payload: &[u8], retained: bool) -> Inbound {
     let (speaker, request) = MessageSender::split(path);
     let found = topics().find_map(|(row, topic)| Some((row, topic, take_apart(topic.pattern, request)?)));
@@ -360,7 +361,7 @@ impl Row {
 }
 
 impl Inbound {
-    /// Sets the sender that the topic names.
+    /// Sets the sender that the topic names in the request.
     fn set_sender(mut self, speaker: &MessageSender) -> Result<Self, String> {
         let Inbound::Ask { request, .. } = &mut self else {
             return Ok(self);
@@ -398,7 +399,7 @@ fn text_of(fault: Fault) -> String {
     }
 }
 
-/// Notifies the sender of a claim or reset by a result, if the message contains the sender and the output.
+/// Creates the `result` that refuses a claim or reset, if the message names its sender and its output.
 fn refuse_output(
     right: Right,
     topic: &InboundTopic,
@@ -422,7 +423,7 @@ fn refuse_output(
             .find(|(name, _)| *name == wanted)
             .map(|(_, level)| *level)
     };
-    // only these fields of a payload that is too large are stored
+    // the payload may be too large: only these fields are stored
     let named: OutputIds = json_object(payload).unwrap_or_default();
     let handler_id = named.handler_id.as_str().unwrap_or_default();
     let instance = named.instance.as_str().filter(|named| is_client_id(named));
@@ -454,7 +455,7 @@ fn invalid(text: impl Into<String>) -> Refusal {
     Refusal::new(RefusalCode::Invalid, text)
 }
 
-/// Notifies the sender if the message contains the sender, otherwise writes to the log.
+/// Creates the rejection of a command; if the message names no sender, its text goes to the log.
 fn reject(cs: CoordinateSystemNumber, payload: &[u8], refusal: Refusal) -> Inbound {
     #[derive(Default, Deserialize)]
     #[serde(default)]
@@ -462,7 +463,7 @@ fn reject(cs: CoordinateSystemNumber, payload: &[u8], refusal: Refusal) -> Inbou
         client_id: Value,
         command_id: Value,
     }
-    // only these fields of a payload that is too large are stored
+    // the payload may be too large: only these fields are stored
     let named: CommandIds = json_object(payload).unwrap_or_default();
     let client_id = named.client_id.as_str().unwrap_or_default();
     let command_id = named.command_id.as_str().unwrap_or_default();

@@ -1,12 +1,12 @@
-//! Parameters of routes: the same constant lists a parameter in the documents and reads it from a request, so
-//! a route reads only listed parameters.
+//! Parameters of routes. The same constant describes a parameter in the documents and reads its value from a
+//! request, so that a route reads only documented parameters.
 
 use crate::types::CoordinateSystemNumber;
 use crate::types::data::JournalFilter;
 use crate::types::planned::PATH_TOLERANCE_MM;
 use crate::types::run::RUN_WAIT_MAX_S;
 
-/// Reason why received data are not a request.
+/// Reason why received data are not a valid request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Fault {
     /// A level of the path has the wrong form.
@@ -19,14 +19,14 @@ pub enum Fault {
     Invalid(String),
 }
 
-/// Values in the query of a route.
+/// Values in the query of a request; the route determines which of them are read.
 #[derive(Debug, Clone, Default)]
 pub struct QueryValues {
-    /// Number of the first element.
+    /// Number of the first element to answer or write.
     pub from: Option<u32>,
-    /// Number of elements.
+    /// Number of elements to answer or write.
     pub count: Option<u32>,
-    /// Whether to wait until the request is done.
+    /// Text of `wait`: whether, or how long, the answer waits until the request is done.
     pub wait: Option<String>,
     /// Filter for lines of the journal.
     pub filter: JournalFilter,
@@ -34,26 +34,26 @@ pub struct QueryValues {
     pub dialect: Option<String>,
     /// The coordinate system that runs a program.
     pub cs: Option<CoordinateSystemNumber>,
-    /// Required accuracy of a path, mm.
+    /// Required accuracy of a planned path, mm.
     pub tolerance: Option<f64>,
-    /// Letters of axes.
+    /// Letters of the requested axes.
     pub axes: Option<String>,
 }
 
 /// Allowed values of a parameter, as the documents list them.
 #[derive(Debug, Clone, Copy)]
 pub enum Values {
-    /// A whole number from the first to the second; `None` means no upper bound.
+    /// A whole number: lower bound and upper bound, inclusive; `None` means no upper bound.
     Integer(u32, Option<u32>),
-    /// A number not below this one.
+    /// A number that is not less than this value.
     Number(f64),
     /// A text with this minimum and maximum number of characters.
     Text(usize, usize),
-    /// A text limited only by the size of a request's head.
+    /// A text of any length that the head of a request can contain.
     AnyText,
     /// One of these words.
     Words(&'static [&'static str]),
-    /// A text of this form, a regular expression.
+    /// A text that matches this regular expression.
     Form(&'static str),
 }
 
@@ -68,7 +68,7 @@ pub struct QueryParameter {
     pub is_required: bool,
     /// Meaning of the parameter.
     pub description: &'static str,
-    /// Reads a value; returns `None` if the text is not valid.
+    /// Reads a value into the query values; returns `None` if the text is not valid.
     read: fn(&str, &mut QueryValues) -> Option<()>,
 }
 
@@ -77,7 +77,7 @@ pub struct QueryParameter {
 pub struct Query {
     /// Parameters of the query.
     pub parameters: &'static [QueryParameter],
-    /// True if parameters that are not listed are ignored; otherwise they are refused.
+    /// True if the route ignores parameters that are not listed; otherwise it refuses them.
     ignores_others: bool,
 }
 
@@ -133,7 +133,7 @@ const fn cs(description: &'static str) -> QueryParameter {
     }
 }
 
-/// Creates a text parameter of the journal.
+/// Creates a parameter of the journal whose value is a text.
 const fn journal_text(
     name: &'static str,
     description: &'static str,
@@ -148,7 +148,7 @@ const fn journal_text(
     }
 }
 
-/// Largest number of characters of a journal parameter. Reason: no name or time is longer.
+/// Largest number of characters of a journal parameter. Reason: no valid name or time is longer.
 const JOURNAL_TEXT_MAX: usize = 256;
 
 /// Largest number of characters of a dialect's name. Reason: no name is longer.
@@ -198,14 +198,14 @@ impl Query {
         ignores_others: true,
     };
 
-    /// A range of values to read.
+    /// Parameters `from` and `count` of a range of values to read.
     pub const RANGE: Self = Self::from_parameters(&[
         from("Number of the first value; default 0."),
         count("Number of values; default 1."),
     ]);
 
-    /// A range of values to write. The number of the first value has no default: a request without it would
-    /// overwrite the first values.
+    /// Parameters of a range of values to write. The number of the first value has no default: a request
+    /// without this number would overwrite the first values.
     pub const RANGE_TO_WRITE: Self = Self::from_parameters(&[
         QueryParameter {
             is_required: true,
@@ -214,7 +214,7 @@ impl Query {
         count("Number of values; must be the number of values in the body."),
     ]);
 
-    /// Lines of the journal.
+    /// Parameters that filter lines of the journal.
     pub const JOURNAL: Self = Self::from_parameters(&[
         journal_text(
             "since",
@@ -266,7 +266,7 @@ impl Query {
         count("Number of lines; default 100."),
     ]);
 
-    /// Whether to answer a command only when it is done.
+    /// Parameter that makes the answer to a command wait until the command is done.
     pub const WAIT: Self = Self {
         parameters: &[wait(
             Values::Words(&["0", "1", "false", "true", ""]),
@@ -275,33 +275,33 @@ impl Query {
         ignores_others: true,
     };
 
-    /// Seconds to wait for the end of a run.
+    /// Parameter with the seconds to wait for the end of a run.
     pub const SECONDS: Self = Self::from_parameters(&[wait(
         Values::Integer(0, Some(RUN_WAIT_MAX_S)),
         "Longest wait for the end of the run, s; default: the answer follows at once.",
     )]);
 
-    /// Runs.
+    /// Parameters that select runs.
     pub const RUNS: Self = Self::from_parameters(&[
         cs("Runs of this coordinate system only."),
         from("Number of newest runs to skip; default 0."),
         count("Number of runs; default 100."),
     ]);
 
-    /// The dialect of a program.
+    /// Parameter with the NC dialect of a program.
     pub const DIALECT: Self = Self::from_parameters(&[DIALECT]);
 
-    /// Samples of the recent motion.
+    /// Parameters that select samples of the recent motion.
     pub const TRACE: Self = Self::from_parameters(&[
         AXES,
         from("Number of the first sample; default 0."),
         count("Number of samples; default: all."),
     ]);
 
-    /// The coordinate system that runs a program.
+    /// Parameter with the coordinate system that runs a program.
     pub const RUN_BY: Self = Self::from_parameters(&[RUN_BY]);
 
-    /// A part of a planned path.
+    /// Parameters that select a part of a planned path.
     pub const PATH: Self = Self::from_parameters(&[
         RUN_BY,
         TOLERANCE,
@@ -370,7 +370,7 @@ impl Values {
         }
     }
 
-    /// Returns the allowed values in the words of an error.
+    /// Returns the allowed values in words, for an error text.
     fn shown(&self) -> String {
         match self {
             Values::Integer(min, Some(max)) => format!("a whole number, {min} to {max}"),

@@ -1,10 +1,12 @@
-//! Paths with names: `cs/{cs}/tool/set` or `/cs/{cs}/{verb=load}`, filled by a writer and split by a reader.
+//! Patterns of paths, such as `cs/{cs}/tool/set` or `/cs/{cs}/{verb=load}`: writers fill them, readers split
+//! paths by them.
 //!
-//! `{name}` stands for one level; `{name=value}` is the fixed level `value`, and assigns it to the name.
+//! `{name}` stands for one level; `{name=value}` is the fixed level `value`, which is also the value of
+//! `name`.
 
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 
-/// A value by its name.
+/// The name in a pattern, and its value.
 pub type Param = (&'static str, String);
 
 enum PatternLevel<'a> {
@@ -23,7 +25,7 @@ fn level(text: &str) -> PatternLevel<'_> {
     }
 }
 
-/// Returns the pattern as documents show it: fixed levels by their value.
+/// Returns the pattern as documents show it: each fixed level as its value only.
 pub(super) fn shown(pattern: &str) -> String {
     let levels = pattern.split('/').map(|text| match level(text) {
         PatternLevel::Plain(_) | PatternLevel::Named(_) => text,
@@ -32,7 +34,7 @@ pub(super) fn shown(pattern: &str) -> String {
     levels.collect::<Vec<_>>().join("/")
 }
 
-/// Returns the pattern as an MQTT filter: `+` for each level that varies.
+/// Returns the pattern as an MQTT filter, with `+` for each level that is not fixed.
 pub(super) fn filter(pattern: &str) -> String {
     let shown = shown(pattern);
     let levels = shown.split('/').map(|text| match level(text) {
@@ -50,7 +52,7 @@ pub(super) fn names(pattern: &str) -> impl Iterator<Item = &str> {
     })
 }
 
-/// Returns the fixed levels of the pattern by name.
+/// Returns the fixed values of the pattern, by name.
 pub(super) fn fixed(pattern: &str) -> impl Iterator<Item = (&str, &str)> {
     pattern.split('/').filter_map(|text| match level(text) {
         PatternLevel::Fixed(name, value) => Some((name, value)),
@@ -58,8 +60,8 @@ pub(super) fn fixed(pattern: &str) -> impl Iterator<Item = (&str, &str)> {
     })
 }
 
-/// Returns the path with these values, each encoded by `encode`, or `None` if the pattern contains a name
-/// without a value, or fixes another value.
+/// Returns the path with these values, each encoded by `encode`. Returns `None` if a name of the pattern has
+/// no value, or if the pattern fixes a different value.
 pub(super) fn fill(pattern: &str, params: &[Param], encode: impl Fn(&str) -> String) -> Option<String> {
     let value = |name: &str| Some(params.iter().find(|(known, _)| *known == name)?.1.as_str());
     let mut levels = Vec::new();
@@ -73,7 +75,8 @@ pub(super) fn fill(pattern: &str, params: &[Param], encode: impl Fn(&str) -> Str
     Some(levels.join("/"))
 }
 
-/// Returns the values that a path gives to the names of the pattern, or `None` if it does not match.
+/// Returns the values in a path for the names of the pattern, or `None` if the path does not match the
+/// pattern.
 pub(super) fn take_apart<'a>(pattern: &'static str, path: &'a str) -> Option<Vec<(&'a str, &'a str)>> {
     let mut params = Vec::new();
     let mut levels = path.split('/');
@@ -89,14 +92,14 @@ pub(super) fn take_apart<'a>(pattern: &'static str, path: &'a str) -> Option<Vec
     levels.next().is_none().then_some(params)
 }
 
-/// All but unreserved characters of a URL.
+/// Characters that are encoded as `%XX`: all but the unreserved characters of a URL.
 const RESERVED: &AsciiSet = &NON_ALPHANUMERIC
     .remove(b'-')
     .remove(b'.')
     .remove(b'_')
     .remove(b'~');
 
-/// Encodes a text as one level of a path: all but unreserved characters as `%XX`.
+/// Encodes a text as one level of a path: all characters but the unreserved ones become `%XX`.
 pub fn percent_encoded(text: &str) -> String {
     utf8_percent_encode(text, RESERVED).to_string()
 }

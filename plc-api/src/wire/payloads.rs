@@ -1,5 +1,5 @@
-//! Payloads and bodies without their own type, and conversions for rows whose form differs between
-//! transports.
+//! Payloads and bodies that have no type in [`types`](crate::types), and conversions for rows whose form
+//! differs between transports.
 
 use std::collections::BTreeMap;
 
@@ -25,7 +25,7 @@ use crate::types::upload::ProgramUpload;
 /// Largest number of an optional block skip.
 const SKIP_MAX: u8 = 31;
 
-/// Default number of runs.
+/// Number of runs in an answer if the query contains no number.
 const RUNS: u32 = 100;
 
 /// Body of a command without arguments.
@@ -34,25 +34,26 @@ const RUNS: u32 = 100;
 #[serde(deny_unknown_fields)]
 pub(super) struct Empty {}
 
-/// Body of a start.
+/// Body of the command `start`.
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(deny_unknown_fields))]
 #[allow(dead_code, reason = "the form of the arguments that Command::parse reads")]
 pub(super) struct StartArgs {
-    /// Line of the first block, from 1; null for the beginning. The other fields require it.
+    /// Line of the first block, from 1; null for the beginning of the program. The other fields require a
+    /// line.
     #[cfg_attr(feature = "schema", schemars(range(min = 1)))]
     from_line: Option<u32>,
     /// The program that contains the line, if it is a subprogram.
     #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 9999)))]
     program: Option<u16>,
-    /// Which pass of the program over the line, from 1.
+    /// Number of the pass of the program over the line, from 1.
     #[cfg_attr(feature = "schema", schemars(range(min = 1)))]
     occurrence: Option<u32>,
-    /// How the axes approach the start of the block; null for `plane_first`.
+    /// Order in which the axes approach the start of the block; null for `plane_first`.
     approach: Option<Approach>,
 }
 
-/// Body of a command that stops a machine, or of the end of a lease; its members are ignored.
+/// Body of hold, stop and abort, or of a request that ends a lease; the fields of the body are ignored.
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub(super) struct NoArgs {}
 
@@ -74,19 +75,19 @@ pub(super) struct CommandArgs {
 #[serde(deny_unknown_fields)]
 pub(super) struct LeaseBreak {}
 
-/// Body of an input with one value, without other fields.
+/// Body that sets an on/off input; other fields are refused.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Toggle {
     value: bool,
 }
 
-/// Optional block skips over MQTT.
+/// Payload that sets optional block skips.
 #[derive(Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(super) struct Skips {
-    /// On or off by number, 1 to 31; numbers that are not named do not change.
+    /// True or false by number, 1 to 31; numbers that are not in this map do not change.
     set: BTreeMap<u8, bool>,
 }
 
@@ -100,7 +101,7 @@ pub(super) enum InputSet {
     Skips(Skips),
 }
 
-/// Body of a write of variables.
+/// Body of a request that writes variables.
 #[derive(Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -125,7 +126,8 @@ impl VariableWrite {
         }
     }
 
-    /// Rejects a body that names variables other than its path and query, or a different number of variables.
+    /// Rejects a body that contradicts its path and query in the letter, the first number or the number of
+    /// values.
     fn check(&self, area: VariableArea, from: u32, count: Option<u32>) -> Result<(), Fault> {
         if let Some(kind) = self.kind.filter(|kind| *kind != area.kind()) {
             let text = format!(
@@ -176,7 +178,7 @@ pub(super) struct VariableSet {
     pub values: Vec<JsonNumber>,
 }
 
-/// Adds the filter of the journal.
+/// Adds the filter of the journal to the query of a request.
 pub(super) fn with_filter(parts: RequestParts, filter: JournalFilter) -> RequestParts {
     let JournalFilter {
         since,
@@ -250,7 +252,8 @@ pub(super) fn lease(
     Ok(Request::Lease { cs, request, meta })
 }
 
-/// Reads the release of a lease. Over REST a header names the lease.
+/// Reads the request that releases a lease. Over REST, the header `Lease-Fence` contains the number of the
+/// lease.
 pub(super) fn release(incoming: &IncomingRequest<'_>) -> Result<LeaseRequest, Fault> {
     if !incoming.is_rest() {
         return incoming.json().map(LeaseRequest::Release);
@@ -260,7 +263,7 @@ pub(super) fn release(incoming: &IncomingRequest<'_>) -> Result<LeaseRequest, Fa
     Ok(LeaseRequest::Release(LeaseRelease { fence }))
 }
 
-/// Reads the breaking of a lease. Over REST other fields are ignored.
+/// Reads the request that breaks a lease. Over REST, fields of the body are ignored.
 pub(super) fn break_lease(incoming: &IncomingRequest<'_>) -> Result<LeaseRequest, Fault> {
     if incoming.is_rest() {
         incoming.json::<Value>()?;
@@ -270,7 +273,7 @@ pub(super) fn break_lease(incoming: &IncomingRequest<'_>) -> Result<LeaseRequest
     Ok(LeaseRequest::Break)
 }
 
-/// Reads an on/off value. Over MQTT other fields are ignored.
+/// Reads an on/off value. Over MQTT, other fields are ignored.
 pub(super) fn switch(incoming: &IncomingRequest<'_>) -> Result<bool, Fault> {
     if incoming.is_rest() {
         incoming.json().map(|Toggle { value }| value)
@@ -291,7 +294,7 @@ pub(super) fn read_input(incoming: &IncomingRequest<'_>) -> Result<Input, Fault>
     })
 }
 
-/// Reads the setting of an input. Overrides have their own row.
+/// Reads the request that sets an input. Overrides have a separate row.
 #[allow(
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"
@@ -321,7 +324,7 @@ pub(super) fn write_input(cs: u8, input: Input) -> Result<RequestParts, Request>
     })
 }
 
-/// Reads optional block skips. Over REST the path names one optional block skip.
+/// Reads optional block skips. Over REST, the path contains the number of a single skip.
 pub(super) fn skips(incoming: &IncomingRequest<'_>) -> Result<BTreeMap<u8, bool>, Fault> {
     if !incoming.is_rest() {
         return incoming.json().map(|Skips { set }| set);
@@ -334,8 +337,8 @@ pub(super) fn skips(incoming: &IncomingRequest<'_>) -> Result<BTreeMap<u8, bool>
     Ok([(number, value)].into())
 }
 
-/// Creates the parts for an area. P variables use the topics of coordinate system 1, because the topics of
-/// every coordinate system reach them.
+/// Creates the parts of a request for an area of variables. P variables use the topics of coordinate system
+/// 1, because the topics of each coordinate system give access to P variables.
 pub(super) fn of_area(area: VariableArea, verb: &str) -> RequestParts {
     let (cs, kind) = match area {
         VariableArea::Global => (1, "p"),
@@ -346,7 +349,7 @@ pub(super) fn of_area(area: VariableArea, verb: &str) -> RequestParts {
         .with("verb", verb)
 }
 
-/// Reads the variables that a route names.
+/// Reads the area of variables that a route contains.
 pub(super) fn area(incoming: &IncomingRequest<'_>) -> Result<VariableArea, Fault> {
     let cs = incoming.optional_number("cs")?;
     Ok(cs.map_or(VariableArea::Global, VariableArea::CoordinateSystem))
@@ -380,7 +383,7 @@ fn at_least_one(name: &str, value: Option<u32>) -> Result<(), Fault> {
     }
 }
 
-/// Reads the requested samples.
+/// Reads the query for samples of the recent motion.
 pub(super) fn read_trace(incoming: &IncomingRequest<'_>) -> Result<TraceQuery, Fault> {
     let QueryValues {
         from, count, axes, ..
@@ -393,7 +396,7 @@ pub(super) fn read_trace(incoming: &IncomingRequest<'_>) -> Result<TraceQuery, F
     })
 }
 
-/// Reads the requested part of a planned path.
+/// Reads the query for a part of a planned path.
 pub(super) fn read_path(incoming: &IncomingRequest<'_>) -> Result<PathQuery, Fault> {
     let QueryValues {
         from,
@@ -454,7 +457,7 @@ pub(super) fn write_variables(incoming: &IncomingRequest<'_>) -> Result<Request,
     })
 }
 
-/// Reads a program to be stored. A request with only a text becomes `WriteProgram`.
+/// Reads a request that stores a program. A request with only a text becomes `WriteProgram`.
 pub(super) fn store_program(incoming: IncomingRequest<'_>) -> Result<Request, Fault> {
     let (number, condition, signature) = (
         incoming.number("number")?,
@@ -475,13 +478,13 @@ pub(super) fn store_program(incoming: IncomingRequest<'_>) -> Result<Request, Fa
     Ok(Request::StoreProgram(number, upload))
 }
 
-/// Reads a check of a text, which is the body.
+/// Reads the request to check a text; the text is the body.
 pub(super) fn check_text(incoming: IncomingRequest<'_>) -> Result<Request, Fault> {
     let (number, dialect) = (incoming.number("number")?, incoming.query.dialect.clone());
     Ok(Request::CheckText(number, dialect, text(incoming)?))
 }
 
-/// Creates the parts of an upload.
+/// Creates the parts of a request that stores a program.
 pub(super) fn upload(number: u16, upload: ProgramUpload) -> RequestParts {
     let parts = RequestParts::default().with("number", number);
     let parts = parts.text(upload.text).condition(&upload.condition);
@@ -495,7 +498,7 @@ pub(super) fn upload(number: u16, upload: ProgramUpload) -> RequestParts {
     }
 }
 
-/// Reads the removal of a program. A request without a condition becomes `DeleteProgram`.
+/// Reads a request that removes a program. A request without a condition becomes `DeleteProgram`.
 pub(super) fn remove_program(incoming: &IncomingRequest<'_>) -> Result<Request, Fault> {
     let (number, condition) = (incoming.number("number")?, incoming.condition()?);
     Ok(if condition.is_none() {

@@ -13,10 +13,10 @@ use crate::types::verb::Verb;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default)]
 pub struct Problem {
-    /// Always `about:blank`, because the status is sufficient.
+    /// Always `about:blank`, because the HTTP status gives the type of the problem.
     #[serde(rename = "type")]
     pub kind: String,
-    /// Name of the status.
+    /// Name of the HTTP status.
     pub title: String,
     /// HTTP status.
     pub status: u16,
@@ -24,19 +24,19 @@ pub struct Problem {
     pub code: String,
     /// Description, reason and remedy.
     pub detail: String,
-    /// If the state refuses: the current state.
+    /// If the reason is the state: the current state of the coordinate system.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub state: Option<Execution>,
-    /// If the state refuses: the commands that are allowed now.
+    /// If the reason is the state: the commands that the state allows.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub allowed: Vec<Verb>,
-    /// If a program has errors: the findings of the check.
+    /// If the reason is errors in a program: the findings of the check.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub diagnostics: Vec<ProgramDiagnostic>,
-    /// If a command was accepted and then failed: its reply.
+    /// If a command was accepted and then failed: the reply of the command.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reply: Option<Box<CommandReply>>,
-    /// If a program belongs to a run that has not ended: the id of the run.
+    /// If the program belongs to a run that has not ended: the id of the run.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub run_id: Option<String>,
 }
@@ -63,8 +63,8 @@ impl Problem {
         Self::from(Refusal::new(RefusalCode::NotFound, detail))
     }
 
-    /// Creates the problem of a command that was accepted and then failed, or that was refused earlier with
-    /// the same id.
+    /// Creates the problem of a command that was accepted and then failed, or of a repeated command that was
+    /// refused earlier.
     pub fn of_reply(reply: &CommandReply) -> Self {
         let status = code_of_word(&reply.code).map_or(409, status_of);
         Self {
@@ -79,7 +79,7 @@ impl Problem {
         Self::new(500, "unexpected_answer", text)
     }
 
-    /// Returns the refusal of an answer with this status.
+    /// Returns the refusal that this problem contains; `status` is the HTTP status of the answer.
     pub(super) fn refusal(self, status: u16) -> Refusal {
         let code = code_of_word(&self.code).unwrap_or(match status {
             404 => RefusalCode::NotFound,
@@ -109,7 +109,7 @@ impl From<Refusal> for Problem {
     }
 }
 
-/// Returns the word of a code in replies and problems.
+/// Returns the word for a code in replies and problems.
 pub fn code_word(code: RefusalCode) -> String {
     match serde_json::to_value(code) {
         Ok(serde_json::Value::String(word)) => word,
@@ -117,7 +117,7 @@ pub fn code_word(code: RefusalCode) -> String {
     }
 }
 
-/// Returns the code of a word in replies and problems.
+/// Returns the code for a word in replies and problems.
 pub(super) fn code_of_word(word: &str) -> Option<RefusalCode> {
     serde_json::from_value(word.into()).ok()
 }

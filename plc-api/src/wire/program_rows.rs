@@ -1,4 +1,4 @@
-//! Rows of requests that examine programs without moving anything.
+//! Rows of requests about programs that cause no motion.
 
 #![allow(
     clippy::result_large_err,
@@ -16,7 +16,7 @@ use crate::types::planned::{ManualText, PathQuery, Rehearsal};
 use crate::types::program::{ProgramCheck, ProgramFolder};
 use crate::types::request::Request;
 
-/// The planned path of a program of the store.
+/// Row of the request for the planned path of a program of the store.
 pub(super) const PATH: Row = Row {
         routes: &[Route::get(
             "/programs/{number}/path",
@@ -37,7 +37,7 @@ pub(super) const PATH: Row = Row {
         )
     };
 
-/// The rehearsal of a program of the store.
+/// Row of the request for the rehearsal of a program of the store.
 pub(super) const REHEARSAL: Row = Row {
         routes: &[Route::get(
             "/programs/{number}/rehearsal",
@@ -52,7 +52,7 @@ pub(super) const REHEARSAL: Row = Row {
         )
     };
 
-/// Findings in a text that is not stored.
+/// Row of the request to check a text that is not stored.
 pub(super) const CHECK_TEXT: Row = Row {
     routes: &[Route::new(
         "POST",
@@ -73,7 +73,7 @@ pub(super) const CHECK_TEXT: Row = Row {
     )
 };
 
-/// Folder of a program.
+/// Row of the request to put a program into a folder.
 pub(super) const FOLDER: Row = Row {
     routes: &[Route::put::<ProgramFolder>(
         "/programs/{number}/folder",
@@ -82,7 +82,7 @@ pub(super) const FOLDER: Row = Row {
     ..carried!(Administrate, PutInFolder(number: number, folder: json))
 };
 
-/// The path of manual data input.
+/// Row of the request for the path of manual data input.
 pub(super) const MANUAL_PATH: Row = Row {
     routes: &[Route::post::<ManualText>(
         "/cs/{cs}/mdi/path",
@@ -94,7 +94,7 @@ pub(super) const MANUAL_PATH: Row = Row {
     ..carried!(Read, ManualPath(cs: number, text: json))
 };
 
-/// The rehearsal of manual data input.
+/// Row of the request for the rehearsal of manual data input.
 pub(super) const MANUAL_REHEARSAL: Row = Row {
     routes: &[Route::post::<ManualText>(
         "/cs/{cs}/mdi/rehearsal",

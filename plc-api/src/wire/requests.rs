@@ -1,4 +1,4 @@
-//! Every request that crosses a wire, one row each.
+//! Every request that a transport carries, one row for each request.
 
 use serde_json::json;
 
@@ -40,13 +40,13 @@ use crate::types::upload::ProgramUpload;
 /// Default number of journal lines.
 const JOURNAL_LINES: u32 = 100;
 
-/// Fields that name the sender and its command in a payload.
+/// Fields of a payload that identify the command and its sender.
 const IDS: &[&str] = &["command_id", "client_id"];
 
-/// `IDS`, and the age limit of the command.
+/// `IDS`, and the fields that limit the age of the command.
 const IDS_AND_AGE: &[&str] = &["command_id", "client_id", "issued_at", "ttl_ms"];
 
-/// `IDS_AND_AGE`, for requests that can cause a motion.
+/// `IDS_AND_AGE`, and `not_after`, for requests that can cause a motion.
 const IDS_AND_AGES: &[&str] = &["command_id", "client_id", "issued_at", "ttl_ms", NOT_AFTER];
 
 /// All fields of [`CommandMeta`](crate::types::command::CommandMeta).
@@ -72,7 +72,8 @@ const fn input<T: HasForm>(pattern: &'static str, summary: &'static str) -> Rout
     Route::put::<T>(pattern, summary)
 }
 
-/// Every request. An alarm is acknowledged by its own route; the server determines its coordinate system.
+/// Rows of all requests. The route that acknowledges an alarm contains no coordinate system; the server finds
+/// it.
 #[allow(
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"
@@ -92,7 +93,7 @@ pub static ROWS: [Row; 53] = [
         "Asks the operator about an output."),
     about_an_output!(AnswerQuestion(OperatorAnswer) "answer" Operate -> HandshakeResult =>
         "Answers a question of a handler."),
-    // the WebSocket carries it to a REST server
+    // has no route: to a REST server, the WebSocket carries this request
     Row {
         topic: Some(InboundTopic::new::<ValidateResult>(
             "cs/{cs}/m_code/{m}/validate_result",

@@ -1,4 +1,4 @@
-//! Requests as HTTP requests.
+//! Requests in their HTTP form.
 
 use serde_json::Value;
 
@@ -20,7 +20,7 @@ pub struct Exchange {
     pub method: &'static str,
     /// The right that the sender needs.
     pub right: Right,
-    /// Path and query, below the interface's path.
+    /// Path and query, below the base path of the interface.
     pub path: String,
     /// Headers in addition to the token.
     pub headers: Vec<(&'static str, String)>,
@@ -33,7 +33,7 @@ pub struct Exchange {
 /// Encodes a request.
 ///
 /// # Errors
-/// Returns `not_supported` if the interface has no route for the request.
+/// Fails with `not_supported` if the interface has no route for the request.
 pub fn encode(request: Request) -> Result<Exchange, Refusal> {
     encode_not_after(request, None)
 }
@@ -68,7 +68,7 @@ pub fn encode_not_after(request: Request, not_after: Option<&NotAfter>) -> Resul
     unsupported(format!("REST has no route for this request: {request:?}"))
 }
 
-/// Encodes the reading of a state; returns `None` if the state has no route.
+/// Encodes the request that reads a state; returns `None` if the state has no route.
 pub fn read(topic: &Topic) -> Option<Exchange> {
     let parts = match topic {
         Topic::CoordinateSystem(cs, _) => RequestParts::for_coordinate_system(*cs),
@@ -131,7 +131,7 @@ fn query(values: &[(&str, String)]) -> String {
     }
 }
 
-/// Returns a body without the fields that are in the path.
+/// Returns a body without the fields whose values are in the path.
 fn without_names(mut body: Value, pattern: &str) -> Value {
     if let Value::Object(fields) = &mut body {
         for name in names(pattern) {

@@ -1,9 +1,9 @@
 //! The right that a request needs.
 
-/// The right that a request requires of its user.
+/// The right that a request requires of the user who sends it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Right {
-    /// To read: requires a user if the configuration has tokens.
+    /// To read data of the machine. If the configuration has tokens, only identified users have this right.
     Read,
     /// To command a machine and set its inputs and values.
     Operate,
@@ -24,8 +24,8 @@ pub enum Right {
 }
 
 impl Right {
-    /// Returns true if a request changes something other than the state of the handler's own outputs: the
-    /// journal records the sender.
+    /// Returns true if the journal records the sender of a request with this right: if the request changes
+    /// more than the handler's own outputs.
     pub fn is_recorded(self) -> bool {
         !matches!(self, Right::Read | Right::Handle)
     }

@@ -8,22 +8,22 @@ use crate::types::ids::COMMAND_ID_MAX;
 /// Content of a request or an answer.
 #[derive(Debug, Clone, Copy)]
 pub enum Content {
-    /// Nothing: a body is ignored.
+    /// No content; the body of a request is ignored.
     Nothing,
-    /// JSON of this form.
+    /// JSON with the form of this type.
     Json(Form),
     /// Text: an NC program, or metrics.
     Text,
-    /// Any JSON object: a document.
+    /// Any JSON object, for a document of the interface.
     Document,
-    /// Bytes in their own format.
+    /// Bytes in a binary format.
     Bytes,
 }
 
 /// Headers that a route reads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Headers {
-    /// No header of this interface.
+    /// No header that belongs to this interface.
     Nothing,
     /// `Idempotency-Key`.
     Key,
@@ -31,13 +31,13 @@ pub enum Headers {
     KeyAndFence,
     /// `Idempotency-Key`, and the conditions of a command: `Lease-Fence`, `If-Match`.
     Command,
-    /// Version that the client already has: `If-None-Match`.
+    /// `If-None-Match`: the version that the client already has.
     Cached,
-    /// Condition for changing a program: `If-Match`, `If-None-Match`.
+    /// `If-Match`, `If-None-Match`: condition for changing a program.
     Condition,
     /// `If-Match`, `If-None-Match` and `Program-Signature`.
     Upload,
-    /// The token of a client that cannot set `Authorization`: `Sec-WebSocket-Protocol`.
+    /// `Sec-WebSocket-Protocol`: the token of a client that cannot set `Authorization`.
     WebSocket,
 }
 
@@ -48,7 +48,7 @@ pub struct HeaderParameter {
     pub name: &'static str,
     /// Allowed values.
     pub values: Values,
-    /// True if a request without it is refused.
+    /// True if a request without this header is refused.
     pub is_required: bool,
     /// Meaning of the header.
     pub description: &'static str,
@@ -77,14 +77,14 @@ const FENCE: HeaderParameter = HeaderParameter::new(
     "Number of the control lease under which the command is sent.",
 );
 
-/// Defines the form of one to three conditions of a command.
+/// Creates the regular expression of one to three conditions of a command.
 macro_rules! expected_form {
     ($one:literal) => {
         concat!("^", $one, "(, *", $one, "){0,2}$")
     };
 }
 
-/// Defines the form of hashes of programs, or of any program.
+/// Creates the regular expression of a list of program hashes, or of `*` for any program.
 macro_rules! hashes_form {
     ($one:literal) => {
         concat!("^(\\*|", $one, "(, *", $one, ")*)$")
@@ -131,7 +131,7 @@ const PROTOCOLS: HeaderParameter = HeaderParameter::new(
 );
 
 impl Headers {
-    /// Returns the headers.
+    /// Returns the headers that the route reads.
     pub fn parameters(self) -> &'static [HeaderParameter] {
         const FENCE_REQUIRED: HeaderParameter = HeaderParameter {
             is_required: true,
@@ -155,7 +155,7 @@ impl Headers {
         parameters.any(|parameter| parameter.name.eq_ignore_ascii_case(name))
     }
 
-    /// Returns true for the headers of a command.
+    /// Returns true if the headers include `Idempotency-Key`.
     pub fn has_key(self) -> bool {
         matches!(self, Headers::Key | Headers::KeyAndFence | Headers::Command)
     }
@@ -176,11 +176,11 @@ pub struct Route {
     pub headers: Headers,
     /// Body of the request.
     pub body: Content,
-    /// Status and content of a success.
+    /// Status and content of a successful answer.
     pub answer: (u16, Content),
-    /// Another status of success, with its content.
+    /// Alternative status and content of a successful answer.
     pub other_answer: Option<(u16, Content)>,
-    /// Statuses of refusals in addition to those that result from the other fields.
+    /// Statuses of refusals that do not already result from the other fields.
     pub refusals: &'static [u16],
     /// Largest `{number}` of the path.
     pub number_max: u32,
@@ -231,7 +231,7 @@ impl Route {
         self.answered(200, Content::Json(Form::for_type::<T>()))
     }
 
-    /// Sets an answer with JSON of this form, and the address of the new resource.
+    /// Sets an answer with JSON of this form and with the address of a new resource.
     pub(super) const fn gives_new<T: HasForm>(self) -> Self {
         self.answered(201, Content::Json(Form::for_type::<T>()))
     }
@@ -262,20 +262,20 @@ impl Route {
         self
     }
 
-    /// Adds these refusals.
+    /// Adds these statuses to the statuses of refusals.
     #[must_use]
     pub const fn refusals(mut self, refusals: &'static [u16]) -> Self {
         self.refusals = refusals;
         self
     }
 
-    /// Sets the largest number in the path.
+    /// Sets the largest `{number}` of the path.
     pub(super) const fn number_max(mut self, number_max: u32) -> Self {
         self.number_max = number_max;
         self
     }
 
-    /// Returns the values that the path fixes, by name.
+    /// Returns the fixed values in the path, by name.
     pub fn fixed(&self) -> impl Iterator<Item = (&'static str, &'static str)> + use<> {
         pattern::fixed(self.pattern)
     }

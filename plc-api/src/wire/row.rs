@@ -1,4 +1,4 @@
-//! A request as a row: its routes and topics, and the functions that write and read it.
+//! One row for each request: its routes and topics, and the functions that write and read the request.
 
 use std::borrow::Cow;
 use std::str::FromStr;
@@ -27,11 +27,11 @@ use crate::types::upload::ProgramCondition;
 /// Header with the id of a command.
 pub(super) const IDEMPOTENCY_KEY: &str = "idempotency-key";
 
-/// Header with the revision of the state or the hash of the program that a command expects, or with the hash
-/// of the program to change.
+/// Header with the state revision or the program hash that a command expects, or with the hash of the program
+/// to change.
 pub(super) const IF_MATCH: &str = "if-match";
 
-/// Header with the hashes of programs that must not be stored, or that the client already has.
+/// Header with hashes of programs: those that must not be stored, or those that the client already has.
 pub const IF_NONE_MATCH: &str = "if-none-match";
 
 /// Header with the signature of a program.
@@ -43,7 +43,7 @@ pub(super) const LEASE_FENCE: &str = "lease-fence";
 /// Name of the age limit in bodies and payloads.
 pub(super) const NOT_AFTER: &str = "not_after";
 
-/// One request.
+/// Row of one request.
 #[derive(Debug)]
 pub struct Row {
     /// The right that the sender needs.
@@ -53,17 +53,18 @@ pub struct Row {
     pub routes: &'static [Route],
     /// Topic on which the request is received over MQTT.
     pub topic: Option<InboundTopic>,
-    /// Whether the request may carry [`NotAfter`], because it can cause a motion. A lease has its own
-    /// validity.
+    /// True if the request may carry [`NotAfter`], because it can cause a motion. Requests about a lease
+    /// carry none: a lease has its own validity.
     pub takes_not_after: bool,
-    /// Whether the body or the answer is a whole program: a server executes only a few such requests at a
-    /// time.
+    /// True if the body or the answer is a whole program: a server executes only a few such requests at the
+    /// same time.
     pub is_large: bool,
     /// Reads the request from a route or from a topic.
     pub(super) read: fn(IncomingRequest<'_>) -> Result<Request, Fault>,
     /// Form of the answer over REST.
     pub answer: fn(&Request) -> AnswerForm,
-    /// Splits a request into the parts for routes and topics; returns any other request unchanged.
+    /// Splits a request of this row into the parts for routes and topics; returns any other request
+    /// unchanged.
     pub write: fn(Request) -> Result<RequestParts, Request>,
 }
 
@@ -102,7 +103,7 @@ impl Row {
         Ok(ParsedRequest { not_after, ..parsed })
     }
 
-    /// Wraps a request of this row.
+    /// Adds the right of this row to a request.
     pub(super) fn parsed(&self, request: Request) -> ParsedRequest {
         ParsedRequest {
             request,
@@ -113,7 +114,7 @@ impl Row {
 }
 
 /// A request that its row has read, with the right that the sender needs. Only a row creates this type, so
-/// the right is checked with the values that are executed.
+/// that the right is checked for the same values that are executed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParsedRequest {
     request: Request,
@@ -137,8 +138,8 @@ impl ParsedRequest {
         self.not_after.as_ref()
     }
 
-    /// Sets the connection as the instance of a client that names no instance. Only a server end names
-    /// connections.
+    /// If the request contains no instance of its sender, sets the name of the connection as the instance.
+    /// Only server ends name connections.
     pub fn identify(&mut self, connection: &str) {
         let instance = match &mut self.request {
             Request::Claim(_, _, claim) => &mut claim.instance,
@@ -158,7 +159,7 @@ impl ParsedRequest {
         }
     }
 
-    /// Returns the handler that owns a level or an output of the plant, or `None` for other requests.
+    /// Returns the owner of a lock source or of an input or output of the plant; `None` for other requests.
     pub(super) fn owner_mut(&mut self) -> Option<&mut Option<String>> {
         match &mut self.request {
             Request::Input(_, Input::Interlock(set) | Input::StartLock(set)) => Some(&mut set.handler_id),
@@ -173,22 +174,22 @@ impl ParsedRequest {
     }
 }
 
-/// Returns the instance name of a connection.
+/// Returns the instance name that stands for a connection.
 pub fn connection_name(connection: &str) -> String {
     let named = connection.replace(['/', '+', '#', '\0'], "_");
     let named = named.chars().take(INSTANCE_MAX - 1);
     CONNECTION_MARK.to_string() + &named.collect::<String>()
 }
 
-/// A topic for received messages.
+/// A topic on which requests are received.
 #[derive(Debug)]
 pub struct InboundTopic {
     /// Path below the machine's root: a pattern with names in braces.
     pub pattern: &'static str,
     /// Effect of a message, in one sentence.
     pub summary: &'static str,
-    /// Whether the retain flag is allowed: only for a state of the sender, because a retained command would
-    /// be executed again.
+    /// True if the retain flag is allowed: only for a state of the sender. A retained command would be
+    /// executed again.
     pub retained: bool,
     /// Form of the payload, without the fields of the envelope.
     pub form: Form,
@@ -231,15 +232,15 @@ impl InboundTopic {
         pattern::filter(self.pattern)
     }
 
-    /// Returns true if a path belongs to the topic.
+    /// Returns true if a path matches the topic.
     pub fn fits(&self, path: &str) -> bool {
         pattern::take_apart(self.pattern, path).is_some()
     }
 }
 
-/// Sender of a request over REST: values of the head of the request, and their defaults.
+/// Sender of a request over REST: headers of the request, and defaults for missing headers.
 pub trait Sender {
-    /// Returns a header by its name in lower case; empty if it is not ASCII.
+    /// Returns a header by its name in lower case; `None` if the header is absent, empty if it is not ASCII.
     fn header(&self, name: &str) -> Option<&str>;
 
     /// Returns the id of the sender.
@@ -260,26 +261,26 @@ pub enum Source<'a> {
     Command(CommandMeta, &'static [&'static str]),
 }
 
-/// Data received on a route or topic.
+/// A request as it was received on a route or topic.
 pub struct IncomingRequest<'a> {
-    /// Values of the names in the path.
+    /// Values in the path, by name.
     pub params: &'a [(&'a str, &'a str)],
-    /// The body; an object if it is JSON.
+    /// The body or payload; an object if it is JSON.
     pub body: Cow<'a, [u8]>,
     /// The query.
     pub query: QueryValues,
-    /// Transport on which the request was received.
+    /// Transport on which the request was received, with the sender.
     pub source: Source<'a>,
-    /// Whether `not_after` of the body is read separately. [`Row::parse`] sets it.
+    /// True if `not_after` of the body is read separately; [`Row::parse`] sets this field.
     pub not_after_is_apart: bool,
 }
 
-/// Parses a number of a path. A number has only one valid spelling: `1` is valid, `01` and `+1` are not.
+/// Parses a number in a path. A number has only one valid spelling: `1` is valid, `01` and `+1` are not.
 pub fn number<T: FromStr + ToString>(text: &str) -> Option<T> {
     text.parse().ok().filter(|number: &T| number.to_string() == text)
 }
 
-/// Returns true if each value is valid for its name.
+/// Returns true if each value in a path is valid for its name.
 pub fn check_path(params: &[(&str, &str)]) -> bool {
     params.iter().all(|(name, value)| match *name {
         "cs" => number::<CoordinateSystemNumber>(value).is_some(),
@@ -290,7 +291,7 @@ pub fn check_path(params: &[(&str, &str)]) -> bool {
 }
 
 impl IncomingRequest<'_> {
-    /// Returns the value of a name of the path; empty if the path does not contain it.
+    /// Returns the value of a name in the path; empty if the path does not contain the name.
     pub(super) fn text(&self, name: &str) -> &str {
         self.find(name).unwrap_or_default()
     }
@@ -300,13 +301,13 @@ impl IncomingRequest<'_> {
         params.find(|(known, _)| *known == name).map(|(_, value)| *value)
     }
 
-    /// Returns the value of a name of the path as a number.
+    /// Returns the value of a name in the path as a number.
     pub(super) fn number<T: FromStr + ToString>(&self, name: &str) -> Result<T, Fault> {
         let text = self.text(name);
         number(text).ok_or_else(|| Fault::Level(text.to_owned()))
     }
 
-    /// Returns a number that only some paths of the request contain.
+    /// Returns the value of a name as a number, or `None` if the path does not contain the name.
     pub(super) fn optional_number<T: FromStr + ToString>(&self, name: &str) -> Result<Option<T>, Fault> {
         self.find(name).map(|_| self.number(name)).transpose()
     }
@@ -315,7 +316,7 @@ impl IncomingRequest<'_> {
         self.number("cs")
     }
 
-    /// Returns an input or output of the plant.
+    /// Returns the input or output of the plant that the path names.
     pub(super) fn io_point(&self) -> Result<IoPoint, Fault> {
         let (side, name) = (self.text("side"), self.text("name").to_owned());
         let side = IoSide::of_wire_name(side)
@@ -323,8 +324,8 @@ impl IncomingRequest<'_> {
         Ok(IoPoint { side, name })
     }
 
-    /// Parses the JSON body. If the path names the output, a message about an output is also read in this
-    /// way.
+    /// Parses the JSON body. If the path contains the sequence number of an output, this number is added to
+    /// the body as `seq`.
     pub(super) fn json<T: DeserializeOwned>(&self) -> Result<T, Fault> {
         let seq = self.optional_number("seq")?;
         let left_out = match &self.source {
@@ -335,7 +336,7 @@ impl IncomingRequest<'_> {
         edited_json_object(&self.body, seq.map(|seq| ("seq", seq)), left_out).map_err(Fault::Json)
     }
 
-    /// Returns true over REST.
+    /// Returns true if the request was received over REST.
     pub(super) fn is_rest(&self) -> bool {
         matches!(self.source, Source::Http(_))
     }
@@ -347,7 +348,7 @@ impl IncomingRequest<'_> {
         }
     }
 
-    /// Returns the sender and the conditions from a payload.
+    /// Returns the sender and the conditions of a command from its payload; `None` over REST.
     pub(super) fn payload_meta(&self) -> Option<CommandMeta> {
         match &self.source {
             Source::Command(meta, _) => Some(meta.clone()),
@@ -410,7 +411,7 @@ impl IncomingRequest<'_> {
         self.header(PROGRAM_SIGNATURE).map(|text| text.trim().to_owned())
     }
 
-    /// Returns whether to answer only when the request is done.
+    /// Returns true if the answer must wait until the request is done.
     pub(super) fn wait(&self) -> Result<bool, Fault> {
         match self.query.wait.as_deref() {
             None | Some("0" | "false") => Ok(false),
@@ -422,12 +423,12 @@ impl IncomingRequest<'_> {
     }
 }
 
-/// A request in parts; each route and topic uses the parts that it names.
+/// A request in parts; each route and each topic uses the parts that its pattern or its fields name.
 #[derive(Debug, Default)]
 pub struct RequestParts {
-    /// Values for the names in a path.
+    /// Values of the names in a path.
     pub(super) params: Vec<Param>,
-    /// Query of a route.
+    /// Names and values of the query of a route.
     pub(super) query: Vec<(&'static str, String)>,
     pub(super) headers: Vec<(&'static str, String)>,
     pub(super) body: Body,
@@ -435,7 +436,7 @@ pub struct RequestParts {
     pub(super) payload: Option<Value>,
 }
 
-/// Body of a request.
+/// Body of a request over REST.
 #[derive(Debug, Default)]
 pub(super) enum Body {
     #[default]
@@ -450,14 +451,14 @@ impl RequestParts {
         Self::default().with("cs", cs)
     }
 
-    /// Creates the parts of a request for an input or output of the plant.
+    /// Creates the parts of a request about an input or output of the plant.
     pub(super) fn for_io(point: &IoPoint) -> Self {
         Self::default()
             .with("side", point.side.wire_name())
             .with("name", &point.name)
     }
 
-    /// Adds a value for a name in the path.
+    /// Adds a value of a name in the path.
     #[allow(
         clippy::needless_pass_by_value,
         reason = "numbers and literals read better so"
@@ -506,7 +507,7 @@ impl RequestParts {
         self
     }
 
-    /// Adds a query value, which may be left out.
+    /// Adds a value to the query, unless the value is `None`.
     pub(super) fn queried(self, name: &'static str, value: Option<impl ToString>) -> Self {
         match value {
             Some(value) => self.query(name, value),
@@ -523,7 +524,7 @@ impl RequestParts {
         self
     }
 
-    /// Sets whether to answer only when the request is done.
+    /// Sets whether the answer waits until the request is done.
     pub(super) fn waiting(self, wait: bool) -> Self {
         if wait { self.query("wait", 1) } else { self }
     }

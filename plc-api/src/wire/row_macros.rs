@@ -1,6 +1,7 @@
-//! Macros that write the rows of requests.
+//! Macros that define the rows of requests.
 
-/// Defines the function that writes a request of this row and returns any other request unchanged.
+/// Defines the function `write` of a row: it splits a request of this row, and returns any other request
+/// unchanged.
 macro_rules! written {
     ($request:pat => $parts:expr) => {
         |request| match request {
@@ -10,7 +11,7 @@ macro_rules! written {
     };
 }
 
-/// Row of a request with its values as a number or a name in the path, or as the JSON body.
+/// Defines the row of a request whose values are numbers or names in the path, or the JSON body.
 macro_rules! carried {
     ($right:ident, $request:ident) => {
         Row::new(
@@ -37,8 +38,8 @@ macro_rules! carried {
     (@write $parts:ident, $value:ident, $level:ident) => { $parts.with(stringify!($value), $value) };
 }
 
-/// Row of a message about an output: a route names the output by its sequence number, a topic by its M
-/// number.
+/// Defines the row of a message about an output: the route contains the sequence number of the output, the
+/// topic its M number.
 macro_rules! about_an_output {
     ($request:ident($type:ty) $level:literal $right:ident $(-> $answer:ty)? => $summary:literal) => {
         Row {

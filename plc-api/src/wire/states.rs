@@ -1,5 +1,5 @@
-//! Readable states: the same messages as on MQTT, with the revision as `ETag`, and the additional states of a
-//! server.
+//! States that clients can read by REST: the same messages as on MQTT, with the revision as `ETag`, and
+//! states that only a server has.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -23,7 +23,7 @@ pub struct StateRow {
     pub route: Route,
 }
 
-/// Owner of the state.
+/// The part of the machine that has the state.
 #[derive(Debug)]
 enum StateOf {
     Machine(Topic),
@@ -42,7 +42,7 @@ impl StateRow {
         row
     }
 
-    /// Returns the topic of the state, with the names in the path of its route.
+    /// Returns the topic of the state; `params` are the values of the names in the path of its route.
     pub fn topic(&self, params: &[(&str, &str)]) -> Topic {
         let level = |name: &str| {
             let mut named = params.iter().filter(|(known, _)| *known == name);
@@ -58,13 +58,13 @@ impl StateRow {
         }
     }
 
-    /// Returns the name of the input if this is the state of an input.
+    /// Returns the name of the input if the state is that of an input, otherwise `None`.
     pub fn input(&self) -> Option<&'static str> {
         self.route.pattern.strip_prefix("/cs/{cs}/inputs/")
     }
 }
 
-/// Every state that has a route.
+/// All states that have a route.
 pub static STATES: LazyLock<Vec<StateRow>> = LazyLock::new(|| {
     let machine = [
         (Topic::Birth, "/machine"),
@@ -92,7 +92,7 @@ pub static STATES: LazyLock<Vec<StateRow>> = LazyLock::new(|| {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(rename = "CoordinateSystemList"))]
 pub struct CoordinateSystems {
-    /// Ascending by number.
+    /// Coordinate systems with their states, ascending by number.
     pub coordinate_systems: Vec<WithState>,
 }
 
@@ -104,7 +104,7 @@ pub struct WithState {
     /// Description of the coordinate system.
     #[serde(flatten)]
     pub info: CoordinateSystemInfo,
-    /// The message of its state.
+    /// The last message of the state, as on MQTT.
     #[cfg_attr(
         feature = "schema",
         schemars(with = "Option<crate::types::form::MessageEnvelope<'static, crate::types::state::State>>")
@@ -112,7 +112,7 @@ pub struct WithState {
     pub state: Option<Value>,
 }
 
-/// The messages of all inputs of a coordinate system, by name.
+/// The last messages of all inputs of a coordinate system, by name.
 #[derive(Debug, Serialize)]
 pub struct Inputs(pub BTreeMap<&'static str, Value>);
 
@@ -135,7 +135,7 @@ impl schemars::JsonSchema for Inputs {
     }
 }
 
-/// All inputs and outputs of the plant, each with the message of its state.
+/// All inputs and outputs of the plant, each with the last message of its state.
 #[derive(Debug, Default, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AllIo {
@@ -165,10 +165,10 @@ pub struct AllIo {
 pub struct Health {
     /// Status of the server.
     pub status: HealthStatus,
-    /// The external MQTT broker to which the server is connected.
+    /// The external MQTT broker to which the server is connected; absent without a connection.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub broker: Option<BrokerInUse>,
-    /// Whether hold, stop and abort need no login (`[hmi] stop_without_login`).
+    /// True if hold, stop and abort need no login (`[hmi] stop_without_login`).
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub stop_without_login: bool,
     /// Tasks and threads of the runtime that have failed since its start.
@@ -181,7 +181,7 @@ pub struct Health {
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum HealthStatus {
-    /// Everything works.
+    /// The server, its broker and all tasks work.
     Ok,
     /// No MQTT broker can be reached, or a task has failed; HTTP and the machine work.
     Degraded,

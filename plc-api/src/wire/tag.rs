@@ -1,4 +1,4 @@
-//! `ETag`, `If-Match` and `If-None-Match`: the tags that HTTP compares, as text.
+//! Tags as text: the values of `ETag`, `If-Match` and `If-None-Match`, which HTTP compares.
 
 use crate::types::BootId;
 use crate::types::command::Expect;
@@ -7,7 +7,7 @@ use crate::types::upload::Hashes;
 /// Number of digits of a program's hash.
 const HASH_DIGITS: usize = 64;
 
-/// Largest number of tags of one header. Reason: no request needs more programs at once.
+/// Largest number of tags in one header. Reason: no request needs more programs at the same time.
 const TAGS_MAX: usize = 64;
 
 /// Returns a hash as the value of `ETag`.
@@ -15,7 +15,7 @@ pub fn etag(hash: &str) -> String {
     format!("\"{hash}\"")
 }
 
-/// Returns true if `If-None-Match` names the hash, or any hash: the client already has the program.
+/// Returns true if `If-None-Match` contains the hash, or any hash: the client already has the program.
 pub fn is_had(header: &str, hash: &str) -> bool {
     let mut tags = tags(header);
     tags.any(|tag| tag == "*" || unquoted(tag.strip_prefix("W/").unwrap_or(tag)) == hash)
@@ -42,7 +42,7 @@ fn hash(tag: &str) -> Option<String> {
     is_hash.then(|| tag.to_ascii_lowercase())
 }
 
-/// Prefix of the boot in a tag, because a boot id without a prefix could look like a number.
+/// Prefix of a boot id in a tag, because a boot id without a prefix could look like a number.
 const BOOT: &str = "boot:";
 
 /// Largest number of characters of a boot id.
@@ -73,7 +73,7 @@ pub(super) fn expected(header: &str) -> Result<Expect, String> {
     Ok(expect)
 }
 
-/// Returns the condition as a header, or `None` if no part of it can be written in the header.
+/// Returns the condition as a header, or `None` if the header can express no part of the condition.
 pub(super) fn of_expected(expect: &Expect) -> Option<String> {
     let rev = expect.state_rev.map(|rev| rev.to_string());
     let boot = expect.boot_id.as_ref().map(|boot| format!("{BOOT}{}", boot.0));
@@ -82,7 +82,7 @@ pub(super) fn of_expected(expect: &Expect) -> Option<String> {
     (!tags.is_empty()).then(|| tags.join(", "))
 }
 
-/// Parses the programs that a header names. Weak tags do not match in `If-Match`, which is strict.
+/// Parses the hashes in a header. With `is_strict`, as in `If-Match`, a weak tag matches no program.
 pub(super) fn hashes(name: &str, header: &str, is_strict: bool) -> Result<Hashes, String> {
     if header.trim() == "*" {
         return Ok(Hashes::Any);
@@ -102,7 +102,7 @@ pub(super) fn hashes(name: &str, header: &str, is_strict: bool) -> Result<Hashes
     ))
 }
 
-/// Returns the programs as a header. An empty list becomes a tag that matches no program.
+/// Returns the hashes as a header. An empty list becomes a tag that matches no program.
 pub(super) fn of_hashes(hashes: &Hashes) -> String {
     match hashes {
         Hashes::Any => "*".to_owned(),

@@ -10,7 +10,7 @@ use super::row_macros::written;
 use crate::types::request::Request;
 use crate::types::trace::{Trace, TraceQuery};
 
-/// Samples of the last minute.
+/// Row of the request for the samples of the last minute.
 #[allow(
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"

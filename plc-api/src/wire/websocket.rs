@@ -16,10 +16,10 @@ use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::Request;
 use crate::types::topic::Topic;
 
-/// Time between the pings of a machine.
+/// Interval at which a machine sends pings.
 pub const PING_INTERVAL: Duration = Duration::from_secs(15);
 
-/// Time without any message, ping or pong after which the other end is lost: three pings.
+/// Silence after which the peer is lost: no message, ping or pong during three ping intervals.
 pub const SILENCE_MAX: Duration = Duration::from_secs(45);
 
 /// A frame of a client.
@@ -28,16 +28,16 @@ pub const SILENCE_MAX: Duration = Duration::from_secs(45);
 #[cfg_attr(feature = "schema", schemars(rename = "WebSocketRequest"))]
 #[serde(deny_unknown_fields)]
 pub struct ClientFrame {
-    /// Topics below the machine's root to subscribe; `+` is one level, a last `#` all levels below.
+    /// Topics to subscribe, below the machine's root; `+` is one level, `#` at the end is all further levels.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub subscribe: Vec<String>,
     /// Topics to unsubscribe, written as in their subscriptions.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub unsubscribe: Vec<String>,
-    /// A handler comes online, changes its M codes, or leaves.
+    /// A handler that comes online, changes its M codes, or leaves.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub handler: Option<AnnouncedHandler>,
-    /// A client requests that the machine watches it.
+    /// A client that asks the machine to watch it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub heartbeat: Option<WatchedClient>,
     /// The answer to a `validate` message.
@@ -45,7 +45,7 @@ pub struct ClientFrame {
     pub validate_result: Option<ValidatedCode>,
 }
 
-/// A handler that a client serves while it is connected: its presence and its id.
+/// A handler that a client serves while the client is connected: presence and id.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AnnouncedHandler {
@@ -54,7 +54,7 @@ pub struct AnnouncedHandler {
     presence: HandlerPresence,
 }
 
-/// A client that the machine watches, and the time within which its next heartbeat must follow.
+/// A client that the machine watches, and the time within which the next heartbeat must follow.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -78,10 +78,10 @@ pub struct ValidatedCode {
     text: Option<String>,
 }
 
-/// Creates the frame of a request.
+/// Creates the frame that carries a request.
 ///
 /// # Errors
-/// Returns `not_supported` for requests that are sent over REST.
+/// Fails with `not_supported` for requests that clients send over REST.
 pub fn encode(request: Request) -> Result<ClientFrame, Refusal> {
     let mut frame = ClientFrame::default();
     match request {
@@ -138,7 +138,7 @@ impl ClientFrame {
     }
 }
 
-/// A frame of a server.
+/// A frame that a server sends.
 #[derive(Debug)]
 pub enum ServerFrame {
     /// The message of a topic.
@@ -149,7 +149,7 @@ pub enum ServerFrame {
     Unknown(String),
 }
 
-/// The topic of a message, which precedes the message in the frame.
+/// The topic of a message; in the frame, the topic precedes the message.
 #[derive(Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(rename = "WebSocket"))]
@@ -169,7 +169,7 @@ pub struct ErrorFrame {
     code: Option<RefusalCode>,
 }
 
-/// Creates the frame of a message: the message, preceded by its topic.
+/// Creates the frame of a message, with its topic first.
 pub fn message_frame(path: &str, message: &Message) -> String {
     let json = message.to_json();
     let rest = json.strip_prefix('{').unwrap_or("}");
