@@ -12,23 +12,24 @@ pub const USER_ALARM_BASE: u16 = 10_000;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("alarm {number}: {text}")]
 pub struct Alarm {
-    /// 1 to 9999 for an alarm of the runtime; 10000 + code for an alarm of a handler.
+    /// Number of the alarm: 1 to 9999 for an alarm of the runtime; 10000 + code for an alarm of a handler.
     pub number: u16,
-    /// Description of the fault by the machine builder.
+    /// Description of the fault, written by the machine builder.
     pub text: String,
 }
 
 impl Alarm {
-    /// Code of the alarm that the operator `?` in a handler creates from an [`Error`](crate::Error) or a
+    /// Code of the alarm that the operator `?` in a handler creates from an [`Error`](crate::Error) or from a
     /// refusal.
     pub const CODE_OF_ERROR: u16 = 9_999;
     /// Code of the alarm that a panic in a handler causes.
     pub const CODE_OF_PANIC: u16 = 9_998;
 
-    /// Code of the alarm for an M code with parameters that do not match the declaration of its handler.
+    /// Code of the alarm for an M code whose parameters do not match the declaration of its handler.
     pub const CODE_OF_PARAMS: u16 = 9_997;
 
-    /// Creates an alarm of a handler. Its number is 10000 + `code`; the machine shows `text` unchanged.
+    /// Creates an alarm of a handler. The number of the alarm is 10000 + `code`; the machine shows `text`
+    /// unchanged.
     ///
     /// `code` is 0 to 9999; a larger code becomes 9999. The text is cut after [`ALARM_TEXT_MAX`] characters.
     pub fn user(code: u16, text: impl Into<String>) -> Self {
@@ -46,8 +47,8 @@ impl Alarm {
     }
 }
 
-/// An alarm of a sequence program as a constant, with its text, its remedy, and translations into up to 8
-/// other languages.
+/// An alarm of a sequence program, defined as a constant: text, remedy, and translations into up to 8 other
+/// languages.
 ///
 /// ```
 /// use plc_api::{Alarm, AuxOutput, SequenceProgram, UserAlarm};

@@ -1,4 +1,5 @@
-//! An alarm that follows a level. Pure; for scans and for sequence programs.
+//! An alarm that follows a level, which is on or off. Pure, without I/O; used by scans and by sequence
+//! programs.
 //!
 //! The alarm is raised when the level turns on. If a reset clears the alarm while the level is still on, the
 //! alarm is raised again, because its cause persists.
@@ -8,8 +9,8 @@ use std::time::Duration;
 use crate::types::CoordinateSystemNumber;
 use crate::types::machine::{AlarmRecord, AlarmSeverity};
 
-/// Time within which a raised alarm must appear among the active alarms. Otherwise the alarm is raised again,
-/// because a reset may have cleared it before this program received it.
+/// Time within which a raised alarm must appear among the active alarms; otherwise this program raises the
+/// alarm again, because a reset may have cleared it before this program received it.
 pub(crate) const SHOWN_WITHIN: Duration = Duration::from_secs(1);
 
 /// State of the alarm of a level.
@@ -25,7 +26,7 @@ pub(crate) enum AlarmLevel {
 }
 
 impl AlarmLevel {
-    /// Returns true if the alarm must be raised now; call [`AlarmLevel::raised`] after that.
+    /// Returns true if the caller must raise the alarm now, and call [`AlarmLevel::raised`] after that.
     pub(crate) fn must_raise(&mut self, level: bool, is_active: bool, now_s: f64) -> bool {
         *self = match *self {
             _ if !level => Self::Off,

@@ -20,8 +20,9 @@ use crate::types::request::typed::{self, AnswerQuestion};
 use crate::types::topic::{CsTopic, Topic};
 
 impl AuxOutput {
-    /// Asks the operator, and waits for one of the choices. The question is shown with the output and ends
-    /// with it. Several questions are asked one after the other. Dropping the future withdraws the question.
+    /// Asks the operator a question, and waits for one of the choices. Panels show the question with the
+    /// output; the question ends with the output. Several questions are asked one after the other. If the
+    /// future is dropped, the question is withdrawn.
     ///
     /// `text` has 1 to 200 characters; there are 1 to 8 different choices of 1 to 40 characters.
     ///
@@ -49,7 +50,7 @@ impl AuxOutput {
     /// ```
     ///
     /// # Errors
-    /// Fails if text or choices are out of range, or the handler no longer owns the output.
+    /// Fails if the text or the choices are out of range, or the handler no longer owns the output.
     pub async fn ask<C: Into<String>>(
         &self,
         text: impl Into<String>,
@@ -75,11 +76,11 @@ impl AuxOutput {
 }
 
 impl Plc {
-    /// Asks about the output of the calling handler: [`AuxOutput::ask`].
+    /// Asks the operator a question about the output of the calling handler, as [`AuxOutput::ask`] does.
     ///
     /// # Errors
-    /// Fails as [`AuxOutput::ask`], and if the caller is not a handler but a task that a handler has spawned,
-    /// or other code.
+    /// Fails as [`AuxOutput::ask`], and if the caller is not the task of a handler, for example if it is a
+    /// task that a handler has spawned.
     #[deprecated(
         since = "0.2.0",
         note = "a question belongs to an output: call `ask` of the `AuxOutput` that the handler was given"
@@ -115,7 +116,7 @@ impl PendingQuestion<'_> {
                 match plc.request(self.request(self.ask.clone())).await {
                     Ok(answer) => match accepted(self.output.m(), self.output.seq(), answer) {
                         // the claim was lost with the connection: the next `pending` message shows the new
-                        // state
+                        // state of the output
                         Ok(())
                         | Err(Error::Handshake {
                             status: HandshakeStatus::NotOwner,
@@ -146,8 +147,8 @@ impl PendingQuestion<'_> {
         }
     }
 
-    /// Waits for the reason of the cancellation, and returns the error for an output that the handler no
-    /// longer owns.
+    /// Waits until the output is cancelled or has ended, and returns the error for an output that the handler
+    /// no longer owns.
     async fn ended(&self) -> Error {
         self.output.cancellation().ended().await;
         Error::Handshake {
@@ -161,8 +162,8 @@ impl PendingQuestion<'_> {
         typed::Ask(self.output.coordinate_system(), Some(self.output.m()), ask)
     }
 
-    /// Returns the output in a `pending` message; `None` if the output is no longer open, or another handler
-    /// owns it.
+    /// Returns the output of this question from a `pending` message; `None` if the output is no longer open,
+    /// or another handler owns the output.
     fn shown_in<'m>(&self, message: &'m Message) -> Option<&'m PendingOutput> {
         let mut outputs = open_outputs(message).iter();
         let open = outputs.find(|output| output.output.seq == self.output.seq());
@@ -188,7 +189,7 @@ impl Drop for PendingQuestion<'_> {
     }
 }
 
-/// A pending question with its output.
+/// A question that waits for its answer, with its output.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OpenQuestion {
     /// Boot that issued the output.
@@ -211,7 +212,7 @@ impl CoordinateSystem {
         Ok(open_questions(&boot_id, &self.pending().await?.outputs))
     }
 
-    /// Waits until a question is pending, and returns the first pending question.
+    /// Waits until a question is pending, and returns it; if several are pending, returns the first.
     ///
     /// # Errors
     /// Fails if the machine has ended the connection.
@@ -231,7 +232,7 @@ impl CoordinateSystem {
     ///
     /// # Errors
     /// Fails if `choice` is not a choice of the question, or if the question has been answered or withdrawn.
-    /// Over MQTT only an invalid choice is reported.
+    /// Over MQTT, an error is reported only for an invalid choice.
     pub async fn answer(&self, asked: &OpenQuestion, choice: impl Into<String>) -> Result<()> {
         let choice = choice.into();
         if !asked.question.choices.contains(&choice) {

@@ -1,4 +1,4 @@
-//! One output, as its handler uses it.
+//! An output from the point of view of its handler.
 
 use std::future::Future;
 use std::panic::AssertUnwindSafe;
@@ -29,16 +29,16 @@ use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::typed::{Checkpoint, Progress};
 
 tokio::task_local! {
-    /// The output whose handler runs in this task.
+    /// The output whose handler runs in the current task.
     static AT_WORK: AuxOutput;
 }
 
-/// An auxiliary function output: an M code with its parameters, on which a handler works. Clones are handles
-/// to the same output.
+/// An auxiliary function output: an M code with its parameters, on which a handler works. A clone is another
+/// handle to the same output.
 #[derive(Debug, Clone)]
 pub struct AuxOutput {
     inner: Arc<HandledOutput>,
-    /// States of the program, or of the nested part that serves the output.
+    /// States of the sequence program, or of the merged program that serves the output.
     states: States,
 }
 
@@ -48,19 +48,19 @@ struct HandledOutput {
     by: Identity,
     id: OutputId,
     notice: OutputNotice,
-    /// Checkpoint at the time of the claim.
+    /// Checkpoint that the machine had stored at the time of the claim.
     checkpoint: Option<Value>,
     verify: bool,
     cancellation: Cancellation,
-    /// True once the handler has ended and the reset is being sent: nothing is left to cancel.
+    /// True once the handler has ended and the reset is being sent: a cancellation then has no effect.
     is_answering: AtomicBool,
-    /// An output asks one question at a time; others wait for this lock.
+    /// Lock that a question holds while it is pending: an output asks one question at a time.
     question: Mutex<()>,
     /// Clean-ups for a cancellation; they run in reverse order.
     clean_ups: std::sync::Mutex<CleanUps>,
 }
 
-/// Clean-ups for a cancellation, each with its time limit.
+/// Clean-ups for a cancellation, each with a time limit.
 #[derive(Default)]
 struct CleanUps(Vec<(Duration, BoxFuture<'static, ()>)>);
 
@@ -95,12 +95,12 @@ impl AuxOutput {
         (Self { inner, states }, CancelSender(cancel))
     }
 
-    /// Returns the same output with other states, for the handler of a nested part with its own states.
+    /// Returns the same output with other states, for the handler of a merged program with its own states.
     pub(crate) fn with_states(self, states: States) -> Self {
         Self { states, ..self }
     }
 
-    /// Returns the output of the calling handler, if the call comes from the task of the handler.
+    /// Returns the output of the calling handler; `None` if the caller is not the task of a handler.
     pub(crate) fn at_work() -> Option<Self> {
         AT_WORK.try_with(Clone::clone).ok()
     }
@@ -117,7 +117,7 @@ impl AuxOutput {
         self.inner.is_answering.store(true, Ordering::Relaxed);
     }
 
-    /// Waits until no other question of this output is pending.
+    /// Waits until no other question of this output is pending, and returns the lock for a new question.
     pub(crate) async fn lock_question(&self) -> MutexGuard<'_, ()> {
         self.inner.question.lock().await
     }
@@ -171,7 +171,7 @@ impl AuxOutput {
         self.inner.notice.m
     }
 
-    /// Returns the sequence number: it identifies this output within one boot and coordinate system.
+    /// Returns the sequence number, which identifies this output within one boot and one coordinate system.
     /// [`AuxOutput::id`] is the permanent identifier.
     pub fn seq(&self) -> u64 {
         self.inner.id.seq
@@ -203,17 +203,18 @@ impl AuxOutput {
         &self.inner.notice.run_id
     }
 
-    /// Returns true if an earlier handler may have started the work, and the redelivery is `verify`: check
-    /// the machine first. Returns false on the first delivery, and if the redelivery is `redo`.
+    /// Returns true if an earlier handler may have started the work, and the redelivery is `verify`: the
+    /// handler must check the machine first. Returns false on the first delivery, and if the redelivery is
+    /// `redo`.
     pub fn redelivered(&self) -> bool {
         self.inner.verify
     }
 
     /// Reports progress, which panels show while the program waits. `text` has at most 200 characters,
-    /// `percent` is 0 to 100 or `None`. No effect if this handler no longer owns the output.
+    /// `percent` is 0 to 100 or `None`. The report has no effect if this handler no longer owns the output.
     ///
     /// # Errors
-    /// The machine cannot be reached.
+    /// Fails if the machine cannot be reached.
     pub async fn progress(&self, text: impl Into<String>, percent: impl Into<Option<f64>>) -> Result<()> {
         let report = ProgressReport {
             boot_id: self.inner.id.boot_id.clone(),
@@ -227,11 +228,11 @@ impl AuxOutput {
         self.inner.plc.request(request).await.map(|_| ())
     }
 
-    /// Stores a checkpoint, which replaces the previous one: any value of at most 4096 bytes as JSON that
-    /// records how far the work has progressed. If this handler is lost and another handler claims the
-    /// output, that handler receives the checkpoint ([`AuxOutput::last_checkpoint`]). Five minutes of washing
-    /// can then continue at minute four. The machine keeps the checkpoint as long as the output is open. No
-    /// effect if this handler no longer owns the output.
+    /// Stores a checkpoint: any value, of at most 4096 bytes as JSON, that records how far the work has
+    /// progressed. It replaces the previous checkpoint. If this handler is lost and another handler claims
+    /// the output, that handler reads the checkpoint with [`AuxOutput::last_checkpoint`]. Five minutes of
+    /// washing can then continue at minute four. The machine keeps the checkpoint as long as the output is
+    /// open. The call has no effect if this handler no longer owns the output.
     /// [`SequenceProgram::redelivery`](crate::SequenceProgram::redelivery) decides whether another handler
     /// may continue the work.
     ///
@@ -270,8 +271,8 @@ impl AuxOutput {
         self.inner.plc.request(request).await.map(|_| ())
     }
 
-    /// Returns the last [`AuxOutput::checkpoint`] of the handler that worked on this output before, or `None`
-    /// if no checkpoint was stored.
+    /// Returns the checkpoint that the previous handler of this output stored last, or `None` if no
+    /// checkpoint is stored. [`AuxOutput::checkpoint`] stores checkpoints.
     ///
     /// # Errors
     /// Fails if the checkpoint is not a `T`, for example because another version of the handler stored it.
@@ -285,11 +286,11 @@ impl AuxOutput {
         })
     }
 
-    /// Registers a clean-up, such as moving an arm back. It runs if this output is cancelled and its handler
-    /// dropped; it does not run if the handler returns. If the clean-up takes longer than `limit` on the
-    /// machine's clock, it is dropped, with an error in the log. Several clean-ups run in reverse order. The
-    /// machine does not wait for clean-ups: set an interlock or a start lock if no motion or program may
-    /// start meanwhile.
+    /// Registers a clean-up, such as moving an arm back. The clean-up runs if this output is cancelled and
+    /// its handler is dropped; it does not run if the handler returns. If the clean-up takes longer than
+    /// `limit` on the machine's clock, it is dropped, and the log contains an error. Several clean-ups run in
+    /// reverse order. The machine does not wait for clean-ups: if no motion or program may start during a
+    /// clean-up, set an interlock or a start lock.
     ///
     /// A clean-up does not run if the whole sequence program is dropped or its process ends: the hardware
     /// must be safe without the clean-up.
@@ -325,14 +326,14 @@ impl AuxOutput {
         lock(&self.inner.clean_ups).0.push((limit, Box::pin(clean_up)));
     }
 
-    /// Drops all clean-ups after the end of the handler: a clean-up may hold the output, which holds the
-    /// clean-up.
+    /// Drops all clean-ups after the end of the handler, because a clean-up may hold a handle to the output,
+    /// and the output holds the clean-up.
     pub(crate) fn forget_clean_ups(&self) {
         let forgotten = std::mem::take(&mut *lock(&self.inner.clean_ups));
         drop(forgotten);
     }
 
-    /// Runs the clean-ups after a cancellation.
+    /// Runs all clean-ups after a cancellation, the last one first.
     pub(crate) async fn clean_up(&self) {
         loop {
             let last = lock(&self.inner.clean_ups).0.pop();
@@ -350,14 +351,14 @@ impl AuxOutput {
         }
     }
 
-    /// Returns a watch on the cancellation of this output, for destructors and for work in other tasks. At a
-    /// cancellation the future of the handler is dropped.
+    /// Returns a watch on the cancellation of this output, for destructors and for work in other tasks. The
+    /// future of the handler itself is dropped at a cancellation.
     pub fn cancellation(&self) -> Cancellation {
         self.inner.cancellation.clone()
     }
 }
 
-/// A watch on the cancellation of an output. Clones watch the same output.
+/// A watch on the cancellation of an output. All clones watch the same output.
 #[derive(Debug, Clone)]
 pub struct Cancellation {
     state: watch::Receiver<CancelState>,

@@ -13,11 +13,11 @@ use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::topic::{CsTopic, Topic};
 use crate::variables::Variables;
 
-/// A function that returns the value in a message, or `None` if the message has no such value.
+/// Function that returns the value in a message, or `None` if the message does not contain the value.
 type Read<T> = Box<dyn Fn(&Payload) -> Option<T> + Send + Sync>;
 
-/// The current value of machine data, and then each changed value. Returned, for example, by
-/// [`Variables::changes`].
+/// The current value of machine data, followed by each changed value. [`Variables::changes`], for example,
+/// returns this type.
 pub struct Changes<T> {
     messages: Subscription,
     read: Read<T>,
@@ -47,7 +47,8 @@ impl<T: Clone> Changes<T> {
     }
 
     /// Waits for the next value and returns it; returns `None` if the machine has ended the connection. If
-    /// the values change faster than the program reads, only the latest value is returned. Cancellation safe.
+    /// the values change faster than the program reads, the program receives only the latest value.
+    /// Cancellation safe.
     pub async fn next(&mut self) -> Option<T> {
         loop {
             let message = self.messages.next().await?;
@@ -67,12 +68,12 @@ impl<T: Clone> Changes<T> {
 }
 
 impl Variables {
-    /// Returns the values of `count` variables (1 to 1024) from number `from` on: the current values, and all
-    /// values again each time that one of them has changed, by any writer. A machine publishes the variables
-    /// that its configuration names in `[[variables.published]]`, at most 10 times a second. If the values
-    /// change faster, only the latest values are published.
+    /// Returns the values of `count` variables (1 to 1024) from number `from` on: first the current values,
+    /// then all values again each time that any writer has changed one of them. A machine publishes the
+    /// variables that `[[variables.published]]` of its configuration contains, at most 10 times a second. If
+    /// the values change faster, only the latest values are published.
     ///
-    /// An NC program writes a variable when the block is interpreted, ahead of the motion (D16).
+    /// An NC program writes a variable when the interpreter reaches the block, ahead of the motion (D16).
     ///
     /// ```
     /// # use plc_api::types::data::VariableArea;

@@ -14,7 +14,7 @@ use crate::types::{BootId, CoordinateSystemNumber};
 
 pub(crate) use crate::port::RETRY;
 
-/// Identifies an output across boots.
+/// Identifier of an output that is unique over all boots.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) struct OutputId {
     pub(crate) boot_id: BootId,
@@ -23,7 +23,7 @@ pub(crate) struct OutputId {
 }
 
 impl OutputId {
-    /// Returns the identifier of an output in a `pending` message of a coordinate system.
+    /// Returns the identifier of an output from a `pending` message of a coordinate system.
     pub(crate) fn from_pending(
         message: &Message,
         cs: CoordinateSystemNumber,
@@ -53,7 +53,7 @@ impl OutputId {
     }
 }
 
-/// Creates the reset that reports the result of a handler.
+/// Creates the reset with the result of a handler; `alarm` is the fault, if the handler failed.
 pub(crate) fn reset_of(boot_id: &BootId, seq: u64, handler_id: &str, alarm: Option<Alarm>) -> Reset {
     let (result, code, text) = match alarm {
         None => (ResetResult::Ok, None, None),
@@ -75,8 +75,7 @@ pub(crate) fn reset_of(boot_id: &BootId, seq: u64, handler_id: &str, alarm: Opti
     }
 }
 
-/// Checks the answer to a claim or reset. `None` means that the transport returns no answer, which is not an
-/// error.
+/// Checks the answer to a claim or reset. If the transport returns no answer (`None`), this is not an error.
 pub(crate) fn accepted(m: u16, seq: u64, answer: Option<HandshakeResult>) -> Result<()> {
     match answer.map(|result| result.status) {
         None | Some(HandshakeStatus::Accepted) => Ok(()),
@@ -88,9 +87,10 @@ pub(crate) fn accepted(m: u16, seq: u64, answer: Option<HandshakeResult>) -> Res
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum HandshakeAttempt {
     Answered(HandshakeStatus),
-    /// The machine refuses the claim or reset for good.
+    /// The machine permanently refuses the claim or reset.
     Refused,
-    /// No answer. [`RETRY`] has passed since the attempt: the claim or reset may be repeated.
+    /// No answer has arrived. [`RETRY`] has passed since the attempt: the caller may repeat the claim or
+    /// reset.
     NotYet,
 }
 
@@ -113,7 +113,7 @@ pub(crate) async fn ask_once(
     }
 }
 
-/// Repeats a claim or reset until the machine answers; returns `None` if the machine refuses it for good.
+/// Repeats a claim or reset until the machine answers; returns `None` if the machine refuses it permanently.
 pub(crate) async fn until_answered(
     plc: &Plc,
     request: impl TypedRequest<Answer = HandshakeResult> + Clone,
@@ -127,8 +127,9 @@ pub(crate) async fn until_answered(
     }
 }
 
-/// Returns whether the handler that starts on an output must check the machine first. Returns `None` if an
-/// operator must decide before a handler starts. At the claim the machine makes the same decision.
+/// Returns true if the handler that starts on an output must check the machine first. Returns `None` if an
+/// operator must decide before a handler starts. The machine makes the same decision when it receives the
+/// claim.
 pub(crate) fn decide_start(output: &PendingOutput, on_redelivery: Option<Redelivery>) -> Option<bool> {
     let how = match (output.lost, output.how) {
         (false, _) => return Some(false),

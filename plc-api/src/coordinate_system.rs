@@ -22,13 +22,13 @@ use crate::types::state::{
 };
 use crate::types::topic::{CsTopic, Topic};
 
-/// One CNC coordinate system of a machine. Each method that sends a command returns when the command has had
-/// its effect.
+/// One CNC coordinate system of a machine. Each method that sends a command returns after the effect of the
+/// command.
 #[derive(Debug, Clone)]
 pub struct CoordinateSystem {
     plc: Plc,
     number: CoordinateSystemNumber,
-    /// Fence of the control lease under which commands are sent.
+    /// Fence of the control lease under which this handle sends commands.
     fence: Option<u64>,
 }
 
@@ -58,18 +58,18 @@ readings! {
     state: State as State -> State;
     /// Returns the running program, the call stack and the line.
     program: Program as Program -> ProgramLocation;
-    /// Returns the positions of the last servo cycle, over MQTT at most 0.1 s old; mm or degrees, feedrate
-    /// mm/min.
+    /// Returns the positions in the last servo cycle, mm or degrees, and the feedrate, mm/min. Over MQTT the
+    /// values are at most 0.1 s old.
     position: Position as Position -> Position;
     /// Returns the modal G codes by group, F in mm/min, S in r/min, ta, td and ts in ms.
     modal: Modal as Modal -> Modal;
-    /// Returns the positions that the last G31 latched.
+    /// Returns the positions that the last G31 captured.
     captured: Captured as Captured -> CapturedPositions;
     /// Returns the commanded and the actual spindle speed, r/min.
     spindle: Spindle as Spindle -> Spindle;
     /// Returns the tool in the spindle.
     tool: Tool as Tool -> Tool;
-    /// Returns the holder of the control lease, if a client holds it.
+    /// Returns the holder of the control lease; all fields are empty if no client holds the lease.
     lease: Lease as Lease -> LeaseState;
     /// Returns the overrides, percent.
     overrides: Override as Override -> Overrides;
@@ -83,7 +83,8 @@ readings! {
     pending: Pending as Pending -> Pending;
 }
 
-/// Commands and inputs: name, arguments, the request that is sent, and errors in addition to the common ones.
+/// Defines methods for commands and inputs: name, arguments, request, and errors in addition to the common
+/// errors.
 macro_rules! calls {
     ($(
         $(#[$doc:meta])*
@@ -126,8 +127,8 @@ calls! {
     resume() => command(Command::Resume), "Fails if no program is paused.";
 
     /// Moves back along the path (`on` is `true`) during a feed hold with G500, as far as the path is known.
-    /// If `on` is `false`, moves forward again as [`resume`](Self::resume) does. Outputs and dwells are not
-    /// repeated.
+    /// If `on` is `false`, moves forward again as [`resume`](Self::resume) does. Outputs and dwells on this
+    /// path are not repeated.
     back_trace(on: bool) => command(Command::BackTrace { on }),
         "Fails if the program is not held, no path to move back is known, or `on` is `false` and back trace is not active.";
 
@@ -141,16 +142,15 @@ calls! {
     /// machine.
     reset() => command(Command::Reset), "Fails if the program is ACTIVE.";
 
-    /// Executes manual data input: runs lines of NC text to their end, then the state word is READY. The next
-    /// input continues with the modal state of these lines, until a program, homing, a stop, an alarm or a
-    /// reset.
+    /// Executes manual data input: runs lines of NC text to their end; the state word is READY after that.
+    /// The next manual data input continues with the modal state of these lines, unless a program, homing, a
+    /// stop, an alarm or a reset comes between.
     mdi(text: impl Into<String>) => command(Command::Mdi { text: text.into(), is_macro: false }),
         "Fails if the command is not allowed now, the text has errors, the run ended early, or a G31 ended without a touch.";
 
-    /// Runs a text as a macro, for NC text that a program generates. The text starts with the configured unit
-    /// and absolute positions (G90) in force. At the end of the macro, also after an error or a stop, the
-    /// machine restores the modal state, the feedrate and the selected offsets that were in force before the
-    /// macro.
+    /// Runs a text as a macro: NC text that a program generates. The macro starts with the configured unit
+    /// and absolute positions (G90) in force. At its end, also after an error or a stop, the machine restores
+    /// the modal state, the feedrate and the selected offsets that were in force before the macro.
     mdi_macro(text: impl Into<String>) => command(Command::Mdi { text: text.into(), is_macro: true }),
         "Fails as [`mdi`](Self::mdi).";
 
@@ -189,8 +189,8 @@ calls! {
     /// Sets single block: after each block the axes stop, INTERRUPTED, until a resume.
     set_single_block(value: bool) => set(Input::SingleBlock(value)), "Fails within cutter compensation or a tapping cycle.";
 
-    /// Sets dry run: blocks interpreted from now on move at the dry run feedrate instead of F, except
-    /// threads.
+    /// Sets dry run: blocks that are interpreted after this call move at the dry run feedrate instead of F,
+    /// except threads.
     set_dry_run(value: bool) => set(Input::DryRun(value));
 
     /// Sets the source `default` of the interlock. While any source is on, motion is held and no motion
@@ -232,7 +232,7 @@ impl Plc {
 }
 
 impl CoordinateSystem {
-    /// Returns a handle to the same coordinate system that sends commands under a control lease.
+    /// Returns a handle to the same coordinate system, which sends its commands under a control lease.
     pub(crate) fn under_lease(&self, fence: u64) -> Self {
         Self {
             fence: Some(fence),
@@ -297,7 +297,7 @@ impl CoordinateSystem {
         self.reply_to(command, command_id.into()).await.map(drop)
     }
 
-    /// Sends a command, and returns its reply after the effect.
+    /// Sends a command, and returns the reply that the machine sends after the effect of the command.
     pub(crate) async fn reply_to(&self, command: Command, command_id: String) -> Result<CommandReply> {
         let verb = command.verb();
         let request = typed::Command {
@@ -356,9 +356,9 @@ impl CoordinateSystem {
         Err(Error::Closed)
     }
 
-    /// Reports the tool in the spindle to the machine, by its number in the [tool table](Plc::tools); 0 means
-    /// that the spindle is empty. G41 to G44 that are interpreted from now on use the dimensions of this tool
-    /// (D17). The number need not be in the table.
+    /// Reports the number of the tool in the spindle to the machine; the number refers to the [tool
+    /// table](Plc::tools), and 0 means that the spindle is empty. G41 to G44 that are interpreted after this
+    /// call use the dimensions of this tool (D17). The table need not contain the number.
     ///
     /// # Errors
     /// Fails if the coordinate system does not exist, or the machine cannot be reached.
@@ -376,7 +376,7 @@ impl CoordinateSystem {
         self.plc.request(typed::LineState(self.number, from)).await
     }
 
-    /// Commands the spindle; `rpm` is used by `Cw` and `Ccw`.
+    /// Commands the spindle; the directions `Cw` and `Ccw` use the speed `rpm`.
     ///
     /// # Errors
     /// Fails if the coordinate system has no spindle, or the speed is out of range.

@@ -43,11 +43,10 @@ pub enum Error {
     NoAnswer {
         /// Id of the command, if the request was a command.
         command_id: Option<String>,
-        /// Names the side that did not answer, and the time limit.
+        /// The side that did not answer, and the time limit.
         text: String,
     },
-    /// Work was not finished within the time limit of [`Plc::timeout`](crate::Plc::timeout), on the machine's
-    /// clock.
+    /// Work took longer than the time limit of [`Plc::timeout`](crate::Plc::timeout), on the machine's clock.
     #[error("the work was not finished within {limit:?}")]
     TimedOut {
         /// The time limit.
@@ -59,7 +58,7 @@ pub enum Error {
     TakenOver {
         /// The name of the sequence program.
         handler_id: String,
-        /// Names the other instance.
+        /// Description of the other instance.
         text: String,
     },
     /// The machine accepted a command, but its effect was prevented.
@@ -106,7 +105,7 @@ impl Error {
 }
 
 impl Error {
-    /// Returns true for a temporary error of the connection.
+    /// Returns true for a temporary error of the connection, after which a retry may succeed.
     pub(crate) fn may_pass(&self) -> bool {
         match self {
             Error::Refused(refusal) => refusal.code.may_pass(),

@@ -1,4 +1,4 @@
-//! The command table: the commands that are allowed in each state. The runtime and
+//! The command table, which contains the commands that each state allows. The runtime and
 //! [`FakePort`](crate::fake::FakePort) share the table.
 
 use crate::types::command::Verb;
@@ -33,7 +33,7 @@ const VERBS: [Verb; 13] = [
 ];
 
 impl Situation {
-    /// Returns true if the command is allowed.
+    /// Returns true if this situation allows the command.
     pub fn allows(self, verb: Verb) -> bool {
         use Execution::{
             Active, FeedHold, Interrupted, OptionalStop, ProgramCompleted, ProgramStopped, Ready, Stopped,
@@ -56,12 +56,12 @@ impl Situation {
         }
     }
 
-    /// Returns the allowed commands.
+    /// Returns all commands that this situation allows.
     pub fn allowed(self) -> Vec<Verb> {
         VERBS.into_iter().filter(|verb| self.allows(*verb)).collect()
     }
 
-    /// Refuses a command that is not allowed.
+    /// Refuses a command that this situation does not allow.
     ///
     /// # Errors
     /// Fails with `not_allowed`, with the state and the commands that are allowed in this state.
@@ -93,7 +93,7 @@ impl Situation {
     }
 }
 
-/// Returns the word for a value without fields in messages, such as `FEED_HOLD`; empty for any other value.
+/// Returns the word that messages use for an enum value, such as `FEED_HOLD`; empty if the value has fields.
 pub fn wire_name(value: &impl serde::Serialize) -> String {
     match serde_json::to_value(value) {
         Ok(serde_json::Value::String(name)) => name,
@@ -101,7 +101,7 @@ pub fn wire_name(value: &impl serde::Serialize) -> String {
     }
 }
 
-/// Returns the result of [`wire_name`], which replaces this function.
+/// Returns the same word as [`wire_name`], which replaces this function.
 #[deprecated(since = "0.2.0", note = "renamed to `wire_name`")]
 pub fn word(value: &impl serde::Serialize) -> String {
     wire_name(value)

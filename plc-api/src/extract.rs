@@ -76,12 +76,13 @@ use crate::plc::Plc;
     note = "a handler of an M code with a name takes `Va<T>` to `Vh<T>`, structs with `#[derive(Params)]`, `State<T>`, `AuxOutput`, `Plc` and `CoordinateSystem`"
 )]
 pub trait FromOutput: Sized + Send + 'static {
-    /// Records the parameters and states that this argument takes. Called once, when the handler is added.
+    /// Records the parameters and states that this argument takes. Called once, when the handler is
+    /// registered.
     fn takes(takes: &mut Takes) {
         let _ = takes;
     }
 
-    /// Returns the argument for an output. The parameters of the output match their declarations.
+    /// Returns the argument for an output, whose parameters match their declarations.
     ///
     /// # Errors
     /// Returns the alarm that stops the NC program if the handler cannot start.

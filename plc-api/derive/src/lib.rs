@@ -8,7 +8,7 @@ use syn::{
     Attribute, Data, DeriveInput, Expr, ExprRange, Field, Fields, Ident, LitStr, RangeLimits, Result, Token,
 };
 
-/// Attributes of the parameters, VA to VH.
+/// Attributes of fields for the parameters VA to VH.
 const LETTERS: [&str; 8] = ["va", "vb", "vc", "vd", "ve", "vf", "vg", "vh"];
 
 /// Error text with the allowed contents of an attribute.
@@ -21,9 +21,10 @@ const FORM: &str = "write a range such as 1..=20, a unit such as \"kN\", and nam
 /// - the unit: `"kN"`,
 /// - the name, if it differs from the name of the field: `name = "clamping force"`.
 ///
-/// A parameter must be programmed if its field has the type `f64`, an integer of up to 32 bits, `bool`, a
-/// unit or your own `ParamValue`. If the type of the field is an `Option` of these, the parameter may be left
-/// out. The M code takes no other parameters. For an example see `plc_api::extract`.
+/// A parameter must be programmed if the type of its field is `f64`, an integer of up to 32 bits, `bool`, a
+/// unit, or a type with your own implementation of `ParamValue`. If the type of the field is an `Option` of
+/// one of these, the parameter may be left out. The M code accepts no other parameters. For an example see
+/// `plc_api::extract`.
 #[proc_macro_derive(Params, attributes(va, vb, vc, vd, ve, vf, vg, vh))]
 pub fn params(input: TokenStream) -> TokenStream {
     let input = syn::parse_macro_input!(input as DeriveInput);
@@ -83,11 +84,11 @@ fn no_struct(name: &Ident) -> syn::Error {
     )
 }
 
-/// A field of the struct.
+/// A field of the struct that stands for a parameter.
 struct Param<'a> {
     field: &'a Ident,
     of: &'a syn::Type,
-    /// `A` to `H`.
+    /// Letter of the parameter, `A` to `H`.
     letter: Ident,
     form: Form,
 }
@@ -192,7 +193,7 @@ impl Form {
     }
 }
 
-/// One element of an attribute.
+/// One element of an attribute: range, unit or name.
 enum Part {
     Range(ExprRange),
     Unit(LitStr),

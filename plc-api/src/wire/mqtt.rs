@@ -302,8 +302,8 @@ pub enum Inbound {
     Drop(String),
 }
 
-/// Parses a message. `retained` means that the broker sent the message with the retain flag. Such a message is
-/// stale, and is executed only on topics that allow the flag.
+/// Parses a message. `retained` means that the broker sent the message with the retain flag. Such a message
+/// is stale, and is executed only on topics that allow the flag.
 pub fn decode(path: &str, payload: &[u8], retained: bool) -> Inbound {
     let (speaker, request) = MessageSender::split(path);
     let found = topics().find_map(|(row, topic)| Some((row, topic, take_apart(topic.pattern, request)?)));

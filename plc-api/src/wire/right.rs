@@ -1,6 +1,6 @@
 //! The right that a request needs.
 
-/// The right that a request requires of the user who sends it.
+/// The right that the user of a request must have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Right {
     /// To read data of the machine. If the configuration has tokens, only identified users have this right.

@@ -174,7 +174,7 @@ impl ParsedRequest {
     }
 }
 
-/// Returns the instance name that stands for a connection.
+/// Returns the instance name that identifies a connection.
 pub fn connection_name(connection: &str) -> String {
     let named = connection.replace(['/', '+', '#', '\0'], "_");
     let named = named.chars().take(INSTANCE_MAX - 1);
@@ -188,8 +188,8 @@ pub struct InboundTopic {
     pub pattern: &'static str,
     /// Effect of a message, in one sentence.
     pub summary: &'static str,
-    /// True if the retain flag is allowed: only for a state of the sender. A retained command would be
-    /// executed again.
+    /// True if the retain flag is allowed: only for a state of the sender. A broker would send a
+    /// retained command again, and the command would be executed again.
     pub retained: bool,
     /// Form of the payload, without the fields of the envelope.
     pub form: Form,
@@ -261,7 +261,7 @@ pub enum Source<'a> {
     Command(CommandMeta, &'static [&'static str]),
 }
 
-/// A request as it was received on a route or topic.
+/// A request, as received on a route or topic.
 pub struct IncomingRequest<'a> {
     /// Values in the path, by name.
     pub params: &'a [(&'a str, &'a str)],

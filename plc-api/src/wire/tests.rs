@@ -42,8 +42,8 @@ enum Transport {
 }
 use Transport::{Mqtt, Rest, WebSocket};
 
-/// Returns the transports that carry a request. The list is complete, because a missing request does not
-/// compile.
+/// Returns the transports that carry a request. The list is complete, because the match does not compile
+/// without a request.
 fn carried(request: &Request) -> &'static [Transport] {
     match request {
         Request::Command { .. }
@@ -115,7 +115,7 @@ fn text() -> impl Strategy<Value = String> {
     "\\PC{0,12}"
 }
 
-/// Identity and condition of a command, as far as the transport carries them.
+/// Returns identity and conditions of a command, as far as the transport carries them.
 fn meta(transport: Transport) -> impl Strategy<Value = CommandMeta> {
     let ids = (
         "[ -~]{1,12}",
@@ -391,7 +391,7 @@ fn of_machine() -> impl Strategy<Value = Request> {
 fn of_commands(transport: Transport) -> impl Strategy<Value = Request> {
     let commands = (1..=255_u8, command(), meta(transport), any::<bool>());
     let commands = commands.prop_map(move |(cs, command, meta, wait)| {
-        // the order of a run is always answered when it is done
+        // over REST, the order of a run is always answered when the command is done
         let wait = (wait || matches!(command, Command::Run(_))) && transport == Rest;
         Request::Command { cs, command, meta, wait }
     });
@@ -445,7 +445,7 @@ fn decoded(level: &str) -> String {
     level.decode_utf8().unwrap().into_owned()
 }
 
-/// Reads a request from HTTP as a server does. `cs` is the coordinate system that the server knows for an
+/// Reads a request from HTTP as a server does. `cs` is the coordinate system that the server has found for an
 /// alarm.
 fn read_rest(exchange: rest::Exchange, cs: u8) -> ParsedRequest {
     let (path, query) = exchange.path.split_once('?').unwrap_or((&exchange.path, ""));
