@@ -1,8 +1,8 @@
 //! Loss of the MQTT broker with `[mqtt] on_bus_loss = "hold_at_wait"`. Motion continues; a run that waits for an output
 //! is held, because the handler that resets the output may be unreachable.
 //!
-//! Each output is held once per loss, so that an operator may resume without a broker. A reset that arrives over
-//! another transport is latched, as during any hold.
+//! A run is held once per output and loss, so that an operator may resume the run without a broker. A reset that
+//! arrives over another transport during the hold is stored until the run resumes, as during any hold.
 
 use std::sync::atomic::Ordering;
 
@@ -16,12 +16,12 @@ use crate::journal::Event;
 #[derive(Debug, Default)]
 pub(super) struct Bus {
     is_lost: bool,
-    /// The output at which the run was held since the loss.
+    /// Number (`seq`) of the last output at which the run was held since the loss.
     held_at: Option<u64>,
 }
 
 impl CoordinateSystem {
-    /// Follows changes of the connection reported by the MQTT server end since the last turn.
+    /// Notes a change of the broker connection since the last turn. The MQTT server end reports the connection.
     pub(super) fn look_at_bus(&mut self) {
         let connected = self.context.shared.bus_connected.load(Ordering::Relaxed);
         if connected != self.inputs.bus.is_lost {
@@ -32,7 +32,7 @@ impl CoordinateSystem {
         self.context.record(Event::Bus { connected });
     }
 
-    /// Holds a run that waits for an output at rest.
+    /// Holds the run if the broker is lost, the run waits for an output, and the machine is at rest.
     pub(super) fn hold_without_bus(&mut self) {
         if !self.inputs.bus.is_lost || !self.context.shared.machine.hold_on_bus_loss {
             return;
@@ -41,7 +41,7 @@ impl CoordinateSystem {
         let Some(seq) = awaited.filter(|seq| self.inputs.bus.held_at != Some(*seq)) else {
             return;
         };
-        // A motion in a thread is not interrupted.
+        // A thread (tapping) is not interrupted.
         if !self.state.is_running() || self.is_moving() || self.pipeline.in_thread {
             return;
         }

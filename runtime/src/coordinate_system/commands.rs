@@ -1,4 +1,4 @@
-//! Commands: validated and executed one after another; hold, stop and abort do not wait.
+//! Commands: validated and executed one after another. The urgent commands hold, stop and abort do not wait.
 
 use std::sync::Arc;
 
@@ -23,7 +23,7 @@ use plc_api::execution::{Situation, wire_name};
 /// Accepted command with the data that it needs.
 #[derive(Default)]
 pub(super) struct PreparedCommand {
-    /// Note for the operator.
+    /// Note for the operator in the reply.
     note: String,
     pub run: Option<ActiveRun>,
     /// The line at which the run begins, unless it is line 1.
@@ -60,7 +60,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Returns true if a command is pending, and no transition delays it.
+    /// Returns true if a command is pending and no transition or validation delays it.
     pub(super) fn has_ready_command(&self) -> bool {
         !self.commands.deferred.is_empty() && !self.is_in_transition()
     }
@@ -70,11 +70,12 @@ impl CoordinateSystem {
     }
 
     fn execute_command(&mut self, command: DeferredCommand) {
-        // The same command may have arrived twice before the first was executed; hold, stop and abort may act twice.
+        // A second copy of a command may arrive before the first is executed. Its caller receives the stored reply;
+        // hold, stop and abort are executed twice instead.
         let said = self.context.shared.replied(&command.meta.memory);
         if let Some(said) = said.filter(|_| !command.command.is_urgent()) {
             if command.wait && self.commands.awaits(&command.meta.command_id) {
-                // sent twice: both callers wait until the command is done
+                // the caller of the second copy also waits until the command is done
                 self.commands.awaiting.push(Awaiting {
                     verb: command.command.verb(),
                     ends_jog: false,
@@ -94,8 +95,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Validates a command and executes it unless it is refused. `notes` inform the operator and refuse
-    /// nothing.
+    /// Validates a command and executes it unless it is refused. `notes` inform the operator and never cause a refusal.
     pub(super) fn accept_command(&mut self, command: DeferredCommand, notes: Vec<String>) {
         let verb = command.command.verb();
         if self.needs_no_run(&command.command, &command.meta) {
@@ -104,7 +104,7 @@ impl CoordinateSystem {
             return;
         }
         let judged = match command.command {
-            // the client that began the jog may end it in any state
+            // the client that began the jog may end the jog in any state
             Command::JogEnd { .. } => Ok(PreparedCommand::default()),
             _ => (self.remember_jog(&command))
                 .and_then(|()| self.commands.check_order(verb, command.order))
@@ -145,7 +145,7 @@ impl CoordinateSystem {
                 .reply_with_program(&meta, accepted, program.as_deref(), run_id.as_deref());
         let mut reply = Some(reply);
         if !wait && let Some(reply) = reply.take() {
-            // The caller may have left; the command is executed regardless.
+            // The caller may have stopped waiting for the reply. The command is executed regardless.
             let _ = reply.send(Ok(Answer::Command(accepted)));
         }
         if let (Command::Run(order), Some(run)) = (&command, &run) {
@@ -255,7 +255,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Records in the journal a refusal because the program is another one or is not signed.
+    /// Records a refusal in the journal if its reason is a different program or a missing signature.
     fn record_refusal(&self, command: &DeferredCommand, refusal: &Refusal) {
         let code = refusal.code;
         if !matches!(code, RefusalCode::NotSigned | RefusalCode::PreconditionFailed) {
@@ -275,8 +275,7 @@ impl CoordinateSystem {
         });
     }
 
-    /// Performs the last checks of a command and collects the data that it needs. Nothing has changed if they refuse
-    /// it.
+    /// Performs the last checks of a command and collects the data that it needs. A refused command changes nothing.
     fn prepare_command(&self, command: &Command, meta: &CommandMeta) -> Result<PreparedCommand, Refusal> {
         let number = self.commands.program;
         if !matches!(
@@ -323,7 +322,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Prepares a run; its program is loaded again.
+    /// Prepares the command `run`, which loads its program again.
     fn prepare_run(&self, order: RunOrder, meta: &CommandMeta) -> Result<PreparedCommand, Refusal> {
         let number = order.program.or(self.commands.program).ok_or_else(|| {
             let text = "run is not allowed: no program is loaded; name a program";
@@ -365,7 +364,7 @@ impl CoordinateSystem {
         })
     }
 
-    /// Executes a command. Returns true if its effect is reached at once.
+    /// Executes a command. Returns true if the command has already reached its effect.
     fn take_effect(&mut self, command: &Command, run: Option<ActiveRun>, entry: Option<LineEntry>) -> bool {
         if let Some(run) = run {
             if matches!(command, Command::Run(_)) {
@@ -468,14 +467,14 @@ impl CoordinateSystem {
         self.drive(RunEvent::Started(phase));
     }
 
-    /// Answers the commands whose effect has been reached.
+    /// Answers the commands for which `is_done` returns true: their effect has been reached.
     pub(super) fn complete(&mut self, is_done: &dyn Fn(&Awaiting) -> bool) {
         self.publish_changes();
         self.commands.answer(&self.context, is_done, None);
     }
 }
 
-/// Refuses a command that expects another program.
+/// Refuses a command if the hash that it expects is not that of the loaded program.
 fn check_expected_program(
     meta: &CommandMeta,
     number: Option<u16>,

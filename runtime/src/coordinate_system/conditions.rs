@@ -1,4 +1,4 @@
-//! The conditions of a plan: the state of the machine when the plan is made, or at the start of a run.
+//! The conditions from which a plan is made: the state of the machine at that time, or at the start of a run.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -34,19 +34,19 @@ pub(crate) struct Conditions {
     pub optional_stop: bool,
     pub dry_run: bool,
     pub captured: [f64; AXES_MAX],
-    /// A copy that stays unchanged.
+    /// Copy of the variables; later changes do not reach it.
     pub variables: Variables,
-    /// True if a text may read variables.
+    /// True if a program text may read variables.
     pub reads_variables: bool,
     /// The line at which the run begins; `None` for line 1.
     pub from: Option<LineStart>,
-    /// Key of all conditions except position and variables: it changes when any of them changes.
+    /// Key of all conditions except position and variables. The key changes when any of these conditions changes.
     pub key: u64,
-    /// Key of the position, compared to the nanometre: a rounding error of a sum is not a change.
+    /// Key of the position, rounded to 1 nm, so that rounding errors of a sum do not change the key.
     pub position_key: u64,
 }
 
-/// Conditions at the start of a run of a program.
+/// Conditions of a program run at its start.
 #[derive(Debug)]
 pub(crate) struct RunStart {
     pub run_id: String,
@@ -54,7 +54,7 @@ pub(crate) struct RunStart {
 }
 
 impl Conditions {
-    /// Collects the present conditions for a run from line 1.
+    /// Collects the current conditions for a run from line 1.
     pub fn now(
         shared: &SharedState,
         view: &View,
@@ -64,7 +64,7 @@ impl Conditions {
         Self::of_run(shared, view, configured, main, &shared.store.all(), None)
     }
 
-    /// Collects the present conditions for a run with these programs, from a line or from line 1.
+    /// Collects the current conditions for a run with the programs in `all`, from a given line or from line 1.
     pub fn of_run(
         shared: &SharedState,
         view: &View,
@@ -77,7 +77,7 @@ impl Conditions {
         let state = state_of(shared, cs).unwrap_or_default();
         let skips = state.optional_skip.iter();
         let optional_skip = skips.filter_map(|n| 1_u32.checked_shl(u32::from(n.checked_sub(1)?)));
-        // manual data input is not in the store
+        // the text of an MDI run is not in the store
         let mains = main.check.programs.iter().copied().chain([main.number]);
         let called: BTreeSet<u16> = mains.flat_map(|main| called_by(all, main)).collect();
         let texts = all.iter().filter(|(number, program)| {

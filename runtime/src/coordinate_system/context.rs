@@ -33,17 +33,17 @@ impl Context {
         self.shared.now()
     }
 
-    /// Returns the seconds since the start.
+    /// Returns the seconds since the start of the runtime.
     pub fn now_s(&self) -> f64 {
         self.shared.clock.now_s()
     }
 
-    /// Returns the name of the n-th run of this start of the runtime; it is unique over all starts.
+    /// Returns the name of the n-th run since the start of the runtime. No run of any earlier start has the same name.
     pub fn run_id(&self, n: u64) -> String {
         format!("{}-{}-{n}", self.shared.boot_id.0, self.number)
     }
 
-    /// Writes a line of the journal.
+    /// Writes a line to the journal.
     pub fn record(&self, event: Event) {
         self.shared.record(self.number, event);
     }
@@ -63,7 +63,7 @@ impl Context {
         self.shared.alarm_count(self.number)
     }
 
-    /// Returns a reply to a command.
+    /// Returns a reply to a command, without publishing it.
     pub fn reply_to(
         &self,
         meta: &CommandMeta,
@@ -74,7 +74,7 @@ impl Context {
         self.shared.reply_to(Some(self.number), meta, status, code, text)
     }
 
-    /// Publishes a reply to a command, and stores it.
+    /// Publishes a reply to a command and stores it for repeated requests.
     pub fn reply(&self, meta: &CommandMeta, status: CommandStatus, code: &str, text: &str) -> CommandReply {
         let reply = self.reply_to(meta, status, code, text);
         self.shared.reply(meta, reply)
@@ -96,18 +96,18 @@ impl Context {
         self.shared.reply(meta, reply)
     }
 
-    /// Refuses a command.
+    /// Publishes and stores the refusal of a command, and returns it.
     pub fn reject(&self, meta: &CommandMeta, refusal: Refusal) -> Refusal {
         self.shared.reject(Some(self.number), meta, refusal)
     }
 
-    /// Raises a warning of the alarm table.
+    /// Raises a warning with the number and title of a row of the alarm table.
     pub fn warn_of(&self, entry: &AlarmEntry, origin: Origin, text: &str) {
         self.warn(entry.number, origin, format!("{}: {text}", entry.title));
     }
 
-    /// Raises a warning that stays among the active alarms until a reset; `cs` is the coordinate system, or `None` for
-    /// all.
+    /// Raises a warning that stays active until a reset. `cs` is the coordinate system, or `None` for the whole
+    /// machine.
     pub fn warn_standing(&self, entry: &AlarmEntry, cs: Option<CoordinateSystemNumber>, text: &str) {
         let record = self.shared.raise_standing(AlarmRecord {
             severity: AlarmSeverity::Warning,

@@ -1,4 +1,4 @@
-//! Runs by hand (MDI, homing, jog) that end early: their commands are answered `failed`, with the distance covered and
+//! Runs by hand (MDI, homing, jog) that end early. Their commands are answered `failed`, with the distance covered and
 //! the reason.
 
 use std::collections::BTreeMap;
@@ -12,24 +12,25 @@ use super::pending_commands::{Awaiting, CommandFailure};
 use super::run::{ActiveRun, ActiveRunKind};
 use super::run_state::{Cause, EarlyEndCause, JogStop};
 
-/// Resolution of a distance in a reply, in steps per unit: 1 nm. Reason: sums of floating-point numbers differ in the
-/// last digits.
+/// Rounding of distances in a reply, in steps per mm or degree (1 nm). Reason: sums of floating-point numbers differ in
+/// their last digits.
 const DIGITS: f64 = 1e6;
 
-/// Run by hand that was ended early, until the machine rests.
+/// Run by hand that was ended early. Kept until the machine rests.
 #[derive(Debug)]
 pub(super) struct CutShort {
     code: &'static str,
-    /// Cause of the end, and advice.
+    /// Cause of the end, and advice for the operator.
     reason: String,
     from: AxisVector,
-    /// The commanded distance of a jog.
+    /// Commanded distance of a jog, in mm or degrees.
     distance: Option<f64>,
 }
 
 impl CutShort {
-    /// Returns `None` for a program, and for a jog without distance that its own client ends. `alarm` is the last
-    /// alarm.
+    /// Returns `None` for the run of a program, and for a jog without distance that its client ends or no longer
+    /// refreshes.
+    /// `alarm` is the text of the last alarm.
     pub fn new(run: &ActiveRun, why: EarlyEndCause, alarm: &str) -> Option<Self> {
         let distance = match &run.kind {
             ActiveRunKind::Program => return None,
@@ -80,7 +81,7 @@ fn reason_of(why: EarlyEndCause, alarm: &str) -> (&'static str, String) {
 }
 
 impl CoordinateSystem {
-    /// Answers the commands of a run by hand that was ended early, once the machine rests.
+    /// Answers the commands of the run by hand that was ended early. Called when the machine rests.
     pub(super) fn answer_cut_short(&mut self) {
         let failure = self
             .cut_short
@@ -89,7 +90,7 @@ impl CoordinateSystem {
         self.answer_run_by_hand(failure.as_ref());
     }
 
-    /// Answers the commands of a run by hand that has reached its end.
+    /// Answers the commands of a run by hand that was not ended early.
     pub(super) fn answer_completed_run(&mut self, run: &ActiveRun) {
         let failure = self.shortfall(run);
         self.answer_run_by_hand(failure.as_ref());
@@ -100,7 +101,7 @@ impl CoordinateSystem {
         self.commands.answer(&self.context, &Awaiting::is_of_run, failure);
     }
 
-    /// Returns the goal that a completed run did not reach: the distance of a jog, or a touch.
+    /// Returns a failure if a completed run missed its goal: the distance of a jog, or the touch of a G31.
     fn shortfall(&self, run: &ActiveRun) -> Option<CommandFailure> {
         match &run.kind {
             ActiveRunKind::Program | ActiveRunKind::Home => None,
@@ -156,7 +157,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Notes a G31 that has ended without a touch.
+    /// Notes the line of a G31 that ended without a touch.
     pub(super) fn note_touch(&mut self, captured: AxisSet) {
         let executing = self.context.view.executing();
         if let Some(run) = &mut self.run

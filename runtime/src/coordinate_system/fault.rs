@@ -1,9 +1,9 @@
 //! Recovery of a coordinate system after an internal fault: a panic in its turn, or in a request to it.
 //!
 //! The servo is stopped first, because no other part is reliable: motion stops on its path. Then the stages are
-//! replaced, outputs are cancelled, and an alarm stands until a reset. After a second fault before that reset, or one
-//! in the recovery itself, the coordinate system stays stopped: hold, stop and abort still brake it, and other requests
-//! are refused until the runtime is restarted.
+//! replaced, outputs are cancelled, and an alarm stays active until a reset. A second fault before that reset, or a
+//! fault in the recovery, leaves the coordinate system stopped. Then hold, stop and abort still brake the motion, and
+//! all other requests are refused until the runtime is restarted.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -25,13 +25,13 @@ use super::run_state::EarlyEndCause;
 use crate::journal::{Event, RaisedAlarm, RunEnd};
 
 impl CoordinateSystem {
-    /// Stops the motion: on its path, or with `abort` by the shortest path. Relies on no other part.
+    /// Stops the motion: on its path, or with `abort` by the shortest path. Uses only the servo link.
     pub(super) fn brake_at_once(&mut self, abort: bool) {
         self.servo.stop_at_once(abort);
     }
 
-    /// Rebuilds the coordinate system in the state after an alarm, so that a reset continues. Commands, inputs, the
-    /// control lease and the numbers of outputs are kept: levels set by sequence programs stay valid.
+    /// Rebuilds the coordinate system in the state after an alarm, so that a reset clears the fault. Commands, inputs,
+    /// the control lease and the numbers of outputs are kept; levels that sequence programs set stay valid.
     pub(super) fn recover(&mut self, why: &str) {
         let configured = &self.context.configured;
         let at = self.servo.commanded();
@@ -63,7 +63,8 @@ impl CoordinateSystem {
         !shared.is_alarm_active(RUNTIME_FAULT.number, self.context.number)
     }
 
-    /// Leaves the coordinate system stopped. Each step is executed even if others fail.
+    /// Leaves the coordinate system stopped until the runtime is restarted. If a step fails, the next steps are still
+    /// executed.
     pub(super) fn give_up(&mut self, why: &str) {
         let text = format!(
             "{}: {why}. Motion stopped and outputs were cancelled; hold, stop and abort still answer. Make the machine safe, \
@@ -99,7 +100,7 @@ impl CoordinateSystem {
             &mut Self::publish_given_up,
         ];
         for step in steps {
-            // a failing step is skipped: the servo has already been stopped, and the alarm stands
+            // a failing step is skipped; the servo is already stopped and the alarm is active
             let _ = catch_unwind(AssertUnwindSafe(|| step(self)));
         }
     }
@@ -134,8 +135,8 @@ impl CoordinateSystem {
             .publish(CsTopic::Pending, Payload::Pending(Pending::default()));
     }
 
-    /// Answers a request to a coordinate system that stays stopped: hold, stop and abort brake it, requests that also
-    /// concern other coordinate systems are noted, and all others are refused.
+    /// Answers a request to a coordinate system that stays stopped. Hold, stop and abort brake the motion, requests
+    /// that also concern other coordinate systems are noted, and all others are refused.
     pub(super) fn answer_given_up(&mut self, envelope: Envelope) {
         let answer = match &envelope.request {
             CoordinateSystemRequest::Command { command, meta, .. } if command.is_urgent() => {
@@ -157,7 +158,7 @@ impl CoordinateSystem {
             CoordinateSystemRequest::Command { meta, .. } => Err(self.context.reject(meta, self.refusal())),
             _ => Err(self.refusal()),
         };
-        // The caller may have left.
+        // The caller may have stopped waiting for the reply.
         let _ = envelope.reply.send(answer);
     }
 
@@ -169,7 +170,7 @@ impl CoordinateSystem {
         Refusal::new(RefusalCode::Unavailable, text)
     }
 
-    /// If the servo has failed, ends the run and answers every request that waits for the servo to rest, because no
+    /// If the servo has failed, ends the run and answers every request that waits for the machine to rest. Reason: no
     /// further servo event will arrive.
     pub(super) fn follow_servo_failure(&mut self) {
         let Some(why) = self.context.shared.servo.failure().map(str::to_owned) else {
@@ -196,8 +197,8 @@ impl CoordinateSystem {
         Err(Refusal::new(RefusalCode::Unavailable, text))
     }
 
-    /// Discards the servo's answers, which are no longer needed, and hands over delayed controls. Returns true if some
-    /// must still wait.
+    /// Discards the servo's events, which a stopped coordinate system does not need, and sends delayed controls to the
+    /// servo. Returns true if some controls must still wait.
     pub(super) fn follow_servo_given_up(&mut self) -> bool {
         while self.servo.next_event().is_some() {}
         self.servo.is_backlogged()

@@ -1,9 +1,9 @@
 //! Interruption of a run and its continuation: feed hold, the interlock, single block, a late servo, a lost broker
 //! (`bus`).
 //!
-//! Single block ends each block with its own stop. Blocks that were planned ahead when it is switched on keep their
-//! path: the motion is held at the end point of each block if it stops there, otherwise on the path shortly after its
-//! joint.
+//! Single block ends each block with a stop of its own. Blocks that were planned before single block is switched on
+//! keep their path. Such a block is held at its end point if it stops there, otherwise on the path shortly after its
+//! joint with the next block.
 
 use plc_api::types::handler::Departure;
 use plc_api::types::output::HandlerPresence;
@@ -19,8 +19,8 @@ use super::{CoordinateSystem, InputValues};
 use crate::journal::Event;
 
 impl CoordinateSystem {
-    /// Starts feed hold; a jog is ended. Returns true if there is nothing to wait for: no run is active, or it is at
-    /// rest.
+    /// Starts feed hold; a jog is ended instead. Returns true if the caller need not wait: no run is active, or the run
+    /// is at rest.
     pub(super) fn hold(&mut self, cause: Cause) -> bool {
         if self.run.as_ref().is_some_and(ActiveRun::is_jog) {
             return self.end_run(EarlyEndCause::JogEnded(JogStop::Held(cause)));
@@ -29,8 +29,8 @@ impl CoordinateSystem {
         self.state.transition() != Some(Transition::Holding)
     }
 
-    /// Holds the run for the runtime itself and writes a journal line. A jog is ended; its client has to start a new
-    /// one.
+    /// Holds the run on behalf of the runtime and writes a journal line. A jog is ended instead; its client has to
+    /// start a new jog.
     pub(super) fn hold_for(&mut self, cause: Cause, reason: Reason) {
         let run = self.run.as_ref().filter(|_| self.state.is_running());
         if run.is_none() {
@@ -38,7 +38,7 @@ impl CoordinateSystem {
         }
         let seq = self.state.awaited().map(|awaited| awaited.seq);
         self.hold(cause);
-        // a program stop is already at rest, and a jog is ended
+        // no journal line: a run at a program stop was at rest before the hold, and a jog is ended
         if self.state.is_running() || self.run.is_none() {
             return;
         }
@@ -47,11 +47,11 @@ impl CoordinateSystem {
         self.context.record(Event::Hold { reason, m, seq });
     }
 
-    /// Processes the servo's report that it holds the motion because it was late by this number of cycles.
-    /// Raises a warning and holds the run; if no motion is pending, the servo resumes instead.
+    /// Processes the servo's report that it was late by `cycles` servo cycles and therefore holds the motion. Raises a
+    /// warning and holds the run; if no motion is pending, makes the servo resume instead.
     pub(super) fn on_servo_late(&mut self, cycles: u64) {
         if self.rests_by_itself() {
-            // the servo holds a motion that has just ended; the run has no motion to hold
+            // the servo holds a motion that has just ended, so the run has no motion to hold
             self.servo.control(Control::Resume);
             return;
         }
@@ -66,33 +66,33 @@ impl CoordinateSystem {
         self.hold_for(Cause::ServoLate, Reason::ServoLate);
     }
 
-    /// Returns true if no motion is pending: there is no run, or it waits for an output or at a program stop.
+    /// Returns true if no motion is pending: no run is active, or the run waits for an output or at a program stop.
     fn rests_by_itself(&self) -> bool {
         let waits = self.state.awaited().is_some() || matches!(self.state.phase(), Some(Phase::Paused(_)));
         self.state.is_idle() || self.state.is_running() && waits && !self.is_moving()
     }
 
-    /// Continues the run after a hold, and does the work that the hold has delayed.
+    /// Does the work that a hold has delayed, when the run resumes: issues outputs and arms the hold of single block.
     pub(super) fn resume_held_work(&mut self) {
         self.issue_queued_outputs();
         self.hold_after_planned_block();
     }
 
-    /// Processes that the servo rests under feed hold.
+    /// Processes the servo's report that the motion rests in feed hold.
     pub(super) fn on_servo_held(&mut self) {
         let steps = self.run.as_mut().map(|run| &mut run.steps);
         let behind_block = steps.is_some_and(|steps| std::mem::take(&mut steps.armed));
         self.drive(RunEvent::ServoHeld { behind_block });
     }
 
-    /// Holds motion while the interlock is on.
+    /// Starts a hold if the interlock is on.
     pub(super) fn follow_interlock(&mut self) {
         if self.inputs.interlock.is_on() {
             self.hold(Cause::Interlock);
         }
     }
 
-    /// Processes that a handler is online.
+    /// Processes the report that a handler is online.
     pub(super) fn on_handler_online(&mut self, handler_id: &str, presence: &HandlerPresence) {
         self.inputs.interlock.mark_handler_online(handler_id);
         self.inputs.start_lock.mark_handler_online(handler_id);
@@ -100,8 +100,8 @@ impl CoordinateSystem {
         self.outputs.ledger.handler_online(now, handler_id, presence);
     }
 
-    /// Processes the loss of a handler instance: its outputs and levels wait for its return, except for
-    /// levels that are on without a handler.
+    /// Processes the loss of a handler instance. Its outputs, interlocks and start locks wait for its return. After an
+    /// unannounced loss, locks with `on_loss = "on"` are set on at once.
     pub(super) fn on_handler_left(&mut self, handler_id: &str, instance: Option<&str>, departure: Departure) {
         let (now, grace_s) = (self.context.now(), self.context.shared.machine.handler_grace_s);
         self.outputs
@@ -120,7 +120,8 @@ impl CoordinateSystem {
         }
     }
 
-    /// Expires handlers that have not returned within their time limit.
+    /// Raises the warnings about lost handlers that are due. If a lost handler has not returned within its time limit,
+    /// its interlocks and start locks take the value of their `on_loss`.
     pub(super) fn look_at_losses(&mut self, now_s: f64) {
         for (origin, text) in self.outputs.take_losses(now_s) {
             self.context.warn_of(&HANDLER_LOST, origin, &text);
@@ -162,7 +163,7 @@ impl CoordinateSystem {
         }
         self.inputs.single_block = on;
         if self.run.as_ref().is_some_and(ActiveRun::is_jog) {
-            // a jog is one block, and ends at rest
+            // a jog is one block and ends at rest without single block
             return Ok(());
         }
         if on {
@@ -177,7 +178,7 @@ impl CoordinateSystem {
         Ok(())
     }
 
-    /// Ends the planned motion at rest, and holds it at the end of each block; the interpreter waits.
+    /// Ends the planned motion at rest and holds it at the end of each planned block. The interpreter waits until then.
     pub(super) fn stop_behind_what_is_planned(&mut self) {
         match self.state.phase() {
             None | Some(Phase::Standstill(Then::BlockEnd)) => return,
@@ -196,7 +197,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Plans items that were interpreted before single block was switched on, and holds their blocks as well.
+    /// Includes blocks that were interpreted before single block was switched on in the hold at each block end.
     pub(super) fn plan_ahead_of_single_block(&mut self) {
         if let Some(run) = &mut self.run
             && self.inputs.single_block
@@ -218,8 +219,8 @@ impl CoordinateSystem {
         !self.pipeline.ready.is_empty() || self.servo.finished_segment < self.pipeline.planner.last_segment()
     }
 
-    /// At a standstill: if a hold was due at the end of a block, ends that block, regardless of the servo's reports so
-    /// far. Returns true if this interrupts the run.
+    /// Ends the block at whose end a hold was due, once the machine is at a standstill. Does not wait for further
+    /// reports of the servo. Returns true if this interrupts the run.
     pub(super) fn end_planned_block(&mut self) -> bool {
         let Some(run) = &mut self.run else { return false };
         if !std::mem::take(&mut run.steps.armed) {
@@ -230,12 +231,12 @@ impl CoordinateSystem {
         true
     }
 
-    /// Processes a block that has ended with its own stop.
+    /// In single block, interrupts the run after a block that ended with its own stop.
     pub(super) fn on_block_ended(&mut self) {
         if !self.inputs.single_block {
             return;
         }
-        // after M98 the called program has not begun yet
+        // after M98, lines of the called program are still 0 because it has not begun
         let begun = self.pipeline.interpreter.call_stack();
         let origin = begun.filter(|at| at.line > 0).last();
         if let Some(origin) = origin {
@@ -276,7 +277,7 @@ mod tests {
         assert!((position - expected).abs() < 1e-9, "{position} is not {expected}");
     }
 
-    /// Delays the servo of a machine.
+    /// Delays the servo of a machine by `ms` milliseconds.
     fn delay(runtime: &Runtime, ms: u64) {
         runtime
             .simulation()

@@ -1,5 +1,5 @@
-//! Jogging: one axis moves while its refreshes arrive, or by one step, within the limits of its motor and its soft
-//! limits.
+//! Jogging: one axis moves while refreshes of its client arrive, or by a given distance. Limits of the motor and soft
+//! limits apply.
 
 use std::sync::Arc;
 
@@ -14,13 +14,13 @@ use super::run_state::{EarlyEndCause, JogStop, Phase, Then};
 use crate::command_memory::{CommandContent, CommandLookup, memory_is_full};
 use crate::program_store::StoredProgram;
 
-/// Time from the last refresh to the stop of a jog, s: the client that commands it may be lost.
+/// Time in s after the last refresh at which a jog stops, because its client may be lost.
 pub(super) const REFRESH_S: f64 = 0.2;
 
-/// End point of a jog on an axis without soft limit: the largest value of a program word, mm or degrees.
+/// End point of a jog on an axis without soft limit, in mm or degrees: the largest value of a program word.
 const DISTANCE_MAX: f64 = 1_000_000.0;
 
-/// Distances below this are no motion, mm or degrees.
+/// Distance in mm or degrees below which a jog is not a motion.
 pub(super) const DISTANCE_MIN: f64 = 1e-9;
 
 impl CoordinateSystem {
@@ -84,7 +84,8 @@ impl CoordinateSystem {
         Ok(self.new_run(ActiveRunKind::Jog(jog), nothing, &self.context.shared.store.all()))
     }
 
-    /// Remembers a command that begins a jog. Its refreshes are not remembered, because they would fill the memory.
+    /// Stores a command that begins a jog in the command memory. Refreshes are not stored, because they would fill the
+    /// memory.
     pub(super) fn remember_jog(&self, command: &DeferredCommand) -> Result<(), Refusal> {
         if !matches!(command.command, Command::Jog { .. }) {
             return Ok(());
@@ -96,7 +97,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Starts the motion of a new jog.
+    /// Plans the motion of a new jog and returns the next phase of its run.
     pub(super) fn start_jog(&mut self, jog: &Jog) -> Phase {
         match self.pipeline.jog(&jog.settings, jog.to) {
             Ok(()) => Phase::Standstill(Then::End(Origin::default())),
@@ -104,7 +105,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Returns the jog with this name while it runs.
+    /// Returns the active jog if its client gave it this name.
     fn running_jog(&mut self, refresh_id: &str) -> Option<&mut Jog> {
         match &mut self.run.as_mut()?.kind {
             ActiveRunKind::Jog(jog) if jog.refresh_id == refresh_id => Some(jog),
@@ -112,13 +113,13 @@ impl CoordinateSystem {
         }
     }
 
-    /// Refuses a refresh under another lease, or one that is too old.
+    /// Refuses a refresh if it is under another lease, or if its time limit (`not_after`) has passed.
     fn authorize_refresh(&self, meta: &CommandMeta) -> Result<(), Refusal> {
         self.context.shared.check_not_after(meta.not_after.as_ref())?;
         self.authorize_by_lease(Verb::Jog, meta)
     }
 
-    /// Returns true if the command refreshes the active jog, or ends an inactive one: it has no other effect.
+    /// Returns true if the command needs no run: it refreshes the active jog, or ends a jog that is not active.
     pub(super) fn needs_no_run(&mut self, command: &Command, meta: &CommandMeta) -> bool {
         let until_s = self.context.now_s() + REFRESH_S;
         match command {
@@ -136,7 +137,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Returns the time at which the active jog stops unless it is refreshed.
+    /// Returns the time in s at which the active jog stops if no refresh arrives.
     pub(super) fn jog_until_s(&self) -> Option<f64> {
         match &self.run.as_ref()?.kind {
             ActiveRunKind::Jog(jog) => jog.until_s,
@@ -144,7 +145,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Stops a jog that is not refreshed, with the motor's highest deceleration.
+    /// Stops a jog whose refreshes have ended, with the motor's highest deceleration.
     pub(super) fn expire_jog(&mut self, now_s: f64) {
         if self.jog_until_s().is_some_and(|until_s| until_s <= now_s + 1e-9) {
             self.end_run(EarlyEndCause::JogEnded(JogStop::NotRefreshed));

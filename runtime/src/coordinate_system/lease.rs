@@ -1,7 +1,7 @@
-//! The control lease: while a client holds it, only commands with its fence start motion. The lease is optional.
+//! The control lease: while a client holds it, only commands with its fence may start motion. The lease is optional.
 //!
-//! The lease orders the commands of several clients. It proves no identity: every operator may read the
-//! fence. A run continues when the lease changes hands; hold, stop, abort and reset are for everyone.
+//! The lease orders the commands of several clients. The lease proves no identity: every operator may read the fence. A
+//! run continues when the holder changes; hold, stop, abort and reset need no lease.
 
 use plc_api::execution::wire_name;
 use plc_api::handshake::Now;
@@ -18,7 +18,7 @@ use plc_api::types::{CoordinateSystemNumber, Timestamp};
 use super::CoordinateSystem;
 use crate::journal::{Event, LeaseChange};
 
-/// Holder and end of the lease of one coordinate system. Pure: the time is a parameter.
+/// Holder and expiry time of the lease of one coordinate system. Pure: the caller passes the time.
 #[derive(Debug)]
 pub(super) struct ControlLease {
     cs: CoordinateSystemNumber,
@@ -33,8 +33,8 @@ struct HeldLease {
 }
 
 impl ControlLease {
-    /// Creates a free lease. Its first fence is the time in s, so that fences of earlier starts of the runtime stay
-    /// invalid, provided that the computer's clock is not set back.
+    /// Creates a lease without a holder. The first fence is the time in s, so fences of earlier starts of the runtime
+    /// stay invalid. Condition: the computer's clock is not set back.
     pub fn new(cs: CoordinateSystemNumber, now: Now) -> Self {
         let since_epoch = now.time.duration_since(std::time::UNIX_EPOCH);
         Self {
@@ -48,12 +48,12 @@ impl ControlLease {
         self.held.as_ref().map(|held| &held.lease)
     }
 
-    /// Returns the time at which it expires.
+    /// Returns the time in s at which the lease expires; `None` if the lease has no holder.
     pub fn until_s(&self) -> Option<f64> {
         self.held.as_ref().map(|held| held.until_s)
     }
 
-    /// Takes the lease, or renews it if its fence is given.
+    /// Takes the lease for a client, or renews it if the client gives its fence.
     fn claim_lease(&mut self, now: Now, take: &LeaseTake, client_id: &str) -> Result<Lease, Refusal> {
         let holder = take.holder.as_deref().unwrap_or(client_id);
         if !(1..=LEASE_HOLDER_MAX).contains(&holder.chars().count()) {
@@ -87,13 +87,13 @@ impl ControlLease {
         Ok(())
     }
 
-    /// Ends and returns an expired lease; afterwards it has no holder.
+    /// Removes the holder if the lease has expired, and returns the expired lease.
     fn expire(&mut self, now_s: f64) -> Option<Lease> {
         let held = self.held.take_if(|held| held.until_s <= now_s + 1e-9)?;
         Some(held.lease)
     }
 
-    /// Refuses requests that do not come from the holder, and requests under a lease that has ended.
+    /// Refuses requests that do not come from the holder, and requests with the fence of an ended lease.
     fn authorize_fence(&self, fence: Option<u64>, what: &str) -> Result<(), Refusal> {
         let cs = self.cs;
         let holder = self.held().map_or_else(
@@ -157,7 +157,7 @@ impl CoordinateSystem {
         request: &LeaseRequest,
         meta: &CommandMeta,
     ) -> Result<Answer, Refusal> {
-        // The same request may have arrived twice before the first was executed.
+        // A second copy of the request may arrive before the first is executed; its caller receives the stored reply.
         if let Some(said) = self.context.shared.replied(&meta.memory) {
             return Ok(Answer::Command(said));
         }
@@ -176,7 +176,7 @@ impl CoordinateSystem {
         Ok(Answer::Command(self.context.shared.reply(meta, reply)))
     }
 
-    /// Changes the lease; returns the kind of change and the resulting lease.
+    /// Changes the lease. Returns the kind of change for the journal and the resulting lease.
     fn change_lease(
         &mut self,
         request: &LeaseRequest,
@@ -368,7 +368,7 @@ mod tests {
             plc.sleep(Duration::from_millis(20)).await;
             assert_eq!(system.lease().await.unwrap().holder, None);
             system.home(&[]).await.unwrap();
-            // another coordinate system has a lease of its own
+            // coordinate system 2 has a lease of its own
             assert_eq!(plc.coordinate_system(2).lease().await.unwrap().holder, None);
         });
         play.unwrap();

@@ -1,5 +1,5 @@
-//! A run that starts at a line: the M codes that its state needs are issued, the axes move there, then the program
-//! continues.
+//! A run that starts at a given line: it issues the M codes that the state at the line needs, moves the axes to the
+//! start of the line, then continues the program.
 
 use std::sync::Arc;
 
@@ -17,8 +17,8 @@ use super::run_state::Then;
 use crate::program_store::StoredProgram;
 
 impl CoordinateSystem {
-    /// Creates a run of a program, or its next part, with its entry unless it begins at line 1. Its texts stay in the
-    /// store from now on.
+    /// Creates the run of a program or of its next part. If the run does not begin at line 1, also returns the entry at
+    /// its line. The texts of its programs stay in the store until the run ends.
     pub(super) fn new_program_run(
         &self,
         run_id: String,
@@ -46,7 +46,7 @@ impl CoordinateSystem {
         Ok((run, entry))
     }
 
-    /// Restores the state at the line, except for the outputs and the position of the axes.
+    /// Restores the state at the line of `entry`, except for the outputs and the position of the axes.
     pub(super) fn begin_at_line(&mut self, entry: LineEntry) -> LineArrival {
         self.past.manual_goes_on = false;
         let arrival = self.pipeline.start_from(entry, self.servo.epoch());
@@ -70,8 +70,8 @@ impl CoordinateSystem {
         arrival
     }
 
-    /// Executes the next step towards the first line of the run: an output, or the approach. Returns false if the line
-    /// is reached.
+    /// Executes the next step towards the first line of the run: issues an output, or plans the approach. Returns false
+    /// if no step is left.
     pub(super) fn approach_line(&mut self) -> bool {
         let Some(run) = &mut self.run else { return false };
         let Some(mut arrival) = run.arrival.take() else {

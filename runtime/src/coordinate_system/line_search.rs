@@ -1,9 +1,9 @@
 //! Finds the state in force at a line of a program: interprets the program from its beginning, as in a run, without
 //! motion.
 //!
-//! This works only if the text, the tables and the present inputs determine the path of the program. If a handler, a
-//! capture or a skip input would determine it, the search is refused and names it. A variable set by the program itself
-//! is treated as known, although a handler might have changed it.
+//! This works only if the texts, the tables and the current inputs determine the path of the program. If the path
+//! depends on a handler, a captured position or a skip input, the search is refused and the text names the cause. A
+//! variable that the program sets is treated as known, although a handler may have changed the variable since.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -30,7 +30,7 @@ const BLOCKS_MAX: u64 = 10_000_000;
 /// State with which a run from a line begins.
 #[derive(Debug)]
 pub(crate) struct LineEntry {
-    /// State before the block.
+    /// State before the target block.
     pub interpreter: Interpreter,
     pub arrival: LineArrival,
 }
@@ -38,18 +38,18 @@ pub(crate) struct LineEntry {
 /// Arrival of a run at its line: approach, outputs and variables.
 #[derive(Debug)]
 pub(crate) struct LineArrival {
-    /// At rest at the start of the block.
+    /// Path stage at rest at the start of the target block.
     pub path: PathStage,
-    /// Axis at right angles to the plane in force.
+    /// Axis at right angles to the plane that is in force at the line.
     infeed: Axis,
-    /// The block.
+    /// The target block: program and line.
     pub target: Origin,
     pub occurrence: u32,
     /// Number of the tool in the spindle at the line; `None` if it is unknown.
     pub tool: Option<u16>,
     /// Outputs issued before the approach, in order.
     pub restore: VecDeque<Output>,
-    /// The last output of each other M code before the line.
+    /// The last output of each M code that the start does not issue again.
     pub not_restored: Vec<Output>,
     /// Variables that the program sets before the line.
     pub variables: Vec<(VariableKind, usize, f64)>,
@@ -57,8 +57,8 @@ pub(crate) struct LineArrival {
 }
 
 impl LineArrival {
-    /// Returns the machine positions to which the axes move from `from`, in sequence; none if they are already at the
-    /// start of the block.
+    /// Returns the machine positions to which the axes move from `from`, in sequence. Returns none if the axes are
+    /// already at the start of the target block.
     pub fn approach_from(&self, from: MachinePosition) -> Vec<MachinePosition> {
         let to = self.path.position().0;
         let infeed = self.infeed;
@@ -86,7 +86,7 @@ impl LineArrival {
     }
 }
 
-/// Returns the state at the line for display to operators.
+/// Returns the state at the target line for display to operators.
 pub(crate) fn line_state(
     LineEntry { interpreter, arrival }: &LineEntry,
     conditions: &Conditions,
@@ -135,12 +135,12 @@ pub(crate) fn line_state(
     }
 }
 
-/// Interprets the loaded program up to a line.
+/// Interprets the loaded program up to a line, and returns the state with which a run from this line begins.
 ///
 /// # Errors
-/// Returns an error if the program does not reach the line, reaches it several times and no `occurrence` is
-/// given, or stops with an alarm before the line; also if the state at the line cannot be determined, or no
-/// run can begin in that state.
+/// Returns an error in these cases: the program does not reach the line; it reaches the line several times and no
+/// `occurrence` is given; an alarm stops it before the line; the state at the line is unknown; no run can begin in that
+/// state.
 pub(crate) fn search(
     shared: &SharedState,
     conditions: &Conditions,
@@ -171,7 +171,7 @@ pub(crate) fn search(
     search.into_entry(from, occurrence)
 }
 
-/// Returns the first block of a line.
+/// Returns the index of the first block of a line.
 fn index_of(conditions: &Conditions, program: u16, line: u32) -> Result<usize, Refusal> {
     let Some(tree) = conditions.programs.get(&program) else {
         let main = conditions.main.number;
@@ -196,9 +196,9 @@ fn refused(text: impl Into<String>) -> Refusal {
 
 /// Reason why a search ends before its line.
 enum Why {
-    /// The program ends.
+    /// The program ends before the line.
     Ended,
-    /// An alarm stops it.
+    /// An alarm stops the program before the line.
     Alarm(Alarm),
     /// A value that determines the path of the program is unknown.
     Unknown(String),
@@ -227,9 +227,9 @@ impl Why {
 struct Search<'a> {
     shared: &'a SharedState,
     conditions: &'a Conditions,
-    /// Program and index of the block.
+    /// Program and block index of the line that is searched for.
     target: (u16, usize),
-    /// How many times the program has reached the block.
+    /// How many times the interpreter has reached the target block.
     times: u32,
     interpreter: Interpreter,
     path: PathStage,
@@ -237,7 +237,7 @@ struct Search<'a> {
     variables: Variables,
     work_offsets: WorkOffsets,
     tool: Option<u16>,
-    /// Every issued M code in order; the last one of each number.
+    /// The last output of each M number before the line, in the order of the program.
     outputs: Vec<Output>,
     /// The first M code whose handler may have set variables.
     handled: Option<Output>,
@@ -269,7 +269,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Returns how many times the program reaches the line, as far as that can be known; at least once.
+    /// Returns how many times the program reaches the line until its end, or until its path becomes unknown. Returns
+    /// the error if that is zero times.
     fn count(&mut self, line: u32) -> Result<u32, Refusal> {
         let Err(why) = self.run_to(u32::MAX) else {
             return Ok(u32::MAX);
@@ -280,7 +281,7 @@ impl<'a> Search<'a> {
         Err(why.refusal(line))
     }
 
-    /// Runs to the given occurrence of the line.
+    /// Interprets the program up to the given occurrence of the line.
     fn run_to(&mut self, occurrence: u32) -> Result<(), Why> {
         while self.interpreter.steps() < BLOCKS_MAX {
             let item = self.next(occurrence).map_err(|alarm| self.why(alarm))?;
@@ -333,7 +334,8 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Converts an alarm into the reason. A variable that a handler may have set is unknown.
+    /// Converts an alarm into the reason why the search ends. An alarm about a variable that a handler may have set
+    /// becomes [`Why::Unknown`].
     fn why(&self, alarm: Alarm) -> Why {
         let name = alarm.text.split(' ').next().unwrap_or_default();
         match &self.handled {
@@ -377,7 +379,7 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// Returns true if a client other than the runtime answers an M code.
+    /// Returns true if a client answers this M code, not the runtime.
     fn is_handled(&self, m: u16, settings: &MCodeSettings) -> bool {
         let system = &self.conditions.configured.settings;
         if self.shared.is_handled(system.number, m) {
@@ -388,7 +390,8 @@ impl<'a> Search<'a> {
         !is_stock && unhandled == UnhandledReaction::Wait
     }
 
-    /// Stops at rest, which cutter compensation refuses.
+    /// Ends the motion at rest for an item that waits. Returns the alarm if cutter compensation is on, because then the
+    /// motion cannot stop.
     fn rest(&mut self, item: &Item) -> Result<(), Alarm> {
         let is_compensating =
             self.path.is_compensating() || self.interpreter.modal().compensation != Compensation::Off;
@@ -447,7 +450,8 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Returns the last output of each group in the order of the settings, and the outputs without a group.
+    /// Returns the last output of each restore group in the order of the settings, and separately the outputs without a
+    /// group.
     fn restored(&self) -> (VecDeque<Output>, Vec<Output>) {
         let mut groups: Vec<(String, u16, Output)> = Vec::new();
         let mut others = Vec::new();
@@ -465,8 +469,8 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Returns the group of an M code and the position of the group in the order, if a start from a line issues the last
-/// output of that group; otherwise `None`.
+/// Returns the restore group of an M code and the group's position in the order. Returns `None` if a start from a line
+/// does not issue this M code again.
 fn restore(settings: &MCodeSettings, m: u16) -> Option<(&str, u16)> {
     let group = match &settings.restore_group {
         Some(group) => group.as_str(),

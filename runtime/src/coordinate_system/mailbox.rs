@@ -1,9 +1,9 @@
 //! The request queues of a coordinate system, and the coordinate system itself.
 //!
-//! If no other thread is working on the coordinate system, a caller executes its own request at once, in its own
-//! thread: the answer needs no second thread, and an in-process handler no wake-up. Otherwise it queues the request for
-//! the task. The task does everything else: commands, which may take long because a load checks whole programs; events
-//! of the servo; deadlines; and further preparation.
+//! If no other thread works on the coordinate system, a caller executes its own request at once in its own thread. So
+//! the answer needs no second thread, and a handler in the same process needs no wake-up. Otherwise the caller queues
+//! the request for the task. The task does everything else: commands, which may take long because a load checks whole
+//! programs; events of the servo; deadlines; and further preparation.
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -23,19 +23,20 @@ use super::preparation::TurnLimits;
 use super::{CoordinateSystem, View};
 use crate::shared::SharedState;
 
-/// Maximum number of requests that wait for one coordinate system; a sender waits for room. Hold, stop and abort have a
-/// queue of the same size.
+/// Maximum number of requests that wait for one coordinate system; further senders wait until the queue has a free
+/// slot.
+/// Hold, stop and abort have a queue of the same size.
 const REQUESTS_MAX: usize = 256;
 
-/// Time after which a control that found no room in the servo is handed over again, s.
+/// Time in s after which a control is sent again if the servo's ring was full.
 const RETRY_S: f64 = 0.001;
 
-/// Queued request, and the destination of its answer.
+/// Queued request and the channel for its answer.
 pub(super) struct Envelope {
-    /// Larger than that of every envelope queued before.
+    /// Sequence number, larger than that of every envelope queued before.
     pub order: u64,
     pub request: CoordinateSystemRequest,
-    /// Its age limit; a command has its limit in its meta data.
+    /// Age limit of the request; a command has its limit in its meta data instead.
     pub not_after: Option<NotAfter>,
     pub reply: oneshot::Sender<Result<Answer, Refusal>>,
 }
@@ -58,21 +59,21 @@ pub(crate) struct Mailbox {
     pub number: CoordinateSystemNumber,
     pub view: Arc<View>,
     shared: Arc<SharedState>,
-    /// The queue of hold, stop and abort, which pass all others, and the queue of all other requests.
+    /// Index 0: the queue of hold, stop and abort, which pass all others. Index 1: the queue of all other requests.
     queues: [Queue; 2],
     count: AtomicU64,
     work: Mutex<MailboxState>,
-    /// Name of its work in reports of faults.
+    /// Name of the coordinate system in reports of faults.
     task: String,
     /// Wakes the task.
     wake: Arc<Notify>,
 }
 
 struct MailboxState {
-    /// `None` after its end.
+    /// `None` after the runtime has closed it.
     system: Option<CoordinateSystem>,
     condition: FaultCondition,
-    /// Time at which the task next wakes without a request, seconds since the start.
+    /// Time at which the task next wakes without a request, in s since the start.
     task_wakes_at_s: Option<f64>,
 }
 
@@ -80,9 +81,9 @@ struct MailboxState {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum FaultCondition {
     Sound,
-    /// A fault has occurred, and a reset is still pending.
+    /// A fault has occurred, and no reset has cleared its alarm yet.
     Recovered,
-    /// Another fault has occurred: it stays stopped until the runtime is restarted.
+    /// A second fault has occurred: the coordinate system stays stopped until the runtime is restarted.
     GivenUp,
 }
 
@@ -95,7 +96,7 @@ impl std::fmt::Debug for Mailbox {
 }
 
 impl Mailbox {
-    /// Publishes the state of the coordinate system; [`Mailbox::run`] is its task.
+    /// Creates the mailbox and publishes the state of the coordinate system. [`Mailbox::run`] is its task.
     pub fn new(shared: Arc<SharedState>, mut system: CoordinateSystem) -> Self {
         system.publish_all();
         let wake = Arc::default();
@@ -117,8 +118,8 @@ impl Mailbox {
         }
     }
 
-    /// Sends a request to the coordinate system and returns its answer. An urgent request passes the waiting ones, and
-    /// is repeated if an internal fault occurs during its execution.
+    /// Sends a request to the coordinate system and returns its answer. An urgent request passes the waiting requests,
+    /// and is repeated once if an internal fault occurs during its execution.
     ///
     /// # Errors
     /// Returns the refusal of the request, or an error if the runtime is stopping or an internal fault occurred.
@@ -126,7 +127,7 @@ impl Mailbox {
         self.put_and_wait(request, None, urgent).await
     }
 
-    /// Sends a request with an age limit, which is checked when its turn comes.
+    /// Sends a request with an age limit. The coordinate system checks the limit when it begins to execute the request.
     ///
     /// # Errors
     /// Returns an error in the cases of [`Mailbox::ask`].
@@ -152,7 +153,7 @@ impl Mailbox {
         answer.unwrap_or_else(|| Err(self.unanswered()))
     }
 
-    /// Returns `None` if an internal fault occurred, or if the runtime is stopping.
+    /// Sends the request once. Returns `None` if an internal fault occurred, or if the runtime is stopping.
     async fn ask_once(
         &self,
         request: CoordinateSystemRequest,
@@ -189,8 +190,8 @@ impl Mailbox {
         Refusal::new(RefusalCode::Unavailable, text)
     }
 
-    /// Publishes the spindle's state if it has changed: its speed follows the command with a delay. While another
-    /// thread is at work, this is left to the next call.
+    /// Publishes the spindle's state if it has changed: the spindle's speed follows its command with a delay. While
+    /// another thread works on the coordinate system, does nothing; a later call publishes the state.
     pub fn publish_spindle(&self) {
         if let Some(work) = self.work.try_lock()
             && work.condition != FaultCondition::GivenUp
@@ -205,15 +206,15 @@ impl Mailbox {
         self.wake.notify_one();
     }
 
-    /// Executes a turn of simulated time while every task waits. Returns true if no other task has to run before time
-    /// advances.
+    /// Executes a turn in simulated time while every task waits. Returns true if the turn has left nothing to other
+    /// tasks, so that time can advance.
     pub fn turn_alone(&self) -> bool {
         let sent = self.shared.sent();
         self.work_if_free(TurnLimits::OF_TASK) && self.shared.sent() == sent
     }
 
-    /// Works if no other thread is at work. If work remains, wakes the task and returns false: another thread may
-    /// already have looked for requests for the last time.
+    /// Executes a request and a turn if no other thread works on the coordinate system. If work remains, wakes the task
+    /// and returns false. Reason: another thread may have checked the queues before this request arrived.
     fn work_if_free(&self, share: TurnLimits) -> bool {
         let work = self.work.try_lock();
         let is_done = work.is_some_and(|work| self.work_for_task(work, share));
@@ -223,7 +224,7 @@ impl Mailbox {
         is_done
     }
 
-    /// Works in place of the task. Returns false if work is left to the task.
+    /// Executes a request and a turn in the caller's thread. Returns false if the task has to do the rest.
     fn work_for_task(&self, mut work: MutexGuard<'_, MailboxState>, share: TurnLimits) -> bool {
         if self.queues.iter().any(Queue::begins_with_command) {
             return false;
@@ -235,7 +236,7 @@ impl Mailbox {
 
     /// Runs the task of the coordinate system until the runtime closes.
     pub async fn run(&self) {
-        // also when the task is dropped: no other task serves the coordinate system
+        // closes the mailbox also if the task is dropped, because no other task serves the coordinate system
         let _ended = MailboxCloser(self);
         let clock = &self.shared.clock;
         loop {
@@ -250,7 +251,7 @@ impl Mailbox {
         }
         let system = self.work.lock().system.take();
         if let Some(system) = system {
-            // the runtime closes even if this fails
+            // the runtime closes even if this step panics
             let _ = catch_unwind(AssertUnwindSafe(|| system.shut_down()));
         }
     }
@@ -262,8 +263,8 @@ impl Mailbox {
         left
     }
 
-    /// Executes the next request and a turn. A panic of one coordinate system must stop neither the others nor the
-    /// caller: it becomes an alarm.
+    /// Executes the next request and a turn. A panic becomes an alarm, because it must stop neither other coordinate
+    /// systems nor the caller.
     fn work(&self, work: &mut MailboxState, share: TurnLimits) -> RemainingWork {
         let Some(system) = &mut work.system else {
             return RemainingWork::default();
@@ -316,7 +317,7 @@ impl Mailbox {
         });
     }
 
-    /// Answers requests to a coordinate system that stays stopped.
+    /// Answers requests to a coordinate system that stays stopped after two faults.
     fn work_given_up(&self, system: &mut CoordinateSystem, share: TurnLimits) -> RemainingWork {
         let worked = catch_unwind(AssertUnwindSafe(|| {
             if let Some(envelope) = self.queues.iter().find_map(|queue| queue.take_request(share)) {
@@ -336,7 +337,8 @@ impl Mailbox {
     }
 }
 
-/// Recovers after a panic: motion brakes, then the coordinate system is rebuilt, or given up if that fails too.
+/// Recovers after a panic: brakes the motion, then rebuilds the coordinate system. If that fails or an earlier fault
+/// was not reset, gives it up.
 fn contain(system: &mut CoordinateSystem, before: FaultCondition, aborts: bool, why: &str) -> FaultCondition {
     system.brake_at_once(aborts);
     if before == FaultCondition::Sound && catch_unwind(AssertUnwindSafe(|| system.recover(why))).is_ok() {
@@ -346,7 +348,7 @@ fn contain(system: &mut CoordinateSystem, before: FaultCondition, aborts: bool, 
     FaultCondition::GivenUp
 }
 
-/// Discards the coordinate system and its pending requests.
+/// Discards the coordinate system and its pending requests when dropped.
 struct MailboxCloser<'a>(&'a Mailbox);
 
 impl Drop for MailboxCloser<'_> {
@@ -356,12 +358,12 @@ impl Drop for MailboxCloser<'_> {
     }
 }
 
-/// Work that is left.
+/// Work that a turn has left.
 #[derive(Debug, Clone, Copy, Default)]
 struct RemainingWork {
-    /// True if there is more to do at once.
+    /// True if there is more to do now.
     busy: bool,
-    /// Time of the next work, seconds since the start.
+    /// Time of the next work, in s since the start.
     due_s: Option<f64>,
 }
 
@@ -379,9 +381,10 @@ impl Queue {
         }
     }
 
-    /// Waits for room. An envelope that arrives after the end is discarded, as the waiting ones are.
+    /// Queues an envelope; if the queue is full, waits for a free slot. After the end of the mailbox, discards all
+    /// envelopes.
     async fn put(&self, envelope: Envelope) {
-        // tried first: a task that has used up its budget would wait, and its next request would overtake this one
+        // not only `acquire`: it would wait in a task that has used up its budget, and the next request would overtake
         let room = match self.room.try_acquire() {
             Err(TryAcquireError::NoPermits) => self.room.acquire().await.ok(),
             room => room.ok(),
@@ -395,7 +398,7 @@ impl Queue {
         }
     }
 
-    /// Takes the first request, unless it is a command that is left to the task.
+    /// Takes the first request. Returns `None` if it is a command and `share` leaves commands to the task.
     fn take_request(&self, share: TurnLimits) -> Option<Envelope> {
         if self.is_empty() {
             return None;
@@ -410,7 +413,7 @@ impl Queue {
         !self.is_empty() && self.envelopes.lock().front().is_some_and(Envelope::is_command)
     }
 
-    /// Returns true if no envelope is queued. Each envelope takes its room before it is queued, so this needs no lock.
+    /// Returns true if no envelope is queued. Needs no lock, because each envelope takes its slot before it is queued.
     fn is_empty(&self) -> bool {
         self.room.available_permits() == REQUESTS_MAX
     }

@@ -1,9 +1,9 @@
-//! Manual data input and homing: short programs of the language, without a number, that lead back to READY.
+//! Manual data input (MDI) and homing: short NC programs without a number, after which the state is READY.
 //!
-//! Each input is a separate run, checked first. Its modal state stays for the next one, unless a program, homing, a
-//! stop, an alarm or a reset comes between; then an input begins in the start-up modal state. An input that is a macro
-//! reads its numbers in the unit of the settings and as positions, whatever state earlier inputs have left in force.
-//! However the macro ends, the runtime then restores the state that was in force before.
+//! Each input is a separate run, and its text is checked before the run. Its modal state stays for the next input.
+//! After a program, homing, a stop, an alarm or a reset, an input begins in the start-up modal state instead. A macro
+//! is an input that reads its numbers in the unit of the settings and as positions, regardless of earlier inputs.
+//! However the macro ends (except by a reset), the runtime then restores the modal state that was in force before.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -18,8 +18,8 @@ use super::run::{ActiveRun, ActiveRunKind, AtRest, Restores, SingleBlockState};
 use crate::program_store::StoredProgram;
 
 impl CoordinateSystem {
-    /// Prepares a run of manual data input with one or several lines. At the end of a macro the present state is
-    /// restored.
+    /// Prepares a run of manual data input with one or several lines. For a macro, keeps the current state, which is
+    /// restored when the macro ends.
     pub(super) fn prepare_manual(
         &self,
         text: &str,
@@ -38,7 +38,7 @@ impl CoordinateSystem {
             );
             return Err(Refusal::new(RefusalCode::TooLarge, text));
         }
-        // An input needs no M02 or M30.
+        // The end of the program is added to the text, so an input needs no M02 or M30.
         let (note, mut run) = self.prepare_text(ActiveRunKind::Manual, text, self.past.manual_goes_on)?;
         if let Some(run) = run.as_mut().filter(|_| is_macro) {
             run.restores = Some(Box::new(Restores {
@@ -49,7 +49,7 @@ impl CoordinateSystem {
         Ok((note, run))
     }
 
-    /// Restores the state in force before a macro that has ended, and publishes it.
+    /// Restores and publishes the state that was in force before a macro. Called when the macro has ended.
     pub(super) fn restore_after_macro(&mut self, restores: Restores) {
         self.pipeline.restore(restores.in_force, self.servo.epoch());
         self.past.manual_goes_on = restores.manual_goes_on;
@@ -58,7 +58,7 @@ impl CoordinateSystem {
         self.publish_modal(&self.pipeline.in_force.modal);
     }
 
-    /// Prepares a run of a text, to which the end of the program is added.
+    /// Prepares a run of a text and adds the end of the program (such as M30) to the text.
     fn prepare_text(
         &self,
         kind: ActiveRunKind,
@@ -76,7 +76,7 @@ impl CoordinateSystem {
         ))
     }
 
-    /// Prepares a run that moves motors to their first reference points: all at once, each independently.
+    /// Prepares a run that moves the motors of these axes to their first reference points, all at the same time.
     pub(super) fn prepare_home(&self, axes: &[char]) -> Result<(String, Option<ActiveRun>), Refusal> {
         let dialect = self.context.configured.dialect;
         let named = axes.iter().map(|axis| self.axis_of(*axis));
@@ -92,7 +92,7 @@ impl CoordinateSystem {
                 return Err(Refusal::new(RefusalCode::Invalid, text));
             }
         }
-        // The middle point is the present position: distance 0.
+        // The middle point of the homing block is the current position: distance 0 of each axis.
         let words: Vec<String> = axes.iter().map(|axis| format!("{}0", axis.letter())).collect();
         let text = format!("{} {}", dialect.home, words.join(" "));
         self.prepare_text(ActiveRunKind::Home, &text, false)
@@ -108,7 +108,7 @@ impl CoordinateSystem {
             })
     }
 
-    /// Creates a run of a program, with the present texts of all programs that it may call.
+    /// Creates a run of a program, with the current texts of all programs in the store.
     pub(super) fn new_run(
         &self,
         kind: ActiveRunKind,

@@ -1,9 +1,10 @@
 //! One CNC coordinate system.
 //!
-//! It pulls the stages ahead of the motion into the servo's queue (`preparation`), keeps the ledger of outputs and
-//! resets (`outputs`), executes commands one after another (`commands`) and publishes changes (`publish`). The next
-//! step of its run follows from one state (`run_state`). The servo answers by events only; it never calls back into a
-//! stage. Only one thread at a time works on it: its task's, or a caller's (`mailbox`).
+//! The coordinate system pulls blocks through the stages, ahead of the motion, into the servo's queue (`preparation`).
+//! It keeps the ledger of outputs and resets (`outputs`), executes commands one after another (`commands`) and
+//! publishes changes (`publish`). The next step of its run follows from one state (`run_state`). The servo answers by
+//! events only; the servo never calls a stage. Only one thread at a time works on a coordinate system: its task's
+//! thread or a caller's thread (`mailbox`).
 
 mod bus;
 mod commands;
@@ -81,14 +82,14 @@ pub(crate) struct CoordinateSystem {
     pipeline: Pipeline,
     replanning: Replanning,
     state: RunState,
-    /// The run to which the state belongs.
+    /// The active run; `state` describes it.
     run: Option<ActiveRun>,
-    /// A run by hand that was ended early, until the machine rests.
+    /// The last run by hand (MDI, homing, jog), if it was ended early. Set until the machine rests.
     cut_short: Option<CutShort>,
-    /// State to restore when the machine rests after a macro.
+    /// State to restore when the machine rests after a macro was ended early.
     restores: Option<Box<Restores>>,
     past: PastRuns,
-    /// Rest position of the axes.
+    /// Position at the last rest of the axes.
     rest: WrittenRest,
     inputs: InputValues,
     outputs: Outputs,
@@ -103,7 +104,7 @@ struct InputValues {
     bus: Bus,
     clients: WatchedClients,
     optional_skip: u32,
-    /// The skip inputs read last by the interpreter, and the first line to which they apply.
+    /// The optional skip inputs that the interpreter uses now. They apply from `effective_from_line` on.
     effective_skip: u32,
     effective_from_line: u32,
     optional_stop: bool,
@@ -112,17 +113,17 @@ struct InputValues {
     start_lock: LockInput,
     overrides: Overrides,
     spindle: (SpindleDirection, f64),
-    /// Set while the spindle turns by M03 or M04 of the stock sequence program: a change of S from this segment on is
-    /// newer than that.
+    /// Set while the spindle turns by M03 or M04 of the stock sequence program. Spindle speeds (S) that were programmed
+    /// in this segment or later are newer than that M code.
     spindle_at_s_from: Option<u64>,
-    /// Number of waits for the spindle speed that were begun.
+    /// Number of waits for the spindle speed since the start of the runtime.
     spindle_waits: u64,
     /// Number of the tool in the spindle; `None` if the stored number is lost.
     tool: Option<u16>,
 }
 
 impl InputValues {
-    /// Makes the interpreter read the optional skip inputs from this line on.
+    /// Makes the interpreter use the current optional skip inputs from this line on.
     fn take_over_skip(&mut self, line: u32) {
         self.effective_skip = self.optional_skip;
         self.effective_from_line = line;
@@ -183,7 +184,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Ends the coordinate system when the runtime closes.
+    /// Cancels all open outputs when the runtime closes.
     fn shut_down(mut self) {
         self.outputs
             .ledger
@@ -192,7 +193,7 @@ impl CoordinateSystem {
         self.note_published();
     }
 
-    /// Executes one turn: servo reports, due times, preparation. Returns true if there is more to prepare.
+    /// Executes one turn: servo events, expired times, commands, preparation. Returns true if there is more to prepare.
     fn turn(&mut self, share: TurnLimits) -> bool {
         while let Some(event) = self.servo.next_event() {
             self.on_servo_event(event);
@@ -300,7 +301,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Puts the changes noted ahead of the motion into force.
+    /// Applies the changes of modal data that the interpreter noted before the motion reached this segment.
     fn follow_changes(&mut self, segment: u64) {
         let mut speed = self.pipeline.in_force.modal.spindle_speed_r_min;
         while let Some(change) = self.pipeline.changed_before(segment) {
@@ -347,18 +348,18 @@ impl CoordinateSystem {
         }
     }
 
-    /// Ends the run, if any. Returns true if there is nothing to wait for.
+    /// Ends the run, if a run is active. Returns true if the machine already rests.
     fn end_run(&mut self, why: EarlyEndCause) -> bool {
         let epoch = self.servo.epoch() + 1;
         self.drive(RunEvent::End { why, epoch });
         self.state.is_idle()
     }
 
-    /// Cancels outputs at once; the state follows when the machine rests.
+    /// Stops the servo and cancels the open outputs at once. The state of the run changes when the machine rests.
     fn on_run_end(&mut self, why: EarlyEndCause, epoch: u32) {
         self.outputs.cancel_all(self.context.now(), why.cancel_reason());
         self.servo.stop(epoch, why.is_abort());
-        // A jog changes nothing but the position.
+        // An early end of any run but a jog also ends the modal state from which the next MDI would continue.
         self.past.manual_goes_on &= self
             .run
             .as_ref()
@@ -408,7 +409,7 @@ impl CoordinateSystem {
         self.complete(&Awaiting::is_end);
     }
 
-    /// Raises an alarm: it stops this coordinate system and cancels its outputs.
+    /// Raises an alarm, which ends the run of this coordinate system and cancels its outputs.
     fn raise(&mut self, number: u16, text: String, origin: Option<tandem_model::Origin>) {
         let record = plc_api::types::machine::AlarmRecord {
             number,
@@ -425,7 +426,7 @@ impl CoordinateSystem {
         self.stop_by_alarm(RaisedAlarm::OfThis(Box::new(record)));
     }
 
-    /// Handles an alarm of a sequence program; one of the whole machine is already raised.
+    /// Handles an alarm that a sequence program raised. An alarm of the whole machine is already in the list of alarms.
     fn raise_asked(&mut self, raise: &AlarmRaise) -> Result<Answer, Refusal> {
         let alarm = raise.alarm()?;
         if raise.cs.is_some() {
@@ -451,7 +452,7 @@ impl CoordinateSystem {
             reply,
         } = envelope;
         if let Err(refusal) = self.context.shared.check_not_after(not_after.as_ref()) {
-            // The caller may no longer wait for the reply; the request was not executed.
+            // The caller may have stopped waiting for the reply. The request was not executed.
             let _ = reply.send(Err(refusal));
             return;
         }
@@ -508,7 +509,7 @@ impl CoordinateSystem {
         self.apply_effects();
         self.publish_changes();
         self.publish_start_conditions();
-        // The caller may have left; the request is executed regardless.
+        // The caller may have stopped waiting for the reply. The request was executed.
         let _ = reply.send(answer);
     }
 
@@ -517,7 +518,7 @@ impl CoordinateSystem {
         self.pipeline.planner.forbid_retrace();
         self.publish_tool();
         if !self.state.is_running() {
-            // while a run is active, the block that comes into force publishes it
+            // while a run is active, the next block that starts to move publishes the modal data
             self.publish_modal(self.pipeline.interpreter.modal());
         }
     }

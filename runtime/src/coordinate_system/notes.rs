@@ -1,5 +1,6 @@
-//! Changes and block starts ahead of the motion: noted with their motion, and reported when the segments of that motion
-//! run. Cutter compensation decides only later how many segments a motion has.
+//! Notes about interpreted blocks whose motion has not started: changes of the modal data, and starts of blocks. Each
+//! note belongs to a motion and is reported when the segments of that motion start to run. Reason: cutter compensation
+//! decides only later how many segments a motion has.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -8,7 +9,7 @@ use plc_api::types::state::CallSite;
 use tandem_interp::Modal;
 use tandem_model::flow::Transform;
 
-/// State in force after segment `after_segment`.
+/// State that is in force after segment `after_segment`.
 #[derive(Debug, Clone)]
 pub(crate) struct StateAfterSegment {
     pub after_segment: u64,
@@ -20,24 +21,24 @@ pub(crate) struct StateAfterSegment {
 /// Notes of one coordinate system, in the order of the program.
 #[derive(Debug, Default)]
 pub(super) struct Notes {
-    /// Changes with the numbers of motions that are not planned yet.
+    /// Changes before motions that are not planned yet, each with the number of its motion.
     ahead: VecDeque<(u64, StateAfterSegment)>,
     changes: VecDeque<StateAfterSegment>,
-    /// The first motions of programmed blocks that are not planned yet.
+    /// First motion of each programmed block that is not planned yet.
     blocks_ahead: VecDeque<u64>,
-    /// The first segments of planned blocks that have not begun.
+    /// First segment of each planned block that has not started.
     blocks: VecDeque<u64>,
 }
 
 impl Notes {
-    /// Notes a change with a motion. There is one change per motion: one that is replaced before the same motion never
+    /// Notes a change before a motion. A later change before the same motion replaces it, because the earlier one never
     /// comes into force.
     pub fn change(&mut self, motion: u64, change: StateAfterSegment) {
         self.ahead.pop_back_if(|(of, _)| *of == motion);
         self.ahead.push_back((motion, change));
     }
 
-    /// Notes that a programmed block begins with a motion; a block without motion is assigned to the next motion.
+    /// Notes that a programmed block begins with this motion. A block without motion begins with the next motion.
     pub fn block(&mut self, motion: u64) {
         if self.blocks_ahead.back() != Some(&motion) {
             self.blocks_ahead.push_back(motion);
@@ -49,7 +50,7 @@ impl Notes {
         self.blocks.push_back(segment);
     }
 
-    /// Assigns the segment that is planned next to its motion.
+    /// Assigns the notes up to `motion` to `segment`, the segment that is planned next for this motion.
     pub fn settle(&mut self, motion: u64, segment: u64) {
         while let Some((_, change)) = self.ahead.pop_front_if(|(of, _)| *of <= motion) {
             let after_segment = segment - 1;
@@ -65,7 +66,7 @@ impl Notes {
         }
     }
 
-    /// Returns true if a programmed block begins with this segment, which begins to run.
+    /// Returns true if a programmed block begins with `segment`. Called when that segment starts to run.
     pub fn begins_block(&mut self, segment: u64) -> bool {
         let mut begins = false;
         while self.blocks.pop_front_if(|first| *first <= segment).is_some() {
@@ -74,8 +75,8 @@ impl Notes {
         begins
     }
 
-    /// Takes the next change that applies before a segment begins to run, in order; with the highest number, every
-    /// noted change.
+    /// Takes the next change that applies before `segment` starts to run, in order. With `u64::MAX`, takes the next of
+    /// all noted changes.
     pub fn changed_before(&mut self, segment: u64) -> Option<StateAfterSegment> {
         let planned = self.changes.pop_front_if(|change| change.after_segment < segment);
         planned.or_else(|| {

@@ -20,40 +20,40 @@ pub(super) struct Outputs {
     pub ledger: Ledger,
     /// M number and block of each pending output that was issued, by `seq`, for alarms and the journal.
     pub made: BTreeMap<u64, (u16, Origin)>,
-    /// Time at which each pending output was issued, seconds since the start.
+    /// Time at which each pending output was issued, in s since the start, by `seq`.
     pub since_s: BTreeMap<u64, f64>,
-    /// Outputs that the stock sequence program works on.
+    /// Outputs that the stock sequence program handles.
     pub stock: Vec<StockWork>,
-    /// Outputs whose handler is expected back, with the end of the wait, seconds since the start.
+    /// Outputs whose handler is expected to return, each with the end of the wait in s since the start.
     pub away: Vec<(u64, f64)>,
-    /// Outputs whose loss of the owner is not reported yet.
+    /// Outputs that have lost their owner, if that loss is not reported yet, by `seq`.
     losses: BTreeMap<u64, OwnerLoss>,
 }
 
 /// Loss of the owner of an output.
 #[derive(Debug, Clone, PartialEq)]
 struct OwnerLoss {
-    /// Time at which it is reported, unless the output is claimed before; seconds since the start.
+    /// Time in s since the start at which the loss is reported, unless a handler claims the output before.
     report_s: f64,
     handler_id: String,
 }
 
-/// An output that the stock sequence program works on.
+/// Output that the stock sequence program handles.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct StockWork {
     pub seq: u64,
-    /// Time at which its work is due, seconds since the start.
+    /// Time in s since the start at which its work is due.
     pub due_s: f64,
-    /// Spindle state that is required before the reset.
+    /// Spindle state that must be reached before the reset of the output.
     pub awaits: Option<SpindleGoal>,
 }
 
-/// Spindle state that a spindle output waits for.
+/// Spindle state that an output of a spindle M code waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum SpindleGoal {
-    /// M19: the orientation position.
+    /// Orientation position, for M19.
     Orientation,
-    /// M03, M04: the speed; M05: rest. `id` identifies the servo's wait.
+    /// Commanded speed for M03 and M04, standstill for M05. `id` identifies the wait in the servo.
     Speed { id: u64 },
 }
 
@@ -69,7 +69,7 @@ impl Outputs {
         }
     }
 
-    /// Returns the output that a phase of the run waits for. `is_at_rest` is true if all motion before it has ended.
+    /// Returns the output that the run waits for in this phase. `is_at_rest` is true if all earlier motion has ended.
     pub fn awaited(&self, phase: &Phase, is_at_rest: bool) -> Option<AwaitedOutput> {
         let open = self.ledger.open();
         let awaited = match phase {
@@ -94,7 +94,8 @@ impl Outputs {
         queued.map(|open| open.notice.seq).collect()
     }
 
-    /// Returns the next deadline of the ledger or the stock sequence program, seconds since the start.
+    /// Returns the next time in s since the start at which an output needs work of the ledger, the stock program or a
+    /// lost handler.
     pub fn next_deadline_s(&self) -> Option<f64> {
         let timed = self.stock.iter().filter(|work| work.awaits.is_none());
         let stock = timed.map(|work| work.due_s);
@@ -105,12 +106,13 @@ impl Outputs {
         all.min_by(f64::total_cmp)
     }
 
-    /// Takes the stock work that is done.
+    /// Removes and returns the stock work that is done according to `is_done`.
     pub fn take_stock_work(&mut self, is_done: impl Fn(&StockWork) -> bool) -> Vec<StockWork> {
         self.stock.extract_if(.., |work| is_done(work)).collect()
     }
 
-    /// Takes the sequence and M numbers of unclaimed outputs whose handler has not returned within its time limit.
+    /// Removes waits for handlers that did not return within their time limit. Returns `seq` and M number of the
+    /// outputs that are still unclaimed.
     pub fn take_overdue(&mut self, now_s: f64) -> Vec<(u64, u16)> {
         let over = self.away.extract_if(.., |(_, until_s)| *until_s <= now_s + 1e-9);
         let open = over.filter_map(|(seq, _)| self.ledger.get(seq));
@@ -126,7 +128,7 @@ impl Outputs {
         self.losses.clear();
     }
 
-    /// Executes a request about an output; an accepted change is written to the journal.
+    /// Executes a request about an output, and writes an accepted change to the journal.
     pub fn execute_request(
         &mut self,
         context: &Context,
@@ -142,7 +144,7 @@ impl Outputs {
         Ok(result)
     }
 
-    /// Returns the journal event for an accepted request.
+    /// Returns the journal event for an accepted request; `None` if the request is not recorded.
     fn event(&self, request: OutputRequest) -> Option<Event> {
         Some(match request {
             OutputRequest::Claim(claim) => Event::Claim {
@@ -176,8 +178,9 @@ impl Outputs {
         })
     }
 
-    /// Processes the loss of a handler instance. The loss of an output that another instance may claim is reported when
-    /// the time of the handler has expired; one that waits for a decision of an operator, after the grace time.
+    /// Processes the loss of a handler instance. If another instance may claim an output, its loss is reported when the
+    /// time limit of the lost handler has expired. If the output waits for a decision of an operator, its loss is
+    /// reported after the grace time.
     pub fn on_handler_left(
         &mut self,
         now: Now,
@@ -204,7 +207,8 @@ impl Outputs {
         }
     }
 
-    /// Takes the losses that are due; for outputs that are still lost, returns the block and the text of the warning.
+    /// Removes the losses whose report is due. For outputs that are still lost, returns the block and the text of the
+    /// warning.
     pub fn take_losses(&mut self, now_s: f64) -> Vec<(Origin, String)> {
         let due = self
             .losses

@@ -28,14 +28,14 @@ impl CoordinateSystem {
             .timing(output, self.context.m_code(output.m))
     }
 
-    /// Returns true for an output that is issued when its block is interpreted.
+    /// Returns true if an output is issued when its block is interpreted, without waiting for a standstill.
     pub(super) fn is_issued_at_once(&self, output: &Output) -> bool {
         let settings = self.context.m_code(output.m);
         let is_compensating = self.pipeline.is_compensating();
         (self.context.configured).is_issued_at_once(output, settings, is_compensating)
     }
 
-    /// Issues an output at a standstill, and continues with or without the reset.
+    /// Issues an output at a standstill. Returns false if the output must wait.
     pub(super) fn issue_at_standstill(&mut self, output: Output) -> bool {
         match self.timing(&output) {
             Timing::AfterMotion => self.issue_after_motion(output),
@@ -43,8 +43,8 @@ impl CoordinateSystem {
         }
     }
 
-    /// Issues an output at a standstill; returns false if it must wait for the reset of the same M number (D32), or for
-    /// room.
+    /// Issues an output at a standstill, and makes the run wait for its reset. Returns false if the output must wait:
+    /// for the reset of an earlier output with the same M number (D32), or for a free entry in the ledger.
     pub(super) fn issue_after_motion(&mut self, output: Output) -> bool {
         let since_s = self.context.now_s();
         self.context.view.update(|place| {
@@ -61,10 +61,11 @@ impl CoordinateSystem {
         true
     }
 
-    /// Issues an output while motion continues; returns false if it must wait (D32).
+    /// Issues an output while motion continues. Returns false if the output must wait, as in
+    /// [`Self::issue_after_motion`] (D32).
     pub(super) fn issue_with_motion(&mut self, output: Output) -> bool {
         let Some(seq) = self.enqueue(output, Timing::WithMotion) else {
-            // No motion follows soon: the withheld motion stops here.
+            // The next motion must wait for the reset, so the motion that the stages still hold back ends at rest.
             let phase = match self.pipeline.flush() {
                 Ok(()) => Phase::Room(output),
                 Err(alarm) => Phase::Standstill(Then::Alarm(alarm)),
@@ -72,7 +73,7 @@ impl CoordinateSystem {
             self.drive(RunEvent::Phase(phase));
             return false;
         };
-        // D18: while held no output is issued; it stays QUEUED until the resume.
+        // D18: no output is issued during a hold; the output stays QUEUED until the resume.
         if self.state.is_running() || self.leaves_thread() {
             self.outputs.ledger.issue_output(self.context.now(), seq);
         }
@@ -80,7 +81,7 @@ impl CoordinateSystem {
         true
     }
 
-    /// Issues an output that had to wait; returns false if it must still wait.
+    /// Issues an output that had to wait. Returns false if it must still wait.
     pub(super) fn issue_if_room(&mut self, output: Output, held: bool) -> bool {
         if self.timing(&output) == Timing::WithMotion {
             self.drive(RunEvent::Phase(Phase::Interpret));
@@ -97,7 +98,7 @@ impl CoordinateSystem {
         self.apply_effects();
     }
 
-    /// Updates from the ledger which output the run waits for.
+    /// Updates from the ledger for which output the run waits.
     pub(super) fn look_at_outputs(&mut self) {
         let is_at_rest = self.servo.finished_segment >= self.pipeline.planner.last_segment();
         let phase = self.state.phase();
@@ -107,7 +108,8 @@ impl CoordinateSystem {
         }
     }
 
-    /// Returns `None` while an output of the same M number is pending (D32), and while there is no room.
+    /// Adds an output to the ledger as QUEUED. Returns `None` while an output of the same M number is pending (D32),
+    /// and while the ledger is full.
     fn enqueue(&mut self, output: Output, timing: Timing) -> Option<u64> {
         if self.outputs.ledger.is_open(output.m) {
             return None;
@@ -131,7 +133,7 @@ impl CoordinateSystem {
         self.outputs.ledger.enqueue(self.context.now(), spec).ok()
     }
 
-    /// Publishes and executes the effects of the ledger's last changes, until none is left.
+    /// Publishes and applies the effects of changes of the ledger, until no effect is left.
     pub(super) fn apply_effects(&mut self) {
         loop {
             self.look_at_outputs();
@@ -147,8 +149,8 @@ impl CoordinateSystem {
         }
     }
 
-    /// Writes the journal before any publication, because each message may reach a handler. If an output was claimed
-    /// for a handler, the handler begins when it receives the message, and must find the matching state.
+    /// Writes the journal before any message, because each message may reach a handler. If an output is already claimed
+    /// for a handler, the handler begins when it receives the message. So the matching state is published before, too.
     fn before_effects(&mut self, effects: &[Effect]) {
         let mut is_claimed = false;
         for effect in effects {
@@ -197,7 +199,8 @@ impl CoordinateSystem {
         }
     }
 
-    /// Handles an output that no handler serves. If its handler is expected back, the output waits for it.
+    /// Looks for the handler of a new output. Without a handler that is online, the output waits for a handler that is
+    /// expected to return, or is handled by [`Self::without_handler`].
     fn look_for_handler(&mut self, seq: u64, m: u16) {
         let (shared, cs) = (&self.context.shared, self.context.number);
         if shared.is_handled(cs, m) {
@@ -211,11 +214,11 @@ impl CoordinateSystem {
         }
     }
 
-    /// Keeps the outputs that a lost handler has not begun with, until the handler returns.
+    /// After the loss of a handler, lets its unclaimed outputs wait until the handler returns.
     pub(super) fn await_handler(&mut self) {
         let (shared, cs) = (&self.context.shared, self.context.number);
         let open = self.outputs.ledger.open().iter();
-        // after the loss of its owner, an output waits for a claim or an operator
+        // an output that has lost its owner waits for a claim or an operator instead
         let unclaimed = open.filter(|open| {
             open.state == OutputState::Output && !open.lost && !shared.is_handled(cs, open.notice.m)
         });
@@ -224,14 +227,15 @@ impl CoordinateSystem {
         self.outputs.away = away.collect();
     }
 
-    /// Ends the wait for handlers that have not returned within their time limit.
+    /// Ends the wait for handlers that have not returned within their time limit, and handles their outputs without
+    /// them.
     pub(super) fn expire_handler_waits(&mut self, now: Now) {
         for (seq, m) in self.outputs.take_overdue(now.monotonic_s) {
             self.look_for_handler(seq, m);
         }
     }
 
-    /// Handles an output without a registered handler: by the stock sequence program, or by the M code's policy.
+    /// Handles an output without a handler: by the stock sequence program, or by the `unhandled` setting of the M code.
     fn without_handler(&mut self, notice: &OutputNotice) {
         let settings = self.context.m_code(notice.m).cloned().unwrap_or_default();
         let has_spindle = self.context.configured.settings.spindle.is_some();
@@ -299,7 +303,7 @@ impl CoordinateSystem {
         self.end_waits_for_spindle(|goal| goal == SpindleGoal::Orientation);
     }
 
-    /// Processes that the spindle has reached the speed commanded before the wait with this id began.
+    /// Processes the servo's report that the spindle has reached the speed commanded before the wait `id` began.
     pub(super) fn on_spindle_reached(&mut self, id: u64) {
         self.publish_spindle();
         self.end_waits_for_spindle(|goal| matches!(goal, SpindleGoal::Speed { id: of } if of <= id));
@@ -314,8 +318,8 @@ impl CoordinateSystem {
         self.do_stock_work(self.context.now());
     }
 
-    /// Makes the outputs that wait for the speed of the spindle wait for the speed commanded now. At override 0 percent
-    /// they wait for a higher one, because a spindle at rest would already be at its commanded speed.
+    /// Makes the outputs that wait for a spindle speed wait for the speed that is commanded now. At override 0 percent
+    /// they wait until the override is raised, because a spindle at rest would already be at the commanded speed.
     fn await_spindle(&mut self) {
         let Some(spindle) = &self.context.configured.settings.spindle else {
             return;
@@ -354,7 +358,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Returns the speed with the override, r/min.
+    /// Returns the commanded speed with the override applied, in r/min.
     fn commanded_rpm(&self) -> f64 {
         let (_, rpm) = self.inputs.spindle;
         let wanted = rpm * self.inputs.overrides.spindle / 100.0;
@@ -378,7 +382,7 @@ impl CoordinateSystem {
                 force: None,
                 instance: None,
             };
-            // an output whose reset is rejected has been closed meanwhile
+            // the reset is rejected if the output has been closed in the meantime
             let _ = self
                 .outputs
                 .execute_request(&self.context, None, OutputRequest::Reset(reset));
@@ -410,7 +414,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Commands the spindle, from a sequence program.
+    /// Executes a spindle command of a sequence program.
     pub(super) fn command_spindle(&mut self, direction: SpindleDirection, rpm: f64) -> Result<(), Refusal> {
         let Some(spindle) = &self.context.configured.settings.spindle else {
             let text = format!("coordinate system {} has no spindle", self.context.number);
@@ -430,9 +434,9 @@ impl CoordinateSystem {
         self.send_spindle();
     }
 
-    /// Applies a changed S at the start of the segment after the change: a spindle that the stock sequence program
-    /// turns by M03 or M04 takes that speed at once (manual, S function). Any other sequence program does so itself
-    /// (D35).
+    /// Applies a changed S when the segment after the change starts. If the stock sequence program turns the spindle by
+    /// M03 or M04, the spindle takes the new speed at once (manual, S function). Any other sequence program has to do
+    /// this itself (D35).
     pub(super) fn follow_spindle_speed(&mut self, segment: u64, rpm: f64) {
         if self.inputs.spindle_at_s_from.is_some_and(|from| segment >= from) {
             self.inputs.spindle.1 = rpm;

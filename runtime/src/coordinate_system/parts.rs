@@ -1,5 +1,6 @@
-//! The remaining parts of an ordered run. Each begins only after `PROGRAM_COMPLETED`, under the lease of the order; an
-//! alarm, a stop, a reset or another command ends the order. The interlock and the start lock only delay the next part.
+//! The remaining parts of an ordered run. Each part begins only in `PROGRAM_COMPLETED` and under the lease of the
+//! order. An alarm, a stop, a reset or another command ends the order; the interlock and the start lock only delay the
+//! next part.
 
 use std::collections::BTreeMap;
 
@@ -15,25 +16,25 @@ use crate::journal::Event;
 use crate::order_key::OrderKey;
 use crate::program_store::shown_to_be_called_by;
 
-/// Delay of a part while a program that it may call is being stored, s.
+/// Delay in s of the next attempt to begin a part while a program that the part may call is being stored.
 const STORING_S: f64 = 0.01;
 
-/// Ordered parts and their progress.
+/// Ordered parts of a run and their progress.
 #[derive(Debug)]
 pub(super) struct OrderedParts {
     /// Run to which all parts belong.
     pub run_id: String,
-    /// Client and lease of the order.
+    /// Client and lease under which the parts were ordered.
     meta: CommandMeta,
     pub ordered: u32,
     order: OrderKey,
     done: u32,
     /// Reason why the next part does not begin yet.
     waits_for: Option<String>,
-    /// Time of the next attempt to begin it, seconds since the start.
+    /// Time in s since the start of the next attempt to begin the part.
     again_s: Option<f64>,
-    /// Hashes of the programs that all parts share: the main program, those that its text calls, and those that it has
-    /// called.
+    /// Hashes that must be the same for all parts: of the main program, of programs that its text names, and of
+    /// programs called so far.
     hashes: BTreeMap<u16, String>,
 }
 
@@ -60,15 +61,15 @@ impl OrderedParts {
 }
 
 impl OrderedParts {
-    /// Returns the order that starts this run with its first part.
+    /// Returns the order if its first part is the run with this name.
     pub fn order_of(&self, run_id: &str) -> Option<OrderKey> {
         (self.done == 0 && self.run_id == run_id).then(|| self.order.clone())
     }
 }
 
 impl CoordinateSystem {
-    /// Counts a completed part of a run, or the only one. Until the run has ended, the programs of its parts are not
-    /// changed.
+    /// Counts a completed part of a run, or a run without further parts. The programs of its parts cannot be changed
+    /// until the whole run has ended.
     pub(super) fn count_part(&mut self, run: &ActiveRun) {
         let (cs, store) = (self.context.number, &self.context.shared.store);
         if let Some(parts) = &mut self.commands.parts {
@@ -88,7 +89,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Refuses a part whose programs differ from those of the parts before it.
+    /// Refuses the next part if its programs differ from those of the earlier parts.
     fn check_part_hashes(&self, parts: &OrderedParts) -> Result<(), Refusal> {
         for (number, hash) in &parts.hashes {
             let now = self.context.shared.store.get(*number);
@@ -102,19 +103,19 @@ impl CoordinateSystem {
         Ok(())
     }
 
-    /// Returns true if no known condition delays the next part.
+    /// Returns true if the next part can be attempted now.
     pub(super) fn part_is_due(&self) -> bool {
         let parts = self.commands.parts.as_ref();
         let is_due = |parts: &OrderedParts| parts.waits_for.is_none() && parts.again_s.is_none();
         self.state.is_idle() && parts.is_some_and(is_due)
     }
 
-    /// Returns the time of the next attempt to begin a part.
+    /// Returns the time in s since the start of the next attempt to begin a part.
     pub(super) fn parts_again_s(&self) -> Option<f64> {
         self.commands.parts.as_ref()?.again_s
     }
 
-    /// Begins the next part, delays it, or drops the remaining parts.
+    /// Begins the next part; if it is refused, delays it or drops the remaining parts.
     pub(super) fn begin_next_part(&mut self) {
         if !self.state.is_idle() || self.is_in_transition() {
             return;
@@ -157,7 +158,7 @@ impl CoordinateSystem {
                 parts.waits_for = Some(refusal.text.clone());
                 self.context.record(Event::PartsWait { text: refusal.text });
             }
-            // a program that the next part may call, and no part before it has called
+            // the next part may call this program, which no earlier part has called
             RefusalCode::Unavailable if self.context.shared.store.is_storing() => {
                 let again_s = self.context.now_s() + STORING_S;
                 if let Some(parts) = &mut self.commands.parts {

@@ -1,4 +1,5 @@
-//! Pending commands: those to be validated, those whose parameters handlers check, and those whose effect is awaited.
+//! Pending commands: deferred commands, a command whose parameters handlers validate, and commands whose effect is
+//! awaited.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -16,20 +17,20 @@ use super::parts::OrderedParts;
 use super::programs::{Texts, program_prefix};
 use crate::program_store::StoredProgram;
 
-/// Maximum number of commands that wait for a transition to end. A further one is refused.
+/// Maximum number of commands that wait for a transition to end. A further command is refused.
 const DEFERRED_MAX: usize = 256;
 
-/// Time limit for the answers of handlers; after it the program is loaded with a warning.
+/// Time limit in s for the answers of handlers to a validation. Afterwards the program is loaded with a warning.
 pub(super) const PATIENCE_S: f64 = 2.0;
 
-/// Maximum length of a handler's refusal, in characters; a longer one is cut.
+/// Maximum length of a handler's refusal text in characters. A longer text is cut.
 const TEXT_MAX: usize = 200;
 
 pub(super) type Reply = oneshot::Sender<Result<Answer, Refusal>>;
 
-/// Command that is still to be validated.
+/// Command that waits for its validation.
 pub(super) struct DeferredCommand {
-    /// Sequence number among all requests to this coordinate system.
+    /// Sequence number of the command among all requests to this coordinate system.
     pub order: u64,
     pub command: Command,
     pub meta: CommandMeta,
@@ -40,39 +41,39 @@ pub(super) struct DeferredCommand {
 impl DeferredCommand {
     /// Refuses the command.
     pub fn refuse(self, context: &Context, refusal: Refusal) {
-        // The caller may have left; the reply is published, too.
+        // The caller may have stopped waiting; the refusal is also published.
         let _ = self.reply.send(Err(context.reject(&self.meta, refusal)));
     }
 }
 
-/// Accepted command whose effect is still pending.
+/// Accepted command that has not reached its effect yet.
 pub(super) struct Awaiting {
     pub meta: CommandMeta,
     pub verb: Verb,
-    /// True if it ends a jog.
+    /// True if the command ends a jog.
     pub ends_jog: bool,
-    /// Note from its acceptance.
+    /// Note for the operator from the acceptance of the command.
     pub note: String,
-    /// The program loaded or started.
+    /// The program that the command loaded or started.
     pub program: Option<Arc<StoredProgram>>,
-    /// The run that it starts.
+    /// The run that the command started.
     pub run_id: Option<String>,
     pub reply: Option<Reply>,
 }
 
 impl Awaiting {
-    /// Returns true if it is done when the machine rests under feed hold.
+    /// Returns true if the command is done when the machine rests under feed hold.
     pub fn is_hold(&self) -> bool {
         self.verb == Verb::Hold
     }
 
-    /// Returns true if it is done when a run has ended and the machine rests. A hold overtaken by such an end is done
-    /// then, too.
+    /// Returns true if the command is done when a run has ended and the machine rests. This includes a hold, because
+    /// the run may end during it.
     pub fn is_end(&self) -> bool {
         self.ends_jog || matches!(self.verb, Verb::Hold | Verb::Stop | Verb::Abort | Verb::Reset)
     }
 
-    /// Returns true if it is done when the run that it started has completed.
+    /// Returns true if the command is done when the run that it started is completed.
     pub fn is_of_run(&self) -> bool {
         !self.ends_jog && matches!(self.verb, Verb::Mdi | Verb::Home | Verb::Jog)
     }
@@ -81,36 +82,36 @@ impl Awaiting {
 /// Failure that prevented the effect of an accepted command.
 #[derive(Debug)]
 pub(super) struct CommandFailure {
-    /// Code in the reply.
+    /// Code of the reply.
     pub code: &'static str,
     /// Text for the operator.
     pub text: String,
-    /// Distance covered by axis letter, mm or degrees.
+    /// Distance covered in mm or degrees, by axis letter.
     pub moved: BTreeMap<char, f64>,
 }
 
-/// Load or start that waits for the answers of handlers.
+/// Load or start that waits for the answers of handlers about the parameters of M codes.
 pub(super) struct Validation {
     pub command: DeferredCommand,
     pub main: u16,
     pub texts: Texts,
-    /// When the wait for answers ends, seconds since the start.
+    /// Time in s since the start at which the wait for answers ends.
     pub deadline_s: f64,
     pub asked: Vec<MCodeValidation>,
     pub refusals: Vec<ProgramDiagnostic>,
     pub not_asked: usize,
 }
 
-/// One M code with its parameters.
+/// Validation of one M code with its parameters.
 pub(super) struct MCodeValidation {
     pub m: u16,
     pub request: Validate,
-    /// Handlers whose answer is pending.
+    /// Handlers that have not answered yet.
     pub by: BTreeSet<String>,
 }
 
 impl Validation {
-    /// Processes the answer of a handler.
+    /// Processes the answer of a handler to a validation.
     pub fn receive_answer(&mut self, result: &ValidateResult) {
         let mut asked = self.asked.iter_mut();
         let Some(asked) = asked.find(|asked| asked.request.request_id == result.request_id) else {
@@ -142,8 +143,8 @@ impl Validation {
         self.asked.iter().all(|asked| asked.by.is_empty())
     }
 
-    /// Returns the handlers that have not answered, at the first line of each, and the number of codes that were not
-    /// checked.
+    /// Returns notes for the operator: one for each handler that has not answered, and one with the number of M codes
+    /// that no handler checked.
     pub fn notes(&self) -> Vec<(Origin, String)> {
         let at = |program, line| Origin {
             program,
@@ -175,30 +176,30 @@ impl Validation {
 /// Commands to one coordinate system, and the program that they have loaded.
 #[derive(Default)]
 pub(super) struct Commands {
-    /// Commands to be validated, in order.
+    /// Commands that wait for their validation, in order.
     pub deferred: VecDeque<DeferredCommand>,
     pub awaiting: Vec<Awaiting>,
-    /// Order of the last stop or abort, which has overtaken the waiting commands.
+    /// Sequence number of the last stop or abort, which may have overtaken waiting commands.
     pub stopped_at: u64,
     /// A load or start whose parameters handlers check.
     pub validation: Option<Validation>,
     /// Number of validation requests to handlers so far.
     pub validations: u64,
-    /// The command that was accepted last.
+    /// Id of the command that was accepted last.
     pub last_id: Option<String>,
-    /// The program loaded.
+    /// Number of the loaded program.
     pub program: Option<u16>,
-    /// The program and those that it calls, with their text at the load.
+    /// The loaded program and the programs that it calls, with their texts at the load.
     pub texts: Texts,
-    /// Parts of the run that are still to be made.
+    /// Parts of the active run, if several were ordered.
     pub parts: Option<OrderedParts>,
 }
 
 impl Commands {
-    /// Keeps a command until those before it have had their effect.
+    /// Queues a command until the commands before it have reached their effect.
     ///
     /// # Errors
-    /// Returns the command as an error if too many commands wait.
+    /// Returns the command as an error if [`DEFERRED_MAX`] commands already wait.
     pub fn defer(&mut self, command: DeferredCommand) -> Result<(), Box<DeferredCommand>> {
         if self.deferred.len() >= DEFERRED_MAX {
             return Err(Box::new(command));
@@ -207,7 +208,7 @@ impl Commands {
         Ok(())
     }
 
-    /// Refuses a motion command that was sent before a stop or abort and overtaken by it.
+    /// Refuses a command to move if a later stop or abort has overtaken it.
     pub fn check_order(&self, verb: Verb, order: u64) -> Result<(), Refusal> {
         if verb.moves() && order < self.stopped_at {
             let text = "a later stop or abort was executed before this command; send the command again";
@@ -222,8 +223,8 @@ impl Commands {
         awaiting.any(|awaiting| awaiting.meta.command_id == command_id)
     }
 
-    /// Answers these commands: `done`, each with its own note, or `failed` with the reason that prevented
-    /// their effect.
+    /// Answers the commands for which `is_it` returns true: `done` with their own note, or `failed` with the reason
+    /// that prevented their effect.
     pub fn answer(
         &mut self,
         context: &Context,
@@ -247,7 +248,7 @@ impl Commands {
                 awaiting.run_id.as_deref(),
             );
             if let Some(reply) = awaiting.reply {
-                // The caller may have left; the reply is published, too.
+                // The caller may have stopped waiting; the reply is also published.
                 let _ = reply.send(Ok(Answer::Command(said)));
             }
         }

@@ -1,4 +1,4 @@
-//! The stages of one coordinate system in sequence: interpreter, path, motion. Pure; the task pulls items from it.
+//! The stages of one coordinate system in sequence: interpreter, path, motion. Pure: the task requests items from it.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -24,27 +24,27 @@ use crate::planned::{OnPlan, PlannedMotion};
 pub(crate) struct Pipeline {
     pub interpreter: Interpreter,
     pub path: PathStage,
-    /// Items interpreted while the end point of a G31 is unknown, in order.
+    /// Items that were interpreted while the end point of a G31 was unknown, in order.
     pub set_aside: VecDeque<SetAside>,
     pub planner: Planner,
     segments: Vec<Segment>,
-    /// Planned, and not yet in the servo's queue.
+    /// Planned profiles that are not in the servo's queue yet.
     pub ready: VecDeque<Profile>,
-    /// Changes and block starts ahead of the motion.
+    /// Changes of state and starts of blocks whose motion has not started.
     notes: Notes,
-    /// The change noted last.
+    /// State of the last noted change.
     last: StateAfterSegment,
-    /// State in force for the running motion.
+    /// State in force for the motion that runs now.
     pub in_force: StateAfterSegment,
-    /// The programmed block noted last, by the interpreter's count.
+    /// Step number (counted by the interpreter) of the programmed block noted last.
     noted_step: Option<u64>,
-    /// True if the tool is in a thread after all profiles handed out so far have run.
+    /// True if the tool will be in a thread (tapping) at the end of all motion planned so far.
     pub in_thread: bool,
-    /// Called with each plan and the settings of the coordinate system.
+    /// Function that is called with each plan, and the settings of the coordinate system for that function.
     watched: Option<(OnPlan, Box<CoordinateSystemSettings>)>,
 }
 
-/// State in force between two runs: the modal state, the transform and the values published of them.
+/// State in force between two runs: modal state, path stage with its transform, and their published values.
 #[derive(Debug)]
 pub(crate) struct InForce {
     modal: ModalState,
@@ -52,7 +52,7 @@ pub(crate) struct InForce {
     change: StateAfterSegment,
 }
 
-/// Item that was not yet passed to the path stage.
+/// Item that waits to be passed to the path stage until a G31 has ended.
 #[derive(Debug)]
 pub(crate) struct SetAside {
     block: Option<Block>,
@@ -62,7 +62,7 @@ pub(crate) struct SetAside {
 }
 
 impl Pipeline {
-    /// Creates a pipeline with the machine at rest at this position.
+    /// Creates a pipeline for a machine that rests at position `at`.
     pub fn new(settings: &CoordinateSystemSettings, dialect: &'static Dialect, at: MachinePosition) -> Self {
         let interpreter = Interpreter::new(settings, dialect);
         let path = PathStage::new(settings, at);
@@ -88,8 +88,8 @@ impl Pipeline {
         }
     }
 
-    /// Replaces all stages after a fault in one of them, with the machine at this position. Segment numbers and the
-    /// operator's dry run continue.
+    /// Replaces all stages after a fault in a stage, with the machine at position `at`. Segment numbers continue, and
+    /// the operator's dry run stays as set.
     pub fn renew(
         &mut self,
         settings: &CoordinateSystemSettings,
@@ -113,8 +113,8 @@ impl Pipeline {
         self.watched = Some((on_plan, Box::new(settings.clone())));
     }
 
-    /// Returns the interpreter's next item. Its block has been passed to the planner on return; after a G31 it is set
-    /// aside instead, because it starts where the G31 ends.
+    /// Returns the interpreter's next item and passes its block to the planner. After a G31 the block is set aside
+    /// instead, because it starts where the G31 ends.
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Result<Item, Alarm> {
         let item = self.interpreter.next(inputs);
         if let Ok(item) = &item {
@@ -139,8 +139,8 @@ impl Pipeline {
         Ok(())
     }
 
-    /// Returns true while the start point of the next block is unknown: a G31 runs, or blocks after it are not planned
-    /// yet.
+    /// Returns true while the start point of the next block is unknown: a G31 runs, or blocks after a G31 are still set
+    /// aside.
     pub fn is_behind_skip(&self) -> bool {
         self.path.is_skipping() || !self.set_aside.is_empty()
     }
@@ -164,8 +164,8 @@ impl Pipeline {
         });
     }
 
-    /// After the G31 has ended, takes the first item that was set aside and passes its block to the planner. An alarm
-    /// discards the items after it. Returns `None` if there is no item, or if the G31 still runs.
+    /// After a G31 has ended, passes the block of the first item that was set aside to the planner. An alarm discards
+    /// the items after it. Returns `None` if no item is set aside, or if the G31 still runs.
     pub fn next_set_aside(&mut self) -> Option<Result<(), Alarm>> {
         if self.path.is_skipping() {
             return None;
@@ -192,7 +192,7 @@ impl Pipeline {
         self.plan(result)
     }
 
-    /// Hands out all motion that is certain, ending at rest: the program waits, and continues later.
+    /// Plans all motion that is certain, so that it ends at rest. The program waits and continues later.
     pub fn flush(&mut self) -> Result<(), Alarm> {
         self.path.flush(&mut self.segments);
         self.plan(Ok(()))?;
@@ -200,7 +200,7 @@ impl Pipeline {
         Ok(())
     }
 
-    /// Does the same at the end of the program; blocks withheld by cutter compensation are discarded.
+    /// Plans all motion that is certain before an alarm. Discards blocks that cutter compensation still holds back.
     pub fn finish(&mut self) -> Result<(), Alarm> {
         let result = self.path.finish(&mut self.segments);
         let planned = self.plan(result);
@@ -208,13 +208,13 @@ impl Pipeline {
         planned
     }
 
-    /// Returns true while the program may neither wait nor end: from G41 or G42 to the lead-out after G40.
+    /// Returns true while cutter compensation forbids a wait or an end: from G41 or G42 to the lead-out after G40.
     pub fn is_compensating(&self) -> bool {
         self.path.is_compensating() || self.interpreter.modal().compensation != Compensation::Off
     }
 
-    // Blocks before a refused block are still planned: their motion runs to its end before the alarm. Nothing moves
-    // after a segment that cannot be planned.
+    // Blocks before a refused block are still planned: their motion runs to its end before the alarm is raised. After a
+    // segment that cannot be planned, nothing moves.
     fn plan(&mut self, result: Result<(), Alarm>) -> Result<(), Alarm> {
         let planned = self.segments.iter().try_for_each(|segment| {
             let known = self.ready.len();
@@ -268,17 +268,17 @@ impl Pipeline {
         self.notes.change(self.next_motion(), self.last.clone());
     }
 
-    /// Returns the number of the next block's motion in the path stage.
+    /// Returns the number that the path stage will give the motion of the next block.
     fn next_motion(&self) -> u64 {
         self.path.last_serial() + 1
     }
 
-    /// Returns the segment that the next block will have; with cutter compensation it is approximate.
+    /// Returns the number of the next block's first segment. With cutter compensation the number is approximate.
     pub fn next_segment(&self) -> u64 {
         self.planner.last_segment() + self.path.held_back() as u64 + 1
     }
 
-    /// Notes the start of a programmed block. A fixed cycle produces several blocks of one step.
+    /// Notes the start of a programmed block. The blocks that a fixed cycle produces in one step count as one start.
     fn note_block(&mut self, step: u64) {
         if self.noted_step != Some(step) {
             self.notes.block(self.next_motion());
@@ -286,19 +286,19 @@ impl Pipeline {
         self.noted_step = Some(step);
     }
 
-    /// Returns true if a programmed block begins with this segment, which begins to run.
+    /// Returns true if a programmed block begins with `segment`. Called when that segment starts to run.
     pub fn begins_block(&mut self, segment: u64) -> bool {
         self.notes.begins_block(segment)
     }
 
-    /// Returns the next change that applies before a segment begins to run, in order.
+    /// Takes the next change that applies before `segment` starts to run, in order, and makes it the state in force.
     pub fn changed_before(&mut self, segment: u64) -> Option<StateAfterSegment> {
         let change = self.notes.changed_before(segment)?;
         self.in_force = change.clone();
         Some(change)
     }
 
-    /// Returns the first match in the modal states of the running motion, the next block and all prepared blocks.
+    /// Returns the first match of `pick` in the modal states of the running motion, next block and prepared blocks.
     pub fn anywhere<T>(&self, pick: impl Fn(&Modal) -> Option<T>) -> Option<T> {
         let near = [&self.in_force.modal, self.interpreter.modal()].into_iter();
         let ahead = self.notes.changes().map(|change| &change.modal);
@@ -306,12 +306,12 @@ impl Pipeline {
         near.chain(ahead).chain(aside).find_map(pick)
     }
 
-    /// Returns the start position of the next block; `None` while it is unknown.
+    /// Returns the start position of the next block; `None` while a G31 makes the position unknown.
     pub fn counts_from(&self) -> Option<MachinePosition> {
         (!self.is_behind_skip()).then(|| self.path.counts_from())
     }
 
-    /// Begins a program at line 1, where the machine rests: in the start-up modal state, or in the one in force.
+    /// Begins a program at line 1 from rest, in the start-up modal state; with `goes_on` in the current modal state.
     pub fn start(&mut self, program: Arc<NcProgram>, number: u16, epoch: u32, goes_on: bool) {
         self.restart(epoch, self.path.position(), goes_on);
         if goes_on {
@@ -323,7 +323,7 @@ impl Pipeline {
         self.last = self.in_force.clone();
     }
 
-    /// Makes the program text read its numbers as at start-up: in the unit of the settings, and as positions.
+    /// Makes the interpreter read numbers as at start-up: in the unit of the settings, and as positions.
     pub fn read_as_at_start_up(&mut self) {
         self.interpreter.read_as_at_start_up();
         self.in_force.modal = self.interpreter.modal().clone();
@@ -339,7 +339,7 @@ impl Pipeline {
         }
     }
 
-    /// Restores the former state in force, with the machine at rest at its current position.
+    /// Restores a state that was in force before. The machine rests at its current position.
     pub fn restore(&mut self, before: InForce, epoch: u32) {
         let at = self.path.position();
         self.restart(epoch, at, true);
@@ -352,7 +352,7 @@ impl Pipeline {
         self.last = self.in_force.clone();
     }
 
-    /// Begins in the state of a line; [`Pipeline::enter`] must be called before its first block.
+    /// Begins in the state at a line. The caller must call [`Pipeline::enter`] before the first block.
     pub fn start_from(&mut self, entry: LineEntry, epoch: u32) -> LineArrival {
         let LineEntry { interpreter, arrival } = entry;
         self.restart(epoch, self.path.position(), false);
@@ -367,7 +367,7 @@ impl Pipeline {
         arrival
     }
 
-    /// Plans the approach to the start of the line, and continues from there.
+    /// Plans the approach to the start of the line, and lets the next block start there.
     ///
     /// # Errors
     /// Returns an error if the approach cannot be planned.
@@ -395,8 +395,8 @@ impl Pipeline {
         Ok(())
     }
 
-    /// Discards all prepared motion: the machine rests at `at`, and profiles carry `epoch` from here on. The transform
-    /// ends, or is kept if `goes_on`.
+    /// Discards all prepared motion. The machine rests at `at`, and later profiles carry `epoch`. The transform ends,
+    /// or is kept with `goes_on`.
     pub fn restart(&mut self, epoch: u32, at: MachinePosition, goes_on: bool) {
         self.ready.clear();
         self.set_aside.clear();
@@ -413,14 +413,15 @@ impl Pipeline {
         }
     }
 
-    /// Continues from a new plan; no motion may have been handed out since it was made.
+    /// Replaces the planned motion by a new plan. The caller must not have sent any motion to the servo since the plan
+    /// was made.
     pub fn adopt(&mut self, mut new: Replan) {
         self.ready = std::mem::take(&mut new.profiles);
         self.planner.adopt(new);
     }
 
-    /// Plans a motion by hand: each motor moves independently to a machine position, with the rapid limits of these
-    /// settings.
+    /// Plans a motion by hand: each motor moves independently to its machine position, with the rapid limits in
+    /// `settings`.
     pub fn jog(&mut self, settings: &CoordinateSystemSettings, to: AxisVector) -> Result<(), Alarm> {
         let from = self.path.position().0;
         let segment = Segment {
@@ -440,7 +441,7 @@ impl Pipeline {
     }
 }
 
-/// Returns the nested calls: the program and line of each.
+/// Returns the program and line of each nested call that is active.
 pub(crate) fn callers(interpreter: &Interpreter) -> impl Iterator<Item = CallSite> {
     let depth = interpreter.call_stack().count();
     interpreter
@@ -487,7 +488,7 @@ mod tests {
     use super::*;
     use crate::Config;
 
-    /// Runs a test with a pipeline of the demo's mill, at rest at zero, before the first block of a program.
+    /// Runs a test with a pipeline of the demo's mill before the first block of a program. The machine rests at zero.
     fn with_program(text: &str, test: impl FnOnce(&mut Pipeline, &Inputs<'_>)) {
         let machine = Config::demo().resolve().unwrap();
         let system = &machine.coordinate_systems[0];
@@ -510,7 +511,7 @@ mod tests {
 
     #[test]
     fn nothing_moves_behind_a_segment_that_cannot_be_planned() {
-        // the second line would take more than 1e9 s; the third line shows that it does not end in a stop
+        // the second line would take more than 1e9 s; the third line must not be planned as if the second were a stop
         let text = "G90 G01 X10 F3000\nX100 F0.0000001\nX150 F3000\nM30\n";
         with_program(text, |pipeline, inputs| {
             let alarm = loop {

@@ -1,4 +1,4 @@
-//! Preparation: the stages run ahead of the motion until something ends the pre-read (D15).
+//! Preparation: the stages run ahead of the motion until an item ends the pre-read (D15).
 
 use tandem_interp::Inputs;
 use tandem_model::alarm::{AlarmEntry, COMPENSATION_REFUSED, PROGRAM_WARNING};
@@ -17,24 +17,25 @@ use crate::journal::{Event, RunEnd};
 /// Limits of the work done in one turn.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TurnLimits {
-    /// True if commands are executed. Reason: a load checks whole programs, and a caller must not wait for that.
+    /// True if the turn executes commands. A caller's turn does not, because a load checks whole programs and takes
+    /// long.
     pub commands: bool,
-    /// Maximum number of steps of the run: items taken from the interpreter, and their consequences.
+    /// Maximum number of steps of the run; a step interprets one item or handles its consequences.
     items: usize,
-    /// Approximate number of blocks interpreted; a calculation may add up to [`STEPS_IN_CHAIN_MAX`].
+    /// Approximate maximum number of interpreted blocks. A calculation may add up to [`STEPS_IN_CHAIN_MAX`] blocks.
     blocks: u64,
 }
 
 impl TurnLimits {
-    /// Limits for the task, so that a command never waits long for it.
+    /// Limits of a turn of the task, so that a command waits only briefly for the end of the turn.
     pub const OF_TASK: TurnLimits = TurnLimits {
         commands: true,
         items: 256,
         blocks: 2 * STEPS_IN_CHAIN_MAX as u64,
     };
 
-    /// Limits for the immediate consequences of a request, since the caller has other work to do. Reason: an output
-    /// takes 4 items.
+    /// Limits of a turn of a caller, for the direct consequences of its request; the caller has other work to do.
+    /// Reason for 16 items: an output takes 4.
     pub const OF_CALLER: TurnLimits = TurnLimits {
         commands: false,
         items: 16,
@@ -42,8 +43,8 @@ impl TurnLimits {
     };
 }
 
-/// Returns the alarm of a wait, stop or end within cutter compensation: the end point of a block depends on the next
-/// block, so the machine cannot stop there (manual, restrictions of G41).
+/// Returns the alarm of a wait, a stop or an end within cutter compensation. There the end point of a block depends on
+/// the next block, so the machine cannot stop (manual, restrictions of G41).
 pub(crate) fn rest_refused(item: &Item) -> Option<Alarm> {
     let (origin, text) = match item {
         Item::Block(_) | Item::NeedsStandstill(_) | Item::Warning(..) => return None,
@@ -72,7 +73,7 @@ impl Then {
 }
 
 impl CoordinateSystem {
-    /// Prepares as much as possible, within the limits of `share`. Returns true if more can be done at once.
+    /// Prepares as much as possible within the limits of `share`. Returns true if more can be prepared at once.
     pub(super) fn prepare(&mut self, share: TurnLimits) -> bool {
         if self.is_replanning() {
             self.hand_over();
@@ -91,13 +92,13 @@ impl CoordinateSystem {
         true
     }
 
-    /// Returns true while a thread is cut and no hold acts in it. The operator's hold waits for the end of the thread,
-    /// so motion and outputs up to there are still prepared.
+    /// Returns true in a thread (tapping) unless a hold that acts in threads is active. The operator's hold waits for
+    /// the end of the thread, so motion and outputs up to its end are still prepared.
     pub(super) fn leaves_thread(&self) -> bool {
         self.pipeline.in_thread && !self.state.holds_in_thread()
     }
 
-    /// Executes one step of the run. Returns false if it must wait.
+    /// Executes one step of the run. Returns false if the run must wait.
     fn advance(&mut self) -> bool {
         if self.plan_set_aside() {
             return true;
@@ -152,8 +153,8 @@ impl CoordinateSystem {
         }
     }
 
-    /// Plans items interpreted while the end point of a G31 was unknown. Returns false if there are none, or if it must
-    /// wait.
+    /// Plans an item that was interpreted while the end point of a G31 was unknown. Returns false if there is no such
+    /// item or the run must wait.
     fn plan_set_aside(&mut self) -> bool {
         if self.run.is_none() || !self.pipeline.ready.is_empty() {
             return false;
@@ -167,7 +168,7 @@ impl CoordinateSystem {
         } else if !self.pipeline.is_behind_skip()
             && let Some(then) = self.state.take_then()
         {
-            // The end of the last block is known only with the next block.
+            // The end of the last block becomes certain only now: nothing follows it.
             self.stand_still_then(then);
         }
         self.look_at_outputs();
@@ -213,7 +214,7 @@ impl CoordinateSystem {
             Ok(Item::Stop(stop)) => self.stand_still_then(Then::Stop(stop)),
             Ok(Item::NeedsStandstill(_)) => self.stand_still_then(Then::Interpret),
             Ok(Item::End(origin)) => self.stand_still_then(Then::End(origin)),
-            // Motion before the refused block is executed; then the alarm is raised.
+            // The motion before the refused block is executed first; then the alarm is raised.
             Err(alarm) => {
                 let alarm = match &self.run {
                     Some(run) => run.refusal_of_call(alarm),
@@ -224,7 +225,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Refuses an output with a computed parameter that a declaration does not accept.
+    /// Refuses an output if a computed parameter violates the declaration of its M code.
     fn take_output(&self, item: Item) -> Result<Item, Alarm> {
         let Item::Output(output) = &item else {
             return Ok(item);
@@ -262,7 +263,7 @@ impl CoordinateSystem {
         self.drive(RunEvent::Phase(Phase::Standstill(then)));
     }
 
-    /// Executes the action of a standstill. Returns false if it must wait.
+    /// Executes the pending action when the machine is at a standstill. Returns false if the run must wait.
     fn at_standstill(&mut self, then: Then) -> bool {
         self.follow_changes(u64::MAX);
         match then {
@@ -296,7 +297,7 @@ impl CoordinateSystem {
         true
     }
 
-    /// Returns the first word that caused an alarm, else its block.
+    /// Returns the place of the first word that caused the alarm; otherwise that of its block.
     fn word_to_blame(&self, alarm: &Alarm, block: Origin) -> Origin {
         let program = self.run.as_ref().and_then(|run| {
             let called = run.programs.get(&block.program);

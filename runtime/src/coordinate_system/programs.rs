@@ -1,4 +1,4 @@
-//! The programs of the store, from the view of a coordinate system that runs them.
+//! The programs of the store as a coordinate system uses them: which of them it may run.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -25,7 +25,7 @@ impl Context {
         })
     }
 
-    /// Refuses a program that has errors, its subprograms included; otherwise returns a note for the operator, which
+    /// Refuses a program if it or a program that it calls has errors. Otherwise returns a note for the operator, which
     /// may be empty.
     pub fn check_called(&self, main: &Arc<StoredProgram>) -> Result<String, Refusal> {
         let all = self.shared.store.all();
@@ -85,8 +85,8 @@ impl Context {
         }
     }
 
-    /// Returns the parameters in a program that its M codes do not accept here, as declared by online handlers and the
-    /// configuration.
+    /// Returns diagnostics for parameters that M codes of this machine do not accept. Online handlers and the
+    /// configuration declare the accepted parameters.
     fn wrong_params(&self, program: &StoredProgram, m_codes: &[u16]) -> Vec<ProgramDiagnostic> {
         let each = m_codes.iter();
         let declared: Vec<SourcedDeclaration> = each
@@ -96,7 +96,8 @@ impl Context {
         locate(program.tree.source(), &found)
     }
 
-    /// Returns the reason why a program does not run here, if any. A text without a number is no program of the store.
+    /// Returns the reason why this coordinate system does not run a program, if any. Texts without a number (MDI) are
+    /// not checked.
     pub fn refuses(&self, program: &StoredProgram) -> Option<Refusal> {
         if program.number == 0 {
             return None;
@@ -124,7 +125,7 @@ impl Context {
             || self.shared.handler_back_s(self.number, m).is_some()
     }
 
-    /// Returns a program and those that it calls from the store.
+    /// Returns a program of the store and the programs that it calls.
     pub fn texts_of(&self, main: u16) -> Texts {
         let all = self.shared.store.all();
         let called = called_by(&all, main).into_iter();
@@ -133,7 +134,8 @@ impl Context {
             .collect()
     }
 
-    /// Refuses to start a program if it, or a program that it calls, was changed outside of the runtime since the load.
+    /// Refuses to start a program that was changed outside of the runtime since the load. This includes the programs
+    /// that it calls.
     pub fn check_loaded(&self, main: u16, loaded: &Texts) -> Result<(), Refusal> {
         for (number, program) in self.texts_of(main) {
             let is_loaded = loaded
@@ -149,7 +151,7 @@ impl Context {
         Ok(())
     }
 
-    /// Returns true if the program and those that it calls were not written since these texts were read.
+    /// Returns true if neither the program nor those that it calls were written since the texts in `then` were read.
     pub fn stand_as(&self, main: u16, then: &Texts) -> bool {
         let now = self.texts_of(main);
         now.len() == then.len()

@@ -1,4 +1,4 @@
-//! The state topics of a coordinate system, published when they have changed.
+//! Publishes the state topics of a coordinate system when their values have changed.
 
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -20,19 +20,19 @@ use crate::config::ConfiguredSystem;
 use crate::journal::Event;
 use crate::program_store::StoredProgram;
 
-/// The values published last.
+/// The values of the state topics that were published last.
 #[derive(Debug, Default)]
 pub(super) struct PublishedValues {
     pub state: Option<Arc<Message>>,
     pub start: PublishedStart,
-    /// Start of the present state of the output that the run waits for.
+    /// Time at which the awaited output reached the state that was published last.
     waiting_since: Option<SystemTime>,
-    /// Number of program changes at its publication.
+    /// Number of program changes in the store when the state was published last.
     changes: u64,
-    /// Codes in force at the next manual data input that differ from those at start-up.
+    /// Modal codes with which the next manual data input begins, as far as they differ from the start-up codes.
     carried: Vec<String>,
-    /// `_CNC_CapturedPosition<n>`: where the motors rested at the end of the last G31 since the start of the runtime,
-    /// ascending by motor number, machine coordinates in mm or degrees (D16, D41).
+    /// `_CNC_CapturedPosition<n>`: rest position of the motors at the end of the last G31 since the start of the
+    /// runtime, in ascending order of motor numbers, in machine coordinates, mm or degrees (D16, D41).
     pub captured: [f64; AXES_MAX],
 }
 
@@ -81,7 +81,8 @@ impl CoordinateSystem {
         }
     }
 
-    /// Returns the state word, and the reason for which an unheld motion stands still.
+    /// Returns the state word and its reason; `OVERRIDE_ZERO` if an override of 0 percent stops a motion that is not
+    /// held.
     fn published_word(&self) -> (Execution, Option<Reason>) {
         let word = self.state.state_word();
         let overrides = &self.inputs.overrides;
@@ -98,7 +99,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Returns the running program, else the one that a start would run.
+    /// Returns the running program; if none runs, the program that a start would run.
     pub(super) fn main_program(&self) -> Option<Arc<StoredProgram>> {
         let number = self.commands.program?;
         let running = self.run.as_ref().map(|run| &run.main);
@@ -106,12 +107,12 @@ impl CoordinateSystem {
         running.or_else(|| self.context.shared.store.get(number))
     }
 
-    /// Returns the output that the run waits for.
+    /// Returns the open output for which the run waits.
     fn awaited_output(&self) -> Option<&OpenOutput> {
         self.outputs.ledger.get(self.state.awaited()?.seq)
     }
 
-    /// Returns true if the run still waits for this.
+    /// Returns true if the run still waits as published in `waiting_on`.
     fn is_waiting_on(&self, waiting_on: Option<&WaitingOn>) -> bool {
         match (self.awaited_output(), waiting_on) {
             (None, None) => true,
@@ -125,7 +126,8 @@ impl CoordinateSystem {
         }
     }
 
-    /// Returns true if the state is unchanged. Compared before a state is built: most turns change nothing.
+    /// Returns true if `state` is still current. Reason: most turns change nothing, and this costs less than a new
+    /// state.
     fn is_in(&self, state: &State) -> bool {
         let State {
             execution,
@@ -133,7 +135,7 @@ impl CoordinateSystem {
             reason,
             waiting_on,
             program,
-            // these follow from the M code, the program, the run, and the changes of the store
+            // these follow from the M code, the program, the run, and the changes of the store, which are compared
             wait_state: _,
             hash: _,
             o_number: _,
@@ -160,7 +162,7 @@ impl CoordinateSystem {
             && *last_command_id == self.commands.last_id
     }
 
-    /// Publishes the state if it has changed.
+    /// Publishes the state of the coordinate system if it has changed.
     pub(super) fn publish_changes(&mut self) {
         self.note_rest();
         if self.published.state().is_some_and(|state| self.is_in(state)) {
@@ -174,7 +176,7 @@ impl CoordinateSystem {
         self.published.state = Some(message);
     }
 
-    /// Publishes every state topic once, at the start.
+    /// Publishes every state topic once, at the start of the runtime or after a fault.
     pub(super) fn publish_all(&mut self) {
         self.publish_changes();
         self.publish_start_conditions();
@@ -193,13 +195,13 @@ impl CoordinateSystem {
         self.note_published();
     }
 
-    /// Notes that all journal events of this coordinate system have been published.
+    /// Notes that all journal events of this coordinate system up to now have been published.
     pub(super) fn note_published(&self) {
         let line = self.context.shared.journal.last_number();
         self.context.view.set_published_line(line);
     }
 
-    /// Publishes the rest position of the motors after a G31, and which of them captured that position (D41).
+    /// Publishes the rest position of the motors after a G31, and which motors captured that position (D41).
     pub(super) fn publish_captured(&mut self, position: MachinePosition, captured: AxisSet) {
         let captured = CapturedPositions {
             run_id: self.run.as_ref().map(|run| run.id.clone()),
@@ -214,7 +216,7 @@ impl CoordinateSystem {
             .publish(CsTopic::Captured, Payload::Captured(captured));
     }
 
-    /// Returns the captured positions, ascending by motor number.
+    /// Returns the captured positions in ascending order of motor numbers.
     fn captured_of(&self, position: MachinePosition, captured: AxisSet) -> CapturedPositions {
         let motors = &self.context.configured.settings.motors;
         let mut each: Vec<(u16, Axis)> = Axis::ALL
@@ -272,7 +274,7 @@ impl CoordinateSystem {
     pub(super) fn publish_tool(&self) {
         let tables = &self.context.shared.tables;
         tables.note_spindle(self.context.number, self.inputs.tool.is_some());
-        // An unknown tool is not published.
+        // The number of an unknown tool is not published.
         if let Some(id) = self.inputs.tool {
             self.context.publish(CsTopic::Tool, Payload::Tool(Tool { id }));
         }
@@ -286,7 +288,7 @@ impl CoordinateSystem {
         self.context.publish(CsTopic::Modal, Payload::Modal(modal));
     }
 
-    /// Publishes the codes in force at the next manual data input, if they have changed.
+    /// Publishes the modal codes with which the next manual data input begins, if they have changed.
     pub(super) fn publish_carried(&mut self) {
         let codes = self.pipeline.interpreter.codes_unlike_start_up();
         let codes = codes.filter(|_| self.past.manual_goes_on).map(str::to_owned);
@@ -303,7 +305,7 @@ impl CoordinateSystem {
     }
 }
 
-/// Returns a modal state, with the tool in the spindle, in its published form.
+/// Returns a modal state and the tool in the spindle in their published form.
 pub(crate) fn published_modal(
     modal: &tandem_interp::Modal,
     configured: &ConfiguredSystem,
@@ -325,7 +327,7 @@ pub(crate) fn published_modal(
     }
 }
 
-/// Returns the question of an output while it has no answer.
+/// Returns the question of an output if it is not answered yet.
 fn unanswered(open: &OpenOutput) -> Option<&Question> {
     open.question
         .as_ref()

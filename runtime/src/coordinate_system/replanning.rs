@@ -1,7 +1,7 @@
 //! Replans motion while it runs: for a feed override above 100 percent (G500), and for back trace.
 //!
-//! The servo changes to the new plan at a point ahead of the motion, or at rest. Until it has reported the result, no
-//! further motion is prepared, because both plans must continue with the same block.
+//! The servo changes to the new plan at a point ahead of the motion, or at rest. Until the servo has reported the
+//! result, no further motion is prepared, because the old and the new plan must continue with the same block.
 
 use std::collections::VecDeque;
 
@@ -13,24 +13,24 @@ use super::CoordinateSystem;
 use super::run_state::RunEvent;
 use crate::journal::Event;
 
-/// Distance in time at which a new plan begins ahead of the motion: the duration of planning, with a reserve. Doubled
-/// after a refusal.
+/// Time in s from the current motion to the start of a new plan: the duration of planning, with a reserve. The time is
+/// doubled each time the servo refuses a plan.
 const AHEAD_S: f64 = 0.1;
 
-/// Upper limit of this distance.
+/// Upper limit in s of the doubled time.
 const AHEAD_MAX_S: f64 = 5.0;
 
-/// The active plan, and those that will follow it.
+/// State of replanning: what the active plan was made for, and requests for new plans.
 #[derive(Debug)]
 pub(super) struct Replanning {
-    /// The feed override of the plan, as a factor of at least 1.
+    /// Feed override for which the active plan was made, as a factor of at least 1.
     planned_for: f64,
     ahead_s: f64,
-    /// Requests that the servo has not answered, in order.
+    /// Requests for a new plan that the servo has not answered, in order.
     splices: VecDeque<Splicing>,
-    /// Position on the path at which feed hold has stopped the motion.
+    /// Position on the path at which a hold has last stopped the motion.
     held_at: Option<PathPlace>,
-    /// True if single block was switched on meanwhile.
+    /// True if single block was switched on while the servo had not answered.
     single_block: bool,
 }
 
@@ -53,12 +53,13 @@ impl Default for Replanning {
 }
 
 impl CoordinateSystem {
-    /// Returns the feed override as a factor of at least 1; below 1, the servo scales the time of the plan.
+    /// Returns the feed override as a factor of at least 1. Below 1, the servo scales the time of the plan instead.
     fn planned_override(&self) -> f64 {
         (self.inputs.overrides.feed / 100.0).max(1.0)
     }
 
-    /// Plans the motion handed out again for the feed override in force, from a point ahead of the motion on.
+    /// If the feed override has changed, plans the motion in the servo's queue again, from a point ahead of the motion
+    /// on.
     pub(super) fn follow_override(&mut self) {
         let factor = self.planned_override();
         let before = self.replanning.planned_for;
@@ -81,17 +82,18 @@ impl CoordinateSystem {
                     .splices
                     .push_back(Splicing::Override { new, factor });
             }
-            // The rest of the old plan is short.
+            // The rest of the old plan is too short to replace; the factor applies to motion planned from now on.
             None => self.replanning.planned_for = factor,
         }
     }
 
-    /// Returns true while no motion may be prepared, because both plans must continue with the same block.
+    /// Returns true while no motion may be prepared: the servo has not answered, the motion goes back, or the run is
+    /// ending.
     pub(super) fn is_replanning(&self) -> bool {
         !self.replanning.splices.is_empty() || self.state.retraces() || self.state.is_ending()
     }
 
-    /// Hands over profiles that are ready, while preparation is suspended.
+    /// Passes profiles that are ready to the servo while preparation is suspended.
     pub(super) fn hand_over(&mut self) {
         let turns = |splicing: &Splicing| matches!(splicing, Splicing::Turn);
         if !self.replanning.splices.iter().any(turns) {
@@ -99,7 +101,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Processes the servo's report that it has changed to another plan, or refused it.
+    /// Processes the servo's answer to a new plan: it has changed to the plan (`taken`), or refused it.
     pub(super) fn on_spliced(&mut self, taken: bool) {
         self.servo.on_spliced(taken);
         match self.replanning.splices.pop_front() {
@@ -121,7 +123,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Ends the planned motion for single block, which then waits for the plan.
+    /// Notes that single block was switched on. Returns true if single block must wait for the servo's answer.
     pub(super) fn single_block_waits(&mut self) -> bool {
         self.replanning.single_block = self.is_replanning();
         self.replanning.single_block
@@ -154,7 +156,7 @@ impl CoordinateSystem {
         Ok(())
     }
 
-    /// Moves back along the path already travelled.
+    /// Starts a back trace: moves back along the path that the tool has travelled.
     pub(super) fn go_back(&mut self) {
         let Some(at) = self.replanning.held_at else { return };
         let back = self.pipeline.planner.retrace(at);
@@ -167,7 +169,7 @@ impl CoordinateSystem {
         self.context.record(Event::BackTrace { on: true });
     }
 
-    /// Continues the program from the current position after a back trace.
+    /// Ends a back trace: continues the program forward from the current position.
     pub(super) fn go_forward(&mut self) {
         let Some(at) = self.replanning.held_at else { return };
         self.pipeline.planner.set_feed_override(self.planned_override());

@@ -1,4 +1,4 @@
-//! Rest positions of the axes: written to disk before any client can learn that the axes rest.
+//! Rest positions of the axes. They are written to disk before a client can learn that the axes rest.
 
 use plc_api::types::state::Execution;
 use tandem_model::MachinePosition;
@@ -6,12 +6,12 @@ use tandem_model::MachinePosition;
 use super::CoordinateSystem;
 use crate::persistence::positions::positions;
 
-/// The rest position written last; `None` if the axes move, or if a motor is not homed.
+/// Rest position that was written last; `None` if the axes moved then, or if a motor was not homed.
 #[derive(Debug, Default)]
 pub(super) struct WrittenRest(Option<MachinePosition>);
 
 impl CoordinateSystem {
-    /// Writes the rest position of the axes when they stop or are placed elsewhere, and the start of their motion.
+    /// Writes the rest position when the axes stop or get another position, and writes when they start to move.
     pub(super) fn note_rest(&mut self) {
         let journal = &self.context.shared.journal;
         if !journal.is_on_disk() {
@@ -27,7 +27,7 @@ impl CoordinateSystem {
         journal.note_rest(self.context.number, positions.as_ref());
     }
 
-    /// Returns true while no axis moves or is about to move.
+    /// Returns true if no axis moves and no planned motion is due.
     fn rests(&self) -> bool {
         let is_held = || {
             let (execution, _) = self.state.state_word();

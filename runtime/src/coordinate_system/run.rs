@@ -1,4 +1,4 @@
-//! Programs and counters of a run; its state is in `run_state`.
+//! Programs and counters of a run. The state of the run is in `run_state`.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -17,28 +17,28 @@ use crate::clock::Clock;
 use crate::command_memory::COMMAND_MEMORY;
 use crate::program_store::StoredProgram;
 
-/// Run of the loaded program, of manual data input, or of a motion by hand.
+/// Run of the loaded program, of manual data input (MDI), of homing, or of a jog.
 pub(super) struct ActiveRun {
     pub id: String,
     pub kind: ActiveRunKind,
-    /// The main program; number 0 if there is none.
+    /// The main program; its number is 0 if the run is not that of a stored program.
     pub main: Arc<StoredProgram>,
     pub programs: BTreeMap<u16, Arc<NcProgram>>,
-    /// Conditions at its start; `None` if it is not the run of a program.
+    /// Conditions at the start of the run; `None` if the run is not that of a stored program.
     pub conditions: Option<Arc<Conditions>>,
-    /// Programs that it may not call, each with the reason.
+    /// Programs that the run may not call, each with the reason.
     pub refused: BTreeMap<u16, String>,
-    /// The number of its first segment.
+    /// Number of the first segment of the run.
     pub first_segment: u64,
-    /// Rest position of the machine at its start.
+    /// Rest position of the machine at the start of the run.
     pub from: AxisVector,
-    /// For a macro: the state restored at its end.
+    /// For a macro, the state that is restored at its end; otherwise `None`.
     pub restores: Option<Box<Restores>>,
-    /// The first G31 that ended without a touch.
+    /// Line of the first G31 that ended without a touch.
     pub missed_touch: Option<Origin>,
     pub steps: SingleBlockState,
     pub at_rest: AtRest,
-    /// Set until a run that begins at a line has arrived there.
+    /// Remaining approach of a run that begins at a line; `None` after the run has reached that line.
     pub arrival: Option<Box<LineArrival>>,
 }
 
@@ -46,7 +46,7 @@ pub(super) struct ActiveRun {
 #[derive(Debug)]
 pub(super) struct Restores {
     pub in_force: InForce,
-    /// True if the next manual data input continues in this state.
+    /// True if the next manual data input would have continued in this state.
     pub manual_goes_on: bool,
 }
 
@@ -57,14 +57,15 @@ impl ActiveRun {
         matches!(self.kind, ActiveRunKind::Jog(_))
     }
 
-    /// Returns the program of the run and those that it may call; empty for a run by hand.
+    /// Returns the main program and the programs that it may call; empty for a run by hand.
     pub fn texts(&self) -> &BTreeMap<u16, Arc<StoredProgram>> {
         self.conditions
             .as_ref()
             .map_or(&NO_TEXTS, |conditions| &conditions.texts)
     }
 
-    /// Returns the alarm of a call. Whether a computed program number may be called is known only at the call.
+    /// Returns the alarm of a failed call. If the called program exists but may not be called, replaces the text by
+    /// that reason.
     pub fn refusal_of_call(&self, alarm: Alarm) -> Alarm {
         if alarm.entry != &PROGRAM_NOT_FOUND {
             return alarm;
@@ -81,35 +82,35 @@ impl ActiveRun {
     }
 }
 
-/// Data kept of past runs.
+/// Data kept from past runs.
 #[derive(Debug, Default)]
 pub(super) struct PastRuns {
-    /// Runs that were started.
+    /// Number of runs that were started since the start of the runtime.
     pub count: u64,
-    /// The one started last.
+    /// Name of the run that was started last.
     pub last_id: Option<String>,
-    /// True if the next manual data input continues in the modal state of the last one.
+    /// True if the next manual data input continues in the modal state of the last input.
     pub manual_goes_on: bool,
     /// Number and text of the alarm that was raised last.
     pub alarm: String,
     pub jogs: Jogs,
 }
 
-/// Maximum number of early jog ends (ends that arrived before their begin) per user; the user's oldest is dropped.
-/// Reason: such an end overtakes its begin by a moment only.
+/// Maximum number of early jog ends per user; further ends drop the oldest. An early end arrives before the begin of
+/// its jog. Reason for the small number: such an end overtakes the begin only by a moment.
 const ENDS_MAX: usize = 16;
 
-/// Jogs that have ended, the oldest first, kept as long as commands are remembered. Each began with a command that had
-/// room in that memory, which bounds their number.
+/// Jogs that have ended, the oldest first. They are kept as long as the command memory keeps commands, which also
+/// limits their number: the command that began a jog has an entry in that memory.
 #[derive(Debug, Default)]
 pub(super) struct Jogs {
     ended: VecDeque<(String, f64)>,
-    /// Ends of jogs that have not begun: user, name and time.
+    /// Ends of jogs that have not begun: user, name of the jog, and time of the end in s.
     ends: VecDeque<(String, String, f64)>,
 }
 
 impl Jogs {
-    /// Remembers an ended jog, so that a late refresh does not start it again.
+    /// Keeps the name of an ended jog, so that a late refresh does not start the jog again.
     pub fn remember(&mut self, ended: &ActiveRunKind, now_s: f64) {
         if let ActiveRunKind::Jog(jog) = ended {
             self.forget(now_s);
@@ -117,7 +118,7 @@ impl Jogs {
         }
     }
 
-    /// Marks the jog with this name as ended, although it has not begun.
+    /// Marks the jog with this name as ended before its begin has arrived.
     pub fn mark_ended(&mut self, user: &str, refresh_id: &str, now_s: f64) {
         self.forget(now_s);
         if self.has_ended(refresh_id, now_s) {
@@ -161,7 +162,7 @@ fn is_remembered(at_s: f64, now_s: f64) -> bool {
 /// Kind of a run.
 #[derive(Debug)]
 pub(super) enum ActiveRunKind {
-    /// The loaded program.
+    /// Run of the loaded program.
     Program,
     /// Manual data input.
     Manual,
@@ -170,7 +171,7 @@ pub(super) enum ActiveRunKind {
 }
 
 impl ActiveRunKind {
-    /// Returns the kind as published in the state.
+    /// Returns the kind of the run in its published form.
     pub fn run_kind(&self) -> RunKind {
         match self {
             ActiveRunKind::Program => RunKind::Program,
@@ -186,39 +187,39 @@ impl ActiveRunKind {
 pub(super) struct Jog {
     pub refresh_id: String,
     pub axis: Axis,
-    /// The commanded distance, mm or degrees; `None` for a jog to the soft limit.
+    /// Commanded distance in mm or degrees; `None` for a jog without distance.
     pub distance: Option<f64>,
-    /// Time at which it stops unless it is refreshed; `None` for a step, which needs no refresh.
+    /// Time in s at which the jog stops if no refresh arrives; `None` for a jog by a distance, which needs no refresh.
     pub until_s: Option<f64>,
-    /// End position: at the distance, or before it at the soft limit.
+    /// End position: at the commanded distance, or at the soft limit if that is nearer.
     pub to: AxisVector,
-    /// Settings with the jog's velocity as rapid velocity.
+    /// Settings of the coordinate system, with the velocity of the jog as rapid velocity.
     pub settings: Arc<CoordinateSystemSettings>,
 }
 
-/// Single block of one run.
+/// State of single block in one run.
 #[derive(Debug, Default)]
 pub(super) struct SingleBlockState {
-    /// True if items of a block have been taken, and the block has not ended.
+    /// True from the first interpreted item of a block until the block has ended.
     pub in_block: bool,
-    /// Segments up to this one were planned before single block was switched on.
+    /// The last segment that was planned before single block was switched on.
     pub planned_ahead: u64,
-    /// True if the servo has been commanded to hold after the running block, and does not hold yet.
+    /// True if the servo will hold after the running block, and does not hold yet.
     pub armed: bool,
 }
 
-/// Maximum number of items interpreted within one servo period that produce no motion. Reason: computing takes no
-/// simulated time, so a loop without motion would stop that time.
+/// Maximum number of items without motion that are interpreted within one servo period. Reason: computing takes no
+/// simulated time, so a loop without motion would stop the simulated time.
 const ITEMS_AT_REST_MAX: u32 = 100;
 
-/// Items interpreted since the servo last received motion.
+/// Number of items interpreted since the last planned motion.
 #[derive(Debug, Default)]
 pub(super) struct AtRest {
     last_segment: u64,
     items: u32,
-    /// When the first of them was interpreted, seconds since the start.
+    /// Time in s since the start at which the first of these items was interpreted.
     since_s: f64,
-    /// Time until which the run waits, seconds since the start.
+    /// Time in s since the start until which the run waits; `None` if it does not wait.
     until_s: Option<f64>,
 }
 
@@ -241,13 +242,13 @@ impl AtRest {
         }
     }
 
-    /// Ends the wait of the run if its time has come.
+    /// Ends the wait of the run if its end has passed.
     pub fn on_time(&mut self, now_s: f64) {
         self.until_s = self.until_s.filter(|until_s| *until_s > now_s + 1e-9);
     }
 
-    /// Returns the time at which the run continues, until [`AtRest::on_time`] ends the wait. A waiter woken by this
-    /// time thus also continues, however late the clock is.
+    /// Returns the time at which the wait of the run ends. The value stays set until [`AtRest::on_time`] ends the wait,
+    /// so the run also continues if the turn comes later than that time.
     pub fn until_s(&self) -> Option<f64> {
         self.until_s
     }
@@ -306,7 +307,7 @@ mod tests {
         }
         assert_eq!(at_rest.until_s(), Some(0.001));
         clock.set_ns(2_000_000);
-        // a turn that began before this time still sees it: its wait must be woken
+        // a turn that began before this time must still find the wait, so that it wakes at its end
         assert_eq!(at_rest.until_s(), Some(0.001));
         at_rest.on_time(clock.now_s());
         assert_eq!(at_rest.until_s(), None);

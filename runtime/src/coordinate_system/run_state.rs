@@ -1,5 +1,5 @@
-//! State machine of a run, pure: it takes events and returns the next state and the actions to take. State word, reason
-//! and transition are functions of the state alone.
+//! State machine of a run. Pure: it receives events, and returns the next state and the actions to perform. State word,
+//! reason and transition are functions of the state alone.
 
 use plc_api::types::output::CancelReason;
 use plc_api::types::state::{Execution, Reason, Transition};
@@ -9,74 +9,74 @@ use tandem_model::{Alarm, Origin};
 /// State word and reason.
 pub(super) type StateWord = (Execution, Option<Reason>);
 
-/// Progress of a coordinate system from one run to the next.
+/// State of a coordinate system: idle, running or ending a run.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum RunState {
-    /// There is no run.
+    /// No run is active; the state word describes the end of the last run.
     Idle(StateWord),
     /// A run is active.
     Run(Hold, Progress),
-    /// A run was ended, and the machine is stopping.
+    /// A run was ended early, and the machine has not stopped yet.
     Ending {
-        /// The servo's epoch that begins at rest.
+        /// Epoch with which the servo reports the rest.
         epoch: u32,
         why: EarlyEndCause,
-        /// State word and reason until the machine rests.
+        /// State word and reason that are published until the machine rests.
         from: StateWord,
     },
 }
 
-/// Whether something holds a run.
+/// Hold of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Hold {
-    /// The run proceeds, or waits for an output or at a program stop.
+    /// No hold: the run proceeds, or waits for an output or at a program stop.
     Off,
-    /// The motion decelerates on the path.
+    /// The motion decelerates on its path because of a hold.
     Begun(Cause),
-    /// The motion rests.
+    /// The motion rests because of a hold.
     AtRest(Cause),
 }
 
-/// Progress of a run.
+/// Next step of an active run, and the output for which it waits.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Progress {
     phase: Phase,
-    /// The output whose reset the program needs before anything else happens.
+    /// Open output whose reset the program needs before it continues.
     awaited: Option<AwaitedOutput>,
-    /// During a back trace: the segment with which it ends.
+    /// Last segment of the backward motion; `None` except during a back trace.
     back_to: Option<u64>,
 }
 
-/// An open output that the program waits for.
+/// Open output for which the program waits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct AwaitedOutput {
     pub seq: u64,
-    /// The handler that had claimed it is lost.
+    /// True if the handler that had claimed the output is lost.
     pub is_lost: bool,
 }
 
-/// Next step of a run, or the event that it waits for.
+/// Next step of a run, or the event for which the run waits.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Phase {
-    /// The interpreter is asked for the next item.
+    /// The next step requests an item from the interpreter.
     Interpret,
-    /// All motion so far must be finished, in position, and not held; then this action follows.
+    /// The run waits until all motion is finished, in position and not held. Then it performs this action.
     Standstill(Then),
-    /// An `after_motion` output was issued and waits for its reset.
+    /// The run waits for the reset of an issued output.
     Reset { seq: u64 },
-    /// An output whose M number is still pending (D32), or for which the ledger has no room.
+    /// The run waits before it issues this output: its M number is still pending (D32), or the ledger is full.
     Room(Output),
-    /// M00, or M01 with the optional stop on.
+    /// The run waits at M00, or at M01 with the optional stop on.
     Paused(ProgramStop),
-    /// M02, M30: outputs of the run may still be pending.
+    /// The run waits at M02 or M30 until all its outputs are reset.
     LastOutputs,
 }
 
-/// Action at a standstill.
+/// Action after the machine has reached a standstill.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Then {
     Interpret,
-    /// Single block: the block has ended.
+    /// Ends a block in single block.
     BlockEnd,
     Output(Output),
     Stop(ProgramStop),
@@ -91,17 +91,17 @@ pub(super) enum Cause {
     Operator,
     SingleBlock,
     Interlock,
-    /// The connection to the MQTT broker is lost.
+    /// Loss of the connection to the MQTT broker.
     BusLoss,
-    /// The servo thread was late while motors moved.
+    /// Late servo thread while motors moved.
     ServoLate,
-    /// No heartbeat of a watched client arrived within its interval.
+    /// Loss of a watched client: no heartbeat within its interval.
     ClientLost,
-    /// Back trace has reached its end.
+    /// End of the path of a back trace.
     WayBackEnded,
 }
 
-/// Cause that ends a run early.
+/// Cause of an early end of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum EarlyEndCause {
     /// The stop command.
@@ -110,27 +110,27 @@ pub(super) enum EarlyEndCause {
     Abort,
     /// The reset command.
     Reset {
-        /// A program is loaded.
+        /// True if a program is loaded.
         has_program: bool,
     },
     Alarm,
-    /// A jog is ended while the machine stays ready.
+    /// Early end of a jog, after which the state is READY.
     JogEnded(JogStop),
 }
 
-/// Why a jog is ended while the machine stays ready.
+/// Cause of the early end of a jog.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum JogStop {
-    /// Its end was commanded.
+    /// The client of the jog has commanded its end.
     Commanded,
     /// No refresh arrived within its time limit.
     NotRefreshed,
-    /// A cause that holds other runs. A jog is ended instead: it never continues without a new command.
+    /// A cause that holds other runs. A jog is ended instead, because it must never continue without a new command.
     Held(Cause),
 }
 
 impl EarlyEndCause {
-    /// Returns the reason with which its outputs are cancelled.
+    /// Returns the reason with which the outputs of the run are cancelled.
     pub fn cancel_reason(self) -> CancelReason {
         match self {
             EarlyEndCause::Stop => CancelReason::Stop,
@@ -140,7 +140,7 @@ impl EarlyEndCause {
         }
     }
 
-    /// Returns the state word and reason at rest.
+    /// Returns the state word and reason after the machine has come to rest.
     pub fn at_rest(self) -> StateWord {
         match self {
             EarlyEndCause::Stop => (Execution::Stopped, Some(Reason::Stop)),
@@ -153,7 +153,7 @@ impl EarlyEndCause {
         }
     }
 
-    /// Returns true if each motor brakes at its maximum acceleration, false if the motion stops on its path.
+    /// Returns true if each motor brakes at its maximum acceleration; false if the motion stops on its path.
     pub fn is_abort(self) -> bool {
         self.cancel_reason() == CancelReason::Abort
     }
@@ -166,59 +166,59 @@ impl EarlyEndCause {
     }
 }
 
-/// Event that changes the state.
+/// Event that changes the state of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum RunEvent {
     /// A program was loaded.
     Loaded,
-    /// A run begins.
+    /// A run has begun in this phase.
     Started(Phase),
-    /// The motion must stop.
+    /// The motion must be held for this cause.
     Hold(Cause),
-    /// The resume command, or the end of back trace by command.
+    /// The run continues: the command resume, or the command that ends a back trace.
     Resume,
-    /// The motion goes back along the path, to the end of this segment.
+    /// A back trace starts and ends at the end of segment `to`.
     BackTrace { to: u64 },
-    /// The run must end early; the servo rests with this epoch.
+    /// The run must end early. The servo reports the rest with `epoch`.
     End { why: EarlyEndCause, epoch: u32 },
     /// Preparation has reached this phase.
     Phase(Phase),
-    /// The phase waits for this output.
+    /// The run waits for this output in its current phase; `None` if for no output.
     Awaited(Option<AwaitedOutput>),
     /// The servo has passed the end of a segment.
     Passed { segment: u64 },
-    /// The servo rests under a hold. `behind_block` is true for a hold at the end of a block, armed by single block.
+    /// The motion rests under a hold. `behind_block` is true for a hold at the end of a block in single block.
     ServoHeld { behind_block: bool },
-    /// Single block: a block has ended at rest.
+    /// A block has ended at rest in single block.
     BlockEnded,
-    /// The servo rests after a stop.
+    /// The servo reports the rest after a stop, with the epoch of that stop.
     AtRest { epoch: u32 },
-    /// The run has reached its end.
+    /// The run is completed; the state becomes this one.
     Completed(Execution),
 }
 
-/// Actions to take, in order.
+/// Action that the coordinate system must perform after an event.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum RunAction {
-    /// The servo holds on the path; `in_phase`: also in a thread.
+    /// Makes the servo hold on the path; with `in_phase` also within a thread (tapping).
     HoldServo { in_phase: bool },
-    /// The servo continues.
+    /// Makes the servo continue.
     ResumeServo,
-    /// The motion reverses and goes forward again from its current position.
+    /// Ends a back trace: the motion goes forward again from its current position.
     GoForward,
-    /// Performs the actions that the hold has delayed.
+    /// Does the work that the hold has delayed.
     GoOn,
-    /// Single block applies from the next block on.
+    /// Lets single block apply from the next block on.
     BeginBlock,
-    /// Outputs are cancelled, and the machine stops with this epoch.
+    /// Cancels the outputs and stops the machine with this epoch.
     End { why: EarlyEndCause, epoch: u32 },
-    /// The machine rests after the end of the run.
+    /// Completes the early end of the run, because the machine rests.
     Ended(EarlyEndCause),
 }
 
 impl Cause {
-    /// Returns true if the motion stops at once even in a thread. The operator's hold waits until the tool has left the
-    /// thread, as the manual demands.
+    /// Returns true if this cause stops the motion even in a thread (tapping). The operator's hold waits until the tool
+    /// has left the thread, as the manual demands.
     pub fn acts_in_thread(self) -> bool {
         matches!(
             self,
@@ -226,7 +226,7 @@ impl Cause {
         )
     }
 
-    /// Returns the state word and reason at rest.
+    /// Returns the state word and reason while the motion rests for this cause.
     fn state_word(self) -> StateWord {
         match self {
             Cause::Operator => (Execution::FeedHold, None),
@@ -249,7 +249,7 @@ impl Progress {
         }
     }
 
-    /// Returns the reason during a back trace.
+    /// Returns the reason to publish during a back trace; otherwise `None`.
     fn back(&self) -> Option<Reason> {
         self.back_to.map(|_| Reason::BackTrace)
     }
@@ -258,7 +258,7 @@ impl Progress {
         matches!(self.phase, Phase::Paused(_))
     }
 
-    /// Returns the state word and reason while the run does not rest under a hold.
+    /// Returns the state word and reason unless the run rests under a hold.
     fn state_word(&self) -> StateWord {
         match (&self.phase, self.awaited) {
             (Phase::Paused(stop), _) if stop.optional => (Execution::OptionalStop, None),
@@ -270,7 +270,7 @@ impl Progress {
 }
 
 impl Default for RunState {
-    /// Returns the state without a program.
+    /// Returns the state of a coordinate system without a loaded program.
     fn default() -> Self {
         Self::Idle((Execution::Stopped, Some(Reason::NoProgram)))
     }
@@ -290,7 +290,8 @@ impl RunState {
         }
     }
 
-    /// Returns the state word and reason against which commands are validated: for a run that is ending, those at rest.
+    /// Returns the state word and reason against which commands are validated. While a run is ending, these are the
+    /// ones after the machine has come to rest.
     pub fn state_word_at_rest(&self) -> StateWord {
         match self {
             RunState::Ending { why, .. } => why.at_rest(),
@@ -314,12 +315,12 @@ impl RunState {
         }
     }
 
-    /// Returns the next step of the run; `None` if no run is active.
+    /// Returns the phase of the run; `None` if no run is active.
     pub fn phase(&self) -> Option<&Phase> {
         self.progress().map(|progress| &progress.phase)
     }
 
-    /// Returns the output whose reset the program needs before anything else happens.
+    /// Returns the output whose reset the program needs before it continues.
     pub fn awaited(&self) -> Option<AwaitedOutput> {
         self.progress()?.awaited
     }
@@ -344,7 +345,7 @@ impl RunState {
         matches!(self, RunState::Run(Hold::Off, _))
     }
 
-    /// Returns true while a hold is active that stops the motion even in a thread.
+    /// Returns true while a hold is active that stops the motion even in a thread (tapping).
     pub fn holds_in_thread(&self) -> bool {
         let Self::Run(Hold::Begun(cause) | Hold::AtRest(cause), _) = self else {
             return false;
@@ -352,7 +353,7 @@ impl RunState {
         cause.acts_in_thread()
     }
 
-    /// Takes the action that follows the standstill reached by the run; afterwards the run interprets.
+    /// Takes the action that follows a standstill. Afterwards the phase is [`Phase::Interpret`].
     pub fn take_then(&mut self) -> Option<Then> {
         let RunState::Run(_, Progress { phase, .. }) = self else {
             return None;
@@ -366,7 +367,7 @@ impl RunState {
         }
     }
 
-    /// Returns the state after an event, and the actions to take.
+    /// Returns the state after an event, and the actions to perform in order.
     pub fn on(self, event: RunEvent) -> (Self, Vec<RunAction>) {
         let state = match (self, event) {
             (RunState::Idle(_), RunEvent::Loaded) => RunState::Idle((Execution::Ready, None)),
@@ -374,7 +375,7 @@ impl RunState {
             (RunState::Ending { epoch, why, .. }, RunEvent::AtRest { epoch: at }) if epoch == at => {
                 return (RunState::Idle(why.at_rest()), vec![RunAction::Ended(why)]);
             }
-            // without a run there is nothing to stop; a stop in progress is not started again
+            // without a run a stop has no effect, and a stop that is in progress is not started again
             (
                 state @ RunState::Idle(_),
                 RunEvent::End {
@@ -411,7 +412,7 @@ impl Progress {
                 actions.push(RunAction::HoldServo { in_phase });
                 Hold::Begun(cause)
             }
-            // a hold that waits for the end of a thread now acts at once
+            // the first hold waits for the end of a thread; this one acts at once
             (Hold::Begun(before), RunEvent::Hold(cause))
                 if cause.acts_in_thread() && !before.acts_in_thread() =>
             {
@@ -425,7 +426,7 @@ impl Progress {
             (Hold::Off, RunEvent::ServoHeld { behind_block: true } | RunEvent::BlockEnded) if !is_paused => {
                 Hold::AtRest(Cause::SingleBlock)
             }
-            // Single block was switched off after the hold at the end of the block had begun.
+            // Single block was switched off after the servo had begun the hold at the end of the block.
             (Hold::Off, RunEvent::ServoHeld { .. }) => {
                 actions.push(RunAction::ResumeServo);
                 Hold::Off

@@ -1,4 +1,4 @@
-//! The coordinate system's connection to the servo: profiles and controls are sent, events are received.
+//! The coordinate system's connection to the servo: sends profiles and controls, and receives events.
 
 use std::collections::VecDeque;
 
@@ -8,19 +8,19 @@ use tandem_servo::{ChannelHandle, Control, Event, ProfileProducer, Splice, profi
 
 use super::pipeline::Pipeline;
 
-/// Channel handle, and the data that could not be handed over yet.
+/// Handle of the servo channel, and controls that wait because the servo's queue is full.
 #[derive(Debug)]
 pub(super) struct ServoLink {
     handle: ChannelHandle,
     backlog: VecDeque<Control>,
-    /// Profiles of plans that the servo has not answered yet.
+    /// Profile queues of the new plans that the servo has neither accepted nor refused yet.
     spliced: VecDeque<ProfileProducer>,
     epoch: u32,
-    /// The override that scales the motion begun last.
+    /// Override that scales the motion that started last.
     pub started: Option<TimeBase>,
-    /// True after a failure of the servo: no control is sent, and no event arrives.
+    /// True after a failure of the servo: the link sends no controls and returns no events.
     has_failed: bool,
-    /// The last segment whose end the servo has reported.
+    /// Number of the last segment whose end the servo has reported.
     pub finished_segment: u64,
 }
 
@@ -42,7 +42,7 @@ impl ServoLink {
         self.handle.events.pop().ok().filter(|_| !self.has_failed)
     }
 
-    /// Notes a failure of the servo; returns true the first time.
+    /// Notes a failure of the servo. Returns true on the first call.
     pub fn fail(&mut self) -> bool {
         self.backlog.clear();
         !std::mem::replace(&mut self.has_failed, true)
@@ -56,21 +56,21 @@ impl ServoLink {
         self.hand_over();
     }
 
-    /// Sends the overrides: only the latest values matter, so many changes need only one slot.
+    /// Sends the overrides. Replaces waiting overrides, so that many changes need only one slot of the queue.
     pub fn set_override(&mut self, feed: f64, rapid: f64) {
         self.backlog
             .retain(|control| !matches!(control, Control::Override { .. }));
         self.control(Control::Override { feed, rapid });
     }
 
-    /// Sends a motor's skip input: here too, only the latest value matters.
+    /// Sends the skip input of a motor. Replaces a waiting value of the same motor.
     pub fn set_skip_input(&mut self, motor: u16, on: bool) {
         self.backlog
             .retain(|control| !matches!(control, Control::SkipInput { motor: other, .. } if *other == motor));
         self.control(Control::SkipInput { motor, on });
     }
 
-    /// Stops the machine, on the path or by the shortest way, and starts a new epoch.
+    /// Stops the machine on the path, or with `abort` by the shortest path, and starts a new epoch.
     pub fn stop(&mut self, epoch: u32, abort: bool) {
         self.epoch = epoch;
         self.control(if abort {
@@ -80,8 +80,8 @@ impl ServoLink {
         });
     }
 
-    /// Works as [`ServoLink::stop`], but before all waiting controls, which are dropped. Relies on no state that a
-    /// fault could have left incomplete.
+    /// Works as [`ServoLink::stop`], but discards all waiting controls first. Relies on no state that a fault could
+    /// have left incomplete.
     pub fn stop_at_once(&mut self, abort: bool) {
         self.backlog.clear();
         self.stop(self.epoch.saturating_add(1), abort);
@@ -96,17 +96,17 @@ impl ServoLink {
         self.epoch
     }
 
-    /// Returns true while the servo's queue of controls is full.
+    /// Returns true while controls wait because the servo's queue of controls is full.
     pub fn is_backlogged(&self) -> bool {
         !self.backlog.is_empty()
     }
 
-    /// Hands over as many profiles as there is room for.
+    /// Moves profiles from `ready` into the servo's queue until the queue is full.
     pub fn hand_over_profiles(&mut self, ready: &mut VecDeque<Profile>) {
         fill(&mut self.handle.profiles, ready);
     }
 
-    /// Returns a point of the planned motion, at least `ahead_s` of plan time ahead of the current position.
+    /// Returns a point of the planned motion that is at least `ahead_s` of plan time ahead of the current position.
     pub fn point_ahead(&self, ahead_s: f64, pipeline: &Pipeline) -> Option<PathPlace> {
         let reading = self.handle.readings.read();
         let from = PathPlace {
@@ -116,8 +116,8 @@ impl ServoLink {
         pipeline.planner.place_ahead(from, ahead_s)
     }
 
-    /// Replaces the profiles handed over, from a point on or from the rest position, by these: as many as there is room
-    /// for. [`Event::Spliced`] is the answer.
+    /// Replaces the profiles in the servo's queue by `profiles`, as many as the queue holds: from the point `at` on, or
+    /// from the rest position. The servo answers with [`Event::Spliced`].
     pub fn splice(&mut self, at: Option<PathPlace>, profiles: &mut VecDeque<Profile>) {
         let (mut producer, consumer) = profile_queue(self.handle.profiles.capacity());
         fill(&mut producer, profiles);
@@ -125,20 +125,20 @@ impl ServoLink {
             at,
             profiles: consumer,
         };
-        // There is room: a second splice is sent only at rest, and no third one before both are answered.
+        // The ring has a free slot: a second splice is sent only at rest, and no third one before both are answered.
         let _ = self.handle.splices.push(splice);
         self.spliced.push_back(producer);
         self.control(Control::Splice);
     }
 
-    /// Processes the answer to a splice: the servo reads the new profiles from now on, or discards them.
+    /// Processes the servo's answer to a splice: the servo uses the new profiles from now on, or has discarded them.
     pub fn on_spliced(&mut self, taken: bool) {
         if let Some(producer) = self.spliced.pop_front()
             && taken
         {
             self.handle.profiles = producer;
         }
-        // Dropped here, because the servo thread must not free memory.
+        // The unused queue is dropped here, because the servo thread must not free memory.
         let _ = self.handle.unread.pop();
     }
 
@@ -152,11 +152,11 @@ impl ServoLink {
     }
 }
 
-// A profile is large, so no profile is moved while the queue is full.
+// Profiles are large, so none is moved while the queue is full.
 fn fill(queue: &mut ProfileProducer, profiles: &mut VecDeque<Profile>) {
     let count = queue.slots().min(profiles.len());
     for profile in profiles.drain(..count) {
-        // the servo only makes room
+        // cannot fail: the servo only frees slots
         let _ = queue.push(profile);
     }
 }

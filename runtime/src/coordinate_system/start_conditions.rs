@@ -1,5 +1,5 @@
-//! Conditions that prevent a start, published on each change: screens, tiles of other machines and Start buttons read
-//! the same list.
+//! Conditions that prevent a start. They are published on each change, so that screens, tiles of other machines and
+//! Start buttons show the same list.
 
 use std::sync::Arc;
 
@@ -15,16 +15,16 @@ use super::view::Prediction;
 use crate::config::UnhandledReaction;
 use crate::program_store::StoredProgram;
 
-/// The conditions published last, with the inputs from which they were computed.
+/// The start conditions published last, and the inputs from which they were computed.
 #[derive(Debug, Default)]
 pub(super) struct PublishedStart {
     inputs: Option<StartInputs>,
     conditions: Option<StartConditions>,
-    /// The program checked last, the number of program changes at that time, and the reason for its refusal.
+    /// Program number that was checked last, number of program changes in the store then, and reason for a refusal.
     checked: Option<(u16, u64, Option<String>)>,
 }
 
-/// Inputs of the conditions of a start: equal inputs give equal conditions.
+/// Inputs of the start conditions. Equal inputs give equal conditions, so they are computed only after a change.
 #[derive(Debug)]
 struct StartInputs {
     state: Option<Arc<Message>>,
@@ -48,7 +48,7 @@ impl StartInputs {
 }
 
 impl CoordinateSystem {
-    /// Discards the result after handlers came online or were lost, because the served M codes may have changed.
+    /// Discards the computed conditions when a handler came online or was lost, because the served M codes may differ.
     pub(super) fn forget_start_conditions(&mut self) {
         self.published.start.inputs = None;
         self.published.start.checked = None;
@@ -126,7 +126,7 @@ impl CoordinateSystem {
         obstacles
     }
 
-    /// Returns the reason why the loaded program does not run, if any.
+    /// Returns the reason why the loaded program cannot run, if any.
     fn refusal_of(&mut self, main: &Arc<StoredProgram>) -> Option<String> {
         let changes = self.context.shared.store.changes();
         let known = self.published.start.checked.as_ref();
@@ -142,7 +142,7 @@ impl CoordinateSystem {
         checked.or_else(|| loaded().err().map(|refusal| refusal.text))
     }
 
-    /// Returns the M codes that raise an alarm because no handler is online for them.
+    /// Returns the M codes of the program that would raise an alarm because no handler is online for them.
     fn unhandled(&self, main: &Arc<StoredProgram>) -> Option<StartObstacle> {
         let settings = &self.context.configured.settings;
         let raises = |m: &u16| {
@@ -171,7 +171,7 @@ impl CoordinateSystem {
         })
     }
 
-    /// Returns the alarm in which the rehearsal of this program ends.
+    /// Returns the alarm with which the rehearsal of this program ended, if it did.
     fn predicted(&self, main: &StoredProgram) -> Option<StartObstacle> {
         let prediction = self.context.view.prediction()?;
         (prediction.hash == main.checksum()).then(|| prediction.obstacle.clone())

@@ -1,7 +1,7 @@
-//! Validation at a load: before anything moves, the handlers of the program's M codes check their parameters.
+//! Validation at a load: before any motion, the handlers of the program's M codes check the parameters of these codes.
 //!
-//! The load and all commands after it wait for the answers; hold, stop and abort pass it as always. A start validates
-//! again if a program has been rewritten since.
+//! The load and all later commands wait for the answers of the handlers; hold, stop and abort do not wait. A start
+//! validates again if a program has been rewritten since the load.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,17 +18,17 @@ use super::CoordinateSystem;
 use super::pending_commands::{DeferredCommand, MCodeValidation, PATIENCE_S, Validation};
 use super::programs::Texts;
 
-/// Maximum number of M codes with different parameters validated per load; the others are not validated, with a
-/// warning. Reason: each one is sent to every handler of the code, and thousands of messages would take longer than two
-/// seconds.
+/// Maximum number of M codes with different parameters that are validated per load. The others are not validated, and a
+/// warning is raised. Reason: each M code is sent to each of its handlers, and thousands of messages would take longer
+/// than two seconds.
 pub(super) const VALIDATED_MAX: usize = 1000;
 
-/// Handlers that check parameters, by M code.
+/// Ids of the handlers that check parameters, by M code.
 type Validators = BTreeMap<u16, BTreeSet<String>>;
 
 impl CoordinateSystem {
-    /// Delays a load while handlers check the parameters of its M codes, and a start if a program was rewritten since.
-    /// Returns the command if no handler has to check it.
+    /// Delays a load while handlers check the parameters of its M codes; also a start, if a program was rewritten since
+    /// the load. Returns the command if no handler has to check it.
     pub(super) fn validate_first(&mut self, command: DeferredCommand) -> Option<DeferredCommand> {
         let program = match command.command {
             Command::Load { program } => Some(program),
@@ -63,7 +63,8 @@ impl CoordinateSystem {
         None
     }
 
-    /// Returns true for a command that is refused whatever handlers answer: it is refused at once.
+    /// Returns true if a command is refused regardless of the handlers' answers. Such a command does not wait for
+    /// answers.
     fn is_refused(&self, command: &DeferredCommand, main: u16) -> bool {
         let judged = self.check_preconditions(command.command.verb(), &command.meta);
         let main = judged.and_then(|()| self.context.stored(main));
@@ -88,7 +89,8 @@ impl CoordinateSystem {
         validators
     }
 
-    /// Returns each M code with each set of parameters once, at its first line, and the number of those left out.
+    /// Returns each M code with each set of parameters once, at its first line, and the number of those above the
+    /// limit.
     fn what_to_ask(&mut self, texts: &Texts, validators: &Validators) -> (Vec<MCodeValidation>, usize) {
         let (mut asked, mut known, mut not_asked) = (Vec::new(), BTreeSet::new(), 0);
         for (number, program) in texts {
@@ -120,7 +122,7 @@ impl CoordinateSystem {
         (asked, not_asked)
     }
 
-    /// Processes the answer of a handler. An answer to another load, or a second one, changes nothing.
+    /// Processes the answer of a handler. An answer to another load, or a repeated answer, changes nothing.
     pub(super) fn on_validate_result(&mut self, result: &ValidateResult) {
         if let Some(validation) = &mut self.commands.validation {
             validation.receive_answer(result);
@@ -128,7 +130,7 @@ impl CoordinateSystem {
         self.end_validation(Validation::is_answered);
     }
 
-    /// Ends an overdue wait for answers.
+    /// Ends the wait for answers if its time limit has expired.
     pub(super) fn expire_validation(&mut self, now_s: f64) {
         self.end_validation(|validation| validation.deadline_s <= now_s + 1e-9);
     }
@@ -150,7 +152,7 @@ impl CoordinateSystem {
             return validation.command.refuse(&self.context, refusal);
         }
         if !self.context.stand_as(validation.main, &validation.texts) {
-            // rewritten meanwhile: the validated text is not the text that would run
+            // rewritten in the meantime: the validated text is not the text that would run
             if let Some(command) = self.validate_first(validation.command) {
                 self.accept_command(command, Vec::new());
             }

@@ -19,7 +19,7 @@ use tandem_servo::{Readings, Trace as ServoTrace, TraceMotion, TraceSample};
 use super::conditions::RunStart;
 use crate::program_store::{ProgramStore, StoredProgram};
 
-/// Readings of the servo, and the position in the program.
+/// Servo readings of a coordinate system, and its position in the program.
 #[derive(Debug)]
 pub(crate) struct View {
     axes: AxisSet,
@@ -31,7 +31,7 @@ pub(crate) struct View {
     prediction: Mutex<Option<Arc<Prediction>>>,
 }
 
-/// Alarm in which the rehearsal of a program ends.
+/// Alarm with which the rehearsal of a program ended.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Prediction {
     /// Hash of the program.
@@ -39,20 +39,20 @@ pub(crate) struct Prediction {
     pub obstacle: StartObstacle,
 }
 
-/// Position in the program.
+/// Position of a run in its program.
 #[derive(Debug, Clone, Default)]
 pub(super) struct ProgramPosition {
     pub transform: Transform,
     pub stack: Arc<[CallSite]>,
     pub executing: Origin,
-    /// Number of the running segment in the run.
+    /// Number of the running segment, counted from the start of the run.
     pub segment: u64,
-    /// Time at which the executing block began, seconds since the start.
+    /// Time in s since the start of the runtime at which the executing block began.
     pub since_s: f64,
-    /// The active run of a program.
+    /// The active run, if it is the run of a stored program.
     pub run: Option<Arc<RunStart>>,
     pub interpreted_line: u32,
-    /// The manual data input, which has no number, that runs or ran last.
+    /// Text of the manual data input that runs or ran last. This text has no program number.
     pub manual: Option<Arc<StoredProgram>>,
 }
 
@@ -69,12 +69,12 @@ impl View {
         }
     }
 
-    /// Notes that everything up to this line of the journal has been published for the coordinate system.
+    /// Notes that all messages about journal lines up to `line` have been published for the coordinate system.
     pub(super) fn set_published_line(&self, line: u64) {
         self.published_line.store(line, Ordering::Release);
     }
 
-    /// Returns the number of the last journal line that, with all lines before it, has been published.
+    /// Returns the number of the last journal line up to which all messages have been published.
     pub fn published_line(&self) -> u64 {
         self.published_line.load(Ordering::Acquire)
     }
@@ -87,7 +87,7 @@ impl View {
         self.place.lock().clone()
     }
 
-    /// Notes that this program is loaded and not yet started; `None` if no program is loaded.
+    /// Sets the position to the start of a loaded program; `None` if no program is loaded.
     pub(super) fn at_head(&self, program: Option<u16>) {
         self.update(|place| {
             place.executing = Origin {
@@ -100,7 +100,7 @@ impl View {
         });
     }
 
-    /// Returns the transform from the programmed point to the machine position.
+    /// Returns the transform from programmed points to machine positions.
     pub fn transform(&self) -> Transform {
         self.place.lock().transform
     }
@@ -116,19 +116,19 @@ impl View {
         (reading.homed == self.axes).then_some(reading.commanded)
     }
 
-    /// Returns the number of the running segment in the run, the executing block, and its start in seconds since the
-    /// start.
+    /// Returns the number of the running segment in the run, the executing block, and the time in s since the start of
+    /// the runtime at which this block began.
     pub fn segment(&self) -> (u64, Origin, f64) {
         let place = self.place.lock();
         (place.segment, place.executing, place.since_s)
     }
 
-    /// Returns the alarm in which the rehearsal of the loaded program ends.
+    /// Returns the alarm with which the rehearsal of a program ended, if any.
     pub fn prediction(&self) -> Option<Arc<Prediction>> {
         self.prediction.lock().clone()
     }
 
-    /// Notes the predicted alarm. Returns true if it has changed.
+    /// Stores the alarm that a rehearsal predicts. Returns true if it differs from the stored alarm.
     pub fn predict(&self, prediction: Option<Prediction>) -> bool {
         let mut kept = self.prediction.lock();
         let is_other = kept.as_deref() != prediction.as_ref();
@@ -138,23 +138,23 @@ impl View {
         is_other
     }
 
-    /// Returns the active run of a program, with its conditions at the start.
+    /// Returns the active run of a stored program, with its conditions at the start.
     pub fn run(&self) -> Option<Arc<RunStart>> {
         self.place.lock().run.clone()
     }
 
-    /// Returns the position of the executing block.
+    /// Returns program and line of the executing block.
     pub fn executing(&self) -> Origin {
         self.place.lock().executing
     }
 
-    /// Returns the actual spindle speed, r/min, and whether it is oriented.
+    /// Returns the actual spindle speed in r/min, and true if the spindle is oriented.
     pub fn spindle(&self) -> (f64, bool) {
         let reading = self.readings.read();
         (finite(reading.spindle_rpm), reading.oriented)
     }
 
-    /// Returns the number of cycles computed by the servo, the same in all coordinate systems.
+    /// Returns the number of servo cycles since the start; the number is the same in all coordinate systems.
     pub fn heartbeat(&self) -> Heartbeat {
         let time = Duration::try_from_secs_f64(self.readings.read().time_s).unwrap_or_default();
         let cycles = (time + self.servo_period / 2).as_nanos() / self.servo_period.as_nanos().max(1);
@@ -210,10 +210,10 @@ impl View {
         }
     }
 
-    /// Returns the recent motion of its axes, without the time of day.
+    /// Returns the recent motion of the axes in `query`, without the time of day.
     ///
     /// # Errors
-    /// Returns the letter of an axis that does not exist.
+    /// Returns the letter of an axis if the coordinate system does not have this axis.
     pub fn trace(&self, query: &TraceQuery) -> Result<Trace, char> {
         let axes = self.trace.axes();
         let known = |letter: &char| axes.iter().any(|axis| axis.letter() == *letter);
@@ -262,13 +262,13 @@ impl View {
     }
 }
 
-/// Rounds to a millionth: further digits are useless and make JSON long.
+/// Rounds to a millionth, because further digits are of no use and make the JSON text long.
 fn rounded(value: f64) -> f64 {
     finite((value * 1e6).round() / 1e6)
 }
 
-// JSON cannot represent NaN or infinity. The stages never produce them; if they did, readers must not fail. The
-// addition removes the sign of a negative zero.
+// JSON cannot represent NaN or infinity. The stages never produce them; if one did, readers must not fail. The addition
+// removes the sign of a negative zero.
 fn finite(value: f64) -> f64 {
     if value.is_finite() { value + 0.0 } else { 0.0 }
 }

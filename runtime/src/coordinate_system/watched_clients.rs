@@ -1,9 +1,9 @@
-//! Clients that have asked to be watched: the machine holds when one of them is lost.
+//! Clients that have asked to be watched: the machine holds when such a client is lost.
 //!
-//! A heartbeat names its client and the interval within which the next one must arrive. It is neither a lease (the
-//! right to start motion) nor the presence of a handler (the M codes that it serves); a client may have any of them.
-//! There is one hold per loss, so that an operator may resume without the client; watching begins again with its next
-//! heartbeat.
+//! A heartbeat names its client and the interval within which the next heartbeat must arrive. A heartbeat is neither a
+//! lease (the right to start motion) nor the presence of a handler (the M codes that it serves); a client may have any
+//! of them. Each loss causes one hold, so that an operator may resume without the client. The next heartbeat of the
+//! client starts the watch again.
 
 use std::collections::BTreeMap;
 
@@ -15,10 +15,10 @@ use tandem_model::alarm::CLIENT_LOST;
 use super::CoordinateSystem;
 use super::run_state::Cause;
 
-/// Maximum number of clients that one coordinate system watches. A further one is refused.
+/// Maximum number of clients that one coordinate system watches. Heartbeats of further clients are refused.
 pub(super) const CLIENTS_MAX: usize = 64;
 
-/// Deadlines for the next heartbeat of each client. Pure: the time is a parameter.
+/// Deadline for the next heartbeat of each watched client. Pure: the caller passes the time.
 #[derive(Debug, Default)]
 pub(super) struct WatchedClients(BTreeMap<String, WatchedClient>);
 
@@ -29,10 +29,10 @@ struct WatchedClient {
 }
 
 impl WatchedClients {
-    /// Notes a heartbeat of a client.
+    /// Processes a heartbeat of a client: restarts its deadline, or ends its watch if `ttl_ms` is 0.
     ///
     /// # Errors
-    /// Returns an error if there are too many clients.
+    /// Returns an error if the client is new and [`CLIENTS_MAX`] clients are already watched.
     fn receive_heartbeat(&mut self, id: String, beat: ClientHeartbeat, now_s: f64) -> Result<(), Refusal> {
         if beat.ttl_ms == 0 {
             self.0.remove(&id);
@@ -50,7 +50,7 @@ impl WatchedClients {
         Ok(())
     }
 
-    /// Returns the earliest deadline of all clients.
+    /// Returns the earliest deadline of all watched clients.
     pub fn until_s(&self) -> Option<f64> {
         self.0
             .values()
@@ -58,7 +58,7 @@ impl WatchedClients {
             .min_by(f64::total_cmp)
     }
 
-    /// Removes and returns the clients whose deadline has passed; they are no longer watched.
+    /// Removes the clients whose deadline has passed, and returns them.
     fn lost(&mut self, now_s: f64) -> Vec<(String, ClientHeartbeat)> {
         let lost = self
             .0
@@ -66,7 +66,7 @@ impl WatchedClients {
         lost.map(|(id, watched)| (id, watched.beat)).collect()
     }
 
-    /// Restarts all deadlines, because the runtime itself could not receive heartbeats until now.
+    /// Restarts all deadlines. Called when the runtime itself was late and could not receive heartbeats.
     pub fn excuse(&mut self, now_s: f64) {
         for watched in self.0.values_mut() {
             watched.until_s = now_s + watched.beat.ttl_ms as f64 / 1000.0;
@@ -85,7 +85,7 @@ impl CoordinateSystem {
             .receive_heartbeat(id, beat, self.context.now_s())
     }
 
-    /// Holds the run if the heartbeat of a client is overdue.
+    /// Raises a warning and holds the run if the heartbeat of a client is overdue.
     pub(super) fn look_at_clients(&mut self, now_s: f64) {
         if self.inputs.clients.0.is_empty() {
             return;

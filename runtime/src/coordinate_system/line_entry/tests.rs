@@ -15,11 +15,10 @@ use crate::config::Machine;
 use crate::journal::Event;
 use crate::test::{Bench, Scene, kept_journal};
 
-/// Content of an output: M number, program, line, and the machine position of X, Y and Z.
+/// Shown content of an output: M number, program, line, and the machine position of X, Y and Z.
 type Shown = (u16, u16, u32, [f64; 3]);
 
-/// Returns the demo machine: M100 selects tool VA, M08 and M09 control the coolant, M60 represents any function of the
-/// user.
+/// Returns the demo machine. M100 selects tool VA, M08 and M09 control the coolant, M60 is a function of the user.
 fn machine() -> Machine {
     let mut machine = Config::demo().resolve().unwrap();
     for system in &mut machine.coordinate_systems {
@@ -28,8 +27,8 @@ fn machine() -> Machine {
     machine
 }
 
-/// Runs a test on a machine that has loaded a program, with its outputs so far. M60 and M70 are answered at once; M70
-/// sets P7.
+/// Runs a test on a machine that has loaded a program, with a list of the outputs so far. A handler answers M60 and M70
+/// at once; M70 sets P7.
 fn with_program<T: Send + 'static>(
     text: &str,
     act: impl AsyncFnOnce(&Scene, &Mutex<Vec<Shown>>) -> T + Send + 'static,
@@ -67,7 +66,7 @@ async fn run_from(scene: &Scene, from: LineStart) {
     cs.wait_until(Execution::ProgramCompleted).await.unwrap();
 }
 
-/// Returns the state at a line, or the text of its refusal.
+/// Returns the state at a line, or the text of the refusal.
 fn state_at(text: &str, from: LineStart) -> Result<LineState, String> {
     with_program(text, async move |scene, _| {
         match scene.cs(1).line_state(from).await {
@@ -317,7 +316,7 @@ fn what_the_text_does_not_decide_is_refused_by_its_name() {
         ..LineStart::line(1)
     };
     assert!(refusal("X1\nM30", from).contains("does not call program 1001"));
-    // the program itself has set it since: it is known
+    // the program itself has set P7 after M70, so P7 is known
     let known = state_at("M70\nP7 = 4\nG01 X[P7] F600\nX2\nM30", LineStart::line(4));
     assert_eq!(known.unwrap().machine["X"], 4.0);
 }

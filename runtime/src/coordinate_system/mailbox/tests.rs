@@ -21,7 +21,7 @@ use crate::journal::{Event, Journal, RunEnd};
 use crate::runs::RunBook;
 use crate::tables::Tables;
 
-/// The first coordinate system of the demo machine, with the servo's end of its rings.
+/// Returns the first coordinate system of the demo machine, and the servo at the other end of its rings.
 fn mailbox(journal: Journal) -> (Arc<Mailbox>, Servo) {
     let machine = Config::demo().resolve().unwrap();
     let configured = machine.coordinate_systems[0].clone();

@@ -8,7 +8,7 @@ use crate::journal::Event;
 use crate::program_store::StoredProgram;
 use crate::test::{Bench, kept_journal};
 
-/// A part takes 3 s and more.
+/// Program of a part that takes at least 3 s.
 const PART: &str = "G90 G01 X10 F600\nX0 F600\nG04 X1\nM30\n";
 
 fn order(parts: u32) -> RunOrder {
@@ -31,7 +31,7 @@ async fn end_of(cs: &CoordinateSystem) -> (RunEndedHow, u32) {
     (run.end.unwrap().how, run.parts_done)
 }
 
-/// Waits until a run waits for something.
+/// Waits until a part waits, and returns the reason.
 async fn waits_for(plc: &Plc, cs: &CoordinateSystem) -> String {
     loop {
         if let Some(text) = run_of(cs).await.waits_for {
@@ -170,7 +170,7 @@ fn no_part_begins_when_the_lease_of_the_order_has_ended() {
     play.unwrap();
 }
 
-/// Another text for the machine's store, as its folder is read when a person has written a file there.
+/// Writes another text into the machine's store, as if a person had changed a file in its folder.
 fn write_outside(runtime: &crate::Runtime, number: u16, text: &str) {
     let shared = runtime.shared();
     let program = StoredProgram::new(number, text, shared.machine.text_rules());
@@ -178,7 +178,7 @@ fn write_outside(runtime: &crate::Runtime, number: u16, text: &str) {
     shared.wake_all();
 }
 
-/// The main program computes which subprogram it calls: 1001 in the first part, 1002 in the second one.
+/// Main program that computes which subprogram it calls: 1001 in the first part, 1002 in the second part.
 const COMPUTES: &str = "P1 = P1 + 1\nL1 = 1000 + P1\nM98 P[L1]\nM98 P1010\nG90 G01 X10 F600\nX0\nM30\n";
 
 fn computing() -> Bench {

@@ -1,4 +1,4 @@
-//! Each state with each command, compared with the table of the interface, and random events.
+//! Tests of each state with each command against the table of the interface, and of random events.
 
 use plc_api::execution::{Situation, wire_name};
 use plc_api::types::command::Verb;
@@ -28,7 +28,7 @@ fn awaited(is_lost: bool) -> RunEvent {
     RunEvent::Awaited(Some(AwaitedOutput { seq: 3, is_lost }))
 }
 
-/// Returns the state after the machine rests, for a state with a pending transition.
+/// Returns the state after the machine has come to rest, if a transition is in progress.
 fn at_rest(state: RunState) -> RunState {
     let events = match state.transition() {
         Some(Transition::Holding) => Some(RunEvent::ServoHeld { behind_block: false }),
@@ -44,7 +44,7 @@ fn words((execution, reason): StateWord) -> String {
     format!("{}{}", wire_name(&execution), reason.unwrap_or_default())
 }
 
-/// Parses a state from its state word and reason.
+/// Returns the run state with this state word and reason.
 fn state(words: &str) -> RunState {
     let idle = RunState::Idle((Execution::Ready, None));
     let under_way = || after(idle.clone(), [RunEvent::Started(Phase::Interpret)]);
@@ -90,7 +90,7 @@ const COMMANDS: [Verb; 9] = [
     Verb::Mdi,
 ];
 
-/// Result of each of [`COMMANDS`] at rest: `-` is refused, `=` changes nothing.
+/// State after each of [`COMMANDS`] and the rest of the machine: `-` is a refusal, `=` is no change.
 #[rustfmt::skip]
 const TABLE: [(&str, [&str; 9]); 19] = [
     ("READY", ["READY", "ACTIVE", "=", "-", "-", "=", "=", "READY", "ACTIVE"]),
@@ -257,7 +257,8 @@ fn what_follows_a_standstill_is_taken_once() {
     );
 }
 
-/// Returns the reasons of a state word listed by the interface; `None` among them means that it may have no reason.
+/// Returns the reasons that the interface lists for a state word; `None` in the list means that the reason may be
+/// empty.
 fn reasons(execution: Execution) -> &'static [Option<Reason>] {
     use Reason::{
         Aborted, Alarm, BackTrace, BackTraceEnd, BusLost, HandlerLost, Interlock, NoProgram, Restarted,
@@ -282,14 +283,14 @@ fn reasons(execution: Execution) -> &'static [Option<Reason>] {
     }
 }
 
-/// Event of a coordinate system.
+/// Random event of the model.
 #[derive(Debug, Clone, Copy)]
 enum Happening {
     Command(Verb),
     Alarm,
     Interlock,
     BusLoss,
-    /// The servo answers its last control, or holds after a block.
+    /// The servo has executed its last control, or holds after a block.
     Servo {
         behind_block: bool,
     },
@@ -311,7 +312,7 @@ fn happening() -> impl Strategy<Value = Happening> {
     ]
 }
 
-/// Model of a coordinate system around the state, which validates commands and stores the received events.
+/// Model of a coordinate system around the run state: it validates commands and counts runs and epochs.
 struct Model {
     state: RunState,
     has_run: bool,
@@ -386,7 +387,7 @@ impl Model {
         }
     }
 
-    /// Continues preparation if no hold prevents it.
+    /// Continues the preparation to a phase, if no hold prevents it.
     fn prepared(&mut self, phase: u8) {
         let may_go_on = self.state.is_running() && self.state.awaited().is_none();
         let Some(before) = self.state.phase().filter(|_| may_go_on) else {

@@ -9,7 +9,7 @@ use plc_api::{Alarm, AuxOutput, Execution, Plc, SequenceProgram};
 
 use crate::test::{Bench, Scene};
 
-/// M77 has no handler unless a test has one.
+/// Program of a part without M codes that need a handler.
 const PART: &str = "G90 G01 X10 F600\nX0\nM30\n";
 
 async fn obstacles(scene: &Scene) -> Vec<StartObstacle> {

@@ -9,10 +9,10 @@ use tandem_model::alarm::{FAULT_LASTS, RUNTIME_FAULT};
 
 use super::*;
 
-/// Number of pending panics of the journal's sink.
+/// Number of journal lines that will still panic.
 type PendingPanics = Arc<AtomicU32>;
 
-/// Creates a coordinate system with a number of pending panics, one for each of its next journal lines.
+/// Creates a coordinate system. As long as the returned number is above 0, each journal line panics and reduces it.
 fn with_faults() -> (Arc<Mailbox>, Servo, PendingPanics) {
     let faults = PendingPanics::default();
     let left = Arc::clone(&faults);
@@ -42,7 +42,7 @@ fn command(command: Command, id: &str) -> CoordinateSystemRequest {
     }
 }
 
-/// Time of the machine.
+/// Machine whose time advances by servo cycles.
 struct SteppedMachine {
     mailbox: Arc<Mailbox>,
     servo: Servo,
@@ -69,7 +69,7 @@ impl SteppedMachine {
         (self.x() - before).abs() * 1000.0
     }
 
-    /// Sends a command, and advances by this number of cycles.
+    /// Sends a command and advances the time by this number of cycles.
     fn ask(&mut self, verb: Command, id: &str, cycles: u64) -> Result<Answer, Refusal> {
         let mailbox = Arc::clone(&self.mailbox);
         let urgent = verb.is_urgent();
@@ -123,7 +123,7 @@ fn machine() -> (SteppedMachine, PendingPanics) {
 /// Number of cycles within which the servo must stop X after a command that raises the fault.
 const BRAKING_CYCLES: u64 = 250;
 
-/// Manual data input moves X for some time.
+/// Moves X by manual data input.
 fn move_x(machine: &mut SteppedMachine, text: &str) {
     let request = CoordinateSystemRequest::Command {
         command: Command::Mdi {

@@ -1,4 +1,5 @@
-//! Many clients that send requests at once, and clients that give up or arrive at the end.
+//! Many clients that send requests at the same time, clients that stop waiting, and clients that send requests at the
+//! end.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -10,10 +11,10 @@ use tokio::time::timeout;
 
 use super::*;
 
-/// Time limit of a request; a longer wait means that it was forgotten.
+/// Time limit of a request; a longer wait means that the mailbox has lost the request.
 const FORGOTTEN: Duration = Duration::from_mins(1);
 
-/// Creates a request that publishes its number once for each execution.
+/// Creates a request that publishes its number each time it is executed.
 fn numbered(asker: usize, number: u64) -> CoordinateSystemRequest {
     let claim = Claim {
         boot_id: BootId("test".into()),
@@ -88,13 +89,13 @@ async fn concurrent_requests_are_executed_once_and_in_order_per_sender() {
             tokio::spawn(async move {
                 for number in 1..=EACH {
                     let mut asked = Box::pin(mailbox.ask(numbered(asker, number), false));
-                    // some do not wait for the answer, and have sent the request all the same
+                    // some clients do not wait for the answer; their requests are sent regardless
                     let answer = (&mut asked).now_or_never();
                     if answer.is_none() && number % 3 != 0 {
                         asked.await.unwrap();
                     }
                 }
-                // after all its requests
+                // sent after all requests of this client
                 mailbox.ask(optional_stop(true), false).await.unwrap();
             })
         })
@@ -189,7 +190,7 @@ fn requests_without_queue_room_wait_in_order_and_dropping_cancels_them() {
         assert_eq!(request.now_or_never(), None);
     }
     drop(at_work);
-    // the first of the three that wait for room
+    // drops the first of the three requests that wait for a free slot
     drop(asked.remove(usize::try_from(last).unwrap()));
     for _ in 0..last + 2 {
         mailbox.work_as_task();
