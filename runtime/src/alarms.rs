@@ -6,14 +6,14 @@ use plc_api::types::machine::{ActiveAlarms, AlarmRecord, AlarmSeverity};
 use plc_api::types::{CoordinateSystemNumber, Timestamp};
 use tandem_model::alarm::{ALARMS, After, AlarmEntry};
 
-/// Maximum number of cleared alarms in the history. The oldest are dropped.
+/// Maximum number of alarms in the history. Further alarms drop the oldest.
 pub const ALARM_HISTORY_MAX: usize = 1000;
 
-/// Maximum number of active alarms of one coordinate system, and of the whole machine. Further ones are only published
-/// as events and entered in the history. Reason: all active alarms are one message.
+/// Maximum number of active alarms of one coordinate system, and also of the whole machine. Further alarms are only
+/// published as events and entered in the history. Reason: all active alarms are one message.
 pub const ALARMS_ACTIVE_MAX: usize = 24;
 
-/// Alarms of a machine.
+/// Active alarms and alarm history of a machine.
 #[derive(Debug, Default)]
 pub(crate) struct Alarms {
     last_id: u64,
@@ -26,15 +26,15 @@ pub(crate) struct Alarms {
 /// Result of raising an alarm.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum RaiseOutcome {
-    /// The alarm is new.
+    /// The alarm was not active before.
     New(AlarmRecord),
-    /// The same alarm is active already.
+    /// The alarm was already active and is not raised again.
     Active(AlarmRecord),
 }
 
 impl Alarms {
-    /// Raises an alarm or a warning, unless the same one is active. With `is_active` it is active until it is cleared;
-    /// otherwise it appears only in the history.
+    /// Raises an alarm or a warning, unless an identical alarm is active. With `is_active` the alarm stays active until
+    /// it is cleared; otherwise it appears only in the history.
     pub fn raise(&mut self, record: AlarmRecord, is_active: bool, at: Timestamp) -> RaiseOutcome {
         if let Some(same) = self.active.iter().find(|active| is_same_alarm(active, &record)) {
             return RaiseOutcome::Active(same.clone());
@@ -58,7 +58,8 @@ impl Alarms {
         RaiseOutcome::New(record)
     }
 
-    /// Keeps a warning of the whole machine active as long as there is a text. Returns the records that have changed.
+    /// Raises a warning of the whole machine that stays active until `text` is `None`. Returns the records that have
+    /// changed.
     pub fn update_standing_warning(
         &mut self,
         entry: &AlarmEntry,
@@ -89,7 +90,7 @@ impl Alarms {
             if let RaiseOutcome::New(record) = self.raise(record, true, at.clone()) {
                 self.conditions.insert(entry.number, record.id);
                 if self.active.last().is_none_or(|last| last.id != record.id) {
-                    // the limit for other alarms does not apply to it
+                    // the limit for other alarms does not apply to this warning
                     self.active.push(record.clone());
                 }
                 changed.push(record);
@@ -113,7 +114,7 @@ impl Alarms {
         cleared
     }
 
-    /// Notes the user that has acknowledged an active alarm; returns `None` if there is no such alarm.
+    /// Records the user who has acknowledged an active alarm. Returns `None` if no active alarm has this id.
     pub fn acknowledge(&mut self, id: u64, by: &str) -> Option<AlarmRecord> {
         let record = self.active.iter_mut().find(|alarm| alarm.id == id)?;
         record.acknowledged_by = Some(by.to_owned());
@@ -129,13 +130,13 @@ impl Alarms {
         }
     }
 
-    /// Returns true while an alarm with this number is active in a coordinate system.
+    /// Returns true if an alarm with this number is active in this coordinate system.
     pub fn is_active(&self, number: u16, cs: CoordinateSystemNumber) -> bool {
         let mut active = self.active.iter();
         active.any(|alarm| alarm.number == number && alarm.cs == Some(cs))
     }
 
-    /// Returns the number of active alarms of a coordinate system and of the whole machine, without warnings.
+    /// Returns the number of active alarms of a coordinate system and of the whole machine. Warnings do not count.
     pub fn count(&self, cs: CoordinateSystemNumber) -> u32 {
         let of_cs = |alarm: &&AlarmRecord| {
             alarm.severity == AlarmSeverity::Alarm && alarm.cs.is_none_or(|number| number == cs)
@@ -143,7 +144,7 @@ impl Alarms {
         u32::try_from(self.active.iter().filter(of_cs).count()).unwrap_or(u32::MAX)
     }
 
-    /// Returns the last alarms and warnings, the oldest first.
+    /// Returns the alarms and warnings of the history, the oldest first.
     pub fn history(&self) -> Vec<AlarmRecord> {
         self.history.iter().cloned().collect()
     }

@@ -1,4 +1,4 @@
-//! The birth message, with which a machine describes itself.
+//! The message `birth`, in which a machine describes itself.
 
 use std::collections::BTreeMap;
 
@@ -79,11 +79,11 @@ pub(crate) fn birth(machine: &Machine, handlers: &BTreeMap<String, HandlerPresen
     }
 }
 
-/// Maximum number of M codes listed with their handlers in `birth`; further ones are left out. Reason: it is one
-/// message.
+/// Maximum number of M codes in `birth` that are listed with their handlers; further M codes are omitted. Reason: all
+/// of them are in one message.
 const SERVES_MAX: usize = 1000;
 
-/// Returns the handlers of each M code: the stock sequence program and the online handlers.
+/// Returns the handlers of each M code, including the stock sequence program.
 fn serves(machine: &Machine, handlers: &BTreeMap<String, HandlerPresence>) -> Vec<ServedMCode> {
     let mut all: Vec<ServedMCode> = Vec::new();
     for m in 0..=M_CODE_MAX {

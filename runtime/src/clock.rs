@@ -1,4 +1,4 @@
-//! The clock: the only place of the runtime that reads time. It gives real time, or the time of a simulation.
+//! The clock: the only file of the runtime that reads the time. The clock gives real time, or the time of a simulation.
 
 use std::collections::BTreeMap;
 use std::future::Future;
@@ -11,10 +11,10 @@ use std::time::{Duration, Instant, SystemTime};
 use parking_lot::Mutex;
 use plc_api::handshake::Now;
 
-/// Wall time of a simulation's start: 2000-01-01T00:00:00Z, so that equal runs give equal bytes.
+/// Wall time at the start of a simulation: 2000-01-01T00:00:00Z. A constant, so that equal runs give equal bytes.
 const SIMULATION_EPOCH_S: u64 = 946_684_800;
 
-/// Time since the runtime's start. Cloning gives another handle to the same clock.
+/// Time since the start of the runtime. A clone refers to the same clock.
 #[derive(Debug, Clone)]
 pub struct Clock(ClockKind);
 
@@ -25,13 +25,13 @@ enum ClockKind {
         wall: SystemTime,
     },
     Simulated(Arc<SimulatedTime>),
-    /// The clock of an executor whose time is paused.
+    /// The clock of a tokio executor whose time is paused.
     #[cfg(test)]
     Paused(Arc<PausedTime>),
 }
 
-/// Time that advances when all tasks are idle. Each reading also advances it a little, up to the next millisecond, the
-/// resolution of the executor, so that two readings differ.
+/// Time that advances when all tasks are idle. Each reading also adds a little, so that two readings differ. The sum of
+/// these additions is less than 1 ms, the resolution of the executor.
 #[cfg(test)]
 #[derive(Debug)]
 struct PausedTime {
@@ -53,12 +53,12 @@ impl PausedTime {
     }
 }
 
-/// State of simulated time. Values read in each servo cycle are outside the lock.
+/// State of simulated time. Values that each servo cycle reads are atomics outside the lock.
 #[derive(Debug)]
 struct SimulatedTime {
     started: Instant,
     now_ns: AtomicU64,
-    /// Due time of the first timer; [`NEVER_NS`] if there is none.
+    /// Due time of the first timer in ns; [`NEVER_NS`] if no timer is set.
     next_due_ns: AtomicU64,
     timers: Mutex<Timers>,
 }
@@ -76,7 +76,7 @@ impl Timers {
     }
 }
 
-/// Later than the due time of any sleeper.
+/// Time in ns that is later than the due time of any sleeper.
 const NEVER_NS: u64 = u64::MAX;
 
 impl SimulatedTime {
@@ -88,10 +88,9 @@ impl SimulatedTime {
         self.next_due_ns.load(Ordering::SeqCst)
     }
 
-    /// Changes the timers.
+    /// Changes the timers, and updates the due time of the first timer.
     fn change<T>(&self, change: impl FnOnce(&mut Timers) -> T) -> T {
-        // A poisoned lock means that another thread panicked while a value was being stored; the values themselves are
-        // whole.
+        // The lock is also usable after another thread has panicked; the timers in it are complete.
         let mut timers = self.timers.lock();
         let changed = change(&mut timers);
         let first = timers.by_time.keys().next();
@@ -101,7 +100,7 @@ impl SimulatedTime {
     }
 }
 
-/// Returns the time of day. A person may change it at any moment, so events are ordered by numbers.
+/// Returns the time of day. A person may change the system time at any moment, so events are ordered by numbers.
 pub(crate) fn time_of_day() -> SystemTime {
     #[cfg(test)]
     if let Some(simulated) = crate::disk::simulated::memory::time_of_day() {
@@ -119,7 +118,7 @@ impl Clock {
         })
     }
 
-    /// Creates the clock of a paused executor that starts now, at this time of day.
+    /// Creates the clock of an executor with paused time. The clock starts now, at the time of day `wall`.
     #[cfg(test)]
     pub fn paused(wall: SystemTime) -> Self {
         Self(ClockKind::Paused(Arc::new(PausedTime {
@@ -139,22 +138,22 @@ impl Clock {
         })))
     }
 
-    /// Returns true for simulated time.
+    /// Returns true unless the clock gives real time.
     pub fn is_simulated(&self) -> bool {
         !matches!(self.0, ClockKind::Real { .. })
     }
 
-    /// Returns the seconds since the start.
+    /// Returns the seconds since the start of the clock.
     pub fn now_s(&self) -> f64 {
         self.now().monotonic_s
     }
 
-    /// Returns the wall time.
+    /// Returns the wall time (time of day) of the clock.
     pub fn wall(&self) -> SystemTime {
         self.now().time
     }
 
-    /// Returns the time since the start and the wall time of the same moment.
+    /// Returns the time since the start of the clock, and the wall time of the same moment.
     pub fn now(&self) -> Now {
         let real = |since_start: Duration, wall: SystemTime| Now {
             monotonic_s: since_start.as_secs_f64(),
@@ -175,7 +174,8 @@ impl Clock {
         }
     }
 
-    /// Returns the real time since the start, even in simulated time: it never stands still and never jumps.
+    /// Returns the real time since the start of the clock, even if the clock is simulated. Real time never stops and
+    /// never jumps.
     pub fn real_time(&self) -> Duration {
         match &self.0 {
             ClockKind::Real { start, .. } => start.elapsed(),
@@ -185,7 +185,7 @@ impl Clock {
         }
     }
 
-    /// Sleeps for this duration of the clock.
+    /// Sleeps for a duration that is measured by this clock.
     pub async fn sleep(&self, duration: Duration) {
         match &self.0 {
             ClockKind::Real { .. } => tokio::time::sleep(duration).await,
@@ -204,13 +204,13 @@ impl Clock {
         }
     }
 
-    /// Waits for the result at most this long, in real time even if time is simulated, because the result may never
-    /// arrive. Returns `None` if it does not arrive within the limit.
+    /// Waits for the result of `work` for at most `limit`. Returns `None` if the result has not arrived by then. The
+    /// limit is in real time even in a simulation, because the result may never arrive.
     pub async fn within_real<T>(&self, limit: Duration, work: impl Future<Output = T>) -> Option<T> {
         if !matches!(self.0, ClockKind::Simulated(_)) {
             return tokio::time::timeout(limit, work).await.ok();
         }
-        // the executor of a simulation has no clock of its own
+        // the executor of a simulation has no timer of its own
         let (done, is_done) = std::sync::mpsc::channel::<()>();
         let (late, is_late) = tokio::sync::oneshot::channel();
         let limited = std::thread::spawn(move || {
@@ -226,20 +226,20 @@ impl Clock {
         ended
     }
 
-    /// Sleeps until `at_s` seconds after the start.
+    /// Sleeps until `at_s` seconds after the start of the clock.
     pub async fn sleep_until_s(&self, at_s: f64) {
         let left_s = (at_s - self.now_s()).clamp(0.0, 1e9);
         self.sleep(Duration::from_secs_f64(left_s)).await;
     }
 
-    /// Simulated time only: sets the time.
+    /// Sets the time. Has an effect in simulated time only.
     pub(crate) fn set_ns(&self, now_ns: u64) {
         if let ClockKind::Simulated(time) = &self.0 {
             time.now_ns.store(now_ns, Ordering::SeqCst);
         }
     }
 
-    /// Simulated time only: wakes every sleeper that is due. Returns true if there was one.
+    /// Wakes every sleeper that is due, and returns true if a sleeper was due. Has an effect in simulated time only.
     pub(crate) fn wake_due(&self) -> bool {
         let ClockKind::Simulated(time) = &self.0 else {
             return false;
@@ -255,7 +255,7 @@ impl Clock {
         woken
     }
 
-    /// Simulated time only: returns the due time of the next sleeper, ns.
+    /// Returns the due time of the next sleeper in ns; `None` without a sleeper or in real time.
     pub(crate) fn next_due_ns(&self) -> Option<u64> {
         let ClockKind::Simulated(time) = &self.0 else {
             return None;

@@ -1,7 +1,7 @@
-//! Memory of the commands of the last minutes: a repeated command gets its stored reply, and is not executed twice.
+//! Memory of the commands of the last 10 minutes. A repeated command gets its stored reply and is not executed again.
 //!
-//! Each user has separate memory, so that no user evicts the commands of another. Commands that can move the machine
-//! are never forgotten early: if a new one does not fit, it is rejected.
+//! Each user has a separate memory, so that commands of a user never evict those of another user. Commands that can
+//! move the machine are never dropped before their time. If a new one does not fit into the memory, it is rejected.
 
 use std::collections::hash_map::DefaultHasher;
 use std::collections::{BTreeMap, VecDeque};
@@ -14,40 +14,40 @@ use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::command::{Command, CommandReply, CommandStatus, MemoryKey, Verb};
 use plc_api::types::request::{Refusal, RefusalCode};
 
-/// Validity of a command's reply: a command with the same id gets it again instead of being executed twice.
+/// Validity of a stored reply. Within this time, a command with the same id gets this reply and is not executed again.
 pub const COMMAND_MEMORY: Duration = Duration::from_mins(10);
 
-/// Memory for one kind of commands of one user, in bytes. Reason: 9,000 commands, which is 15 per second for 10
-/// minutes.
+/// Maximum memory in bytes for one kind of commands of one user. Reason: enough for 9,000 commands, which is 15 per
+/// second for 10 minutes.
 pub const USER_BYTES_MAX: usize = 4 << 20;
 
-/// Memory for all commands of all users, in bytes. Reason: eight users at their limits of motion commands.
+/// Maximum memory in bytes for all commands of all users. Reason: eight users at their limits of motion commands.
 pub const MEMORY_BYTES_MAX: usize = 32 << 20;
 
-/// Maximum size of one command in bytes, reserved until its last reply.
+/// Maximum size of one command in bytes. This size is reserved until the last reply to the command.
 const ENTRY_BYTES_MAX: usize = 2048;
 
-/// Size of a command without its texts, in bytes: its nodes in two collections.
+/// Size in bytes of a command without its texts: the nodes of two collections.
 const ENTRY_BYTES: usize = 256;
 
-/// Maximum stored length of a reply's text in bytes. Reason: with it, every command fits in [`ENTRY_BYTES_MAX`].
+/// Maximum stored length of a reply's text in bytes, chosen so that every command fits in [`ENTRY_BYTES_MAX`].
 const TEXT_BYTES_MAX: usize = 512;
 
-/// Commands by users and ids.
+/// Stored commands, by user and id.
 #[derive(Debug, Default)]
 pub(crate) struct CommandMemory {
     users: BTreeMap<String, UserMemory>,
     bytes: usize,
 }
 
-/// Commands of one user.
+/// Stored commands of one user.
 #[derive(Debug, Default)]
 struct UserMemory {
     known: BTreeMap<String, RememberedCommand>,
     lanes: BTreeMap<CommandKind, Lane>,
 }
 
-/// Commands of one kind, in the order of their arrival.
+/// Stored commands of one user and kind, in the order of their arrival.
 #[derive(Debug, Default)]
 struct Lane {
     order: VecDeque<String>,
@@ -63,30 +63,30 @@ struct RememberedCommand {
     reply: Option<CommandReply>,
 }
 
-/// Behaviour when the memory of a user is full.
+/// Kind of a command, which determines the effect of a new command when the memory is full.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum CommandKind {
-    /// Start, run, resume, back trace, MDI, jog, home, load and reset: a new one is rejected.
+    /// Start, run, resume, back trace, MDI, jog, home, load and reset. A new command of this kind is rejected.
     Motion,
-    /// The user's oldest of these is forgotten.
+    /// Requests that move nothing. A new request drops the user's oldest request of this kind.
     Other,
-    /// Hold, stop and abort: also the user's oldest of these is forgotten. They are executed in any case.
+    /// Hold, stop and abort. A new command drops the user's oldest command of this kind, and is executed in any case.
     Urgent,
 }
 
-/// Content of a command, which distinguishes a repeated command from another one with the same id.
+/// Content of a command. It distinguishes a repeated command from a different command with the same id.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct CommandContent {
-    /// Text for the user.
+    /// Description of the command for an error text.
     words: String,
     content: u64,
     kind: CommandKind,
-    /// Set for hold, stop and abort: they are executed even if their id was used before.
+    /// Client of a hold, stop or abort; otherwise `None`. These commands are executed even if their id was used before.
     urgent_of: Option<String>,
 }
 
 impl CommandContent {
-    /// Creates the content of a request that moves nothing.
+    /// Creates the content of a request that cannot move the machine.
     pub fn new(words: String, content: &impl Debug) -> Self {
         let mut hasher = DefaultHasher::new();
         format!("{content:?}").hash(&mut hasher);
@@ -113,7 +113,8 @@ impl CommandContent {
         }
     }
 
-    /// Returns its key in the memory: hold, stop and abort replace no command of the same id.
+    /// Returns the key of the command in the memory. Hold, stop and abort have the client in their key, so they never
+    /// replace another command with the same id.
     pub fn key(&self, user: impl Into<String>, command_id: &str) -> MemoryKey {
         let client_id = self.urgent_of.as_deref().unwrap_or_default();
         MemoryKey {
@@ -130,17 +131,17 @@ impl CommandContent {
 )]
 #[derive(Debug, PartialEq)]
 pub(crate) enum CommandLookup {
-    /// The command is unknown.
+    /// The command was not stored yet, and is to be executed.
     New,
-    /// The command is repeated; its reply, if there is one already.
+    /// The command is repeated. Contains its reply if it was answered.
     Again(Option<CommandReply>),
-    /// Another command, described here, has this id.
+    /// A different command, described in this text, has the same id.
     OtherCommand(String),
-    /// The command is unknown and cannot be remembered.
+    /// The command was not stored yet, and the memory has no space for it.
     Full,
 }
 
-/// Returns the refusal of a command that cannot be remembered.
+/// Returns the refusal of a command for which the memory has no space.
 pub(crate) fn memory_is_full() -> Refusal {
     let text = format!(
         "the memory for this user's commands of the last {} minutes is full ({} MiB), so that a repeated \
@@ -153,7 +154,7 @@ pub(crate) fn memory_is_full() -> Refusal {
 }
 
 impl CommandMemory {
-    /// Looks a command up.
+    /// Looks up a command.
     pub fn look_up(&mut self, key: &MemoryKey, asked: &CommandContent, now: SystemTime) -> CommandLookup {
         self.forget_expired(now);
         match self.known(key) {
@@ -165,7 +166,7 @@ impl CommandMemory {
         }
     }
 
-    /// Looks a command up, and remembers it if it is new.
+    /// Looks up a command, and stores it if it is new.
     pub fn recall(&mut self, key: &MemoryKey, asked: CommandContent, now: SystemTime) -> CommandLookup {
         match self.look_up(key, &asked, now) {
             CommandLookup::New => self.remember(key, asked, now),
@@ -185,7 +186,7 @@ impl CommandMemory {
                 return CommandLookup::Full;
             }
             if !self.forget_oldest(&key.user, kind) {
-                // other users have filled the memory: the command is executed, and not remembered
+                // the commands of other users have filled the memory: this command is executed but not stored
                 return CommandLookup::New;
             }
         }
@@ -204,7 +205,7 @@ impl CommandMemory {
         CommandLookup::New
     }
 
-    /// Removes the hold, stop or abort whose key a new one has taken.
+    /// Removes a stored hold, stop or abort before a new one with the same key is stored.
     fn replace(&mut self, key: &MemoryKey) {
         let Some(memory) = self.users.get_mut(&key.user) else {
             return;
@@ -252,14 +253,14 @@ impl CommandMemory {
         self.known(key)?.reply.as_ref()
     }
 
-    /// Returns the last reply to a command by its id: of this user, else of any other.
+    /// Returns the last reply to the command with this id: of this user, otherwise of any user.
     pub fn find_reply(&self, user: &str, command_id: &str) -> Option<&CommandReply> {
         let own = self.users.get(user).into_iter();
         let mut all = own.chain(self.users.values());
         all.find_map(|memory| memory.reply(command_id))
     }
 
-    /// Forgets the oldest command of this kind. Returns false if there is none.
+    /// Drops the user's oldest command of this kind. Returns false if no such command is stored.
     fn forget_oldest(&mut self, user: &str, kind: CommandKind) -> bool {
         let Some(memory) = self.users.get_mut(user) else {
             return false;
@@ -310,7 +311,7 @@ impl UserMemory {
     }
 }
 
-/// Returns the size of a command with its last reply, in bytes.
+/// Returns the size in bytes of a stored command with its last reply.
 fn bytes_of(key: &str, asked: &CommandContent, reply: &CommandReply) -> usize {
     let texts = [
         Some(&reply.command_id),
@@ -358,7 +359,7 @@ mod tests {
         }
     }
 
-    /// Adds answered commands until one is rejected or `most` are remembered.
+    /// Stores answered commands until one is rejected or `most` of them are stored.
     fn fill(memory: &mut CommandMemory, user: &str, command: &Command, most: usize) -> usize {
         for n in 0..most {
             let id = format!("fill-{n}");

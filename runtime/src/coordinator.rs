@@ -1,4 +1,4 @@
-//! The coordinator: one task for each CNC coordinate system, one servo for all, and the port to all of it.
+//! The coordinator: one task for each coordinate system, one servo for all of them, and the port to the whole machine.
 
 mod opening;
 
@@ -42,20 +42,20 @@ use crate::tables::Tables;
 pub(crate) use opening::everything;
 use opening::{Data, Keepers, Programs, bring_up, new_boot_id};
 
-/// Shortest interval at which positions, variables and the heartbeat are published; program places and spindles are
-/// published half as often.
+/// Interval at which positions, variables and the heartbeat are published. Program positions and spindles are published
+/// at every second interval.
 const PUBLISH_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Reason why a runtime does not start.
+/// Reason why a runtime cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum StartError {
     /// The configuration is invalid.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The data on disk cannot be reached.
+    /// The data folder cannot be used.
     #[error("[machine] data_dir = {path}: {error}")]
     DataDir {
-        /// The folder.
+        /// Path of the data folder.
         path: String,
         /// Error of the operating system.
         error: io::Error,
@@ -65,36 +65,37 @@ pub enum StartError {
     Program {
         /// Program number.
         number: u16,
-        /// The file.
+        /// Path of the program file.
         path: String,
         /// Error of the operating system.
         error: io::Error,
     },
-    /// The store could not be opened.
+    /// The program store cannot be opened.
     #[error("the program store cannot be opened: {0}")]
     Store(String),
-    /// The hardware does not start.
+    /// The hardware cannot be started.
     #[error("the hardware cannot be started: {0}")]
     Hardware(io::Error),
-    /// The operating system provides no thread.
+    /// The operating system provides no servo thread.
     #[error("the servo thread cannot be started: {0}")]
     Servo(io::Error),
-    /// The operating system provides no thread.
+    /// The operating system provides no thread for the storage of changes.
     #[error("the thread that stores changes cannot be started: {0}")]
     Thread(io::Error),
-    /// A simulated runtime was started outside of [`simulation::run`], or a second one inside it.
+    /// A simulated runtime was started outside of [`simulation::run`], or as the second one inside it.
     #[error("a runtime in simulated time must be started inside simulation::run, and only once")]
     NotInSimulation,
 }
 
-/// A running machine. Dropping it stops the servo; [`Runtime::shutdown`] stops it in order.
+/// A running machine. Dropping it stops the servo; [`Runtime::shutdown`] also ends the runs, outputs and tasks in
+/// order.
 #[derive(Debug)]
 pub struct Runtime {
     port: Arc<RuntimePort>,
     tasks: JoinSet<()>,
     servo: Option<ServoThread>,
     simulation: Option<Arc<Simulation>>,
-    /// Stored data and the journal; `None` in simulated time.
+    /// Writers of stored data and journal; `None` in simulated time or without a data folder.
     kept: Option<Keepers>,
 }
 
@@ -102,13 +103,13 @@ impl Runtime {
     /// Starts the machine of a configuration in real time, with simulated hardware and without server ends.
     ///
     /// # Errors
-    /// Returns an error if the configuration, its programs or its data folder are refused, or if there is no thread for
-    /// the servo.
+    /// Returns an error if the configuration, its programs or its data folder are refused, or if the servo thread
+    /// cannot be created.
     pub async fn start(config: Config) -> Result<Runtime, StartError> {
         Self::start_on(config, Hardware::simulated_factory()).await
     }
 
-    /// Starts the machine as [`Runtime::start`] does, on this hardware.
+    /// Starts the machine as [`Runtime::start`] does, with the hardware that `hardware` creates.
     ///
     /// # Errors
     /// Returns an error in the cases of [`Runtime::start`], or if the hardware does not start.
@@ -137,8 +138,8 @@ impl Runtime {
         Ok(runtime)
     }
 
-    /// Starts the machine as [`Runtime::start`] does, but on the disk, the threads and the time of a simulated world,
-    /// which moves the servo.
+    /// Starts the machine as [`Runtime::start`] does, but with the disk, the threads and the time of a simulated world.
+    /// The world executes the servo cycles.
     #[cfg(test)]
     pub(crate) fn start_in_world(
         machine: Machine,
@@ -151,11 +152,11 @@ impl Runtime {
         Ok((runtime, servo, shared))
     }
 
-    /// Starts a machine in simulated time, inside [`simulation::run`]. It stores nothing on disk.
+    /// Starts a machine in simulated time, inside [`simulation::run`]. The machine stores nothing on disk.
     ///
     /// # Errors
-    /// Returns an error if a program of the configuration cannot be read, if the hardware does not start, or outside of
-    /// [`simulation::run`].
+    /// Returns an error if a program of the configuration cannot be read, if the hardware does not start, or if it is
+    /// called outside of [`simulation::run`].
     pub fn start_simulated(
         machine: Machine,
         journal: Journal,
@@ -206,43 +207,45 @@ impl Runtime {
         })
     }
 
-    /// Returns the whole sequence-control interface of the machine.
+    /// Returns the sequence-control interface of the machine.
     pub fn port(&self) -> Arc<dyn Port> {
         Arc::<RuntimePort>::clone(&self.port)
     }
 
-    /// Returns the state shared by its parts.
+    /// Returns the state that all parts of the runtime share.
     #[cfg(test)]
     pub(crate) fn shared(&self) -> &Arc<crate::shared::SharedState> {
         &self.port.shared
     }
 
-    /// Returns this interface with the additional functions for server ends.
+    /// Returns the sequence-control interface with the additional functions for server ends.
     pub fn served_port(&self) -> Arc<dyn ServedPort> {
         Arc::<RuntimePort>::clone(&self.port)
     }
 
-    /// Returns the machine as configured.
+    /// Returns the configuration of the machine.
     pub fn machine(&self) -> &Machine {
         &self.port.shared.machine
     }
 
-    /// Returns P variables and the Q variables of a coordinate system; `None` if the coordinate system does not exist.
+    /// Returns the P variables and the Q variables of a coordinate system; `None` if the coordinate system does not
+    /// exist.
     pub fn variables(&self, cs: CoordinateSystemNumber) -> Option<Variables> {
         let tables = &self.port.shared.tables;
         let is_there = tables.coordinate_systems().any(|number| number == cs);
         is_there.then(|| tables.variables(cs))
     }
 
-    /// Returns a function for the transform in force at a coordinate system's current position, from the programmed
-    /// point to the machine position; `None` if the coordinate system does not exist.
+    /// Returns a function that gives the transform in force, from the programmed point to the machine position, for the
+    /// current position of a coordinate system. Returns `None` if the coordinate system does not exist.
     pub fn transform_of(&self, cs: CoordinateSystemNumber) -> Option<impl Fn() -> Transform + Send + use<>> {
         let mut mailboxes = self.port.mailboxes.iter();
         let view = Arc::clone(&mailboxes.find(|mailbox| mailbox.number == cs)?.view);
         Some(move || view.transform())
     }
 
-    /// Resolves with the reason when a fault in a task or a thread requires the runtime to stop; then shut it down.
+    /// Waits until a fault in a task or a thread requires the end of the runtime, and returns the reason. The caller
+    /// must then call [`Runtime::shutdown`].
     pub async fn failed(&self) -> String {
         let supervisor = self.port.shared.supervisor.clone();
         supervisor.exit().await
@@ -274,13 +277,13 @@ impl Runtime {
         let presence = presence(&self.port.shared, false);
         (self.port.shared).publish(Topic::Presence, Payload::Presence(presence));
         let kept = self.kept.take();
-        // Dropping it writes all pending data; a failure is logged.
+        // Dropping it writes all pending data; an error is logged.
         let _ = tokio::task::spawn_blocking(move || drop(kept)).await;
         self.port.shared.hub.close();
     }
 }
 
-/// Resources opened by a start.
+/// Resources that a start opens before it creates the runtime.
 struct OpenedResources {
     data: Option<Data>,
     programs: Programs,
@@ -289,7 +292,7 @@ struct OpenedResources {
 }
 
 impl OpenedResources {
-    /// Opens the data folder, the programs and the hardware. It blocks on the disk.
+    /// Opens the data folder, the programs and the hardware. Blocks until the disk operations are done.
     fn open(machine: &Machine, boot_id: BootId, hardware: HardwareFactory) -> Result<Self, StartError> {
         let data = Data::open(machine, boot_id)?;
         let health = data
@@ -308,7 +311,7 @@ impl OpenedResources {
         })
     }
 
-    /// Assembles the runtime and its servo, which no thread drives yet.
+    /// Creates the runtime and its servo. The caller must execute the servo cycles.
     fn put_together(
         self,
         machine: Machine,
@@ -378,7 +381,7 @@ impl OpenedResources {
     }
 }
 
-/// Parts common to real and simulated time.
+/// Parts that a runtime needs in real and in simulated time.
 struct RuntimeParts {
     mailboxes: Vec<Arc<Mailbox>>,
     tasks: JoinSet<()>,
@@ -386,7 +389,7 @@ struct RuntimeParts {
 }
 
 impl RuntimeParts {
-    /// Starts the tasks that publish at an interval.
+    /// Starts the tasks that publish positions and presence at an interval.
     fn start_publishers(&mut self, shared: &Arc<SharedState>) {
         let supervisor = &shared.supervisor;
         let (of_positions, mailboxes) = (Arc::clone(shared), self.mailboxes.clone());
@@ -494,7 +497,7 @@ async fn publish_positions(shared: Arc<SharedState>, mailboxes: Vec<Arc<Mailbox>
     }
 }
 
-/// Publishes the presence of the runtime repeatedly, before it expires.
+/// Publishes the presence of the runtime again and again, each time before it expires.
 async fn publish_presence(shared: Arc<SharedState>) {
     let every = Duration::from_millis(shared.machine.presence_expires_ms) / REFRESHES;
     loop {
@@ -505,7 +508,7 @@ async fn publish_presence(shared: Arc<SharedState>) {
     }
 }
 
-/// Starts the journal of this start, and warns the operator of runs that the end of an earlier start cut short.
+/// Writes the first journal lines of this start, and warns the operator of runs that ended with an earlier runtime.
 fn report_last_runs(shared: &SharedState, last_runs: &LastRuns, ended: &[Run]) {
     for system in &shared.machine.coordinate_systems {
         let cs = system.settings.number;
@@ -524,8 +527,8 @@ fn report_last_runs(shared: &SharedState, last_runs: &LastRuns, ended: &[Run]) {
     }
 }
 
-/// Continues runs and counters where the store and the journal have ended. Returns the runs that were ended by the end
-/// of the runtime.
+/// Restores the runs and their counters from the store and the journal. Returns the runs that ended because the runtime
+/// ended.
 fn restore_runs(shared: &SharedState, kept: KeptRuns, last_runs: &LastRuns, lines: &[Value]) -> Vec<Run> {
     let place_of = |run: &Run| {
         let last = &last_runs.get(&run.cs)?.run;
@@ -537,7 +540,7 @@ fn restore_runs(shared: &SharedState, kept: KeptRuns, last_runs: &LastRuns, line
     shared.runs.lock().restore(kept, lines, place_of, now)
 }
 
-/// Warns the operator of motors outside soft limits that have changed.
+/// Warns the operator of motors whose stored position is outside the soft limits.
 fn report_positions(shared: &SharedState, kept: &KeptPositions) {
     for system in &shared.machine.coordinate_systems {
         for text in kept.outside(&system.settings) {

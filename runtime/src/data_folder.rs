@@ -1,4 +1,4 @@
-//! The data folder of a stopped machine, as `tandem store` verifies, repairs, exports and imports it.
+//! The data folder of a stopped machine. `tandem store` verifies, repairs, exports and imports this folder.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -30,7 +30,7 @@ use crate::stored_data::OpenQuestion;
 use crate::stored_data::inspection::Inspection;
 use crate::tables::{LOST_VALUE, Tables};
 
-/// An opened data folder, locked against use by a runtime.
+/// An opened data folder. It is locked, so that no runtime can use it.
 #[derive(Debug)]
 pub struct DataFolder {
     path: PathBuf,
@@ -43,7 +43,7 @@ pub struct DataFolder {
 /// Findings in a data folder.
 #[derive(Debug, Default)]
 pub struct DataFolderFindings {
-    /// Damage, each with its location.
+    /// Descriptions of damage, each with its location.
     pub damaged: Vec<String>,
     /// Notes that do not describe damage.
     pub notes: Vec<String>,
@@ -54,7 +54,7 @@ pub struct DataFolderFindings {
 pub struct Offer {
     /// Description of the value.
     pub what: String,
-    /// Its older value; `None` if there is none.
+    /// Value in the last good generation; `None` if that generation does not contain the value.
     pub older: Option<String>,
 }
 
@@ -88,27 +88,28 @@ impl DataFolder {
         })
     }
 
-    /// Records in the journal the user and the command that change this folder; does nothing without a journal.
+    /// Writes a journal line with the user and the command that change this folder. Does nothing without a journal.
     ///
     /// # Errors
-    /// Returns an error if the disk operation fails.
+    /// Returns an error if a disk operation fails.
     pub fn record(&self, user: Option<String>, command: &str) -> io::Result<()> {
         self.ask();
         append(&self.path, &self.inspection.generations, user, command).map(drop)
     }
 
-    /// Records the question about inconsistent files beforehand, because the following write would hide the
-    /// inconsistency.
+    /// Writes the question about inconsistent files to disk. This must come before a change, because the change would
+    /// hide the inconsistency.
     fn ask(&self) -> OpenQuestion {
         let newest = newest(&self.path.join(JOURNAL_FOLDER), 0, 1).time();
         let since = Timestamp::from_system_time(time_of_day());
         self.inspection.ask(&self.path, since, newest)
     }
 
-    /// Records the user and the command in the journal of a machine's data folder. Returns false without a journal.
+    /// Writes a journal line with the user and the command into a machine's data folder. Returns false without a
+    /// journal.
     ///
     /// # Errors
-    /// Returns an error if a runtime is using the folder, or if the disk operation fails.
+    /// Returns an error if a runtime is using the folder, or if a disk operation fails.
     pub fn record_in(machine: &Machine, user: Option<String>, command: &str) -> io::Result<bool> {
         let Some(path) = machine.data_dir.as_ref().filter(|path| path.is_dir()) else {
             return Ok(false);
@@ -222,12 +223,12 @@ impl DataFolder {
         self.path.join("programs")
     }
 
-    /// Returns the stored values as a document.
+    /// Returns the stored values as a document that [`DataFolder::import`] accepts.
     pub fn export(&self) -> String {
         Generation::text(&self.inspected.image)
     }
 
-    /// Returns every lost value with its replacement in the last good generation, and the time of that generation.
+    /// Returns every lost value with its value in the last good generation, and the time of that generation.
     pub fn offers(&self) -> (Option<String>, Vec<Offer>) {
         let generation = Generation::read(&self.path).ok();
         let lost = lost_in(&self.inspected.image).into_iter();
@@ -241,10 +242,10 @@ impl DataFolder {
         (written, offers.collect())
     }
 
-    /// Restores lost values from the last good generation; returns the values still lost.
+    /// Restores lost values from the last good generation. Returns the values that are still lost.
     ///
     /// # Errors
-    /// Returns an error if the disk operation fails, or if there is no good generation.
+    /// Returns an error if a disk operation fails, or if no good generation exists.
     pub fn repair(&mut self) -> io::Result<Vec<String>> {
         let generation = Generation::read(&self.path)?;
         let mut change = Image::default();
@@ -268,10 +269,10 @@ impl DataFolder {
         Ok(lost_in(&self.inspected.image).into_values().collect())
     }
 
-    /// Imports the values of a document; all others stay. Returns the number of values.
+    /// Imports the values of a document; all other values stay. Returns the number of imported values.
     ///
     /// # Errors
-    /// Returns an error if the document is invalid or the disk operation fails; nothing has changed then.
+    /// Returns an error if the document is invalid or a disk operation fails. Then no value has changed.
     pub fn import(&mut self, text: &str) -> io::Result<usize> {
         let Image { pages, mut values } = Generation::of_text(text, false)?.image;
         // motor positions apply only to the machine that exported them
@@ -305,10 +306,10 @@ impl DataFolder {
         Ok(count)
     }
 
-    /// Accepts a program's file in its current form.
+    /// Accepts the current text of a program file that was damaged or changed outside of the runtime.
     ///
     /// # Errors
-    /// Returns an error if the file does not exist, or if the disk operation fails.
+    /// Returns an error if the file does not exist, or if a disk operation fails.
     pub fn accept_program(&self, number: u16) -> io::Result<()> {
         self.ask();
         let opening = Opening {
@@ -328,12 +329,12 @@ impl DataFolder {
         store.commit(&change)?;
         self.inspected.image.take_over(change);
         drop(store);
-        // as a start would find it
+        // inspects the store again, as the next start will do
         self.inspected = inspect_store(&self.path);
         Ok(())
     }
 
-    /// Returns the folder.
+    /// Returns the path of the data folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -388,7 +389,7 @@ fn older(generation: &Generation, name: &str) -> Option<String> {
     Some(value.get("now").unwrap_or(&value).to_string())
 }
 
-/// Describes each lost value of an image, by its name.
+/// Returns the description of each lost value of an image, by the name of the value.
 fn lost_in(image: &Image) -> BTreeMap<String, String> {
     let mut lost = BTreeMap::new();
     for name in image.names() {
@@ -423,7 +424,7 @@ fn has_null(axes: &serde_json::Map<String, serde_json::Value>) -> bool {
     axes.values().any(serde_json::Value::is_null)
 }
 
-/// Describes a value by its name: `P384 to P511`.
+/// Returns the description of a value with this name, such as `P384 to P511`.
 fn in_words(name: &str) -> String {
     let parts: Vec<&str> = name.split('/').collect();
     let of = |cs: &str| match cs.parse::<CoordinateSystemNumber>() {

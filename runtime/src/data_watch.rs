@@ -1,5 +1,6 @@
-//! Watches the data folder: raises alarms for files that cannot be written, are damaged or were changed outside, and
-//! for a full disk, and ends them when the cause ends. It has its own thread, because a disk may be slow.
+//! Watch over the data folder. Raises alarms for files that cannot be written, are damaged or were changed outside of
+//! the runtime, and for a full disk. Ends each alarm when its cause has ended. Has its own thread, because a disk may
+//! be slow.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -19,19 +20,19 @@ use crate::journal::Event;
 use crate::shared::SharedState;
 use crate::threads::{self, Thread};
 
-/// Time between two checks of the findings of other threads.
+/// Interval at which the faults that other threads have found are checked.
 const INTERVAL: Duration = Duration::from_millis(100);
 
-/// Number of checks between two inspections of the disk itself.
+/// Number of these intervals between two inspections of the disk.
 const DISK_EVERY: u32 = 10;
 
-/// Free bytes below which a disk is reported as full. Reason: a change of all stored data needs less.
+/// Free bytes below which a disk is reported as full. Reason: a change of all stored data needs fewer bytes.
 const FREE_MIN: u64 = 1 << 20;
 
-/// Maximum number of items that one text names.
+/// Maximum number of items that the text of an alarm names.
 const NAMED_MAX: usize = 20;
 
-/// Handle of the thread. Dropping it ends the thread.
+/// Handle of the watch thread. Dropping it ends the thread.
 #[derive(Debug)]
 pub(crate) struct DataWatch {
     stop: Option<Sender<()>>,
@@ -69,7 +70,7 @@ impl Drop for DataWatch {
     }
 }
 
-/// State of the thread.
+/// State of the watch thread.
 struct DataWatchState {
     folder: PathBuf,
     shared: Arc<SharedState>,
@@ -103,7 +104,7 @@ fn look_at_disk(folder: &Path, shared: &SharedState) {
     let faults: Vec<String> = places.iter().filter_map(|place| fault(place)).collect();
     shared.update_standing_warning(&DATA_FOLDER_FAILED, list(&faults).as_deref());
     if shared.health.fault(DataFolderPart::Programs).is_some() {
-        // Its health records whether it works again.
+        // The result is recorded: it shows whether the folder can be written again.
         let _ = shared.record_attempt(DataFolderPart::Programs, shared.store.probe());
     }
     match shared.store.look_again() {
@@ -125,7 +126,7 @@ fn look_at_disk(folder: &Path, shared: &SharedState) {
     shared.update_standing_warning(&STORED_DATA_QUESTION, question.as_deref());
 }
 
-/// Describes the fault of a folder; `None` if there is none.
+/// Returns a description of the fault of a folder; `None` if the folder can be used.
 fn fault(place: &Path) -> Option<String> {
     let named = |what: &str| Some(format!("{}: {what}", place.display()));
     match fs::metadata(place) {
@@ -150,7 +151,7 @@ fn fault(place: &Path) -> Option<String> {
     }
 }
 
-/// Returns one text for all items; `None` if there are none.
+/// Returns one text for all items; `None` if the list is empty.
 pub(crate) fn list(all: &[String]) -> Option<String> {
     let more = match all.len().saturating_sub(NAMED_MAX) {
         0 => String::new(),
@@ -160,13 +161,14 @@ pub(crate) fn list(all: &[String]) -> Option<String> {
     (!all.is_empty()).then_some(named + &more)
 }
 
-/// Reports a warning in the log, the events and the history.
+/// Raises a warning in the log, as an event and in the history. The warning is not active.
 pub(crate) fn warn_once(shared: &SharedState, entry: &AlarmEntry, text: &str) {
     tracing::warn!("{}: {text}", entry.title);
     shared.raise(warning(entry, text));
 }
 
-/// Reports a program that was changed outside, also in the journal, because it affects what the machine does.
+/// Raises a warning about a program that was changed outside of the runtime. Also writes it to the journal, because the
+/// machine may execute the change.
 pub(crate) fn warn_changed(shared: &SharedState, text: &str) {
     warn_once(shared, &PROGRAM_CHANGED, text);
     for system in &shared.machine.coordinate_systems {
@@ -179,7 +181,7 @@ pub(crate) fn warn_changed(shared: &SharedState, text: &str) {
     }
 }
 
-/// Reports a warning that also remains active until a reset.
+/// Raises a warning that stays active until a reset.
 pub(crate) fn warn_standing(shared: &SharedState, entry: &AlarmEntry, text: &str) {
     tracing::warn!("{}: {text}", entry.title);
     shared.raise_standing(warning(entry, text));

@@ -1,4 +1,4 @@
-//! Declarations of M codes, by handlers and in the configuration, and the parameters that programs give them.
+//! Declarations of M codes by handlers and by the configuration, and checks of parameters against them.
 
 use std::collections::BTreeMap;
 
@@ -10,13 +10,13 @@ use tandem_model::{Alarm, Diagnostic};
 use tandem_syntax::NcProgram;
 use tandem_syntax::diagnostics::{NOT_SERVED, PARAMS_REFUSED};
 
-/// Maximum number of parameters listed for one program; further ones are found after these are corrected.
+/// Maximum number of findings in one program. Further findings appear after the first ones are corrected.
 const FOUND_MAX: usize = 1000;
 
-/// Declaration with a description of its origin.
+/// Declaration of an M code with a description of its origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourcedDeclaration {
-    /// The origin, such as `handler cell` or `[m_code.12]`.
+    /// Origin of the declaration, such as `handler cell` or `[m_code.12]`.
     pub by: String,
     /// The declaration itself.
     pub declaration: MCodeDeclaration,
@@ -40,8 +40,8 @@ impl SourcedDeclaration {
     }
 }
 
-/// Returns the parameters in a program that M codes do not accept, each once, at their words; a missing one at its M
-/// code.
+/// Returns diagnostics for the parameters in a program that its M codes do not accept, each once, at the word of the
+/// parameter. A missing parameter is reported at its M code.
 pub fn wrong_params(
     program: &NcProgram,
     dialect: &Dialect,
@@ -67,7 +67,7 @@ pub fn wrong_params(
             for fault in declaration.faults(given) {
                 let word = output.params[fault.letter as usize].unwrap_or(output.word);
                 let is_known = |known: &Diagnostic| known.span == word.span() && known.message == fault.text;
-                // findings of the same block are at the end of the list
+                // diagnostics of the same block are at the end of the list
                 if found.iter().rev().take(16).any(is_known) {
                     continue;
                 }
@@ -82,8 +82,8 @@ pub fn wrong_params(
     found
 }
 
-/// Returns alarm 11 if a declaration does not accept the parameters of an output, computed values included. An output
-/// without parameters needs no check here: its program was checked at the load.
+/// Returns alarm 11 if a declaration does not accept the parameters of an output; computed values are included. An
+/// output without parameters needs no check here, because the load has checked its program.
 pub fn refused_output(output: &Output, declared: &[SourcedDeclaration]) -> Option<Alarm> {
     let given = output
         .params
@@ -95,7 +95,7 @@ pub fn refused_output(output: &Output, declared: &[SourcedDeclaration]) -> Optio
     Some(Alarm::new(&VALUE_OUT_OF_RANGE, faults.next()?).at(output.origin))
 }
 
-/// Returns the M codes of a program that no handler serves, each at its first occurrence.
+/// Returns the M codes of a program that no handler serves, each at the place where it first occurs.
 pub fn unserved(
     program: &NcProgram,
     dialect: &Dialect,

@@ -1,5 +1,5 @@
-//! Common parts of the runtime's own files: rights and names, lines and checksums that reveal damage, and the health of
-//! files that cannot be written.
+//! Common parts of the runtime's own files: access rights, names, lines and checksums that reveal damage, and the
+//! health of files that cannot be written.
 
 mod checksums;
 mod files;

@@ -1,4 +1,4 @@
-//! Explanations of every name that a user sees: a page for each name, written from the rows that the product itself
+//! Explanations of every name that a user sees. Each name has a page, written from the tables that the product itself
 //! uses.
 
 mod language;
@@ -16,7 +16,7 @@ use tandem_syntax::{DIAGNOSTICS, DiagnosticEntry};
 use crate::config::{Config, ConfigKey};
 use crate::declared::SourcedDeclaration;
 
-/// Tables of rules: number and text.
+/// Tables of rules; each row has the number and the text of a rule.
 const RULES: [&[(&str, &str)]; 3] = [
     tandem_interp::dialects::decisions::DECISIONS,
     tandem_motion::rules::RULES,
@@ -27,14 +27,14 @@ const RULES: [&[(&str, &str)]; 3] = [
 /// of both lengths.
 const NAME_MAX: usize = 100;
 
-/// Highest number that a sequence program can give an alarm.
+/// Highest alarm code that a sequence program can use.
 const USER_ALARM_CODE_MAX: u16 = 9999;
 
-/// Explains a name: a diagnostic (`E0105`), an alarm (`alarm 412` or `412`), a code (`G02`), an address, a function, a
-/// keyword or a variable of the dialect, a word of a state, a refusal or an answer (`HANDLER_LOST`, `not_allowed`), a
-/// rule (`D31`), or a key of the configuration. For a word of other controls (`G81` in `nj`), names the replacement.
-/// Returns the pages of everything with this name as plain text, in which indented lines are preformatted; `None` if
-/// the name is unknown.
+/// Returns the explanation of a name, or `None` if the name is unknown. Names are: a diagnostic (`E0105`), an alarm
+/// (`alarm 412` or `412`), a code (`G02`), an address, a function, a keyword or a variable of the dialect, a word of a
+/// state, a refusal or an answer (`HANDLER_LOST`, `not_allowed`), a rule (`D31`), or a key of the configuration. For a
+/// word of other controls (`G81` in `nj`), names the replacement.
+/// The text contains the pages of everything with this name, as plain text; indented lines are preformatted.
 ///
 /// ```
 /// let page = tandem_runtime::explain::explain("g2", tandem_interp::dialects::nj()).unwrap();
@@ -43,7 +43,7 @@ const USER_ALARM_CODE_MAX: u16 = 9999;
 pub fn explain(what: &str, dialect: &Dialect) -> Option<String> {
     let what = what.split_whitespace().collect::<Vec<_>>().join(" ");
     let mut pages = pages(&what, dialect);
-    // `%` and parentheses mean something else in other controls
+    // `%` and parentheses have a different meaning in other controls, too
     if pages.is_empty() || matches!(what.as_str(), "%" | "(" | ")") {
         pages.extend(elsewhere::page_of(&what, dialect));
     }
@@ -72,8 +72,9 @@ fn pages(what: &str, dialect: &Dialect) -> Vec<String> {
         .collect()
 }
 
-/// Explains a name like [`explain`], with the data of a machine: the declarations of an M code, which can also be given
-/// by its declared name, and the text and remedy of an alarm of its sequence programs, given by its code.
+/// Explains a name as [`explain`] does, with the data of a machine. These are the declarations of an M code, which may
+/// also be given by its declared name, and the text and remedy of an alarm of the machine's sequence programs, given by
+/// its number.
 pub fn explain_here(
     what: &str,
     dialect: &Dialect,
@@ -98,7 +99,7 @@ pub fn explain_here(
     Some(pages.join("\n\n"))
 }
 
-/// Returns the page of an M code that a machine declares.
+/// Returns the page of an M code with a declaration of this machine.
 fn of_declared(declared: &SourcedDeclaration) -> String {
     let SourcedDeclaration { by, declaration } = declared;
     let title = declaration.name.as_deref().unwrap_or("an M code of this machine");
@@ -116,7 +117,7 @@ fn of_declared(declared: &SourcedDeclaration) -> String {
     page(&name, title, &[format!("Declared by {by}."), params])
 }
 
-/// Returns the name of the picture for a code's example; `None` if the name is not a code or has no picture.
+/// Returns the file name of the picture with the example of a code; `None` if `what` is not a code or has no picture.
 pub fn picture(what: &str, dialect: &Dialect) -> Option<String> {
     let (name, _) = dialect.picture(language::code(what.trim(), dialect)?)?;
     Some(name)
@@ -145,7 +146,7 @@ pub fn names(dialect: &Dialect) -> Vec<String> {
         .collect()
 }
 
-/// Returns the nearest name that has a page.
+/// Returns the name with a page that is nearest to `what`.
 pub fn nearest(what: &str, dialect: &Dialect) -> String {
     let what: String = what.chars().take(NAME_MAX).collect::<String>().to_lowercase();
     let distance = |known: &String| strsim::damerau_levenshtein(&what, &known.to_lowercase());
@@ -166,7 +167,7 @@ fn page(name: &str, title: &str, parts: &[String]) -> String {
     page
 }
 
-/// Indents preformatted lines.
+/// Indents lines, which marks them as preformatted.
 fn indented(text: &str) -> String {
     let lines: Vec<String> = text.lines().map(|line| format!("    {line}")).collect();
     lines.join("\n")
@@ -183,7 +184,7 @@ fn of_finding(entry: &FindingEntry) -> String {
     page(entry.code, &format!("{} (Structured Text)", entry.title), &parts)
 }
 
-/// Returns the number of `412` or `alarm 412`.
+/// Returns the number if `what` has the form `412` or `alarm 412`.
 fn alarm_number(what: &str) -> Option<u16> {
     let (word, number) = what.rsplit_once(' ').unwrap_or(("alarm", what));
     let number = number.parse().ok()?;
@@ -195,13 +196,13 @@ fn alarm(what: &str) -> Option<&'static AlarmEntry> {
     ALARMS.iter().copied().find(|entry| entry.number == number)
 }
 
-/// Returns the code that a sequence program has given the alarm with this number.
+/// Returns the code that a sequence program uses for the alarm with this number; `None` for other alarms.
 fn own_code(what: &str) -> Option<u16> {
     let code = alarm_number(what)?.checked_sub(USER_ALARM_BASE)?;
     (code <= USER_ALARM_CODE_MAX).then_some(code)
 }
 
-/// Returns the page of an alarm with a number chosen by a sequence program.
+/// Returns the page of an alarm of a sequence program, without texts of the machine.
 fn of_sequence_program(what: &str) -> Option<String> {
     let why = "Remedy: Look at what the text says, and at the documentation of the machine.";
     let parts = [why.to_owned()];
@@ -212,7 +213,7 @@ fn of_sequence_program(what: &str) -> Option<String> {
     ))
 }
 
-/// Returns the page of such an alarm with the texts of the machine.
+/// Returns the page of an alarm of a sequence program, with the texts of the machine.
 fn of_own_alarm(said: &AlarmText) -> String {
     let in_language = |(tag, words): (&String, &AlarmWords)| {
         let remedy = words
@@ -259,7 +260,7 @@ fn of_word(word: &ExplainedWord) -> String {
     page(word.word, word.of, &parts)
 }
 
-/// Returns the rule with this number and the rules of its group.
+/// Returns the rule with this number, or the rules of the group with this number.
 fn rules(number: &str) -> impl Iterator<Item = String> {
     let is_named = move |row: &str| {
         let group = row.split('.').next().unwrap_or(row);
@@ -269,7 +270,8 @@ fn rules(number: &str) -> impl Iterator<Item = String> {
     rows.map(|(row, text)| format!("{row}: {text}"))
 }
 
-/// Returns true if a key has this name, with or without the name of its table, or belongs to the table with this name.
+/// Returns true if `name` is the name of a key, with or without its table, or the name of a table that contains the
+/// key.
 fn is_named(key: &ConfigKey, name: &str) -> bool {
     key.path == name || key.path.split('.').any(|part| part == name)
 }

@@ -1,18 +1,18 @@
-//! Real times of the servo cycles named by heartbeats: from them the runtime derives the age of a request.
+//! Real times of the servo cycles that heartbeats named. The runtime derives the age of a request from these times.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
 use plc_api::types::not_after::{NOT_AFTER_MAX_MS, NotAfter};
 
-/// The time of a heartbeat is stored this long. Reason: no request may be older than this time.
+/// Time for which the time of a heartbeat is stored. Reason: `not_after` of a request allows at most this age.
 const KEPT: Duration = Duration::from_millis(NOT_AFTER_MAX_MS);
 
-/// A heartbeat within this time after the previous one shares its time. Reason: it bounds the memory to 6,000 times
-/// when simulated time runs fast, and makes a request appear at most 10 ms older than it is.
+/// A heartbeat that follows the previous one within this time is stored with the time of the previous one. Reason: so
+/// at most 6,000 times are stored if simulated time runs fast. A request then appears at most 10 ms older than it is.
 const SPACING: Duration = Duration::from_millis(10);
 
-/// Times at which cycles were named, the oldest first.
+/// Servo cycles that heartbeats named, with their times, the oldest first.
 #[derive(Debug, Default)]
 pub(crate) struct HeartbeatTimes {
     times: VecDeque<(u64, Duration)>,
@@ -20,7 +20,7 @@ pub(crate) struct HeartbeatTimes {
 }
 
 impl HeartbeatTimes {
-    /// Notes a heartbeat before it is sent. `now` is real time since the start.
+    /// Stores the time of a heartbeat. Called before the heartbeat is sent; `now` is the real time since the start.
     pub fn record_heartbeat(&mut self, cycle: u64, now: Duration) {
         if self.newest.is_some_and(|newest| cycle <= newest) {
             return;
@@ -42,7 +42,7 @@ impl HeartbeatTimes {
         }
     }
 
-    /// Returns the time since the heartbeat; `None` if it was never sent, or is older than the storage time.
+    /// Returns the time since the heartbeat with this cycle; `None` if it was never sent, or was sent before [`KEPT`].
     pub fn age(&self, cycle: u64, now: Duration) -> Option<Duration> {
         if self.newest.is_none_or(|newest| cycle > newest) {
             return None;
@@ -52,10 +52,10 @@ impl HeartbeatTimes {
         Some(now.saturating_sub(*at))
     }
 
-    /// Validates the age of a request.
+    /// Checks that a request is not older than its `not_after` allows.
     ///
     /// # Errors
-    /// Returns an error, as text for the sender, if the request is too old.
+    /// Returns an error, as text for the client, if the request is too old.
     pub fn check(&self, not_after: &NotAfter, now: Duration) -> Result<(), String> {
         let NotAfter {
             heartbeat, within_ms, ..

@@ -1,4 +1,4 @@
-//! Inputs and outputs of the plant: writes, forces and losses are published and journalled.
+//! Inputs and outputs of the plant. Publishes and journals writes, forced values and losses of the owner.
 
 use std::collections::BTreeMap;
 
@@ -12,11 +12,11 @@ use plc_api::types::topic::Topic;
 use crate::journal::Event;
 use crate::shared::SharedState;
 
-/// Difference below which two times are equal, s. Reason: a sum of times is rounded.
+/// Difference in s below which two times are equal. Reason: sums of times are rounded.
 const ROUNDING_S: f64 = 1e-9;
 
 impl SharedState {
-    /// Publishes all inputs and outputs at a start.
+    /// Publishes all inputs and outputs at the start of the runtime.
     pub fn publish_io(&self) {
         let io = self.io.lock();
         for (point, state) in io.states() {
@@ -24,7 +24,7 @@ impl SharedState {
         }
     }
 
-    /// Restores the last values of outputs before the first publication; `None` marks a damaged value.
+    /// Restores the stored values of outputs before they are published. `None` marks a value that is damaged.
     pub fn restore_outputs(&self, last: BTreeMap<IoPoint, Option<IoValue>>) {
         let mut io = self.io.lock();
         for (point, last) in last {
@@ -32,7 +32,7 @@ impl SharedState {
         }
     }
 
-    /// Validates a write without changing anything. Returns the value written last.
+    /// Validates a write without changing anything. Returns the last written value.
     ///
     /// # Errors
     /// Returns an error in the cases of [`IoPoints::write`](plc_api::io_points::IoPoints::write).
@@ -66,7 +66,7 @@ impl SharedState {
         Ok(())
     }
 
-    /// Forces a value for an operator instead of the written one, or ends the forcing.
+    /// Forces a value for an operator, which replaces the written value, or ends the forcing.
     ///
     /// # Errors
     /// Returns an error in the cases of [`IoPoints::force`](plc_api::io_points::IoPoints::force).
@@ -80,7 +80,7 @@ impl SharedState {
         Ok(())
     }
 
-    /// Processes the departure of a handler.
+    /// Processes the departure of a handler that may own inputs and outputs.
     pub fn leave_io(&self, handler_id: &str, departure: Departure) {
         let mut io = self.io.lock();
         let lost = io.mark_handler_offline(handler_id, departure);
@@ -88,12 +88,13 @@ impl SharedState {
         self.io_absences.notify_one();
     }
 
-    /// Ends the wait for a handler that is online again.
+    /// Processes the return of a handler: its inputs and outputs no longer wait for it.
     pub fn end_io_absence(&self, handler_id: &str) {
         self.io.lock().mark_handler_online(handler_id);
     }
 
-    /// Waits for lost handlers, and expires the points of those that do not return.
+    /// Waits for handlers that have left. If a handler does not return within its time limit, its points take their
+    /// safe values.
     pub async fn watch_io(&self) {
         loop {
             let next_s = self.io.lock().next_deadline_s();
@@ -110,7 +111,7 @@ impl SharedState {
         }
     }
 
-    /// Publishes points whose owner is lost. Called with the lock of all points.
+    /// Journals and publishes points whose owner is lost. The caller holds the lock of all points.
     fn report_lost(&self, lost: Vec<LostPoint>) {
         for LostPoint {
             point,

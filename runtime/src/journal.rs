@@ -1,5 +1,5 @@
-//! The journal: every event, in order. When serving, it goes to the log and to `data_dir`; in a simulation, to a file
-//! or a list.
+//! The journal: every event, in order. A serving runtime writes it to the log and to `data_dir`; a simulation passes it
+//! to a file or a list.
 
 mod filter;
 mod writer;
@@ -30,16 +30,16 @@ use crate::program_store::Edit;
 pub use filter::LineFilter;
 pub(crate) use writer::{JournalMessage, JournalWriter, WriteAhead};
 
-/// Receives each line of the journal. Returns true if this has woken a task that must run before simulated time
-/// advances.
+/// Function that receives each line of the journal. It returns true if it has woken a task that must run before
+/// simulated time advances.
 pub type Sink = Arc<Mutex<dyn FnMut(&Line) -> bool + Send>>;
 
 /// One line of the journal.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Line {
-    /// Seconds since the start.
+    /// Seconds since the start of the runtime.
     pub t_s: f64,
-    /// Coordinate system; 0: the machine.
+    /// Number of the coordinate system; 0 stands for the whole machine.
     pub cs: CoordinateSystemNumber,
     /// The event.
     pub event: Event,
@@ -54,7 +54,8 @@ impl Line {
         object
     }
 
-    /// Parses a line from a JSON object. Returns `None` if it is damaged, or if this version does not know the event.
+    /// Parses a line from a JSON object. Returns `None` if the object is damaged, or if this version does not know the
+    /// event.
     pub(crate) fn from_json(object: &Value) -> Option<Self> {
         Some(Self {
             t_s: f64::deserialize(object.get("t_s")?).ok()?,
@@ -64,7 +65,7 @@ impl Line {
     }
 }
 
-/// An event in a coordinate system. In JSON one object: its name under `event`, and its fields.
+/// An event in a coordinate system. In JSON an event is one object: its name under `event`, and its fields.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
@@ -75,26 +76,26 @@ pub enum Event {
         /// Version of the runtime.
         version: String,
     },
-    /// The previous instance of the runtime ended during a run.
+    /// An earlier runtime ended during a run, without an end of this run.
     Interrupted(Box<LastRun>),
     /// A command was accepted.
     Command {
-        /// The command.
+        /// Kind of the command.
         verb: Verb,
-        /// Identifies the command.
+        /// Id of the command.
         command_id: String,
         /// The client that issued the command.
         client_id: String,
-        /// The program that is loaded or started.
+        /// Number of the program that is loaded or started.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         program: Option<u16>,
-        /// Its hash.
+        /// Hash of that program.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         program_hash: Option<String>,
     },
     /// A request was rejected because the program is a different one or has no valid signature.
     Refused {
-        /// The rejected request: a command, or the route that changes a program.
+        /// The rejected request: a command, or the route of the change of a program.
         request: String,
         /// Number of the program.
         program: Option<u16>,
@@ -102,7 +103,7 @@ pub enum Event {
         code: RefusalCode,
         /// Reason as text.
         text: String,
-        /// The requesting client, if the request names it.
+        /// The client that sent the request, if the request names it.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         client_id: Option<String>,
     },
@@ -117,15 +118,15 @@ pub enum Event {
         from: Option<IpAddr>,
         /// Transport of the request.
         over: ServerTransport,
-        /// Method and route, or the topic.
+        /// Method and route of the request, or its topic.
         request: String,
-        /// Number of further such events since the last line of this kind that have no line of their own.
+        /// Number of such events without a line of their own since the last line of this kind.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         left_out: Option<u64>,
     },
     /// A program was changed or removed.
     Program(Edit),
-    /// A user has sent a request that changes something; its result has its own lines.
+    /// A user has sent a request that changes something. The result of the request has lines of its own.
     Request {
         /// Name of the user's token; `None` if there is no token file, or if an external broker authorized
         /// the user.
@@ -140,15 +141,15 @@ pub enum Event {
         /// Body of the request, at most 200 characters.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         said: Option<String>,
-        /// Identifies the command.
+        /// Id of the command.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         command_id: Option<String>,
     },
-    /// A run begins.
+    /// A run has begun, or a further part of a run.
     Start {
-        /// Main program; 0: manual data input, homing or a jog.
+        /// Number of the main program; 0 for manual data input, homing or a jog.
         program: u16,
-        /// Identifies the run.
+        /// Name of the run.
         run_id: String,
         /// Hash of the program.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -163,45 +164,45 @@ pub enum Event {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         parts: Option<u32>,
     },
-    /// The next part of a run is held back.
+    /// A condition delays the next part of a run.
     PartsWait {
-        /// Reason.
+        /// The condition as text.
         text: String,
     },
-    /// The parts of a run that have not begun are cancelled.
+    /// The remaining parts of a run are cancelled.
     PartsEnded {
-        /// Kind of the end.
+        /// Cause of the cancellation.
         how: RunEndedHow,
         /// Additional text.
         #[serde(default, skip_serializing_if = "String::is_empty")]
         text: String,
     },
-    /// The motion of a block begins. Not written to disk, because there are too many; other events record the
-    /// consequences.
+    /// The motion of a block has begun. Not written to disk, because blocks are too many; other events record their
+    /// effects.
     Block {
         /// Program number.
         program: u16,
         /// Line of the source file, from 1.
         line: u32,
     },
-    /// An auxiliary function output was issued for the first time.
+    /// An output was issued for the first time.
     Output(Box<OutputNotice>),
     /// A handler has claimed an output.
     Claim {
         /// Sequence number of the output.
         seq: u64,
-        /// The claiming handler.
+        /// Id of the handler.
         handler_id: String,
     },
     /// An output was reset, or its handler reported a failure.
     Reset {
         /// Sequence number of the output.
         seq: u64,
-        /// Its M number.
+        /// M number of the output.
         m: Option<u16>,
-        /// The resetting handler.
+        /// Id of the handler that reset the output.
         handler_id: String,
-        /// Done, or failed.
+        /// Success or failure of the handler's work.
         #[serde(flatten)]
         outcome: ResetOutcome,
         /// True if an operator reset the output, regardless of its owner.
@@ -217,21 +218,21 @@ pub enum Event {
         /// Possible answers.
         choices: Vec<String>,
     },
-    /// The operator has answered.
+    /// The operator has answered the question of an output.
     Answer {
         /// Sequence number of the output.
         seq: u64,
-        /// One of the choices.
+        /// The choice of the operator.
         choice: String,
-        /// The answering client.
+        /// The client that sent the answer.
         client_id: Option<String>,
     },
-    /// The program pauses at M00, M01 or, with single block, at a block's end.
+    /// The program has stopped at M00, at M01 or, in single block, at the end of a block.
     Stop {
-        /// 0 or 1; `None` if single block causes the stop.
+        /// 0 for M00, 1 for M01; `None` in single block.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         m: Option<u16>,
-        /// Reason, if no M code causes the stop.
+        /// Reason of the stop if no M code causes it.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         reason: Option<Reason>,
         /// Program number.
@@ -241,21 +242,21 @@ pub enum Event {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         line: Option<u32>,
     },
-    /// The runtime itself holds the run.
+    /// The runtime itself holds the run, not an operator.
     Hold {
-        /// Reason.
+        /// Reason of the hold.
         reason: Reason,
         /// M number of the output that the run waits for.
         m: Option<u16>,
-        /// Its sequence number.
+        /// Sequence number of that output.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         seq: Option<u64>,
     },
     /// The run continues.
     Resume,
-    /// Back trace begins or ends.
+    /// A back trace has begun or ended.
     BackTrace {
-        /// True when it begins.
+        /// True if the back trace has begun.
         on: bool,
     },
     /// A G31 block has captured positions.
@@ -273,45 +274,45 @@ pub enum Event {
     Alarm(RaisedAlarm),
     /// The connection to the MQTT broker was established or lost.
     Bus {
-        /// True if it was established.
+        /// True if the connection was established.
         connected: bool,
     },
-    /// The control lease has changed hands.
+    /// The control lease was taken, released or broken, or has expired.
     Lease {
         /// The change of the lease.
         what: LeaseChange,
-        /// The previous or current holder.
+        /// Holder of the lease after the change, otherwise the previous holder.
         holder: String,
         /// Fence of the lease.
         fence: u64,
         /// The client that changed the lease; `None` if the lease expired.
         client_id: Option<String>,
     },
-    /// An operator has forced the value of an input or output of the plant, or has released it.
+    /// An operator has forced the value of an input or output of the plant, or has ended the forcing.
     Force {
         /// Name of the input or output, such as `io/in/door_closed`.
         io: String,
-        /// The forced value; null: released, written values apply again.
+        /// The forced value; null if the forcing has ended, so that the written value applies again.
         value: Option<IoValue>,
-        /// Name of the user.
+        /// Name of the operator.
         user: Option<String>,
     },
     /// An output of the plant was written, and its value or owner has changed.
     IoWrite {
         /// Name of the output, such as `io/out/clamp`.
         io: String,
-        /// The value.
+        /// The written value.
         value: IoValue,
-        /// Its owner; null: a client without presence.
+        /// Id of the owner; null for a client without presence.
         handler_id: Option<String>,
     },
     /// The owner of an input or output of the plant is lost.
     IoLost {
         /// Name of the input or output, such as `io/in/door_closed`.
         io: String,
-        /// Its safe value.
+        /// Value of the point after the loss of its owner.
         value: IoValue,
-        /// The lost owner.
+        /// Id of the lost owner.
         handler_id: String,
     },
     /// Stored files are inconsistent, or a person has decided how to proceed with them.
@@ -327,17 +328,17 @@ pub enum Event {
 }
 
 impl Event {
-    /// Returns true for an event that clients may receive before the journal has written its line.
+    /// Returns true if clients may receive messages about this event before the journal has written its line.
     fn may_be_published_early(&self) -> bool {
         matches!(self, Event::Start { .. } | Event::Output(_)) || self.is_counted()
     }
 
-    /// Returns true for an event that changes the counters of produced parts.
+    /// Returns true if the event changes the counters of produced parts.
     fn is_counted(&self) -> bool {
         matches!(self, Event::End(_) | Event::PartsEnded { .. })
     }
 
-    /// Returns true for an event that closes outputs.
+    /// Returns true if the event closes outputs.
     fn closes_outputs(&self) -> bool {
         matches!(self, Event::Reset { .. } | Event::End(_))
     }
@@ -347,13 +348,13 @@ impl Event {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "result", rename_all = "snake_case")]
 pub enum ResetOutcome {
-    /// The work is done.
+    /// The handler's work is done.
     Ok,
-    /// The work has failed.
+    /// The handler's work has failed.
     Fault {
-        /// The handler's alarm code, 0 to 9999.
+        /// Alarm code of the handler, 0 to 9999.
         code: Option<u16>,
-        /// The alarm's text.
+        /// Text of the alarm.
         text: Option<String>,
     },
 }
@@ -374,7 +375,7 @@ pub enum RaisedAlarm {
 }
 
 impl RaisedAlarm {
-    /// Number of the alarm.
+    /// Returns the number of the alarm.
     pub fn number(&self) -> u16 {
         match self {
             RaisedAlarm::OfThis(record) => record.number,
@@ -406,18 +407,18 @@ pub enum LeaseChange {
     Expired,
 }
 
-/// How a run has ended.
+/// Result of the end of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum RunEnd {
     /// The run ended before the end of the program.
     CutShort {
-        /// The resulting state.
+        /// State word after the end.
         outcome: Execution,
-        /// Reason of the state.
+        /// Reason of that state word.
         #[serde(deserialize_with = "Option::deserialize")]
         reason: Option<Reason>,
-        /// Program of the motion in progress; `None` if nothing had moved.
+        /// Program whose motion was in progress; `None` if nothing had moved.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         program: Option<u16>,
         /// Line of that program.
@@ -426,13 +427,13 @@ pub enum RunEnd {
     },
     /// The run reached the end of the program.
     Completed {
-        /// The resulting state.
+        /// State word after the end.
         outcome: Execution,
     },
 }
 
 impl RunEnd {
-    /// Returns the state after the end of the run.
+    /// Returns the state word after the end of the run.
     pub fn outcome(&self) -> Execution {
         match self {
             RunEnd::CutShort { outcome, .. } | RunEnd::Completed { outcome } => *outcome,
@@ -440,7 +441,7 @@ impl RunEnd {
     }
 }
 
-/// Destination of the journal's lines.
+/// Destination of the lines of the journal.
 #[derive(Clone, Default)]
 pub struct Journal {
     sink: Option<Sink>,
@@ -482,20 +483,20 @@ impl Journal {
             .map_or(0, |disk| disk.last.load(Ordering::Acquire))
     }
 
-    /// Continues the numbering after this number.
+    /// Continues the numbers of the lines after `number`.
     pub(crate) fn continue_numbers_after(&self, number: u64) {
         if let Some(disk) = &self.disk {
             disk.last.fetch_max(number, Ordering::AcqRel);
         }
     }
 
-    /// Returns true if the lines are written to disk.
+    /// Returns true if lines are written to disk.
     pub(crate) fn is_on_disk(&self) -> bool {
         self.disk.is_some()
     }
 
-    /// Records the rest positions of a coordinate system's axes by motor number; `None` while they move. When
-    /// this returns, the record survives a kill.
+    /// Records the rest positions of a coordinate system's motors by motor number; `None` while they move. When this
+    /// method returns, the record is safe even if the process is killed.
     pub(crate) fn note_rest(&self, cs: CoordinateSystemNumber, positions: Option<&BTreeMap<u16, f64>>) {
         let ahead = self.disk.as_ref().and_then(|disk| disk.ahead.as_ref());
         if let Some(ahead) = ahead
@@ -505,12 +506,12 @@ impl Journal {
         }
     }
 
-    /// Reserves the number of the next line for the disk; returns 0 if lines are not written to disk.
+    /// Reserves the number of the next line on disk. Returns 0 if lines are not written to disk.
     pub(crate) fn reserve(&self) -> u64 {
         self.disk.as_ref().map_or(0, JournalWriter::reserve)
     }
 
-    /// Writes a line with this number. Returns true if this has woken a task.
+    /// Writes a line with the number `n`. Returns true if a sink has woken a task.
     pub(crate) fn record(&self, n: u64, now: Now, cs: CoordinateSystemNumber, event: Event) -> bool {
         let is_block = matches!(event, Event::Block { .. });
         let line = Line {
@@ -524,7 +525,7 @@ impl Journal {
             None if is_block => tracing::debug!(target: "journal", "{}", line.to_json()),
             None => tracing::info!(target: "journal", "{}", line.to_json()),
         }
-        // The journal's thread composes the text, so that a handshake does not wait for it.
+        // The thread of the journal composes the text, so that a handshake does not wait for it.
         if let Some(disk) = self.disk.as_ref().filter(|_| !is_block) {
             disk.write_as(n, line, now.time);
         }

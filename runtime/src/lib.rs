@@ -1,4 +1,4 @@
-//! The Tandem runtime: the coordinator of CNC coordinate systems, and the only place that knows every stage.
+//! The Tandem runtime: the coordinator of CNC coordinate systems, and the only crate that depends on every stage.
 //!
 //! `runtime/ARCHITECTURE.md` in the repository follows one G01 and one M100 through the code.
 
@@ -46,7 +46,7 @@ pub use config::{
     Machine, Stock, UnhandledReaction,
 };
 pub use coordinator::{Runtime, StartError};
-/// Interface to hardware: traits for your own bus and spindle, and the factory that provides them to a runtime.
+/// Interface to hardware: traits for a bus and a spindle of your own, and the factory that passes them to a runtime.
 pub mod hardware {
     pub use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
     pub use tandem_servo::{

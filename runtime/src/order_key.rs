@@ -1,15 +1,16 @@
-//! The key of an ordered run.
+//! The key that identifies an ordered run.
 
 use plc_api::types::command::CommandMeta;
 use plc_api::types::run::RunOrder;
 use serde::{Deserialize, Serialize};
 
-/// Key of an order while its run is stored: a repeated order returns the existing run and starts no other.
+/// Key of an order, stored as long as its run. A repeated order with the same key returns that run and does not start
+/// another.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OrderKey {
-    /// The user that sent the order, named as in the memory of commands.
+    /// User that sent the order; the name is that of the command memory.
     pub user: String,
-    /// Its `command_id`.
+    /// The `command_id` of the order.
     pub id: String,
     /// The program named in the order.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -10,17 +10,17 @@ use tandem_model::profile::Profile;
 /// Part of the plan of a coordinate system, in the order of execution.
 #[derive(Debug, Clone, Copy)]
 pub enum PlannedMotion<'a> {
-    /// A piece of the toolpath; its profiles follow.
+    /// A piece of the toolpath. Its profiles follow.
     Segment {
-        /// Its number.
+        /// Number of the segment.
         number: u64,
-        /// The geometry, with F as programmed.
+        /// Geometry of the segment, with F as programmed.
         segment: &'a Segment,
-        /// F within the limits of the coordinate system and its motors, path units per second; `None` for motion that
+        /// F within the limits of the coordinate system and its motors, in path units per second; `None` if the motion
         /// is not at feedrate.
         speed_limit: Option<f64>,
     },
-    /// Position as a function of time.
+    /// A profile: position as a function of time.
     Profile(&'a Profile),
 }
 
@@ -31,7 +31,7 @@ type Callback = dyn FnMut(CoordinateSystemNumber, PlannedMotion<'_>) + Send;
 pub struct OnPlan(Arc<Mutex<Callback>>);
 
 impl OnPlan {
-    /// Creates a callback from this function.
+    /// Creates a callback from a function.
     pub fn new(callback: impl FnMut(CoordinateSystemNumber, PlannedMotion<'_>) + Send + 'static) -> Self {
         Self(Arc::new(Mutex::new(callback)))
     }

@@ -1,4 +1,4 @@
-//! Opens what a machine needs before it starts: its data folder, its program store and its hardware.
+//! Opens the resources that a machine needs before it starts: its data folder, its program store and its hardware.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -35,24 +35,24 @@ use crate::stored_data::OpenQuestion;
 use crate::stored_data::inspection::Inspection;
 use crate::tables::{Tables, value_key};
 
-/// Opened contents of the data folder.
+/// Contents of the opened data folder.
 pub(super) struct Data {
     folder: PathBuf,
-    /// `None` if the disk fails.
+    /// `None` if the store cannot be opened.
     store: Option<Store>,
     image: Image,
-    /// Notes for the operator about the store.
+    /// Notes for the operator about stored data that are damaged or lost.
     notes: Vec<String>,
     pub journal: JournalThread,
     pub newest: Newest,
     pub health: Arc<Health>,
-    /// Parts of the folder that are withheld.
+    /// Parts of the folder that are withheld until an operator answers the question about inconsistent files.
     pub held: HeldBack,
     pub question: OpenQuestion,
     lock: Option<Lock>,
 }
 
-/// Watches the data folder and writes into it. Dropping it writes all pending data.
+/// Threads that watch the data folder and write into it. Dropping this value writes all pending data.
 #[derive(Debug)]
 pub(super) struct Keepers {
     _watch: DataWatch,
@@ -62,7 +62,7 @@ pub(super) struct Keepers {
 }
 
 impl Data {
-    /// Opens the data folder and creates it if it is missing. Afterwards no other runtime can open it.
+    /// Opens the data folder and creates it if it is missing. Locks the folder, so that no other runtime can open it.
     pub fn open(machine: &Machine, boot_id: BootId) -> Result<Option<Self>, StartError> {
         let Some(folder) = &machine.data_dir else {
             return Ok(None);
@@ -113,7 +113,7 @@ impl Data {
         }))
     }
 
-    /// Restores the stored data and the additions from the journal, which are then stored as well.
+    /// Restores the stored data. Newer entries of the journal are added to them and written to the store.
     pub fn restore(&mut self, tables: &Tables, io: &IoDeclarations) -> RestoredState {
         let mut restored = restore(tables, &self.image);
         restored.outputs = restore_outputs(io, &self.image);
@@ -158,7 +158,7 @@ impl Data {
         KeptPositions::new(&self.image, &self.newest.rests)
     }
 
-    /// Starts to store changes.
+    /// Starts the threads that store changes, and publishes the warnings about the stored data.
     pub fn keep(
         self,
         shared: &Arc<SharedState>,
@@ -199,7 +199,7 @@ impl Data {
     }
 }
 
-/// Returns the names of all values that may be stored for a machine.
+/// Returns the names of all values that the store of this machine may contain.
 pub(crate) fn everything(machine: &Machine) -> Vec<String> {
     let tables = Tables::new(machine);
     let mut names: Vec<String> = (0..pages(&tables.global()))
@@ -220,7 +220,7 @@ pub(crate) fn everything(machine: &Machine) -> Vec<String> {
     names
 }
 
-/// Returns the notes for the operator about an incomplete store.
+/// Returns the notes for the operator about a damaged or unverified store.
 fn notes(folder: &Path, inspected: &InspectedStore, aside: Option<&Path>) -> Vec<String> {
     let path = folder.join(STORE_FILE);
     let mut notes = Vec::new();
@@ -257,7 +257,7 @@ fn refused(path: &Path, error: io::Error) -> StartError {
     }
 }
 
-/// Brings up the hardware. Simulated drives start at their stored positions.
+/// Creates the hardware. Simulated drives start at their stored positions.
 pub(super) fn bring_up(
     factory: HardwareFactory,
     machine: &Machine,
@@ -274,7 +274,7 @@ pub(super) fn bring_up(
 
 pub(super) fn new_boot_id() -> BootId {
     use std::hash::{BuildHasher, Hasher};
-    // The standard library's hash keys are random for each process.
+    // The standard library creates random hash keys for each process.
     let random = std::collections::hash_map::RandomState::new()
         .build_hasher()
         .finish();
@@ -301,17 +301,17 @@ impl Machine {
     }
 }
 
-/// Opened programs of a machine.
+/// Opened program store of a machine, and the findings in its folder.
 pub(super) struct Programs {
     pub store: ProgramStore,
     pub findings: ProgramFindings,
-    /// The initial state of coordinate systems.
+    /// State word and reason with which all coordinate systems start.
     pub first_state: (Execution, Option<Reason>),
 }
 
 impl Programs {
-    /// Opens the store and puts the configuration's programs into it. A folder that cannot be written prevents nothing:
-    /// `health` shows the reason.
+    /// Opens the program store and puts the programs of the configuration into it. If the folder cannot be written, the
+    /// start continues and `health` shows the reason.
     pub fn open(machine: &Machine, health: &Health, held: &HeldBack) -> Result<Self, StartError> {
         let mut store = machine.new_store();
         let (mut findings, mut reason) = (ProgramFindings::default(), Reason::NoProgram);
@@ -349,7 +349,7 @@ impl Programs {
 }
 
 impl ProgramFindings {
-    /// Reports the result to the operator.
+    /// Reports the findings to the operator, by warnings and in the journal.
     pub(super) fn report(self, shared: &SharedState) {
         if let Some(text) = list(&self.not_read) {
             warn_standing(shared, &NOT_READ, &text);
@@ -381,8 +381,8 @@ impl ProgramFindings {
     }
 }
 
-/// Puts a program into the store. The newer version wins: the configuration's file, or the one written to the store
-/// since. A program that the disk does not accept is still available. Returns the change.
+/// Puts a program of the configuration into the store, unless the store has a newer version. If the disk does not
+/// accept the program, it is still available in memory. Returns the change, if any.
 fn put_program(
     store: &ProgramStore,
     number: u16,
@@ -422,7 +422,7 @@ fn put_program(
     }))
 }
 
-/// Leaves a mark in the data folder; the returned reason shows whether the mark already existed.
+/// Writes a file into the data folder that marks it as used. Returns `RESTARTED` if the file already existed.
 fn mark_started(mark: &Path) -> Reason {
     if fs::exists(mark).unwrap_or(false) {
         tighten(mark);

@@ -1,4 +1,4 @@
-//! Contents and order of the writes for a run.
+//! Tests of the contents and order of the journal lines of a run.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -15,11 +15,11 @@ use crate::coordinate_system::View;
 use crate::journal::{JournalWriter, Line, WriteAhead};
 use crate::test::Bench;
 
-/// State writer that inspects a run while one of its lines is written ahead, before any client can have received it.
+/// Journal sink that reads the published line number of a coordinate system before each of its lines is published.
 #[derive(Debug, Default)]
 struct ViewProbe {
     view: OnceLock<Arc<View>>,
-    /// Numbers of the lines, and at each the number of the last published line.
+    /// Number of each line, and the number of the last line published before it.
     seen: Mutex<Vec<(u64, u64)>>,
 }
 
@@ -62,7 +62,7 @@ fn the_line_of_an_output_does_not_count_as_published_before_the_output_is() {
         view.published_line()
     });
     let seen = look.seen.lock();
-    // the start, three outputs and the end
+    // lines of the start, three outputs and the end
     assert_eq!(seen.len(), 5, "{seen:?}");
     assert!(seen.iter().all(|(line, published)| published < line), "{seen:?}");
     assert!(published.unwrap() > seen[3].0, "{seen:?}");

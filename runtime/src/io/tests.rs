@@ -1,4 +1,4 @@
-//! Outputs, levels and M codes of handlers that leave, in each possible way.
+//! Outputs, levels and M codes of handlers that go offline, for each kind of departure.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -19,7 +19,7 @@ use crate::config::Machine;
 use crate::test::{Bench, Scene, kept_journal};
 use crate::{Config, Runtime};
 
-/// `door` is a source with `on_loss = "on"`, `air` one with `off`.
+/// Machine with an interlock source `door`, a start lock source `gas`, one input and three outputs.
 const PLANT: &str = "[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 100\nmax_acceleration = 1000\n\
                      [[coordinate_system]]\nnumber = 1\naxes = { X = 1 }\ndefault_feedrate = 600\n\
                      [input.interlock.source.door]\n[input.start_lock.source.gas]\n\
@@ -30,7 +30,7 @@ fn machine() -> Machine {
     Config::from_toml(PLANT, "").unwrap().resolve().unwrap()
 }
 
-/// Plays a test on a machine whose program 50 moves for 60 s, then waits for M77.
+/// Runs a test on a machine. Its program 50 moves for 60 s, then waits for M77.
 fn with_plant<T: Send + 'static>(test: impl AsyncFnOnce(&Scene, &Runtime) -> T + Send + 'static) -> T {
     let bench = Bench::on_machine(machine()).subprogram(50, "G01 X600 F600\nM77\nM30\n");
     bench
@@ -52,7 +52,7 @@ async fn send_presence(port: &Arc<dyn Port>, presence: HandlerPresence) {
     port.ask(typed::Handler("cell".into(), presence)).await.unwrap();
 }
 
-/// A write of an instance of `cell`.
+/// Returns a write of an output by an instance of `cell`.
 fn write(name: &str, value: bool, instance: &str) -> typed::WriteIo {
     let set = IoSet {
         value: value.into(),
@@ -62,7 +62,7 @@ fn write(name: &str, value: bool, instance: &str) -> typed::WriteIo {
     typed::WriteIo(IoPoint::output(name), set)
 }
 
-/// Clears the door's interlock and the gas's start lock, as this handler.
+/// Clears the interlock source `door` and the start lock source `gas` as this handler.
 async fn clear_levels(port: &Arc<dyn Port>, handler_id: &str, instance: Option<&str>) {
     let set = |source: &str| LockSet {
         source: Some(source.to_owned()),
@@ -75,7 +75,7 @@ async fn clear_levels(port: &Arc<dyn Port>, handler_id: &str, instance: Option<&
     }
 }
 
-/// Another handler watches the levels, and stays.
+/// Makes another handler, `watch`, the owner of both locks; this handler stays online.
 async fn watch_levels(port: &Arc<dyn Port>) {
     let watch = HandlerPresence {
         online: true,
@@ -85,7 +85,7 @@ async fn watch_levels(port: &Arc<dyn Port>) {
     clear_levels(port, "watch", None).await;
 }
 
-/// `cell` is online, has closed clamp and vice and cleared its levels, and the program moves.
+/// Brings `cell` online, makes it close clamp and vice and clear its locks, and starts the program, which moves.
 async fn under_way(scene: &Scene) -> Arc<dyn Port> {
     let port = Arc::clone(scene.plc().port());
     send_presence(&port, presence("a", true)).await;
@@ -99,7 +99,7 @@ async fn under_way(scene: &Scene) -> Arc<dyn Port> {
     port
 }
 
-/// Value and loss of the clamp and of the vice.
+/// Returns, for clamp and vice, true if it is closed, and true if its owner is lost.
 async fn clamped(plc: &Plc) -> [(bool, bool); 2] {
     let mut all = Vec::new();
     for name in ["clamp", "vice"] {
@@ -115,7 +115,8 @@ async fn state(scene: &Scene) -> State {
     scene.cs(1).state().await.unwrap()
 }
 
-/// The ways in which `cell` is replaced in order, and the presence of its next instance.
+/// Returns the orderly ways of replacing an instance of `cell`: name, presence of the old instance, and of the next
+/// one.
 fn orderly() -> [(&'static str, Option<HandlerPresence>, HandlerPresence); 2] {
     let leaves = HandlerPresence {
         returns_within_ms: Some(10_000),
@@ -155,7 +156,7 @@ fn a_closed_clamp_and_a_run_outlast_an_update_and_a_take_over() {
     }
 }
 
-/// Returns the requests of an instance of `cell`: an output, an interlock and a start lock.
+/// Returns the requests with which an instance of `cell` sets an output, an interlock and a start lock.
 fn sets(instance: Option<&str>) -> [Request; 3] {
     let lock = |source: &str| LockSet {
         source: Some(source.to_owned()),
@@ -275,7 +276,7 @@ fn an_instance_that_does_not_confirm_that_it_lives_is_an_unannounced_loss() {
     });
 }
 
-/// Starts a program of this text.
+/// Loads and starts a program with this text.
 async fn run(scene: &Scene, text: &str) {
     let program = typed::WriteProgram(51, text.to_owned());
     scene.plc().port().ask(program).await.unwrap();
@@ -283,7 +284,7 @@ async fn run(scene: &Scene, text: &str) {
     scene.cs(1).start().await.unwrap();
 }
 
-/// Starts a program that reaches M77 after one second, and loses the handler of M77 half a second before.
+/// Starts a program that reaches M77 after one second. The handler of M77 goes offline half a second earlier.
 async fn lose_before_m77(scene: &Scene) -> Arc<dyn Port> {
     let port = Arc::clone(scene.plc().port());
     send_presence(&port, presence("a", true)).await;
