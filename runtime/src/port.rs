@@ -1,5 +1,5 @@
-//! The runtime's own [`Port`]: each request goes to its task or store; reads are answered from the hub and from the
-//! last servo cycle.
+//! The runtime's own [`Port`]. Each request goes to the task or store that it concerns; reads are answered from the hub
+//! and from the last servo cycle.
 
 mod access;
 mod audit;
@@ -51,7 +51,7 @@ use crate::persistence::{LastRuns, StateWriter};
 use crate::preview::Previews;
 use crate::shared::SharedState;
 
-/// Maximum length of a warning raised by a server end, in characters.
+/// Maximum length in characters of the text of a warning that a server end raises.
 const WARNING_TEXT_MAX: usize = 500;
 
 /// The port of a running machine.
@@ -59,20 +59,20 @@ const WARNING_TEXT_MAX: usize = 500;
 pub(crate) struct RuntimePort {
     pub shared: Arc<SharedState>,
     pub mailboxes: Vec<Arc<Mailbox>>,
-    /// Writes stored data; `None` in simulated time and without a data folder.
+    /// Handle of the state writer; `None` in simulated time or without a data folder.
     pub writer: Option<StateWriter>,
-    /// Last runs of an earlier start of the runtime.
+    /// Last run of each coordinate system before this start of the runtime.
     pub last_runs: LastRuns,
-    /// Journal lines about logins and refused access.
+    /// Limit on journal lines about logins and refused access.
     pub access: AccessLines,
-    /// Programs, planned ahead.
+    /// Plans and rehearsals of programs, made ahead of their runs.
     pub previews: Previews,
-    /// Serializes the storage of outputs, so that the last value on disk is the one written last.
+    /// Serializes the storage of outputs, so that the value on disk is always the one written last.
     pub io_turn: tokio::sync::Mutex<()>,
 }
 
 impl RuntimePort {
-    /// Stops every active coordinate system.
+    /// Stops the run of every coordinate system in which one is active.
     pub async fn stop_all(&self) {
         for mailbox in &self.mailboxes {
             if self.running(mailbox.number).is_none() {
@@ -89,7 +89,7 @@ impl RuntimePort {
                 meta,
                 wait: true,
             };
-            // The task ends next, whatever the answer.
+            // The task of the coordinate system ends next, whether the stop succeeds or not.
             let clock = &self.shared.clock;
             let _ = clock
                 .within_real(
@@ -111,7 +111,7 @@ impl RuntimePort {
         })
     }
 
-    /// Sends the request to all coordinate systems at the same time, so that none waits for another.
+    /// Sends a request to all coordinate systems at the same time, so that no coordinate system waits for another.
     async fn pass_to_all(&self, request: CoordinateSystemRequest) -> Result<(), Refusal> {
         let asked = self
             .mailboxes
@@ -121,7 +121,7 @@ impl RuntimePort {
         answers.into_iter().try_for_each(|answer| answer.map(drop))
     }
 
-    /// Passes the heartbeat of a client to the coordinate systems that watch it.
+    /// Passes the heartbeat of a client to the coordinate system that it names, otherwise to all.
     async fn heartbeat(&self, id: String, beat: ClientHeartbeat) -> Result<Answer, Refusal> {
         check_client_id("client", &id)?;
         beat.check()?;
@@ -134,7 +134,7 @@ impl RuntimePort {
         Ok(Answer::Done)
     }
 
-    /// Passes a motor's skip input to each coordinate system that has the motor as an axis.
+    /// Passes the skip input of a motor to each coordinate system that has this motor as an axis.
     async fn skip_input(&self, motor: u16, value: bool, sender: &Sender) -> Result<Answer, Refusal> {
         let mut found = false;
         for system in &self.shared.machine.coordinate_systems {
@@ -158,7 +158,7 @@ impl RuntimePort {
         }
     }
 
-    /// Runs long work on programs outside of the tasks that must not block; simulated time has no disk and one thread.
+    /// Does work on the disk in a thread that may block; in simulated time, which has only one thread, does it at once.
     async fn on_disk<T: Send + 'static>(
         &self,
         work: impl FnOnce(&SharedState) -> io::Result<T> + Send + 'static,
@@ -175,7 +175,7 @@ impl RuntimePort {
         done.map_err(|error| {
             let code = match error.kind() {
                 io::ErrorKind::InvalidInput => RefusalCode::Invalid,
-                // unlike a full disk, this does not resolve without a change of the request
+                // unlike a full disk, this limit remains until the request is changed
                 io::ErrorKind::QuotaExceeded => RefusalCode::TooLarge,
                 _ => RefusalCode::Unavailable,
             };
@@ -183,7 +183,7 @@ impl RuntimePort {
         })
     }
 
-    /// Returns the state of an active run, a run by hand included.
+    /// Returns the state of a coordinate system if a run is active, including a run by hand.
     fn running(&self, cs: CoordinateSystemNumber) -> Option<State> {
         let message = self.shared.hub.read(&Topic::cs(cs, CsTopic::State))?;
         let Payload::State(state) = &message.payload else {
@@ -196,7 +196,7 @@ impl RuntimePort {
         (!ended).then(|| state.clone())
     }
 
-    /// Returns the value of topics that the servo's last cycle provides.
+    /// Returns the current value of a topic that depends on the last servo cycle; `None` for other topics.
     fn read_live(&self, topic: &Topic) -> Option<Payload> {
         let (cs, topic) = match topic {
             Topic::CoordinateSystem(cs, topic) => (cs, topic),
@@ -228,7 +228,8 @@ impl RuntimePort {
         }
     }
 
-    /// Raises an alarm of the whole machine, which is one alarm and stops each coordinate system.
+    /// Raises an alarm of one coordinate system or of the whole machine. The latter is one alarm, and stops each
+    /// coordinate system.
     async fn raise_alarm(&self, raise: AlarmRaise) -> Result<Answer, Refusal> {
         let alarm = raise.alarm()?;
         if let Some(cs) = raise.cs {
@@ -242,7 +243,7 @@ impl RuntimePort {
             text: alarm.text,
             ..AlarmRecord::default()
         });
-        // each one is stopped, even after one that refuses
+        // if a coordinate system refuses, the others are stopped regardless
         let mut answer = Ok(Answer::Done);
         for mailbox in &self.mailboxes {
             let stopped = mailbox
@@ -253,7 +254,7 @@ impl RuntimePort {
         answer
     }
 
-    /// Executes a request, unless it is older than its age limit when it would take effect.
+    /// Executes a request. A request that is older than its age limit when it would take effect is refused.
     fn execute_request(&self, request: Request, sender: Sender) -> BoxFuture<'_, Result<Answer, Refusal>> {
         match request.into() {
             Destination::CoordinateSystem(cs, request) => self.pass_on(cs, request, sender),
@@ -327,7 +328,7 @@ impl RuntimePort {
         }
     }
 
-    /// Returns a run when it has ended, or when the wait is over.
+    /// Returns a run as soon as it has ended, at the latest after `wait_s` seconds.
     async fn run(&self, id: &str, wait_s: u32) -> Result<Run, Refusal> {
         let numbers = self.mailboxes.iter().map(|mailbox| mailbox.number);
         let topics = numbers.map(|cs| Topic::cs(cs, CsTopic::Run)).collect();
@@ -410,7 +411,7 @@ impl RuntimePort {
         }
     }
 
-    /// Converts a request to a coordinate system; most are passed on unchanged.
+    /// Passes a request to its coordinate system; commands, leases and tools need further steps before.
     fn pass_on(
         &self,
         cs: CoordinateSystemNumber,
@@ -509,7 +510,7 @@ impl ServedPort for RuntimePort {
 
     fn republish(&self) -> BoxFuture<'_, ()> {
         Box::pin(async move {
-            // a runtime that is stopping refuses the request
+            // a refusal is ignored: it means that the runtime is stopping
             let _ = self.pass_to_all(CoordinateSystemRequest::Republish).await;
         })
     }

@@ -1,8 +1,9 @@
 //! The program store: NC programs by number, parsed and checked when they are written.
 //!
-//! With a folder, each program is a file `<number>.nc` in it. It is written under a temporary name and renamed, and is
-//! on disk before the write returns. A recorded checksum distinguishes a file changed outside from a damaged one
-//! (`folder`); a damaged file is not a program until it is stored again.
+//! With a folder, each program is a file `<number>.nc` in this folder. The store writes a program to a temporary file
+//! and renames it; the program is on disk before the write returns. A recorded checksum distinguishes a file that was
+//! changed outside of the runtime from a damaged file (`folder`). A damaged file cannot be used as a program until it
+//! is stored again.
 
 mod calls;
 mod edit;
@@ -39,49 +40,50 @@ pub(crate) use program::mentions_variables;
 pub use program::{CheckHere, StoredProgram, TextRules, header, locate};
 pub use signing::Signers;
 
-/// Maximum number of programs in the store. Further ones are rejected.
+/// Maximum number of programs in the store. Further programs are rejected.
 pub const PROGRAMS_MAX: usize = 2000;
 
-/// Maximum bytes of all program texts together, if nothing else is configured.
+/// Default of the maximum bytes of all program texts together.
 pub const PROGRAMS_BYTES_MAX: usize = 256 << 20;
 
 /// All programs of a machine.
 #[derive(Debug)]
 pub struct ProgramStore {
-    /// Rules of the dialect of the lowest coordinate system.
+    /// Rules of the dialect of the coordinate system with the lowest number.
     rules: TextRules,
     /// Rules of each dialect.
     rules_of: Vec<TextRules>,
-    /// Coordinate systems have different dialects.
+    /// True if coordinate systems have different dialects.
     is_mixed: bool,
     signers: Signers,
-    /// Maximum bytes of the texts of all programs together.
+    /// Maximum bytes of all program texts together.
     bytes_max: usize,
     programs: RwLock<Arc<BTreeMap<u16, Arc<StoredProgram>>>>,
-    /// Damaged programs with the known details. They are not programs of the store.
+    /// Damaged programs, each with a description of the damage. They are not in `programs`.
     damaged: RwLock<BTreeMap<u16, String>>,
-    /// Number of program changes.
+    /// Number of program changes since the start.
     changes: AtomicU64,
     path: Option<PathBuf>,
-    /// Serializes the writing of programs.
+    /// Serializes writes and removals of programs.
     writing: Mutex<()>,
-    /// `None` if nothing is stored on disk, or if the folder could not be opened.
+    /// `None` if programs are in memory only, or if the folder could not be opened.
     folder: Mutex<Option<ProgramFolder>>,
-    /// Folder in the program list for each program.
+    /// Folder of each program in the program list.
     places: Mutex<FolderAssignments>,
     generations: Arc<Generations>,
-    /// All programs of the folder are held back when it is opened.
+    /// True if all programs are withheld when the folder is opened.
     holds_back: AtomicBool,
     run_programs: run_programs::RunPrograms,
-    /// Files that a scan found changed outside, with their times. A file is read if the next scan finds the same time.
+    /// Files that a scan found changed outside, with their times. A file is read when the next scan finds the same
+    /// time.
     changing: Mutex<BTreeMap<u16, Option<String>>>,
 }
 
-/// Result of a request to change a program.
+/// Result of a request to change a program; the inner error is a refusal.
 pub(crate) type ChangeResult<T> = io::Result<Result<T, Refusal>>;
 
 impl ProgramStore {
-    /// Creates a store of programs that stores nothing on disk.
+    /// Creates a store that keeps programs in memory only.
     pub fn in_memory(rules: TextRules) -> Self {
         Self {
             rules,
@@ -103,7 +105,8 @@ impl ProgramStore {
         }
     }
 
-    /// Sets the rules of all dialects and the accepted signers. `is_mixed`: coordinate systems have different dialects.
+    /// Sets the rules of all dialects and the accepted signers. `is_mixed` is true if coordinate systems have different
+    /// dialects.
     #[must_use]
     pub(crate) fn for_dialects(self, rules_of: Vec<TextRules>, is_mixed: bool, signers: Signers) -> Self {
         Self {
@@ -114,14 +117,14 @@ impl ProgramStore {
         }
     }
 
-    /// Sets the maximum bytes of all texts together.
+    /// Sets the maximum bytes of all program texts together.
     #[must_use]
     pub(crate) fn with_room(self, bytes_max: usize) -> Self {
         Self { bytes_max, ..self }
     }
 
-    /// Opens the store of a folder, which is created if it is missing. Files that are not programs, or exceed the size
-    /// limit, are left unchanged.
+    /// Opens the store of a folder, and creates the folder if it is missing. Files that are not programs or exceed the
+    /// size limit are left unchanged.
     ///
     /// # Errors
     /// Returns an error if the folder cannot be created, read or written.
@@ -131,7 +134,7 @@ impl ProgramStore {
         Ok(store)
     }
 
-    /// Returns the refusal for requests that need this program, if it is damaged.
+    /// Returns the refusal of a request for this program if the program is damaged.
     pub(crate) fn refuse_damaged(&self, number: u16) -> Option<Refusal> {
         let how = self.damaged.read().get(&number).cloned()?;
         let text = format!(
@@ -141,12 +144,12 @@ impl ProgramStore {
         Some(Refusal::new(RefusalCode::Unavailable, text))
     }
 
-    /// Returns the damaged programs with the known details.
+    /// Returns the damaged programs, each with a description of the damage.
     pub(crate) fn damaged(&self) -> BTreeMap<u16, String> {
         self.damaged.read().clone()
     }
 
-    /// Returns a snapshot of all programs, which later writes do not change.
+    /// Returns a snapshot of all programs. Later writes do not change the snapshot.
     pub fn all(&self) -> Arc<BTreeMap<u16, Arc<StoredProgram>>> {
         Arc::clone(&self.programs.read())
     }
@@ -156,12 +159,12 @@ impl ProgramStore {
         self.all().get(&number).cloned()
     }
 
-    /// Returns the number of program changes; if it differs, a program may have changed.
+    /// Returns the number of program changes. If two calls return the same number, no program has changed between them.
     pub(crate) fn changes(&self) -> u64 {
         self.changes.load(Ordering::Acquire)
     }
 
-    /// Returns the programs for lists, in ascending order.
+    /// Returns the entries of the program list in ascending order of numbers.
     pub fn list(&self) -> Vec<ProgramInfo> {
         let places = self.places.lock();
         self.all()
@@ -173,7 +176,8 @@ impl ProgramStore {
             .collect()
     }
 
-    /// Assigns a program to a folder of the program list; empty: to none. Returns false if the program does not exist.
+    /// Assigns a program to a folder of the program list; an empty name removes the assignment. Returns false if the
+    /// program does not exist.
     ///
     /// # Errors
     /// Returns an error if the disk operation fails.
@@ -186,13 +190,13 @@ impl ProgramStore {
         Ok(true)
     }
 
-    /// Returns when the program's file was last written; `None` without a file.
+    /// Returns the time of the last write of the program's file; `None` without a file.
     pub fn written_at(&self, number: u16) -> Option<std::time::SystemTime> {
         fs::metadata(self.path(number)?).ok()?.modified().ok()
     }
 
-    /// Writes a program; with a folder it is on disk when this returns. `created` of the result is true for a new
-    /// program.
+    /// Parses, checks and writes a program. In a store with a folder, the program is on disk when this returns.
+    /// `created` in the result is true for a new program.
     ///
     /// # Errors
     /// Returns an error if the number is out of range, the store is full, or the disk operation fails.
@@ -203,18 +207,18 @@ impl ProgramStore {
     /// Writes a program that was already parsed and checked by the rules of this store.
     ///
     /// # Errors
-    /// As [`ProgramStore::write`].
+    /// Returns an error in the cases of [`ProgramStore::write`].
     pub fn put(&self, program: StoredProgram) -> io::Result<ProgramCheck> {
         let stored = self.store(program, &ProgramCondition::default())?;
         stored.map(|(check, _)| check).map_err(io::Error::other)
     }
 
-    /// Writes a program if `condition` holds; comparing and writing are one step. An identical stored program is not
-    /// written again. A signature supplied with the program replaces the stored one; without one, the stored signature
-    /// stays.
+    /// Writes a program if `condition` holds. No other change can occur between the comparison and the write. An
+    /// identical stored program is not written again. A signature of the new program replaces the stored signature;
+    /// otherwise the stored signature stays.
     ///
     /// # Errors
-    /// As [`ProgramStore::write`].
+    /// Returns an error in the cases of [`ProgramStore::write`].
     pub(crate) fn store(
         &self,
         program: StoredProgram,
@@ -265,7 +269,8 @@ impl ProgramStore {
         })
     }
 
-    /// Returns the current hash; empty for a damaged program. `outside` is the change made to its file in the meantime.
+    /// Returns the current hash of a program; empty for a damaged program. `outside` is a change of its file that the
+    /// store has not read yet.
     fn hash_now(&self, number: u16, outside: &Outside) -> Option<String> {
         match outside {
             Outside::Written(sum) => Some(sum.clone()),
@@ -275,7 +280,7 @@ impl ProgramStore {
         }
     }
 
-    /// Returns whether a program of `bytes` bytes would be new.
+    /// Checks that a program of `bytes` bytes can be stored. Returns true if the program would be new.
     ///
     /// # Errors
     /// Returns an error if the number is out of range, or the store is full.
@@ -299,8 +304,8 @@ impl ProgramStore {
         Ok(created)
     }
 
-    /// Returns the rules for parsing and checking programs of a dialect; `None` means the dialect of the
-    /// lowest coordinate system.
+    /// Returns the rules for parsing and checking programs of a dialect. For `None`, returns those of the coordinate
+    /// system with the lowest number.
     ///
     /// # Errors
     /// Returns an error if the dialect does not exist.
@@ -322,7 +327,7 @@ impl ProgramStore {
         &self.signers
     }
 
-    /// Removes a program, even a damaged one. Returns false if it does not exist.
+    /// Removes a program, even a damaged one. Returns false if the program does not exist.
     ///
     /// # Errors
     /// Returns an error if the disk operation fails.
@@ -331,8 +336,8 @@ impl ProgramStore {
         Ok(removed.map_err(io::Error::other)?.is_some())
     }
 
-    /// Removes a program if `condition` holds; comparing and removing are one step. Returns `None` if it does not
-    /// exist.
+    /// Removes a program if `condition` holds. No other change can occur between the comparison and the removal.
+    /// Returns `None` if the program does not exist.
     ///
     /// # Errors
     /// Returns an error if the disk operation fails.
@@ -372,7 +377,7 @@ impl ProgramStore {
         self.changes.fetch_add(1, Ordering::Release);
     }
 
-    /// Stores a program under its number in memory, without writing it.
+    /// Adds a program to the programs in memory, without writing a file.
     pub(crate) fn keep(&self, program: StoredProgram) {
         self.damaged.write().remove(&program.number);
         let mut programs = self.programs.write();
@@ -385,7 +390,7 @@ impl ProgramStore {
     }
 }
 
-/// Describes why a program of `bytes` bytes is rejected.
+/// Returns the reason for the rejection of a program of `bytes` bytes.
 fn no_room(bytes: u64, bytes_max: usize) -> String {
     format!(
         "with {bytes} more bytes, all programs together would exceed {bytes_max} bytes; delete a program \

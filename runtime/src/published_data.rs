@@ -1,4 +1,4 @@
-//! Publishes variables, tools and work offsets when they change.
+//! Publication of variables, tools and work offsets after each change.
 
 use plc_api::types::data::{
     PublishedVariables, VariableArea, VariableValues, WorkOffsetTable, WorkOffsetValues,
@@ -9,22 +9,23 @@ use plc_api::types::topic::{CsTopic, Topic};
 use crate::shared::SharedState;
 
 impl SharedState {
-    /// Publishes the variables named by the configuration, for each area in which one has changed.
+    /// Publishes the configured variables of each area in which one of them has changed.
     pub fn publish_variables(&self) {
         if !self.machine.published.is_empty() {
             self.publish_areas();
         }
     }
 
-    /// Publishes variables in simulated time, which has no publishing rate: after each turn and write.
+    /// In simulated time, publishes variables after each turn and write. Reason: simulated time has no publishing
+    /// interval.
     pub fn publish_variables_simulated(&self) {
         if self.clock.is_simulated() {
             self.publish_variables();
         }
     }
 
-    /// Publishes all areas, including those without configured variables, so that a subscriber learns that its variable
-    /// is not published.
+    /// Publishes the configured variables of all areas, including areas without any. So a client that subscribes to
+    /// another variable learns that the variable is not published.
     pub fn publish_areas(&self) {
         let of_systems = self.tables.coordinate_systems();
         let areas = of_systems.map(VariableArea::CoordinateSystem);
@@ -74,7 +75,7 @@ mod tests {
 
     type ObservedValues = Arc<Mutex<Vec<Vec<f64>>>>;
 
-    /// A program that notes what it reads of P200 and P201, and works for a second on M20.
+    /// Returns a sequence program that stores each published value of P200 and P201, and works for a second on M20.
     fn follows(heard: &ObservedValues) -> SequenceProgram {
         let heard = Arc::clone(heard);
         let work = async |_output: AuxOutput, plc: Plc| -> Result<(), Alarm> {

@@ -1,4 +1,4 @@
-//! Journal lines about logins and refused requests; their number is limited, because any client can cause them.
+//! Journal lines about logins and refused requests. Their number is limited, because any client can cause such lines.
 
 use parking_lot::Mutex;
 use plc_api::server::{AccessKind, AccessNote};
@@ -6,19 +6,19 @@ use plc_api::server::{AccessKind, AccessNote};
 use crate::journal::Event;
 use crate::shared::SharedState;
 
-/// Number of refusals recorded at once, and seconds for each further one. Reason: 1500 lines a day are 0.4 MB of the 32
-/// MB of the journal.
+/// Number of refusals recorded at once, and time in s for each further refusal. Reason: 1500 lines per day are 0.4 MB
+/// of the 32 MB of the journal.
 const REFUSED_BURST: f64 = 20.0;
 const REFUSED_SECONDS: f64 = 60.0;
 
-/// Number of logins recorded at once; each needs a PIN.
+/// Number of logins recorded at once, and time in s for each further login. A login needs a PIN.
 const LOGIN_BURST: f64 = 100.0;
 const LOGIN_SECONDS: f64 = 10.0;
 
-/// Maximum length of texts received from clients, in characters.
+/// Maximum length in characters of texts that a client sent.
 const SAID_MAX: usize = 100;
 
-/// Budget of journal lines.
+/// Limits of the number of journal lines about logins and refusals.
 #[derive(Debug, Default)]
 pub(crate) struct AccessLines {
     logins: Mutex<Bucket>,
@@ -27,14 +27,15 @@ pub(crate) struct AccessLines {
 
 #[derive(Debug, Default)]
 struct Bucket {
-    /// Lines written, minus those regained with time.
+    /// Number of written lines, minus those that the elapsed time has made available again.
     used: f64,
     at_s: f64,
     left_out: u64,
 }
 
 impl Bucket {
-    /// Takes room for a line. Returns `None` if there is none, else the number of lines left out before it.
+    /// Reserves a line. Returns the number of lines omitted since the last reserved line, or `None` if the limit is
+    /// reached.
     fn reserve_line(&mut self, now_s: f64, burst: f64, seconds: f64) -> Option<u64> {
         self.used = (self.used - (now_s - self.at_s).max(0.0) / seconds).max(0.0);
         self.at_s = now_s;
@@ -48,7 +49,7 @@ impl Bucket {
 }
 
 impl AccessLines {
-    /// Writes the line if there is room for it.
+    /// Writes the journal line unless its limit is reached.
     pub fn record(&self, shared: &SharedState, note: AccessNote) {
         let now_s = shared.clock.now_s();
         let left_out = match note.what {
@@ -82,7 +83,7 @@ mod tests {
         let mut bucket = Bucket::default();
         let mut written = 0;
         for n in 0..100_000 {
-            // 1000 a second
+            // 1000 refusals per second
             let now_s = f64::from(n) / 1000.0;
             written += u64::from(
                 bucket

@@ -1,4 +1,4 @@
-//! Audit lines: one line of the journal for each request of a user that changes something.
+//! Audit lines: a journal line for each request of a user that changes something.
 
 use plc_api::server::{Origin, ServerTransport};
 use plc_api::types::request::Request;
@@ -9,7 +9,7 @@ use plc_api::wire::right::Right;
 use crate::journal::Event;
 use crate::shared::SharedState;
 
-/// Maximum length of a request's content, in characters; the rest is left out.
+/// Maximum number of characters of a request's content in its audit line; the rest is omitted.
 const SAID_MAX: usize = 200;
 
 /// Writes the audit line of a request.
@@ -26,7 +26,8 @@ pub(super) fn record(shared: &SharedState, origin: Origin, request: &Request) {
     shared.record(request.coordinate_system().unwrap_or(0), event);
 }
 
-/// Writes the audit line for a client in this process, if no other line names it. In simulated time there are no users.
+/// Writes the audit line of a request of a client in this process, unless another line names the client. Writes none in
+/// simulated time, which has no users.
 pub(super) fn record_edit(shared: &SharedState, client: Option<&str>, request: &Request) {
     if shared.clock.is_simulated() || !is_edit(request) {
         return;
@@ -41,10 +42,11 @@ pub(super) fn record_edit(shared: &SharedState, client: Option<&str>, request: &
     record(shared, origin, request);
 }
 
-/// Returns true for a request that changes something and gets no other journal line that names the client.
-/// Its right is none of [`Right::Read`], [`Right::Handle`] and [`Right::Reset`], or it has no REST route.
-/// Excluded are heartbeats, requests with a line `command`, `lease` or `answer`, requests made for each M
-/// code, and [`is_own_level`].
+/// Returns true if a request changes something and no other journal line names its client.
+/// Requests that change something have a right other than [`Right::Read`], [`Right::Handle`] and [`Right::Reset`], or
+/// no REST route.
+/// Returns false for heartbeats, requests with a line `command`, `lease` or `answer`, requests that handlers send for
+/// each M code, and [`is_own_level`].
 fn is_edit(request: &Request) -> bool {
     match request {
         request if is_own_level(request) => false,
@@ -56,7 +58,7 @@ fn is_edit(request: &Request) -> bool {
         | Request::Reset(..)
         | Request::Handler(..)
         | Request::ValidateResult(..) => false,
-        // a program may have 64 MiB
+        // not encoded for this check, because a program may have 64 MiB
         Request::WriteProgram(..) | Request::StoreProgram(..) => true,
         request => rest::encode(request.clone()).map_or(true, |exchange| {
             !matches!(exchange.right, Right::Read | Right::Handle | Right::Reset)
@@ -64,16 +66,17 @@ fn is_edit(request: &Request) -> bool {
     }
 }
 
-/// Returns true for levels that a handler repeatedly writes to its own inputs and outputs of the plant. They
-/// need no audit line, because the published states show them.
+/// Returns true for values that a handler repeatedly writes to its own inputs and outputs of the plant. They need no
+/// audit line, because the published states show them.
 pub(super) fn is_own_level(request: &Request) -> bool {
     matches!(request, Request::WriteIo(_, set) if set.handler_id.is_some())
 }
 
-/// Returns the request as its REST route, whatever its transport, and its content.
+/// Returns the method and path of the REST route of a request, and its content. The transport of the request may
+/// differ.
 fn named(request: &Request) -> (String, Option<String>) {
     match request {
-        // a program may have 64 MiB
+        // only the length, because a program may have 64 MiB
         Request::WriteProgram(number, text) => (
             format!("PUT /programs/{number}"),
             Some(format!("{} bytes", text.len())),

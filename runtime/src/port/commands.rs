@@ -1,4 +1,4 @@
-//! Commands: repeated ones are answered from memory, expired ones refused, all others go to the task.
+//! Commands. Repeated commands are answered from memory, expired commands are refused, and all others go to the task.
 
 use std::time::Duration;
 
@@ -46,9 +46,9 @@ impl RuntimePort {
         mailbox.ask(request, urgent).await
     }
 
-    /// Returns the reply to a repeated command. A jog is remembered when it begins; its end and its refreshes are not,
-    /// because they would fill the memory and repeating them has no effect. An order of a run is known as long as its
-    /// run is stored.
+    /// Returns the reply to a repeated command; `None` if the command is new. Only the begin of a jog is stored. Its
+    /// refreshes and its end are not stored, because they would fill the memory and their repetition has no effect. The
+    /// order of a run is known as long as the run is stored.
     fn replied_before(
         &self,
         command: &Command,
@@ -78,8 +78,8 @@ impl RuntimePort {
         }
     }
 
-    /// Returns the reply to an order that the memory has forgotten but whose run is stored, also over starts of the
-    /// runtime.
+    /// Returns the reply to an order that is no longer in the memory, if its run is stored. The run may be of an
+    /// earlier start of the runtime.
     fn ordered_before(
         &self,
         cs: CoordinateSystemNumber,
@@ -131,7 +131,8 @@ impl RuntimePort {
         mailbox.ask(request, false).await
     }
 
-    /// Returns the reply to a repeated command, and publishes it again, because the caller has not received it.
+    /// Returns the reply to a repeated command and publishes it again, because the client may not have received it.
+    /// Stores a new command and returns `None`.
     ///
     /// # Errors
     /// Returns an error if the client id or the command id is invalid, or if the memory for commands is full. Also

@@ -28,7 +28,7 @@ impl RuntimePort {
         ))
     }
 
-    /// Reads the journal from the disk; the newest lines of the last 20 ms may be missing.
+    /// Reads journal lines from the disk. Lines of the last 20 ms may be missing.
     pub(super) async fn journal(
         &self,
         from: u32,
@@ -55,7 +55,8 @@ impl RuntimePort {
         self.on_disk(read).await.map(Answer::Journal)
     }
 
-    /// Changes data: they are on disk before they take effect, and take effect before the answer.
+    /// Changes tools or work offsets. The new values are on disk before they take effect, and take effect before the
+    /// answer.
     pub(super) async fn change(
         &self,
         changed: impl FnOnce(&Tables) -> Result<Values, Refusal> + Send + 'static,
@@ -73,7 +74,7 @@ impl RuntimePort {
         self.on_disk(keep_and_set).await?.map(|()| Answer::Done)
     }
 
-    /// Writes an input or output of the plant. If its last value is stored, it is on disk before it takes effect.
+    /// Writes an input or output of the plant. If its last value is kept, the value is on disk before it takes effect.
     pub(super) async fn write_io(&self, point: IoPoint, set: IoSet) -> Result<Answer, Refusal> {
         let writer = self.writer.as_ref();
         let Some(writer) = writer.filter(|_| self.shared.machine.io.keeps_last(&point)) else {
@@ -84,8 +85,8 @@ impl RuntimePort {
         self.keep_output(writer, &point, set.value).await?;
         let written = self.shared.write_io(&point, set);
         if written.is_err() {
-            // the owner of the point has changed since the check, so the stored value has not taken effect: restore the
-            // previous value
+            // the owner of the point has changed since the check, so the stored value has not taken effect: store the
+            // previous value again
             self.keep_output(writer, &point, before).await?;
         }
         written.map(|()| Answer::Done)
@@ -103,7 +104,7 @@ impl RuntimePort {
         kept.map_err(|text| unkept(&text))
     }
 
-    /// Sets the tool in the spindle; it is on disk before the answer.
+    /// Sets the tool in the spindle. The new number is on disk before the answer.
     pub(super) async fn tool(
         &self,
         cs: CoordinateSystemNumber,

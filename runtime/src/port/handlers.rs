@@ -1,4 +1,4 @@
-//! Handlers that come online, replace another instance, or leave.
+//! Handlers that come online, replace another instance, or go offline.
 
 use plc_api::handler_registry::{PresenceEffect, Reach};
 use plc_api::types::handler::{Departure, HandlerResult};
@@ -8,7 +8,7 @@ use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal};
 use super::RuntimePort;
 
 impl RuntimePort {
-    /// Registers a handler, replaces another instance, or removes it.
+    /// Processes a presence: registers a handler, replaces another instance of it, or marks it as offline.
     pub(super) async fn handler(
         &self,
         reach: Reach,
@@ -55,7 +55,8 @@ impl RuntimePort {
                 self.shared
                     .publish_handler_result(&id, HandlerResult::accepted(instance.clone()));
                 if has_returned {
-                    // it may not have noticed that it was lost, and its outputs have the values for a loss
+                    // the handler may not have noticed its loss, and its outputs have the values for a loss: ask it to
+                    // confirm
                     self.shared
                         .publish_handler_result(&id, HandlerResult::confirm(instance));
                 }
@@ -64,7 +65,7 @@ impl RuntimePort {
         Ok(Answer::Done)
     }
 
-    /// Processes the loss of a handler instance.
+    /// Passes the departure of a handler instance to its points and to all coordinate systems.
     async fn handler_left(
         &self,
         id: &str,

@@ -1,4 +1,4 @@
-//! Requests for programs; a program that is running is not changed.
+//! Requests for programs. The text of a program that is running cannot be changed.
 
 use std::sync::Arc;
 use std::thread::Builder;
@@ -20,7 +20,7 @@ use crate::program_store::{ChangeResult, Edit, EditKind, StoredProgram, called_b
 use crate::shared::SharedState;
 use crate::threads::lower_priority;
 
-// The stages do not depend on the interface, nor the interface on the stages: both must state the same value.
+// Stages and interface do not depend on each other, so each states the limit; this compares the values.
 const _: () = assert!(PROGRAM_BYTES_MAX == plc_api::types::program::PROGRAM_BYTES_MAX);
 const _: () = assert!(M_CODE_MAX == plc_api::handlers::M_CODE_MAX);
 
@@ -31,7 +31,7 @@ impl RuntimePort {
         store.get(number).ok_or_else(missing)
     }
 
-    /// Returns a program whose plan is requested; for an active one, the text that runs, even if its file has changed.
+    /// Returns a program for a plan. For an active program, returns the text that runs, even if its file has changed.
     pub(super) fn planned(
         &self,
         number: u16,
@@ -101,7 +101,7 @@ impl RuntimePort {
         Ok(Answer::Done)
     }
 
-    /// Records a changed program in the journal, and publishes the states that name it again.
+    /// Writes the change of a program to the journal, and makes all coordinate systems publish their states again.
     fn edited(&self, edit: Edit) {
         self.shared.record(0, Event::Program(edit));
         self.shared.wake_all();
@@ -141,7 +141,7 @@ impl RuntimePort {
         Ok(Answer::Check(program.check.clone()))
     }
 
-    /// Checks a text as if it were a program of the store.
+    /// Checks a text as if it were a program of the store, without storing it.
     pub(super) async fn check_text(
         &self,
         number: u16,
@@ -171,7 +171,7 @@ impl RuntimePort {
         Err(no_program(number))
     }
 
-    /// Prepares a text as manual data input would run it from the start-up modal state.
+    /// Parses a text as manual data input that begins in the start-up modal state.
     pub(super) fn manual(
         &self,
         cs: CoordinateSystemNumber,
@@ -208,17 +208,17 @@ impl RuntimePort {
     }
 }
 
-/// Maximum number of texts checked at the same time in this process without being stored; further ones wait. Reason: a
-/// check takes about ten times the memory of its text and a whole core, and every client with read access may request
-/// one.
+/// Maximum number of texts that this process checks at the same time without storing them; further texts wait. Reason:
+/// a check takes about ten times the memory of its text and a whole core. Every client with read access may request a
+/// check.
 const CHECKS_MAX: usize = 1;
 
 static CHECKS: Semaphore = Semaphore::const_new(CHECKS_MAX);
 
-/// Does long work for which only its client waits, on a thread of low priority.
+/// Does work on a thread of low priority. Only the client that requested this work waits for it.
 ///
 /// # Errors
-/// Returns an error if the operating system provides no thread, or if the work has panicked.
+/// Returns an error if the operating system provides no thread, or if the work panics.
 async fn in_background<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Refusal> {
     let unavailable = || {
         Refusal::new(
@@ -232,14 +232,14 @@ async fn in_background<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'sta
         lower_priority();
         let done = work();
         drop(permit);
-        // fails only if the client has stopped waiting
+        // fails only if the client no longer waits
         let _ = sender.send(done);
     });
     thread.map_err(|_| unavailable())?;
     done.await.map_err(|_| unavailable())
 }
 
-/// Notes the health of the disk after a write.
+/// Records in the health of the program folder whether a write succeeded.
 fn noted<T>(
     shared: &SharedState,
     changed: ChangeResult<T>,

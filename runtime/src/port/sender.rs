@@ -1,4 +1,4 @@
-//! The sender of a request.
+//! The sender of a request, as far as the execution depends on it.
 
 use plc_api::server::{Origin, ServerTransport};
 use plc_api::types::not_after::NotAfter;
@@ -6,16 +6,16 @@ use plc_api::types::request::{MachineRequest, Refusal};
 
 use super::RuntimePort;
 
-/// Sender whose memory of executed commands applies to a request, with the age limit of the request.
+/// Sender of a request: the user whose command memory applies, and the age limit of the request.
 #[derive(Debug, Clone)]
 pub(super) struct Sender {
-    /// The authenticated user; without users the host, or the transport if the host is unknown.
+    /// The authenticated user. Without users the host; if the host is unknown, the transport.
     pub user: String,
     pub not_after: Option<NotAfter>,
 }
 
 impl Sender {
-    /// Returns the sender for a program in this process.
+    /// Returns the sender of requests of a program in this process.
     pub fn in_process() -> Self {
         Self {
             user: "in process".to_owned(),
@@ -39,7 +39,8 @@ impl Sender {
 }
 
 impl RuntimePort {
-    /// Rejects a request that is too old. A remembered request is looked up before this check.
+    /// Rejects a request that is older than its age limit. Requests with a stored reply are excluded; their age is
+    /// checked after the memory.
     pub(super) fn check_sender(&self, request: &MachineRequest, sender: &Sender) -> Result<(), Refusal> {
         match request {
             MachineRequest::WriteVariables { meta: Some(_), .. } => Ok(()),

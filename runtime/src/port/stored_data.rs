@@ -1,4 +1,4 @@
-//! A person's decision about stored files that do not fit together.
+//! The decision of a person about stored files that are inconsistent.
 
 use std::io;
 
@@ -14,9 +14,9 @@ use crate::stored_data::inspection::held_values;
 use crate::tables::Tables;
 
 impl RuntimePort {
-    /// Answers the question. The accepted data are on disk and in effect before the question is closed.
+    /// Executes the decision. The accepted data are on disk and in effect before the question is closed.
     pub(super) async fn answer_stored_data(&self, decision: StoredDataDecision) -> Result<Answer, Refusal> {
-        // a copy, because starts of programs need the lock and must not wait for the disk
+        // a copy, because each start of a program needs the lock and must not wait for the disk
         let open = self.shared.stored_data.lock().clone();
         let Some(question) = open.question().cloned() else {
             let text = "no question about stored files is open; GET /stored_data shows it";
@@ -38,13 +38,13 @@ impl RuntimePort {
         Ok(Answer::Done)
     }
 
-    /// Accepts the withheld data: values for the lost ones, programs, and folders.
+    /// Accepts the withheld data: stored values that replace lost values, programs, and folders.
     async fn take_held_back(&self, open: &OpenQuestion) -> Result<(), Refusal> {
         let (folder, fault) = (open.folder().to_owned(), open.fault_of_store());
         let read = move |_: &SharedState| {
             let Some(fault) = fault else { return Ok(None) };
             match held_values(&folder) {
-                // if the question was damaged, it is unknown whether values are withheld
+                // if the question itself was damaged, there may be no withheld values
                 Err(error)
                     if fault == StoredDataFault::NotVerified && error.kind() == io::ErrorKind::NotFound =>
                 {

@@ -1,4 +1,4 @@
-//! Guarantees of the port, tested on the demo machine in simulated time.
+//! Tests of the port on the demo machine in simulated time.
 
 use plc_api::types::Timestamp;
 use plc_api::types::command::{CommandReply, CommandStatus, Expect, Verb};
@@ -29,7 +29,7 @@ fn start(command_id: &str) -> typed::Command {
     }
 }
 
-/// Runs a test against the demo machine in simulated time, with a program loaded that waits for 1000 s.
+/// Runs a test on the demo machine in simulated time. A program that waits for 1000 s is loaded.
 fn with_machine<T: Send + 'static>(test: impl AsyncFnOnce(Arc<dyn Port>) -> T + Send + 'static) -> T {
     let machine = Config::demo().resolve().unwrap();
     let bench = Bench::on_machine(machine).subprogram(50, "G04 X1000\nM30\n");
@@ -123,7 +123,7 @@ async fn execution(port: &Arc<dyn Port>) -> Execution {
 fn what_was_commanded_before_a_stop_or_abort_does_not_move_behind_it() {
     for passing in [Command::Stop, Command::Abort] {
         with_machine(async move |port| {
-            // a handler that delays the load, and all commands after it
+            // a handler that never answers delays the load, and all commands after it
             let silent = HandlerPresence {
                 online: true,
                 handles: vec![HandledCode { cs: 1, m: 60 }],
@@ -189,12 +189,12 @@ fn hold_and_stop_are_carried_out_whatever_their_id_was_used_for() {
         port.ask(command(Command::Hold, "1", "test")).await.unwrap();
         assert_eq!(execution().await, Execution::FeedHold);
         port.ask(command(Command::Resume, "2", "test")).await.unwrap();
-        // another client's first command
+        // the first command of another client
         port.ask(command(Command::Hold, "1", "hmi")).await.unwrap();
         assert_eq!(execution().await, Execution::FeedHold);
         port.ask(command(Command::Stop, "1", "hmi")).await.unwrap();
         assert_eq!(execution().await, Execution::Stopped);
-        // a repeated request is the same command, and is not executed again
+        // a repeated command is not executed again
         port.ask(command(Command::Load { program: 50 }, "3", "hmi"))
             .await
             .unwrap();
@@ -242,7 +242,7 @@ fn expired_or_foreign_boot_command_refused_and_reply_published() {
 #[test]
 fn skip_input_requires_a_motor_of_an_axis() {
     with_machine(async move |port| {
-        // motor 4 of the demo is the spindle
+        // skip inputs exist for axes; motor 4 of the demo is the spindle
         assert_eq!(port.ask(typed::SkipInput(3, true)).await, Ok(()));
         for motor in [4, 77] {
             let refusal = port.ask(typed::SkipInput(motor, true)).await.unwrap_err();
@@ -261,7 +261,7 @@ fn a_program_cannot_be_written_while_it_runs() {
     });
 }
 
-/// Answers the next validation of M60 as handler `picky`, after some other work.
+/// Answers the next validation of M60 as handler `picky`, after `before` has been done.
 async fn answer_validation(
     port: &Arc<dyn Port>,
     asked: &mut Subscription,
@@ -303,7 +303,7 @@ fn handlers_validate_again_after_the_loaded_program_is_rewritten() {
         let load = || port.ask(command(Command::Load { program: 60 }, "0", "hmi"));
         let topic = Topic::cs(1, CsTopic::Validate(60));
         let mut asked = port.subscribe(Filter::Topics(vec![topic]));
-        // rewritten while the load waits for the answer: the new text is validated again
+        // the program is rewritten while the load waits for the answer, so the new text is validated again
         let twice = async {
             answer_validation(&port, &mut asked, true, async || {
                 write(2).await.unwrap();
@@ -329,7 +329,7 @@ fn handlers_validate_again_after_the_loaded_program_is_rewritten() {
         assert_eq!(status(&started), Some(CommandStatus::Accepted));
         port.ask(command(Command::Stop, "3", "hmi")).await.unwrap();
         port.ask(command(Command::Reset, "4", "hmi")).await.unwrap();
-        // not written since: no handler is asked, and nothing waits
+        // the program was not rewritten, so no handler is asked and the command does not wait
         let begun_s = port.now_s();
         port.ask(start("5")).await.unwrap();
         assert!(port.now_s() - begun_s < 0.01);
@@ -419,7 +419,7 @@ fn an_alarm_that_stands_is_not_raised_again_and_the_oldest_24_stand() {
         let history = port.ask(typed::AlarmHistory).await.unwrap();
         let last = history.iter().map(|alarm| alarm.number).max();
         assert_eq!(last, Some(10_029));
-        // alarms of another coordinate system stand all the same
+        // alarms of another coordinate system stay active
         let other = AlarmRaise {
             cs: Some(2),
             code: 1,
@@ -445,7 +445,8 @@ fn p10_source_of_a_handler_that_did_not_notice_its_loss_is_written_again() {
             .set_interlock_source("door", false, "closed")
             .await
             .unwrap();
-        // as after a SIGSTOP: the last will and the next presence, before the handler has read either
+        // as after a SIGSTOP: the machine has received the last will and the next presence before the handler reads
+        // anything
         let port = runtime.port();
         port.ask(typed::Handler("door".into(), gone)).await.unwrap();
         port.ask(typed::Handler("door".into(), presence)).await.unwrap();

@@ -1,4 +1,4 @@
-//! Memory of commands, jogs and orders.
+//! Tests of the memory of commands, jogs and orders.
 
 use plc_api::types::run::{RunOrder, RunQuery};
 
@@ -71,7 +71,7 @@ fn an_order_is_known_by_its_key_as_long_as_its_run_is_kept() {
             .await
             .unwrap();
         let first = port.ask(order("job-1", 51, 1)).await.unwrap();
-        // longer than commands are remembered
+        // longer than the command memory keeps commands
         port.sleep(Duration::from_secs(700)).await;
         let again = port.ask(order("job-1", 51, 1)).await.unwrap();
         assert_eq!((again.status, again.run_id), (CommandStatus::Done, first.run_id));

@@ -1,4 +1,4 @@
-//! Age limits of requests, in real time whatever the simulation clock.
+//! Tests of the age limits of requests. Ages are in real time, even if the clock of the machine is simulated.
 
 use plc_api::types::not_after::NotAfter;
 use plc_api::types::output::HandlerPresence;
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::*;
 
-/// Returns an age limit that starts now.
+/// Returns an age limit of `within_ms` from now.
 async fn from_now(port: &Arc<dyn Port>, within_ms: u64) -> NotAfter {
     let message = port.read(&Topic::Heartbeat).await.unwrap();
     let Payload::Heartbeat(heartbeat) = message.payload else {
@@ -20,14 +20,14 @@ async fn from_now(port: &Arc<dyn Port>, within_ms: u64) -> NotAfter {
     }
 }
 
-/// Returns an age limit that has passed.
+/// Returns an age limit that has already passed.
 async fn passed(port: &Arc<dyn Port>) -> NotAfter {
     let not_after = from_now(port, 1).await;
     std::thread::sleep(Duration::from_millis(3));
     not_after
 }
 
-/// Returns the request of a message, and the age limit read from it.
+/// Decodes a message with an age limit, and returns its request and the decoded limit.
 fn read(path: &str, mut payload: Value, not_after: &NotAfter) -> (Request, Option<NotAfter>) {
     payload["not_after"] = json!(not_after);
     match decode(path, payload.to_string().as_bytes(), false) {
@@ -164,7 +164,7 @@ fn request_within_age_limit_is_executed_and_foreign_boot_is_expired() {
 #[test]
 fn a_command_that_waits_longer_than_its_age_limit_does_not_take_effect() {
     with_machine(async move |port| {
-        // a handler that delays the load, and with it the start
+        // a handler that never answers delays the load, and with it the start
         let silent = HandlerPresence {
             online: true,
             handles: vec![HandledCode { cs: 1, m: 60 }],
