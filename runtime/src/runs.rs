@@ -1,5 +1,4 @@
-//! Runs: the active ones, the ended ones with their results, and production counters. Pure; all data come from events
-//! of the journal.
+//! Active runs, ended runs with their results, and production counters. Pure: all data come from journal events.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::SystemTime;
@@ -20,47 +19,47 @@ use crate::disk::number;
 use crate::journal::{Event, Line, RaisedAlarm, RunEnd};
 use crate::order_key::OrderKey;
 
-/// Maximum number of alarms and M codes reported for a run.
+/// Maximum number of alarms that are reported for a run, and of M codes with their waits.
 const ALARMS_MAX: usize = 10;
 const WAITS_MAX: usize = 20;
 
-/// Ended run, and its number over all starts of the runtime.
+/// Ended run with its number. The numbers continue after a restart of the runtime.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct EndedRun {
     pub n: u64,
     #[serde(flatten)]
     pub run: Run,
-    /// The order that has started it.
+    /// The order that started the run, if it was ordered.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub order: Option<OrderKey>,
 }
 
-/// Stored active run, with the order that has started it.
+/// Active run in its stored form, with the order that started it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct ActiveRunRecord {
     #[serde(flatten)]
     pub run: Run,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub order: Option<OrderKey>,
-    /// Start of its current part, or of the last one that ended.
+    /// Start time of the part that runs now; between two parts, of the last part.
     pub part_began: Timestamp,
 }
 
-/// Data of runs stored over starts of the runtime.
+/// Data of runs that are stored over restarts of the runtime.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct KeptRuns {
     pub ended: Vec<EndedRun>,
-    /// Runs that were active when the runtime ended.
+    /// Runs that were active when these data were stored.
     pub open: Vec<ActiveRunRecord>,
     pub production: Vec<Production>,
-    /// Number of the newest line of the journal that is included, by coordinate system.
+    /// By coordinate system, number of the newest journal line whose effect these data include.
     pub lines: LinesIncluded,
 }
 
-/// Number of a line of the journal, by coordinate system.
+/// Number of a journal line, by coordinate system.
 pub(crate) type LinesIncluded = BTreeMap<CoordinateSystemNumber, u64>;
 
-/// All runs.
+/// All active and ended runs, and the production counters.
 #[derive(Debug, Default)]
 pub(crate) struct RunBook {
     open: BTreeMap<CoordinateSystemNumber, OpenRun>,
@@ -70,7 +69,7 @@ pub(crate) struct RunBook {
     lines: LinesIncluded,
 }
 
-/// Active run.
+/// Active run with its times in seconds.
 #[derive(Debug)]
 struct OpenRun {
     run: Run,
@@ -78,15 +77,15 @@ struct OpenRun {
     began_s: f64,
     part_began_s: f64,
     part_began: Timestamp,
-    /// M number of each pending output that the program waits for, and the start of the wait, by its sequence number.
+    /// Pending outputs for which the program waits: M number and start of the wait in s, by sequence number.
     waiting: BTreeMap<u64, (u16, f64)>,
     waits: BTreeMap<u16, RunWait>,
 }
 
 impl RunBook {
-    /// Continues with the stored data and the additions from the newest lines of the journal: the store lags behind
-    /// published data, the journal does not. A run that had not ended is ended by the end of the runtime, in the block
-    /// given by `place_of`; these runs are returned.
+    /// Restores the stored data, then adds the effects of newer journal lines. Reason: the store lags behind published
+    /// data, the journal does not. Ends each active run, because the end of the runtime has ended it, in the block
+    /// given by `place_of`. Returns these runs.
     pub fn restore(
         &mut self,
         kept: KeptRuns,
@@ -126,7 +125,7 @@ impl RunBook {
         cut_short.map(close).collect()
     }
 
-    /// Processes a line of an earlier start. Its time of day replaces the monotonic clock.
+    /// Processes a journal line of an earlier start. The time of day in the line is used as the monotonic time.
     fn replay(&mut self, written: &Value) {
         let (n, line) = (number(written), Line::from_json(written));
         let ts = Timestamp::deserialize(&written["ts"]).ok();
@@ -146,18 +145,18 @@ impl RunBook {
         self.note_line(cs, n);
     }
 
-    /// Notes that the line with this number is included.
+    /// Notes that the effect of the line with this number is included.
     pub fn note_line(&mut self, cs: CoordinateSystemNumber, n: u64) {
         let included = self.lines.entry(cs).or_default();
         *included = n.max(*included);
     }
 
-    /// Returns the number of the newest included line, by coordinate system.
+    /// Returns, by coordinate system, the number of the newest line whose effect is included.
     pub fn lines(&self) -> &LinesIncluded {
         &self.lines
     }
 
-    /// Returns true for an event that changes runs or counters.
+    /// Returns true if an event changes runs or counters.
     pub fn learns_from(event: &Event) -> bool {
         matches!(
             event,
@@ -171,7 +170,7 @@ impl RunBook {
         )
     }
 
-    /// Processes an event. Returns true if the state must be published.
+    /// Processes an event. Returns true if the state of the run must be published.
     pub fn on(&mut self, cs: CoordinateSystemNumber, event: &Event, now: Now) -> bool {
         if let Event::Start { program: 1.., .. } = event {
             self.begin_run(cs, event, now);
@@ -329,7 +328,7 @@ impl RunBook {
         })
     }
 
-    /// Returns the present state of a run by its id.
+    /// Returns the current state of the run with this id; `None` if the run is unknown.
     pub fn run(&self, id: &str, now_s: f64) -> Option<Run> {
         let mut open = self.open.values();
         if let Some(open) = open.find(|open| open.run.id == id) {
@@ -343,7 +342,7 @@ impl RunBook {
         ended.map(|ended| ended.run.clone())
     }
 
-    /// Returns the active run, or the last one that ended.
+    /// Returns the active run of a coordinate system, otherwise its last ended run.
     pub fn state(&self, cs: CoordinateSystemNumber) -> RunState {
         let open = self.open.get(&cs).map(|open| &open.run);
         let mut ended = self.ended.iter().rev().map(|ended| &ended.run);
@@ -352,7 +351,7 @@ impl RunBook {
         }
     }
 
-    /// Returns ended runs, the newest first.
+    /// Returns the ended runs that the query asks for, the newest first, and the production counters.
     pub fn runs(&self, query: RunQuery) -> Runs {
         let is_asked = |cs: CoordinateSystemNumber| query.cs.is_none_or(|asked| asked == cs);
         let (from, count) = (
@@ -373,7 +372,7 @@ impl RunBook {
         self.ended.iter().rev()
     }
 
-    /// Returns the active run of a coordinate system.
+    /// Returns the active run of a coordinate system in its stored form.
     pub fn open(&self, cs: CoordinateSystemNumber) -> Option<ActiveRunRecord> {
         self.open.get(&cs).map(|open| ActiveRunRecord {
             run: open.run.clone(),
@@ -382,7 +381,7 @@ impl RunBook {
         })
     }
 
-    /// Returns the run started by an order of this user and id, and that order.
+    /// Returns the run that an order with the user and id of `key` started, and this order.
     pub fn ordered(&self, key: &OrderKey) -> Option<(&Run, &OrderKey)> {
         let open = self.open.values().map(|open| (&open.run, open.order.as_ref()));
         let ended = self
@@ -397,7 +396,7 @@ impl RunBook {
         })
     }
 
-    /// Returns the counters of all programs.
+    /// Returns the production counters of all programs.
     pub fn production(&self) -> Vec<Production> {
         self.production.values().cloned().collect()
     }
@@ -418,7 +417,7 @@ fn unix_s(time: SystemTime) -> f64 {
 }
 
 impl OpenRun {
-    /// Restores a run of an earlier start, with times of day as seconds.
+    /// Restores an active run of an earlier start. Its times are times of day in seconds.
     fn restore(kept: ActiveRunRecord) -> Self {
         let ActiveRunRecord {
             run,
@@ -453,7 +452,7 @@ impl OpenRun {
         wait.longest_s = wait.longest_s.max(took_s);
     }
 
-    /// Ends the pending waits together with the part.
+    /// Ends the pending waits of a part that has ended, and updates the times of the run.
     fn end_part(&mut self, now_s: f64) {
         let waiting: Vec<u64> = self.waiting.keys().copied().collect();
         for seq in waiting {

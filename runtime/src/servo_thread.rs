@@ -1,9 +1,9 @@
-//! The servo thread: in real time it keeps the servo period for all coordinate systems in lock-step.
+//! The servo thread. In real time it executes the servo cycles of all coordinate systems in lock-step, once per period.
 //!
-//! The thread itself never allocates, locks or waits for a task. Events reach the tasks through a relay thread, which
-//! it unparks: waking a task takes locks that a servo cycle must not take. It runs with real-time priority if the
-//! operating system allows it. The relay thread also watches the servo thread: a panic, or a cycle that does not end,
-//! is a failure of the servo, after which nothing moves.
+//! The thread never allocates, locks or waits for a task. A relay thread, which the servo thread unparks, passes events
+//! to the tasks; reason: waking a task takes locks. The servo thread runs with real-time priority if the operating
+//! system allows this. The relay thread also watches the servo thread: a panic, or a cycle that does not end, is a
+//! failure of the servo. After a failure nothing moves.
 
 mod stall_watch;
 
@@ -19,48 +19,48 @@ use tandem_servo::{Cutoff, Servo};
 
 use stall_watch::{LOOK_EVERY, STALL_MAX, StallWatch, record_thread_folder};
 
-/// Maximum wait of a stop for the threads. Reason: a servo thread may be blocked in a call of the bus.
+/// Maximum time for which a stop waits for the threads. Reason: a call of the bus may block the servo thread.
 const JOIN_MAX: Duration = Duration::from_secs(1);
 
-/// Real-time priority of the servo thread, 0 to 99: above the processes of a desktop or server, below the kernel's own
-/// work.
+/// Real-time priority of the servo thread, from 0 to 99. The value is above the processes of a desktop or server, and
+/// below the kernel's own work.
 const PRIORITY: u8 = 80;
 
-/// Buckets of a histogram: bucket `n` counts times of 2^n to 2^(n+1) microseconds; the first one includes all shorter
-/// times, the last one all longer times.
+/// Number of buckets of a histogram. Bucket `n` counts times from 2^n to 2^(n+1) microseconds; the first bucket
+/// includes all shorter times, the last one all longer times.
 pub const JITTER_BUCKETS: usize = 16;
 
-/// Punctuality of the servo thread. It can be read at any time.
+/// Statistics of the punctuality of the servo thread. Any thread can read them at any time.
 #[derive(Debug, Default)]
 pub struct ServoStatistics {
     /// Servo cycles since the start.
     pub cycles: AtomicU64,
-    /// Cycles that were not finished when the next one was due, including those left out.
+    /// Cycles that were not finished when the next cycle was due, including omitted cycles.
     pub overruns: AtomicU64,
-    /// Cycles left out because the servo was late by more than two periods.
+    /// Cycles omitted because the servo was late by more than two periods.
     pub missed: AtomicU64,
     /// Exchanges with the drives that ended late.
     pub late_exchanges: AtomicU64,
     /// Frames to the drives that were lost.
     pub lost_frames: AtomicU64,
-    /// Lateness of the start of each cycle.
+    /// Delay of the start of each cycle after its due time.
     pub lateness: DurationHistogram,
-    /// Duration of each cycle.
+    /// Computing time of each cycle.
     pub computing: DurationHistogram,
-    /// Cycles that have begun; more than `cycles` while one runs.
+    /// Cycles that have begun. One more than `cycles` while a cycle runs.
     pub begun: AtomicU64,
-    /// Reason of the servo's failure. Nothing moves from then on.
+    /// Reason of the servo's failure, if it has failed. After a failure nothing moves.
     failure: OnceLock<String>,
 }
 
-/// Measured times.
+/// Histogram of measured times.
 #[derive(Debug, Default)]
 pub struct DurationHistogram {
-    /// The longest time so far, ns.
+    /// Longest time so far in ns.
     pub max_ns: AtomicU64,
-    /// Sum of all times, ns.
+    /// Sum of all times in ns.
     pub sum_ns: AtomicU64,
-    /// Number of times by size.
+    /// Number of times in each bucket.
     pub buckets: [AtomicU64; JITTER_BUCKETS],
 }
 
@@ -91,12 +91,12 @@ impl DurationHistogram {
 }
 
 impl ServoStatistics {
-    /// Notes a failure of the servo; the first reason is kept.
+    /// Records a failure of the servo. Only the first reason is kept.
     pub(crate) fn fail(&self, why: &str) {
         self.failure.get_or_init(|| why.to_owned());
     }
 
-    /// Returns the reason of the servo's failure, if any.
+    /// Returns the reason of the servo's failure; `None` if it has not failed.
     pub(crate) fn failure(&self) -> Option<&str> {
         self.failure.get().map(String::as_str)
     }
@@ -118,7 +118,7 @@ impl ServoStatistics {
         }
     }
 
-    /// Returns the statistics in the form used by server ends.
+    /// Returns the statistics in the form that server ends use.
     pub(crate) fn timing(&self, period: Duration) -> ServoTiming {
         ServoTiming {
             period_s: period.as_secs_f64(),
@@ -132,7 +132,7 @@ impl ServoStatistics {
     }
 }
 
-/// Due times of cycles. Pure: the time is a parameter.
+/// Due times of servo cycles. Pure: the caller passes the time.
 #[derive(Debug)]
 struct Timetable {
     period: Duration,
@@ -140,18 +140,18 @@ struct Timetable {
     next: Instant,
 }
 
-/// Start of a cycle.
+/// Timing of the start of a cycle.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Begin {
-    /// Time since it was due.
+    /// Delay after its due time.
     late: Duration,
-    /// Cycles that were due before it and are left out.
+    /// Number of earlier cycles that are omitted because they are overdue.
     missed: u64,
 }
 
 impl Timetable {
-    /// Begins the cycle that is due. A small delay is made up for by the next cycle; after more than two periods the
-    /// overdue cycles are left out, since setpoints must not come in a burst.
+    /// Begins the cycle that is due. After a delay of up to two periods the next cycles follow sooner. After a longer
+    /// delay the overdue cycles are omitted, because setpoints must not come in a burst.
     fn begin_cycle(&mut self, now: Instant) -> Begin {
         let late = now.saturating_duration_since(self.next);
         let mut missed = 0;
@@ -165,9 +165,9 @@ impl Timetable {
     }
 }
 
-/// Executes a servo cycle after this number of left-out cycles: above `missed_max`, motion is held. A panic of the
-/// servo, the bus or a spindle is a failure of the servo: from then on each cycle commands no power. Returns the result
-/// of [`Servo::cycle`].
+/// Executes a servo cycle after `missed` omitted cycles. If these are more than `missed_max`, motion is held. A panic
+/// of the servo, the bus or a spindle is a failure of the servo, after which each cycle commands no power. Returns the
+/// result of [`Servo::cycle`].
 pub(crate) fn cycle_after(
     servo: &mut Servo,
     missed: u64,
@@ -195,7 +195,7 @@ pub(crate) fn cycle_after(
     })
 }
 
-/// Executes several cycles at once, as [`Servo::pass`] does; a panic is a failure of the servo.
+/// Executes several cycles at once by [`Servo::pass`]. A panic is a failure of the servo.
 pub(crate) fn pass(servo: &mut Servo, cycles: u64, statistics: &ServoStatistics) {
     if let Err(panicked) = catch_unwind(AssertUnwindSafe(|| servo.pass(cycles))) {
         statistics.fail(&format!(
@@ -205,15 +205,15 @@ pub(crate) fn pass(servo: &mut Servo, cycles: u64, statistics: &ServoStatistics)
     }
 }
 
-/// Callbacks through which the relay thread reports events of the servo thread.
+/// Functions that the relay thread calls to report events of the servo thread.
 pub(crate) struct RelayCallbacks<W, F> {
-    /// A cycle has emitted an event.
+    /// Called after a cycle has emitted an event.
     pub wake: W,
-    /// Called once, with the reason as text, when the servo has failed.
+    /// Called once when the servo has failed, with the reason as text.
     pub failed: F,
 }
 
-/// The running servo thread; dropping it stops it.
+/// The running servo thread and its relay thread. Dropping this value stops both.
 #[derive(Debug)]
 pub struct ServoThread {
     stop: Arc<AtomicBool>,
@@ -221,8 +221,8 @@ pub struct ServoThread {
 }
 
 impl ServoThread {
-    /// Starts the thread, which counts into `statistics`. If more than `missed_max` cycles in a row are left out,
-    /// motion is held.
+    /// Starts the threads; the servo thread counts its cycles in `statistics`. If more than `missed_max` cycles in a
+    /// row are omitted, motion is held.
     ///
     /// # Errors
     /// Returns an error if the operating system provides no thread.
@@ -286,7 +286,7 @@ impl ServoThread {
     }
 }
 
-/// The relay thread: it wakes the tasks for the servo thread, and watches it.
+/// The relay thread: wakes the tasks on behalf of the servo thread, and watches the servo thread.
 struct Relay<W, F> {
     stop: Arc<AtomicBool>,
     has_events: Arc<AtomicBool>,
@@ -300,7 +300,7 @@ impl<W: Fn(), F: Fn(&str)> Relay<W, F> {
     fn run(mut self) {
         while !self.stop.load(Ordering::Acquire) {
             std::thread::park_timeout(LOOK_EVERY);
-            // if the relay fails, motion continues without its tasks: that is a failure of the servo
+            // without the relay, motion would continue without its tasks, so its panic is a failure of the servo
             if let Err(panicked) = catch_unwind(AssertUnwindSafe(|| self.look())) {
                 let text = panic_text(panicked.as_ref());
                 self.statistics
@@ -328,7 +328,7 @@ impl<W: Fn(), F: Fn(&str)> Relay<W, F> {
     }
 
     fn report(&self, why: &str) {
-        // a panic of one callback does not prevent the call of the other
+        // separate calls, so that a panic of one callback does not prevent the other
         if let Some(cutoff) = &self.cutoff {
             let _ = catch_unwind(AssertUnwindSafe(cutoff));
         }
@@ -336,8 +336,8 @@ impl<W: Fn(), F: Fn(&str)> Relay<W, F> {
     }
 }
 
-/// Requests real-time scheduling: first in, first out, before all ordinary threads. Without the permission the thread
-/// runs as an ordinary one.
+/// Requests real-time scheduling of the calling thread (first in, first out, before all ordinary threads). Without the
+/// permission, the thread continues as an ordinary thread.
 #[cfg(unix)]
 fn ask_for_real_time() {
     use thread_priority::unix::{
@@ -361,7 +361,7 @@ fn ask_for_real_time() {
     }
 }
 
-/// Does nothing: other systems have no such priority that is always granted.
+/// Does nothing: other operating systems do not always grant such a priority.
 #[cfg(not(unix))]
 fn ask_for_real_time() {}
 
@@ -374,7 +374,7 @@ impl Drop for ServoThread {
             while !thread.is_finished() && Instant::now() < until {
                 std::thread::sleep(Duration::from_millis(1));
             }
-            // a thread that is blocked in a call of the bus ends with the process
+            // a thread that a call of the bus blocks is not joined; it ends with the process
             if thread.is_finished() {
                 let _ = thread.join();
             }

@@ -46,7 +46,7 @@ use crate::servo_thread::ServoStatistics;
 use crate::stored_data::OpenQuestion;
 use crate::tables::Tables;
 
-/// Shared state of a machine.
+/// State of a machine that all of its parts share.
 #[derive(Debug)]
 pub(crate) struct SharedState {
     pub machine: Machine,
@@ -55,38 +55,40 @@ pub(crate) struct SharedState {
     pub clock: Clock,
     pub store: ProgramStore,
     pub journal: Journal,
-    /// Called with each part of a plan, in simulated time.
+    /// Function that receives each part of a plan, in simulated time only.
     pub on_plan: Option<OnPlan>,
-    /// Parts of the data folder that cannot be written.
+    /// Health of the parts of the data folder: whether the last write succeeded.
     pub health: Arc<Health>,
-    /// Supervises all tasks and threads.
+    /// Supervisor of all tasks and threads.
     pub supervisor: Supervisor,
-    /// Punctuality of the servo thread; unused in simulated time.
+    /// Punctuality and failure of the servo.
     pub servo: Arc<ServoStatistics>,
     pub tables: Arc<Tables>,
-    /// False while the connection to the MQTT broker is lost.
+    /// True unless the connection to the MQTT broker is lost.
     pub bus_connected: AtomicBool,
-    /// Cancelled when the runtime stops.
+    /// Token that is cancelled when the runtime stops.
     pub closing: CancellationToken,
-    /// Recent waiting times of programs for M codes, s.
+    /// Recent waiting time in s of each M code, by coordinate system and M number.
     m_code_waits: Mutex<BTreeMap<(CoordinateSystemNumber, u16), f64>>,
     alarms: Mutex<Alarms>,
     handlers: Mutex<HandlerRegistry>,
-    /// Locked while its states are published, so that the last message published is the current one.
+    /// Inputs and outputs of the plant. Locked while their states are published, so that the last message is the
+    /// current one.
     pub io: Mutex<IoPoints>,
-    /// Notified when the owner of an input or output is lost: its time may expire before those already awaited.
+    /// Wakes [`SharedState::watch_io`] when an owner of an input or output has left, because its time limit may be the
+    /// next.
     pub io_absences: Notify,
-    /// Serializes publication of `birth`, so that the last message published is the current one.
+    /// Serializes the publication of `birth`, so that the last message is the current one.
     birth: Mutex<()>,
-    /// The variables published last. Locked while variables, tools and offsets are published.
+    /// Variables that were published last. Locked while variables, tools and offsets are published.
     pub published_variables: Mutex<BTreeMap<VariableArea, PublishedVariables>>,
     pub runs: Arc<Mutex<RunBook>>,
-    /// The question about stored files that do not fit together.
+    /// The question about inconsistent stored files, if any.
     pub stored_data: Mutex<OpenQuestion>,
     commands: Mutex<CommandMemory>,
-    /// When heartbeats were sent.
+    /// Times at which heartbeats were sent.
     heartbeats: Mutex<HeartbeatTimes>,
-    /// Wakes the task of each coordinate system.
+    /// Notifications that wake the tasks of the coordinate systems.
     wakes: Mutex<Vec<Arc<Notify>>>,
     sent: AtomicU64,
 }
@@ -130,7 +132,7 @@ impl SharedState {
         }
     }
 
-    /// Adds a task that [`Shared::wake_all`] wakes, too.
+    /// Adds a task to those that [`SharedState::wake_all`] wakes.
     pub fn wakes(&self, task: Arc<Notify>) {
         self.wakes.lock().push(task);
     }
@@ -171,7 +173,7 @@ impl SharedState {
         }
     }
 
-    /// Publishes an event, or a state that has changed; returns the topic's revision.
+    /// Publishes an event, or a state that has changed. Returns the revision of a state; 0 for an event.
     pub fn publish(&self, topic: Topic, payload: Payload) -> u64 {
         if !topic.is_state() {
             self.send(self.message(topic, None, payload));
@@ -180,7 +182,7 @@ impl SharedState {
         self.publish_state(topic, payload).rev.unwrap_or(0)
     }
 
-    /// Publishes a state if it has changed; returns its message.
+    /// Publishes a state if it has changed. Returns the current message of the state.
     pub fn publish_state(&self, topic: Topic, payload: Payload) -> Arc<Message> {
         let message = |topic, rev, payload| self.message(topic, Some(rev), payload);
         let (message, has_changed) = self.hub.publish_change(topic, payload, message);
@@ -198,7 +200,7 @@ impl SharedState {
         }
     }
 
-    /// Publishes which external broker is connected.
+    /// Publishes in the presence to which external broker the runtime is connected.
     pub fn publish_broker(&self, broker: Option<BrokerInUse>) {
         let last = self.hub.read(&Topic::Presence);
         let Some(Payload::Presence(presence)) = last.as_ref().map(|message| &message.payload) else {
@@ -211,8 +213,8 @@ impl SharedState {
         self.publish(Topic::Presence, Payload::Presence(presence));
     }
 
-    /// Notes whether a part of the data folder was written; returns the result. An attempt that is impossible in itself
-    /// gives no information about the disk.
+    /// Records whether a write to a part of the data folder succeeded, and returns the result. An invalid or too large
+    /// request says nothing about the disk and is not recorded.
     pub fn record_attempt<T>(&self, part: DataFolderPart, attempt: io::Result<T>) -> io::Result<T> {
         let is_asked_too_much = |error: &io::Error| {
             matches!(
@@ -229,13 +231,13 @@ impl SharedState {
         attempt
     }
 
-    /// Publishes whether the stored files fit together.
+    /// Publishes the question about inconsistent stored files, or that no question is open.
     pub fn publish_stored_data(&self) {
         let question = self.stored_data.lock().question().cloned();
         self.publish(Topic::StoredData, Payload::StoredData(StoredData { question }));
     }
 
-    /// Records the question about stored files, if one is open, and raises its alarm.
+    /// Writes the question about stored files to the journal, if a question is open, and raises its warning.
     pub fn report_question(&self) {
         let open = self.stored_data.lock();
         if let Some(question) = open.question() {
@@ -250,11 +252,11 @@ impl SharedState {
 
     /// Writes a line of the journal.
     ///
-    /// The runs process the event under their lock, so that every run that is read or kept already includes it.
+    /// The run book processes the event under its lock. So each run that is read or stored later includes the event.
     pub fn record(&self, cs: CoordinateSystemNumber, event: Event) {
         let now = self.now();
         let mut runs = RunBook::learns_from(&event).then(|| self.runs.lock());
-        // a block has no line on disk
+        // a line about a block is not written to disk
         let n = if matches!(event, Event::Block { .. }) {
             0
         } else {
@@ -273,18 +275,18 @@ impl SharedState {
         }
     }
 
-    /// Raises an alarm or a warning; a warning appears only in the history.
+    /// Raises an alarm or a warning. A warning is not active and appears only in the history.
     pub fn raise(&self, record: AlarmRecord) -> AlarmRecord {
         let is_active = record.severity == AlarmSeverity::Alarm;
         self.raise_for(record, is_active)
     }
 
-    /// Raises a warning that stays among the active alarms until a reset, and prevents nothing.
+    /// Raises a warning that stays active until a reset. It stops nothing and refuses no start.
     pub fn raise_standing(&self, record: AlarmRecord) -> AlarmRecord {
         self.raise_for(record, true)
     }
 
-    /// Keeps a warning of the whole machine active, even through resets, as long as there is a text.
+    /// Raises a warning of the whole machine that stays active, also after resets, until `text` is `None`.
     pub fn update_standing_warning(&self, entry: &AlarmEntry, text: Option<&str>) {
         let mut alarms = self.alarms.lock();
         for record in alarms.update_standing_warning(entry, text, &self.timestamp()) {
@@ -292,14 +294,14 @@ impl SharedState {
         }
     }
 
-    /// Returns the text for an alarm that sequence programs raise with this code: from the configuration, else from an
+    /// Returns the text of the alarm with this code of sequence programs: from the configuration, otherwise from an
     /// online handler.
     pub fn alarm_text(&self, code: u16) -> Option<AlarmText> {
         let of_config = self.machine.alarms.get(&code).cloned();
         of_config.or_else(|| self.handlers.lock().alarm_text(code))
     }
 
-    /// Raises an alarm. If it is already active, it is not raised again, and its existing record is returned.
+    /// Raises an alarm and returns its record. An alarm that is already active is not raised again.
     fn raise_for(&self, mut record: AlarmRecord, is_active: bool) -> AlarmRecord {
         let code = record.number.checked_sub(USER_ALARM_BASE);
         if let Some(said) = code.and_then(|code| self.alarm_text(code)) {
@@ -315,8 +317,8 @@ impl SharedState {
         }
     }
 
-    /// Clears the alarms of a coordinate system and of the whole machine; for the latter, all tasks are woken to
-    /// publish the change.
+    /// Clears the alarms of a coordinate system and of the whole machine. If one of the whole machine is cleared, wakes
+    /// all tasks, which publish the change.
     pub fn clear_alarms(&self, cs: CoordinateSystemNumber) {
         let mut alarms = self.alarms.lock();
         let cleared = alarms.clear(cs, &self.timestamp());
@@ -328,7 +330,7 @@ impl SharedState {
         }
     }
 
-    /// Notes which user has acknowledged an alarm; returns false if there is no such active alarm.
+    /// Records the user who has acknowledged an active alarm. Returns false if no active alarm has this id.
     pub fn acknowledge_alarm(&self, id: u64, by: &str) -> bool {
         let mut alarms = self.alarms.lock();
         let acknowledged = alarms.acknowledge(id, by);
@@ -343,12 +345,12 @@ impl SharedState {
         self.publish(Topic::AlarmEvent, Payload::AlarmEvent(changed.clone()));
     }
 
-    /// Returns the number of active alarms of a coordinate system, without warnings.
+    /// Returns the number of active alarms of a coordinate system and of the whole machine. Warnings do not count.
     pub fn alarm_count(&self, cs: CoordinateSystemNumber) -> u32 {
         self.alarms.lock().count(cs)
     }
 
-    /// Raises a standing warning after each fault of a task or thread that has no alarm of its own.
+    /// From now on, raises a warning after each fault of a task or thread that has no alarm of its own.
     pub fn warn_of_faults(self: &Arc<Self>) {
         let shared = Arc::downgrade(self);
         self.supervisor.listen(move |report| {
@@ -370,7 +372,7 @@ impl SharedState {
         });
     }
 
-    /// Raises an alarm of the whole machine because the servo has failed; each coordinate system follows it in its next
+    /// Raises an alarm of the whole machine because the servo has failed. Each coordinate system reacts in its next
     /// turn.
     pub fn on_servo_failed(&self, why: &str) {
         self.raise(AlarmRecord {
@@ -389,7 +391,7 @@ impl SharedState {
         self.wake_all();
     }
 
-    /// Returns true while an alarm with this number is active in a coordinate system.
+    /// Returns true if an alarm with this number is active in this coordinate system.
     pub fn is_alarm_active(&self, number: u16, cs: CoordinateSystemNumber) -> bool {
         self.alarms.lock().is_active(number, cs)
     }
@@ -398,10 +400,10 @@ impl SharedState {
         self.alarms.lock().history()
     }
 
-    /// Registers and publishes a handler.
+    /// Registers a handler, or records that it went offline, and publishes its presence.
     ///
     /// # Errors
-    /// Fails if the registry refuses the handler.
+    /// Returns an error if the registry refuses the handler.
     pub fn set_handler(
         &self,
         reach: Reach,
@@ -444,12 +446,12 @@ impl SharedState {
         }
     }
 
-    /// Returns the instance of a handler that has to confirm its presence.
+    /// Returns the instance of a handler that must confirm its presence; `None` if no instance must.
     pub fn asked_handler(&self, id: &str) -> Option<String> {
         self.handlers.lock().instance_to_confirm(id).map(str::to_owned)
     }
 
-    /// Reports the result of its request to an instance of a handler.
+    /// Publishes to a handler the result of its request.
     pub fn publish_handler_result(&self, id: &str, result: HandlerResult) {
         self.publish(
             Topic::HandlerResult(id.to_owned()),
@@ -461,7 +463,7 @@ impl SharedState {
         self.handlers.lock().all()
     }
 
-    /// Returns the declarations of M codes by the configuration and by online handlers.
+    /// Returns all declarations of M codes in the configuration and by online handlers.
     pub fn declared(&self) -> Vec<SourcedDeclaration> {
         let of_config = self.machine.m_codes.values();
         let of_config =
@@ -475,7 +477,7 @@ impl SharedState {
         of_config.chain(of_handlers).collect()
     }
 
-    /// Returns the declarations of one M code by the configuration and by online handlers.
+    /// Returns the declarations of one M code in the configuration and by online handlers.
     pub fn declared_of(&self, cs: CoordinateSystemNumber, m: u16) -> Vec<SourcedDeclaration> {
         let settings = self.machine.m_codes.get(&m);
         let of_config = settings.and_then(|settings| settings.declared.clone());
@@ -497,15 +499,15 @@ impl SharedState {
             .flatten()
     }
 
-    /// Returns true while a handler is online.
+    /// Returns true if the handler with this id is online.
     pub fn is_online(&self, id: &str) -> bool {
         self.handlers.lock().is_online(id)
     }
 
-    /// Checks that a level or an output of a handler is written by its online instance.
+    /// Checks that the sender of a value is the online instance of the handler with this id.
     ///
     /// # Errors
-    /// Returns an error in the cases of [`HandlerRegistry::judge_writer`].
+    /// Returns an error in the cases of [`HandlerRegistry::check_writer`].
     pub fn check_writer(&self, id: &str, instance: Option<&String>) -> Result<(), Refusal> {
         self.handlers.lock().check_writer(id, instance)
     }
@@ -515,19 +517,19 @@ impl SharedState {
         self.handlers.lock().serve(cs, m)
     }
 
-    /// Returns the time by which the offline handler of this M code is expected back, in seconds since the start.
+    /// Returns the time in s since the start until which the offline handler of this M code is expected to return.
     pub fn handler_back_s(&self, cs: CoordinateSystemNumber, m: u16) -> Option<f64> {
         self.handlers.lock().back_s(cs, m, self.clock.now_s())
     }
 
-    /// Notes how long an M code took to be reset, s. The newest value has a weight of one quarter.
+    /// Records the time in s from the issue of an M code to its reset. The newest value has a weight of one quarter.
     pub fn note_m_code_wait(&self, cs: CoordinateSystemNumber, m: u16, took_s: f64) {
         let mut waits = self.m_code_waits.lock();
         let known = waits.entry((cs, m)).or_insert(took_s);
         *known += (took_s - *known) / 4.0;
     }
 
-    /// Returns the usual waiting time, s; `None` if it is not known yet.
+    /// Returns the usual time in s until an M code is reset; `None` if it was never reset.
     pub fn m_code_wait(&self, cs: CoordinateSystemNumber, m: u16) -> Option<f64> {
         self.m_code_waits.lock().get(&(cs, m)).copied()
     }

@@ -1,7 +1,8 @@
-//! Simulated time: servo cycles are counted as fast as the computer can, and only when no task is ready to run.
+//! Simulated time: servo cycles are executed as fast as the computer can, but only when no task is ready to run.
 //!
-//! All tasks run on one thread, so a run repeats byte for byte. Most events of a cycle concern one coordinate system
-//! only, such as the start of the next block: that coordinate system handles them here, and no task is woken.
+//! All tasks run on one thread, so a run is reproducible byte for byte. Most events of a cycle concern only one
+//! coordinate system, such as the start of the next block. Then that coordinate system handles the event at once, and
+//! no task is woken.
 
 #[cfg(feature = "testing")]
 mod tokio_clock;
@@ -23,16 +24,17 @@ use tokio_clock::TokioClock;
 
 pub use crate::planned::{OnPlan, PlannedMotion};
 
-/// Real time without progress of simulated time after which the standstill is reported.
+/// Real time without progress of simulated time after which an error is logged.
 const STANDSTILL_REPORT: Duration = Duration::from_secs(5);
 
-/// Turns taken before all tasks have one, including those that wait for external events.
+/// Number of turns that coordinate systems take alone before all tasks get a turn, including tasks that wait for
+/// external events.
 const TURNS_MAX: usize = 256;
 
-/// Called after each servo cycle, for a trace.
+/// Function that is called after each servo cycle, for a trace.
 pub type OnCycle = Box<dyn FnMut(&Servo) + Send>;
 
-/// The servo of a simulation and the coordinate systems that its cycles concern.
+/// The servo of a simulation and the coordinate systems whose motion it executes.
 pub struct Simulation {
     servo: Mutex<SimulatedServo>,
     clock: Clock,
@@ -47,23 +49,23 @@ pub struct Simulation {
 
 struct SimulatedServo {
     servo: Servo,
-    /// Cycles, including those that were skipped.
+    /// Number of executed and omitted cycles.
     cycles: u64,
-    /// Cycles to skip before the next one.
+    /// Number of cycles to omit before the next cycle.
     missed: u64,
-    /// Turns taken by coordinate systems alone since the tasks last had a turn.
+    /// Number of turns that coordinate systems have taken alone since the last turn of all tasks.
     turns: usize,
     on_cycle: Option<OnCycle>,
 }
 
-/// Next event in simulated time.
+/// Next event of a simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum NextEvent {
     /// Tasks are ready to run.
     Tasks,
-    /// This cycle; nothing happens before it.
+    /// This servo cycle is next; nothing happens before it.
     Cycle(u64),
-    /// Nothing moves and no task sleeps, or the time limit is reached.
+    /// Nothing can happen: nothing moves and no task sleeps, or the time limit is reached.
     Nothing,
 }
 
@@ -104,14 +106,14 @@ impl Simulation {
         }
     }
 
-    /// Delays the start of the next servo cycle by `late`, as in a process that is suspended: the servo cycles due in
-    /// the meantime are skipped, and tasks that sleep until then wake after it.
+    /// Delays the start of the next servo cycle by `late`, as if the process were suspended. The servo cycles due in
+    /// the meantime are omitted, and tasks that sleep until then wake afterwards.
     pub fn delay_servo(&self, late: Duration) {
         let late_ns = u64::try_from(late.as_nanos()).unwrap_or(u64::MAX);
         self.servo.lock().missed += late_ns / self.period_ns;
     }
 
-    /// Resolves when nothing further can happen: no motion and no sleeper, or the time limit is reached.
+    /// Waits until nothing further can happen: no motion and no sleeping task, or the time limit is reached.
     pub async fn stalled(&self) {
         self.stalled.notified().await;
     }
@@ -121,12 +123,12 @@ impl Simulation {
         self.cycles() * self.period_ns >= self.limit_ns
     }
 
-    /// Returns the number of servo cycles so far.
+    /// Returns the number of servo cycles so far, including omitted cycles.
     pub(crate) fn cycles(&self) -> u64 {
         self.servo.lock().cycles
     }
 
-    /// Counts cycles until one gives a task something to do.
+    /// Executes cycles until a task is ready to run or nothing can happen.
     fn step(&self) {
         let mut servo = self.servo.lock();
         loop {
@@ -145,7 +147,7 @@ impl Simulation {
         }
     }
 
-    /// Returns the next event. Wakes the tasks that are due.
+    /// Returns the next event. If sleeping tasks are due, wakes them.
     fn next(&self, servo: &mut SimulatedServo) -> NextEvent {
         if self.clock.wake_due() {
             servo.turns = 0;
@@ -164,8 +166,8 @@ impl Simulation {
         NextEvent::Cycle(servo.cycles + before + 1)
     }
 
-    /// Counts cycles up to this one, at most up to the [next](Simulation::next) one. Returns true when tasks must run
-    /// before time advances.
+    /// Executes the cycles up to `cycle`, which must not be later than that of [`next`](Simulation::next). Returns true
+    /// if tasks must run before time advances.
     fn advance(&self, servo: &mut SimulatedServo, cycle: u64) -> bool {
         let missed = std::mem::take(&mut servo.missed);
         let before = cycle - servo.cycles - 1;
@@ -183,15 +185,15 @@ impl Simulation {
             return false;
         }
         servo.turns = 0;
-        // so that this is called again, even if no task listened
+        // wakes a task, so that the executor calls this again even if no task received an event
         for mailbox in &self.mailboxes {
             mailbox.wake_task();
         }
         true
     }
 
-    /// Runs a cycle after `before` cycles have passed or were skipped. Returns true as [`Servo::cycle`] does, and when
-    /// the servo has failed.
+    /// Executes a cycle after `before` cycles that passed at once or were omitted. Returns the result of
+    /// [`Servo::cycle`], and true when the servo has just failed.
     fn cycle(&self, servo: &mut Servo, before: u64, missed: u64) -> bool {
         let statistics = &self.shared.servo;
         let had_failed = statistics.failure().is_some();
@@ -206,17 +208,17 @@ impl Simulation {
         events
     }
 
-    /// Lets each coordinate system with servo events handle them. Returns false when tasks must run before time
+    /// Makes each coordinate system with servo events take a turn. Returns false if tasks must run before time
     /// advances.
     fn turn_alone(&self, servo: &Servo) -> bool {
         let mailboxes = self.mailboxes.iter().zip(servo.channels());
         let told = mailboxes.filter(|(_, channel)| channel.has_reported());
-        // all of them take a turn, also after one that needs its task
+        // `count` visits every coordinate system, even after one that must leave work to its task
         told.filter(|(mailbox, _)| !mailbox.turn_alone()).count() == 0
     }
 
-    /// Returns the number of cycles without events before the next sleeper is due, which pass at once. A trace needs
-    /// each of them; a measuring observer needs those in which a speed changes.
+    /// Returns the number of cycles without events before the next sleeping task is due; these cycles pass at once.
+    /// None pass if `on_cycle` needs each cycle; with `passes_even_motion` only those pass in which no speed changes.
     fn cycles_to_pass(&self, servo: &mut SimulatedServo, now_ns: u64) -> u64 {
         let is_watched = servo.on_cycle.is_some();
         if is_watched && !self.passes_even_motion {
@@ -235,16 +237,16 @@ impl Simulation {
 
 /// Options of a simulation.
 pub struct SimulationOptions {
-    /// Simulated time at which it stalls, s.
+    /// Simulated time in s at which the simulation ends.
     pub max_time_s: f64,
-    /// Called after each servo cycle.
+    /// Function that is called after each servo cycle.
     pub on_cycle: Option<OnCycle>,
-    /// Cycles in which each motor keeps its speed may be omitted from `on_cycle`; the time of the next cycle shows the
-    /// gap.
+    /// True if `on_cycle` does not need cycles in which each motor keeps its speed. The time of the next cycle shows
+    /// the gap.
     pub passes_even_motion: bool,
-    /// Called with each plan.
+    /// Function that is called with each plan.
     pub on_plan: Option<OnPlan>,
-    /// Creates the hardware; with `None` the hardware is simulated.
+    /// Function that creates the hardware; with `None` the hardware is simulated.
     pub hardware: Option<HardwareFactory>,
 }
 
@@ -260,7 +262,7 @@ impl Default for SimulationOptions {
     }
 }
 
-/// Slot in which a runtime in simulated time places its simulation, so that the executor finds it.
+/// Place where a runtime in simulated time puts its simulation, so that the executor finds the simulation.
 pub(crate) type SimulationSlot = Arc<OnceLock<Arc<Simulation>>>;
 
 tokio::task_local! {
@@ -272,7 +274,7 @@ pub(crate) fn slot() -> Option<SimulationSlot> {
     SLOT.try_with(Arc::clone).ok()
 }
 
-/// Runs a future in simulated time: [`Runtime::start_simulated`](crate::Runtime::start_simulated) works inside it.
+/// Runs a future in simulated time. The future may call [`Runtime::start_simulated`](crate::Runtime::start_simulated).
 ///
 /// # Errors
 /// Returns an error if the operating system provides no event queue.
@@ -290,22 +292,22 @@ pub fn run<T>(main: impl Future<Output = T>) -> std::io::Result<T> {
     Ok(executor.enable_all().build()?.block_on(SLOT.scope(slot, watched)))
 }
 
-/// Origin of the code that runs in a simulation.
+/// Code that runs in a simulation.
 #[cfg(feature = "testing")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Code {
     /// Only the runtime's code, which sleeps on the clock of the machine.
     Own,
-    /// Also foreign code, which may sleep on the clock of tokio.
+    /// Also the code of a user, which may sleep on the clock of tokio.
     Foreign,
 }
 
-/// Runs a future in simulated time. If `code` is foreign, tokio's clock runs in simulated time as well. There
-/// are no sockets: opening one panics. `on_thread` is called when tokio starts another thread for blocking
-/// work, before the simulation continues. The simulation of the runtime is placed in `slot`.
+/// Runs a future in simulated time. If `code` is foreign, tokio's clock runs in simulated time as well. Sockets do not
+/// exist: opening one panics. `on_thread` is called when tokio starts another thread for blocking work, before the
+/// simulation continues. The runtime puts its simulation into `slot`.
 ///
 /// # Errors
-/// Fails as [`run`].
+/// Returns an error in the cases of [`run`].
 #[cfg(feature = "testing")]
 pub(crate) fn run_in<T>(
     slot: SimulationSlot,
@@ -313,7 +315,7 @@ pub(crate) fn run_in<T>(
     on_thread: impl Fn() + Send + Sync + 'static,
     main: impl Future<Output = T>,
 ) -> std::io::Result<T> {
-    // called when the thread is requested, thus before the simulation continues
+    // tokio calls this when it requests a thread, so before the simulation continues
     let name = move || {
         on_thread();
         "other-thread".to_owned()
@@ -329,7 +331,7 @@ pub(crate) fn run_in<T>(
     Ok(done)
 }
 
-/// Counts servo cycles when no task is ready to run.
+/// Returns an executor that executes servo cycles when no task is ready to run.
 fn executor(slot: &SimulationSlot) -> tokio::runtime::Builder {
     let stepper = Arc::clone(slot);
     let mut executor = tokio::runtime::Builder::new_current_thread();
@@ -341,7 +343,7 @@ fn executor(slot: &SimulationSlot) -> tokio::runtime::Builder {
     executor
 }
 
-/// Reports that simulated time has stopped because every task waits for something else.
+/// Logs an error when simulated time has stopped because every task waits for an event other than time.
 async fn report_standstill(slot: SimulationSlot) -> std::convert::Infallible {
     let mut last = None;
     loop {

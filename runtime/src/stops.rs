@@ -1,19 +1,20 @@
-//! Causes and kinds of stops: the table of the book and of the tests, one cell for each cause and each kind of motion.
+//! Causes and kinds of stops. The book and the tests use this table, with one cell for each cause and each kind of
+//! motion.
 
-/// Event that stops motion, or might stop it.
+/// Event that stops motion, or that must not stop it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StopCause {
-    /// The interlock is set.
+    /// An interlock source is set.
     Interlock,
     /// The owner of an interlock source with `on_loss = "on"` is lost.
     SourceLost,
-    /// `SERVO_LATE`: servo cycles were left out for `servo_late_ms` or longer.
+    /// `SERVO_LATE`: servo cycles were omitted for `servo_late_ms` or longer.
     ServoLate,
-    /// `CLIENT_LOST`: a client that asked to be watched is silent.
+    /// `CLIENT_LOST`: a client that asked to be watched has sent no heartbeat within its interval.
     ClientLost,
-    /// `BUS_LOST`: the MQTT broker is lost, with `on_bus_loss = "hold_at_wait"`.
+    /// `BUS_LOST`: the connection to the MQTT broker is lost, with `on_bus_loss = "hold_at_wait"`.
     BusLost,
-    /// A handler, or another sequence program, raises an alarm.
+    /// A sequence program raises an alarm.
     Alarm,
     /// The command hold.
     Hold,
@@ -23,7 +24,7 @@ pub enum StopCause {
     Abort,
 }
 
-/// Kind of motion.
+/// Kind of motion that a stop interrupts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StoppedMotion {
     /// A rapid motion.
@@ -32,7 +33,7 @@ pub enum StoppedMotion {
     Line,
     /// An arc.
     Arc,
-    /// The tool in a thread.
+    /// The tool is in a thread (tapping).
     Thread,
     /// A dwell.
     Dwell,
@@ -42,22 +43,22 @@ pub enum StoppedMotion {
     Home,
     /// A line with cutter compensation.
     Compensation,
-    /// At the turning point of an axis, between two blocks.
+    /// An axis reverses its direction between two blocks.
     Reversal,
 }
 
-/// Reaction of a motion.
+/// Reaction of a motion to a stop cause.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StopReaction {
     /// The motion stops on its path; a resume continues.
     Holds,
-    /// Motion and spindle stop in phase; a resume continues in phase.
+    /// Motion and spindle stop in phase; a resume continues both in phase.
     HoldsInPhase,
-    /// The thread is finished first; the motion is held when the tool is out.
+    /// The tool finishes the thread first; then the motion is held.
     HoldsAfterThread,
     /// The jog ends on its path.
     EndsJog,
-    /// The motion stops on its path, in a thread in phase, and the run ends.
+    /// The motion stops on its path (in a thread in phase with the spindle), and the run ends.
     Stops,
     /// Each motor brakes at its maximum acceleration, and the run ends.
     Brakes,
@@ -79,7 +80,7 @@ impl StopCause {
         Self::Abort,
     ];
 
-    /// Returns its name in the table.
+    /// Returns the name of the cause in the table.
     pub fn name(self) -> &'static str {
         match self {
             Self::Interlock => "interlock",
@@ -94,7 +95,7 @@ impl StopCause {
         }
     }
 
-    /// Returns the reaction of a motion.
+    /// Returns the reaction of a kind of motion to this cause.
     pub fn reaction(self, motion: StoppedMotion) -> StopReaction {
         use StopReaction::{Brakes, Continues, EndsJog, Holds, HoldsAfterThread, HoldsInPhase, Stops};
         match (self, motion) {
@@ -123,7 +124,7 @@ impl StoppedMotion {
         Self::Reversal,
     ];
 
-    /// Returns its name in the table.
+    /// Returns the name of the kind of motion in the table.
     pub fn name(self) -> &'static str {
         match self {
             Self::Rapid => "rapid",
@@ -151,7 +152,7 @@ impl StopReaction {
         Self::Continues,
     ];
 
-    /// Returns its name in the table.
+    /// Returns the name of the reaction in the table.
     pub fn name(self) -> &'static str {
         match self {
             Self::Holds => "holds",
@@ -164,7 +165,7 @@ impl StopReaction {
         }
     }
 
-    /// Returns its meaning and its time limit.
+    /// Returns the description of the reaction, with its time limit.
     pub fn text(self) -> &'static str {
         match self {
             Self::Holds => {
@@ -198,8 +199,8 @@ impl StopReaction {
         }
     }
 
-    /// Returns the maximum time to rest, s, with this `hold_slew_ms`, on motors whose limits do not demand longer;
-    /// `None` if there is no limit.
+    /// Returns the maximum time in s until the motion rests, for this `hold_slew_ms`. It applies to motors whose own
+    /// limits require no longer time. Returns `None` if the reaction has no time limit.
     pub fn limit_s(self, hold_slew_ms: f64) -> Option<f64> {
         match self {
             Self::HoldsAfterThread | Self::Continues => None,

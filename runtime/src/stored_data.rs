@@ -1,9 +1,9 @@
-//! Checks whether the files of a data folder are consistent, and manages the question about inconsistent ones.
+//! The check whether the files of a data folder are consistent, and the question to a person about inconsistent files.
 //!
 //! Each sealed line names its machine, its generation and the newest generations of the other parts
-//! (`disk/generations.rs`). If a start finds an older copy of a part, or one of another machine, its content is held
-//! back: it is treated as lost, and a person is asked. No program starts until the question is answered. The data held
-//! back are stored separately: values in [`HELD_FILE`], programs in their files, folders in the question itself.
+//! (`disk/generations.rs`). If a start finds an older copy of a part, or a part of another machine, its content is
+//! withheld: it counts as lost, and a person is asked. No program starts until the question is answered. The withheld
+//! data are stored separately: values in [`HELD_FILE`], programs in their own files, folders in the question.
 
 pub(crate) mod inspection;
 
@@ -20,25 +20,25 @@ use crate::disk::{
 };
 use crate::program_store::folder_assignments::FolderByProgram;
 
-/// File with the question, while it is pending.
+/// Name of the file with the question while it is not answered.
 const QUESTION_FILE: &str = "question";
 
-/// File with the values that are held back.
+/// Name of the file with the withheld values.
 const HELD_FILE: &str = "state.unconfirmed.json";
 
-/// Maximum size of the file with the question, bytes. Reason: it contains the folders of all programs.
+/// Maximum size in bytes of the file with the question. Reason: it contains the folders of all programs.
 const QUESTION_BYTES_MAX: u64 = 4 << 20;
 
 /// Content of the file with the question.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 struct KeptQuestion {
     question: Option<StoredDataQuestion>,
-    /// Folders that are held back.
+    /// Folders of programs that are withheld.
     #[serde(default)]
     folders: FolderByProgram,
 }
 
-/// The pending question of a data folder, if any.
+/// The question of a data folder, if it is not answered.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct OpenQuestion {
     folder: PathBuf,
@@ -46,7 +46,7 @@ pub(crate) struct OpenQuestion {
 }
 
 impl OpenQuestion {
-    /// Reads the file of a folder. A damaged file is also treated as a question.
+    /// Reads the question of a data folder. A damaged file counts as a question.
     pub fn read(folder: &Path) -> Self {
         let kept = match read_regular(&folder.join(QUESTION_FILE), QUESTION_BYTES_MAX) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => None,
@@ -66,7 +66,7 @@ impl OpenQuestion {
         }
     }
 
-    /// Describes the decision that a person must make, in one text.
+    /// Returns a text that describes the decision to make; `None` without a question.
     pub fn text(&self) -> Option<String> {
         let question = self.question()?;
         let findings = question.findings.iter().map(|finding| finding.text.clone());
@@ -84,12 +84,12 @@ impl OpenQuestion {
         self.kept.as_ref()?.question.as_ref()
     }
 
-    /// The data folder.
+    /// Returns the path of the data folder.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// Returns the fault of the store; `None` if none of its values is held back.
+    /// Returns the fault of the store; `None` if no value of the store is withheld.
     pub fn fault_of_store(&self) -> Option<StoredDataFault> {
         let findings = &self.question()?.findings;
         let mut findings = findings.iter();
@@ -97,7 +97,7 @@ impl OpenQuestion {
         Some(finding.fault)
     }
 
-    /// Writes the file of the question.
+    /// Writes the file with the question.
     fn write(&self, generations: &Generations) -> io::Result<()> {
         let mut line = json!({"n": 1, "kept": self.kept});
         generations.plain_seal(SealedFileKind::Question).put(&mut line);
@@ -108,7 +108,7 @@ impl OpenQuestion {
         )
     }
 
-    /// Folders that are held back.
+    /// Returns the withheld folders of programs.
     pub fn held_folders(&self) -> FolderByProgram {
         self.kept
             .as_ref()
@@ -116,10 +116,10 @@ impl OpenQuestion {
             .unwrap_or_default()
     }
 
-    /// Removes the files of the question; the removal is on disk when this returns.
+    /// Removes the files of the question. The removal is on disk when this method returns.
     ///
     /// # Errors
-    /// Returns an error if the disk operation fails.
+    /// Returns an error if a disk operation fails.
     pub fn remove_files(&self) -> io::Result<()> {
         for name in [QUESTION_FILE, HELD_FILE] {
             match fs::remove_file(self.folder.join(name)) {

@@ -1,7 +1,8 @@
-//! Data that NC programs and sequence programs share: variables, tools, work offsets.
+//! Data that NC programs and sequence programs share: variables, tools and work offsets.
 //!
-//! One lock orders them: a block is interpreted under its read lock; a change of a range, a tool or an offset takes its
-//! write lock. So each block sees a change completely or not at all, and blocks never wait for one another.
+//! One lock orders all accesses. A block is interpreted under the read lock; a change of a range of variables, a tool
+//! or an offset takes the write lock. So each block sees a change completely or not at all, and blocks never wait for
+//! one another.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,37 +21,37 @@ use tandem_model::{Axis, AxisSet, AxisVector, Variables};
 
 use crate::config::Machine;
 
-/// Maximum number of tools in the table. Further ones are rejected.
+/// Maximum number of tools in the tool table. Further tools are rejected.
 pub const TOOLS_MAX: usize = 1000;
 
-/// Work offsets of a coordinate system without a table.
+/// Work offsets of a coordinate system that has no table of them: all are zero.
 const NO_OFFSETS: &WorkOffsets = &WorkOffsets([AxisVector::ZERO; 6]);
 
-/// Values stored on disk: JSON by name.
+/// Values as stored on disk: the JSON text of each value by its name.
 pub(crate) type KeptValues = BTreeMap<String, Vec<u8>>;
 
-/// Returns the name of a stored value that each coordinate system has.
+/// Returns the name of a stored value of a coordinate system.
 pub(crate) fn value_key(what: &str, cs: CoordinateSystemNumber) -> String {
     format!("{what}/{cs}")
 }
 
-/// Returns the name of a tool's data.
+/// Returns the name of the stored data of a tool.
 pub(crate) fn tool_key(id: u16) -> String {
     format!("tool_data/{id}")
 }
 
-/// Returns the name of a work offset of a coordinate system.
+/// Returns the name of the stored work offset of a coordinate system.
 pub(crate) fn work_offset_key(cs: CoordinateSystemNumber, name: &str) -> String {
     format!("work_offset/{cs}/{name}")
 }
 
-/// Placeholder stored for a lost value; no value has this form.
+/// Text that is stored for a lost value. The JSON text of a value is never equal to it.
 pub(crate) const LOST_VALUE: &[u8] = b"lost";
 
-/// A work offset as stored, by axis letter; `None` for a lost value.
+/// A work offset in its stored form: values by axis letter, `None` for a lost value.
 pub(crate) type KeptOffset = BTreeMap<String, Option<f64>>;
 
-/// Adds a value by its name.
+/// Adds a value to the stored values under its name.
 pub(crate) fn keep(values: &mut KeptValues, key: String, value: &impl Serialize) {
     // Numbers, words and lists of them always have a JSON form.
     if let Ok(bytes) = serde_json::to_vec(value) {
@@ -58,12 +59,12 @@ pub(crate) fn keep(values: &mut KeptValues, key: String, value: &impl Serialize)
     }
 }
 
-/// A tool or an offset as stored.
+/// A tool or an offset in its stored form.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct StoredSetting<T> {
-    /// Configured value at the time of writing.
+    /// Value of the configuration when this entry was written.
     pub configured: T,
-    /// Value in effect.
+    /// Value that is in effect.
     pub now: T,
 }
 
@@ -78,11 +79,11 @@ pub(crate) struct Tables {
     configured: Values,
     /// Coordinate systems whose spindle tool is unknown.
     unknown_spindles: Mutex<BTreeSet<CoordinateSystemNumber>>,
-    /// Held from reading the old values until the new ones are in effect.
+    /// Serializes changes: held from reading the current values until the new values are in effect.
     changing: Mutex<()>,
 }
 
-/// The content of the tables. Variables have arrays of their own, ordered by the same lock.
+/// Tools and work offsets. Variables have arrays of their own, to which the same lock applies.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Values {
     pub tools: BTreeMap<u16, Tool>,
@@ -90,12 +91,12 @@ pub(crate) struct Values {
 }
 
 impl Values {
-    /// Returns the tool of a number; `None` if it is not in the table. 0 (no tool) is never in the table.
+    /// Returns the tool with this number; `None` if the table does not contain it. Number 0 means no tool.
     pub fn tool(&self, id: u16) -> Option<Tool> {
         self.tools.get(&id).copied()
     }
 
-    /// Returns all tools by number.
+    /// Returns all tools by their numbers.
     pub fn tools(&self) -> &BTreeMap<u16, Tool> {
         &self.tools
     }
@@ -133,7 +134,7 @@ impl Values {
 }
 
 impl Tables {
-    /// Creates the tables from the configuration; variables are zero.
+    /// Creates the tables from the configuration. All variables are zero.
     pub fn new(machine: &Machine) -> Self {
         let global = VariableArray::new(GLOBAL_VARIABLES);
         let systems = || machine.coordinate_systems.iter();
@@ -155,7 +156,7 @@ impl Tables {
         }
     }
 
-    /// Locks the tables while a block is interpreted: nothing is changed until the guard is dropped.
+    /// Locks the tables for reading, such as while a block is interpreted. No change occurs until the guard is dropped.
     pub fn read(&self) -> RwLockReadGuard<'_, Values> {
         self.values.read()
     }
@@ -177,12 +178,12 @@ impl Tables {
         self.global.clone()
     }
 
-    /// Returns the numbers of the coordinate systems, ascending.
+    /// Returns the numbers of the coordinate systems in ascending order.
     pub fn coordinate_systems(&self) -> impl Iterator<Item = CoordinateSystemNumber> {
         self.axes.keys().copied()
     }
 
-    /// Returns the values of a range, never in the middle of a write.
+    /// Returns the values of a range of variables. All of them are from before or from after a write.
     pub fn read_variables(&self, area: VariableArea, from: u32, count: u32) -> Result<Vec<f64>, Refusal> {
         let array = self.range(area, from, count as usize)?;
         let _no_range_is_written = self.read();
@@ -200,7 +201,8 @@ impl Tables {
         Ok(values)
     }
 
-    /// Returns the values of existing ranges, never in the middle of a write; a lost value has its mark.
+    /// Returns the values of ranges that exist. All of them are from before or from after a write; a lost value has its
+    /// mark.
     pub fn ranges(&self, area: VariableArea, ranges: &[(u32, u32)]) -> Vec<Vec<f64>> {
         let array = match area {
             VariableArea::Global => Some(&self.global),
@@ -216,7 +218,7 @@ impl Tables {
         ranges.iter().map(values).collect()
     }
 
-    /// Writes a range between two blocks, completely or not at all.
+    /// Writes a range of variables between two blocks, completely or not at all.
     pub fn write_variables(&self, area: VariableArea, from: u32, values: &[f64]) -> Result<(), Refusal> {
         let array = self.range(area, from, values.len())?;
         let _no_block_is_interpreted = self.write();
@@ -253,7 +255,7 @@ impl Tables {
         Ok(array)
     }
 
-    /// Returns the tool table, ascending.
+    /// Returns the tool table in ascending order of numbers, without lost tools.
     pub fn tools(&self) -> ToolTable {
         self.read().tool_table()
     }
@@ -263,7 +265,7 @@ impl Tables {
         self.configured.tool_table()
     }
 
-    /// Fills the tool table before anything runs.
+    /// Replaces the tool table. Called before any program runs.
     pub fn restore_tools(&self, tools: impl Iterator<Item = ToolData>) {
         let tool = |data: ToolData| {
             let ToolData { id, radius, length } = data;
@@ -272,7 +274,7 @@ impl Tables {
         self.write().tools = tools.map(tool).collect();
     }
 
-    /// Returns the values after a change of the tool table.
+    /// Returns all values with a change of the tool table applied. The tables themselves do not change.
     pub fn with_tools(&self, change: &ToolChange) -> Result<Values, Refusal> {
         let mut values = self.read().clone();
         for id in &change.remove {
@@ -302,7 +304,7 @@ impl Tables {
         Ok(values)
     }
 
-    /// Returns the work offsets of a coordinate system, each with its axes.
+    /// Returns the work offsets of a coordinate system by their names, each with its axes.
     pub fn work_offsets(&self, cs: CoordinateSystemNumber) -> Result<WorkOffsetTable, Refusal> {
         let axes = *self.axes.get(&cs).ok_or_else(|| no_coordinate_system(cs))?;
         Ok(self.read().work_offset_table(cs, axes))
@@ -314,7 +316,8 @@ impl Tables {
         self.configured.work_offset_table(cs, axes)
     }
 
-    /// Sets axes of work offsets before anything runs; names unknown to the coordinate system are skipped.
+    /// Sets values of work offsets. Called before any program runs. Skips names and axes that the coordinate system
+    /// does not have.
     pub fn restore_work_offsets<'a>(
         &self,
         cs: CoordinateSystemNumber,
@@ -330,7 +333,8 @@ impl Tables {
         }
     }
 
-    /// Returns tools and work offsets as stored, each with its configured value (see `persistence/restore.rs`).
+    /// Returns tools and work offsets in their stored form, each with its configured value (see
+    /// `persistence/restore.rs`).
     pub fn kept(&self, values: &Values) -> KeptValues {
         let mut kept = KeptValues::new();
         let data = |id: u16, tool: &Tool| {
@@ -387,7 +391,7 @@ impl Tables {
         self.unknown_spindles.lock().clone()
     }
 
-    /// Returns the values, with lost ones replaced by those of `other`.
+    /// Returns all values, with each lost value replaced by that of `other`. The tables themselves do not change.
     pub fn with_lost_from(&self, other: &Values) -> Values {
         let mut values = self.read().clone();
         for (id, tool) in &other.tools {
@@ -414,7 +418,7 @@ impl Tables {
         values
     }
 
-    /// Replaces lost variables by those of `other`.
+    /// Replaces each lost variable by that of `other`.
     pub fn take_lost_variables(&self, other: &Self) {
         let _no_block_is_interpreted = self.write();
         take_lost(&self.global, &other.global);
@@ -426,7 +430,7 @@ impl Tables {
         }
     }
 
-    /// Describes every lost value.
+    /// Returns a description of each lost value.
     pub fn lost(&self) -> Vec<String> {
         let mut lost = lost_ranges("P", &self.global, "");
         for (cs, variables) in &self.variables {
@@ -454,7 +458,7 @@ impl Tables {
         lost
     }
 
-    /// Returns the values after a change of work offsets.
+    /// Returns all values with a change of work offsets applied. The tables themselves do not change.
     pub fn with_work_offsets(
         &self,
         cs: CoordinateSystemNumber,
@@ -482,7 +486,8 @@ impl Tables {
         Ok(values)
     }
 
-    /// Changes tools or offsets between two blocks, one change at a time. `keep` writes them to disk first.
+    /// Changes tools or work offsets between two blocks, one change at a time. Before a change takes effect, `keep`
+    /// writes it to disk.
     pub fn change(
         &self,
         changed: impl FnOnce(&Self) -> Result<Values, Refusal>,
@@ -512,7 +517,7 @@ fn letter(area: VariableArea) -> &'static str {
     }
 }
 
-/// Describes the lost variables of an array: `P384 to P511`.
+/// Returns descriptions of the lost variables of an array, such as `P384 to P511`.
 fn lost_ranges(letter: &str, array: &VariableArray, of: &str) -> Vec<String> {
     let is_lost_at = |number: &usize| array.get(*number).is_some_and(is_lost);
     let (mut ranges, mut next) = (Vec::new(), 0);
@@ -527,12 +532,12 @@ fn lost_ranges(letter: &str, array: &VariableArray, of: &str) -> Vec<String> {
     ranges
 }
 
-/// Returns the index of a work offset in a table.
+/// Returns the index of the work offset with this name.
 fn work_offset_index(name: &str) -> Option<usize> {
     WORK_OFFSETS.iter().position(|known| *known == name)
 }
 
-/// Returns the axis with this letter.
+/// Returns the axis with this letter, if it is one of `axes`.
 fn axis_of(letter: &str, axes: AxisSet) -> Option<Axis> {
     axes.iter().find(|axis| letter.chars().eq([axis.letter()]))
 }

@@ -1,9 +1,8 @@
-//! A whole runtime in simulated time inside a unit test of a machine builder: feature `testing`.
+//! A whole runtime in simulated time, for unit tests of machine builders. Needs the feature `testing`.
 //!
-//! A [`Bench`] runs an NC program against a sequence program on a machine with simulated motors, as fast as the
-//! computer can. The resulting [`Run`] contains the outputs with their times and order, the end of the run, and the
-//! positions of the machine. The same test gives the same [`Run`], to the last bit, regardless of the load of the
-//! computer.
+//! A [`Bench`] runs an NC program and a sequence program on a machine with simulated motors, as fast as the computer
+//! can. The resulting [`Run`] contains the outputs with their times and order, the end of the run, and the positions of
+//! the machine. The same test always gives the same [`Run`], to the last bit. The load of the computer has no effect.
 //!
 //! ```
 //! use std::time::Duration;
@@ -73,24 +72,25 @@
 //! # Ok(()) }
 //! ```
 //!
-//! Code that runs next to the handlers, such as [tasks](SequenceProgram::task), runs here too; the test does not wait
-//! for its end. A model of the plant is a [`Bench::plant`].
+//! Code that runs next to the handlers, such as [tasks](SequenceProgram::task), also runs in a bench. The test does not
+//! wait for the end of such code. For a model of the plant, see [`Bench::plant`].
 //!
 //! # One clock
 //! Handlers sleep by [`Plc::sleep`](plc_api::Plc::sleep), [`Plc::timeout`](plc_api::Plc::timeout) and
-//! [`Plc::interval`](plc_api::Plc::interval). Ten simulated minutes take milliseconds. This also applies to ten minutes
-//! of long lines and dwells, if the motors have no `lag_ms`: only events, such as blocks, take time to compute. The
-//! clock of tokio (`tokio::time`, also in libraries) is the same clock, in milliseconds: a `tokio::time::timeout`
-//! expires at its simulated time, and `tokio::time::Instant` shows it.
+//! [`Plc::interval`](plc_api::Plc::interval). Ten simulated minutes take milliseconds of real time. For motion this
+//! applies if the motors have no `lag_ms`: then long lines and dwells take no computing time, only events such as new
+//! blocks do. The clock of tokio (`tokio::time`, also in libraries) shows the same simulated time, in milliseconds. So
+//! a `tokio::time::timeout` expires in simulated time, and `tokio::time::Instant` shows that time.
 //!
-//! Simulated time does not wait for sockets and other threads (`spawn_blocking`, `tokio::fs`). A run in which code uses
-//! them ends with an error that states the cause. The same happens if a handler, a task or a plant blocks for 0.4 s of
-//! real time, as in `std::thread::sleep` (on Linux, which distinguishes it from a busy computer).
+//! Simulated time does not wait for sockets and other threads (`spawn_blocking`, `tokio::fs`). If code uses them, the
+//! run ends with an error that names the cause. The run also ends with an error if a handler, a task or a plant blocks
+//! for 0.4 s of real time, such as by `std::thread::sleep`. Only Linux detects this, because it can distinguish blocked
+//! code from a busy computer.
 //!
-//! `std::time` stays outside of simulated time, and its use cannot be detected: a loop of `plc.sleep` until an
-//! `Instant` of the standard library has passed runs through simulated hours in that real second. Use
-//! `tokio::time::Instant` or [`Plc::now_s`](plc_api::Plc::now_s). Waiting for any other event that does not occur also
-//! ends the run, and [`Run::completed`] reports what the program waited for.
+//! `std::time` shows real time, and its use cannot be detected. For example, a loop of `plc.sleep` until an `Instant`
+//! of the standard library has passed runs through simulated hours within a real second. Use `tokio::time::Instant` or
+//! [`Plc::now_s`](plc_api::Plc::now_s) instead. If code waits for any other event that does not occur, the run also
+//! ends, and [`Run::completed`] reports the event for which the program waited.
 
 mod background;
 mod perform;
@@ -121,14 +121,14 @@ pub use perform::Scene;
 pub use record::{OutputEnd, OutputRecord, Run, RunEndReason, StateChange, SystemEnd};
 pub use trace::Sample;
 
-/// Program number of a text without a number.
+/// Program number of a text or a file without a number.
 const MAIN_PROGRAM: u16 = 1;
 
-/// Simulated time limit of a run, s; [`Bench::max_time_s`] sets another one.
+/// Default of the time limit of a run, in simulated seconds; [`Bench::max_time_s`] sets another limit.
 const MAX_TIME_S: f64 = 3600.0;
 
-/// Reason why a test cannot run, or did not go as expected, as text. `Debug` shows the same text, so that a test may
-/// return it.
+/// Reason why a test cannot run or has failed, as text. `Debug` shows the same text, so that a test may return this
+/// error.
 #[derive(Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct TestError(String);
@@ -151,16 +151,16 @@ impl From<plc_api::Error> for TestError {
     }
 }
 
-/// When a scripted event happens.
+/// Moment of a scripted event.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Cue {
-    /// Seconds after the start of the programs.
+    /// This number of seconds after the start of the programs.
     Time(f64),
-    /// A line of the main program moves, issues an output, or stops.
+    /// A line of the main program starts to move, issues an output, or stops.
     Line(u32),
-    /// An output of this M number is issued, in any coordinate system.
+    /// An output with this M number is issued in any coordinate system.
     Output(u16),
-    /// A coordinate system enters this state.
+    /// This coordinate system enters this state.
     State(CoordinateSystemNumber, Execution),
 }
 
@@ -177,7 +177,7 @@ impl std::fmt::Display for Cue {
 
 type ScriptAction = Box<dyn FnOnce(Scene) -> BoxFuture<'static, plc_api::Result<()>> + Send>;
 
-/// A machine, its sequence programs, and the events while it runs. See the [module](self).
+/// A machine, its sequence programs, and the scripted events of a run. See the [module](self).
 #[must_use = "nothing happens before `run`"]
 pub struct Bench {
     machine: Machine,
@@ -223,7 +223,8 @@ impl Bench {
         Self::on_machine(machine)
     }
 
-    /// Creates a bench with the machine of a configuration file and its NC programs. Its data folder is not touched.
+    /// Creates a bench with the machine of a configuration file and its NC programs. The data folder of the machine is
+    /// not used.
     ///
     /// # Errors
     /// Returns an error if the file cannot be read or is invalid.
@@ -235,7 +236,7 @@ impl Bench {
         Ok(Self::on_machine(machine))
     }
 
-    /// Creates a bench with any machine.
+    /// Creates a bench with the given machine.
     pub fn on_machine(machine: Machine) -> Self {
         Self {
             machine,
@@ -253,7 +254,7 @@ impl Bench {
         }
     }
 
-    /// Uses this hardware; without it the hardware is simulated.
+    /// Sets the factory of the hardware. The default is simulated hardware.
     pub fn hardware(mut self, hardware: HardwareFactory) -> Self {
         self.options.hardware = Some(hardware);
         self
@@ -265,21 +266,21 @@ impl Bench {
         self
     }
 
-    /// Sets the journal of [`Bench::play`]; without this, it goes to the log.
+    /// Sets the journal of [`Bench::play`]. By default its lines go to the log.
     pub fn journal(mut self, journal: Journal) -> Self {
         self.journal = journal;
         self
     }
 
-    /// Serves the machine with a sequence program, whose handlers are registered before the NC program is loaded.
+    /// Serves the machine with a sequence program. Its handlers are registered before the NC program is loaded.
     pub fn serve(mut self, program: SequenceProgram) -> Self {
         self.sequence_programs.push(program);
         self
     }
 
-    /// Adds a model of the plant, such as of cylinders with their switches: an async closure that starts before the
-    /// handlers and runs next to them. The test does not wait for its end, and stops it at the end of the test; if it
-    /// ends with an error, so does the test. It sleeps in [simulated time](self#one-clock).
+    /// Adds a model of the plant, such as of cylinders with their switches. The model is an async closure that starts
+    /// before the handlers and runs next to them. The end of the test stops it; the test does not wait for its end. If
+    /// it ends with an error, the test ends with this error. It sleeps in [simulated time](self#one-clock).
     ///
     /// ```
     /// # use plc_api::{Alarm, AuxOutput, SequenceProgram, handlers::with};
@@ -328,8 +329,8 @@ impl Bench {
         self
     }
 
-    /// Declares an input or output of the plant, as `[io]` of a configuration does. A [plant](Bench::plant) sets inputs
-    /// and reacts to outputs.
+    /// Declares an input or output of the plant, as `[io]` of a configuration does. A [plant](Bench::plant) may set
+    /// inputs and react to outputs.
     ///
     /// ```
     /// # use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
@@ -367,7 +368,8 @@ impl Bench {
         self
     }
 
-    /// Publishes `count` variables from `from` on whenever one changes, as `[[variables.published]]` of a configuration does.
+    /// Publishes `count` variables, the first of which is `from`, when one of them changes. Corresponds to
+    /// `[[variables.published]]` of a configuration.
     pub fn publish_variables(mut self, area: VariableArea, from: u32, count: u32) -> Self {
         self.machine
             .published
@@ -377,19 +379,19 @@ impl Bench {
         self
     }
 
-    /// Adds a program that other programs call, by number.
+    /// Adds a program with this number, which other programs can call.
     pub fn subprogram(mut self, number: u16, text: impl Into<String>) -> Self {
         self.programs.insert(number, text.into());
         self
     }
 
-    /// Adds a program that another coordinate system runs at the same time, under this program number.
+    /// Adds a program with this number, which coordinate system `cs` runs at the same time as the main program.
     pub fn beside(mut self, cs: CoordinateSystemNumber, number: u16, text: impl Into<String>) -> Self {
         self.beside.push((cs, number));
         self.subprogram(number, text)
     }
 
-    /// Runs an action `at_s` seconds after the start.
+    /// Runs an action `at_s` seconds after the start of the programs.
     pub fn at_s<F, Work>(self, at_s: f64, action: F) -> Self
     where
         F: FnOnce(Scene) -> Work + Send + 'static,
@@ -398,8 +400,8 @@ impl Bench {
         self.at(Cue::Time(at_s), action)
     }
 
-    /// Runs an action when a line of the main program begins: its motion, its output or its stop. A line without any of
-    /// these never triggers it.
+    /// Runs an action when a line of the main program begins: its motion, its output or its stop. A line without these
+    /// never starts the action.
     pub fn at_line<F, Work>(self, line: u32, action: F) -> Self
     where
         F: FnOnce(Scene) -> Work + Send + 'static,
@@ -408,7 +410,7 @@ impl Bench {
         self.at(Cue::Line(line), action)
     }
 
-    /// Runs an action when an M code is issued for the first time.
+    /// Runs an action when an output with this M number is issued for the first time.
     pub fn at_output<F, Work>(self, m: u16, action: F) -> Self
     where
         F: FnOnce(Scene) -> Work + Send + 'static,
@@ -417,7 +419,7 @@ impl Bench {
         self.at(Cue::Output(m), action)
     }
 
-    /// Runs an action when a coordinate system enters a state for the first time after the start.
+    /// Runs an action when a coordinate system enters this state for the first time after the start.
     pub fn at_state<F, Work>(self, cs: CoordinateSystemNumber, execution: Execution, action: F) -> Self
     where
         F: FnOnce(Scene) -> Work + Send + 'static,
@@ -426,38 +428,38 @@ impl Bench {
         self.at(Cue::State(cs, execution), action)
     }
 
-    /// Sets the time limit of a run, in simulated seconds; the default is 3600.
+    /// Sets the time limit of a run in simulated seconds. The default is 3600.
     pub fn max_time_s(mut self, max_time_s: f64) -> Self {
         self.options.max_time_s = max_time_s;
         self
     }
 
-    /// Records the commanded positions of all coordinate systems at this interval, rounded up to the next servo cycle:
-    /// [`Run::trace`], [`Run::at_s`]. Such a run computes every servo cycle, even those without any report: ten
-    /// simulated minutes then take seconds.
+    /// Records the commanded positions of all coordinate systems at this interval, rounded up to the next servo cycle.
+    /// See [`Run::trace`] and [`Run::at_s`]. Such a run computes every servo cycle, even cycles without events, so ten
+    /// simulated minutes take seconds.
     pub fn trace_every_s(mut self, interval_s: f64) -> Self {
         self.trace_every_s = Some(interval_s);
         self
     }
 
-    /// Runs this text as program 1 in coordinate system 1 until every program has ended, or nothing further can happen.
-    /// Times count from the start of the programs.
+    /// Runs this text as program 1 in coordinate system 1, until every program has ended or nothing further can happen.
+    /// The times in the result count from the start of the programs.
     ///
     /// # Errors
-    /// Returns an error if a program is rejected, if an action failed, was never triggered or had not ended, or if a
-    /// handler blocks the thread.
+    /// Returns an error if a program is rejected or a handler blocks the thread. Also returns an error if an action
+    /// fails, is never started, or has not ended.
     ///
     /// # Panics
-    /// Panics if an action panics, such as by a failed assertion.
+    /// Panics if an action panics, for example by a failed assertion.
     pub fn run(self, text: impl Into<String>) -> Result<Run, TestError> {
         self.subprogram(MAIN_PROGRAM, text).run_program(MAIN_PROGRAM)
     }
 
-    /// Runs a file under the number of its name, or as program 1. It can call the files `<number>.nc` in the same
-    /// folder.
+    /// Runs the program in a file. The program number is that of the file name, otherwise 1. The program can call the
+    /// files `<number>.nc` in the same folder.
     ///
     /// # Errors
-    /// Fails if the folder cannot be read, or as [`Bench::run`].
+    /// Returns an error if the folder cannot be read, and in the cases of [`Bench::run`].
     pub fn run_file(mut self, path: impl AsRef<Path>) -> Result<Run, TestError> {
         let path = path.as_ref();
         let unreadable = |error: std::io::Error| TestError::new(format!("{}: {error}", path.display()));

@@ -1,4 +1,5 @@
-//! Threads for work that waits for a disk. In tests with a simulated world each is a task instead, scheduled by the simulated clock.
+//! Threads for work that waits for a disk. In tests with a simulated world, each of them is a task that the simulated
+//! clock schedules.
 
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -6,14 +7,14 @@ use std::time::Duration;
 
 use plc_api::supervisor::{Consequence, Restarts, Supervisor};
 
-/// Priority of threads whose work only a person or a client waits for, on the scale 0 to 99 of
-/// `thread_priority`; on Linux this is a niceness of 10. If ordinary threads occupy all processors, such a thread
-/// gets about a tenth of the share of an ordinary one. With the lowest priority, this share would be one
-/// seventieth, and no plan would be ready within minutes.
+/// Priority of threads whose results only a person or a client waits for, on the scale 0 to 99 of `thread_priority`. On
+/// Linux this value is a niceness of 10. If ordinary threads occupy all processors, such a thread gets about a tenth of
+/// the share of an ordinary thread. The lowest priority would give one seventieth, and no plan would be ready within
+/// minutes.
 #[cfg(unix)]
 const LOW_PRIORITY: u8 = 22;
 
-/// Gives the calling thread a low priority, so that ordinary threads run before it.
+/// Gives the calling thread a low priority, so that ordinary threads run first.
 pub(crate) fn lower_priority() {
     #[cfg(unix)]
     {
@@ -26,28 +27,29 @@ pub(crate) fn lower_priority() {
             return;
         };
         let policy = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
-        // without this priority the thread is an ordinary one
+        // if this fails, the thread keeps its ordinary priority
         let _ = set_thread_priority_and_policy(thread_native_id(), priority, policy);
     }
 }
 
-/// Work of such a thread, in rounds.
+/// Work of a supervised thread, in rounds.
 pub(crate) trait Work: Send + 'static {
-    /// How long a round may wait for messages.
+    /// Returns the time for which a round may wait for messages.
     fn patience(&self) -> Duration;
 
-    /// Maximum time that received messages may wait: a simulated thread has a round at least this often.
+    /// Returns the maximum time for which received messages may wait. A simulated thread has a round at least this
+    /// often.
     #[cfg(test)]
     fn delay(&self) -> Duration {
         self.patience()
     }
 
-    /// Waits for messages at most for `patience`, and does the due work. Returns false if no round must follow.
+    /// Waits for messages for at most `patience`, then does the work that is due. Returns false if the thread must end.
     fn round(&mut self, patience: Duration) -> bool;
 }
 
-/// Runs the rounds of a thread. A panic in a round is reported, and the next round follows; after too many
-/// panics the runtime shuts down.
+/// Executes the rounds of a thread. A panic in a round is reported, and the next round follows. After too many panics
+/// the runtime shuts down.
 pub(crate) struct SupervisedRounds {
     name: &'static str,
     supervisor: Supervisor,
@@ -63,7 +65,7 @@ impl SupervisedRounds {
         }
     }
 
-    /// Runs one round; returns false when the thread has ended.
+    /// Executes one round. Returns false if the thread must end.
     fn round(&mut self, round: impl FnOnce() -> bool) -> bool {
         let round = || {
             self.supervisor.fault_point(self.name);
@@ -89,7 +91,7 @@ mod real {
 
     use super::{SupervisedRounds, Supervisor, Work, io};
 
-    /// A thread.
+    /// A thread of the operating system.
     #[derive(Debug)]
     pub(crate) struct OsThread(JoinHandle<()>);
 
@@ -104,7 +106,7 @@ mod real {
 
         /// Waits for the end of the thread.
         pub fn join(self) {
-            // A thread that has already ended is joined, too.
+            // joins also a thread that has ended by a panic
             let _ = self.0.join();
         }
     }
@@ -120,19 +122,19 @@ mod simulated {
 
     use super::{Duration, SupervisedRounds, Supervisor, Work, io, real};
 
-    /// All simulated threads of the process; each may have ended.
+    /// All simulated threads of a simulated process, including those that have ended.
     type All = Vec<(AbortHandle, Arc<Mutex<dyn Work>>)>;
 
     thread_local! {
         static ALL: RefCell<Option<All>> = const { RefCell::new(None) };
     }
 
-    /// Turns the threads started by this thread into tasks from now on.
+    /// From now on, threads that the calling thread starts are simulated as tasks.
     pub(crate) fn simulate() {
         ALL.set(Some(Vec::new()));
     }
 
-    /// Stops the threads together with their process.
+    /// Stops all simulated threads, because their process ends.
     pub(crate) fn stop_simulating() {
         for (task, _) in ALL.take().into_iter().flatten() {
             task.abort();
@@ -145,7 +147,7 @@ mod simulated {
         Simulated(Rounds),
     }
 
-    /// Runs the rounds of a simulated thread.
+    /// Handle with which a test executes rounds of a simulated thread.
     #[derive(Clone)]
     pub(crate) struct Rounds(Arc<Mutex<dyn Work>>);
 
@@ -180,12 +182,12 @@ mod simulated {
         pub fn join(self) {
             match self {
                 Self::Real(thread) => thread.join(),
-                // the last round ends it
+                // this round finds that the thread must end
                 Self::Simulated(rounds) => drop(rounds.0.lock().round(Duration::ZERO)),
             }
         }
 
-        /// Runs one round of a simulated thread at once.
+        /// Returns the handle of a simulated thread; `None` for a real thread.
         pub fn rounds(&self) -> Option<Rounds> {
             match self {
                 Self::Real(_) => None,

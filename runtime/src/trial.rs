@@ -1,11 +1,12 @@
-//! Runs a program through interpreter and path stage without a machine, to find alarms that stop it under all
-//! conditions.
+//! Runs a program through interpreter and path stage without a machine. So it finds alarms that stop the program under
+//! all conditions.
 //!
-//! Values that only a machine knows are assumed, in two runs with different values: the axis positions at the start,
-//! the tool, block skip, the end position of a G31. An alarm in both runs is certain. P and Q variables that the
-//! program has not written are unknown. If the program reads one, it is run again with the values with which it
-//! compares, and the resulting alarms are not certain. Alarms that leave no doubt about the tool position (soft limits,
-//! cutter compensation) do not end a run here, so that all of them are reported at once.
+//! Some values are known only on a machine: the axis positions at the start, the tool, block skip, the end position of
+//! a G31. The trial assumes these values, and runs the program twice with different values. An alarm in both runs is
+//! certain. P and Q variables that the program has not written are unknown. If the program reads such a variable, it is
+//! run again with the values with which it compares variables; the resulting alarms are not certain. Soft limits and
+//! cutter compensation leave no doubt about the tool position. So their alarms do not end a run here, and all of them
+//! are reported at once.
 
 mod run;
 
@@ -26,27 +27,27 @@ use tandem_syntax::{Address, NcProgram, Word};
 use self::run::{FIRST, SECOND, TrialAssumptions, TrialRun};
 use crate::config::{ConfiguredSystem, Machine};
 
-/// Blocks that a trial executes in addition to four times those of the program.
+/// Maximum number of executed blocks, in addition to four times the blocks of the program.
 const STEPS_MAX: u64 = 2_000_000;
 
-/// Maximum number of values tried for P and Q.
+/// Maximum number of values that are tried for unknown P and Q variables.
 const VALUES_MAX: usize = 16;
 
-/// Maximum number of warnings of all runs, and of alarms, that are listed.
+/// Maximum number of listed warnings of all runs, and of listed alarms.
 const LISTED_MAX: usize = 100;
 
-/// Limit of motors whose limits are unknown; no program reaches it.
+/// Value that stands for limits of motors that are unknown. No program reaches this value.
 const UNLIMITED: f64 = 1e9;
 
-/// Assumption for a subprogram that is tried alone.
+/// Text of the assumption for a subprogram that is tried alone.
 const CALLED: &str = "no program has called it and set the modal state";
 
-/// M codes that end a main program, and the one that returns from a subprogram.
+/// M codes that end a main program; below, the M code that returns from a subprogram.
 const MAIN_ENDS: [u32; 2] = [2, 30];
 const RETURN: u32 = 99;
 
-/// Returns true for a program that returns and never ends as a main program: its modal state at the start depends on
-/// its callers.
+/// Returns true if a program returns to a caller and never ends as a main program. Its modal state at the start depends
+/// on its callers.
 fn is_subprogram(program: &NcProgram) -> bool {
     let has = |is_meant: &dyn Fn(u32) -> bool| {
         let mut words = program.all_words().iter();
@@ -58,31 +59,31 @@ fn is_subprogram(program: &NcProgram) -> bool {
 /// Input of a trial.
 #[derive(Debug, Clone, Copy)]
 pub struct Trial<'a> {
-    /// The program; its number is 0.
+    /// The program to try. Its number is 0.
     pub program: &'a Arc<NcProgram>,
-    /// The programs that it may call.
+    /// The programs that the program may call.
     pub programs: &'a BTreeMap<u16, Arc<NcProgram>>,
     /// Dialect of the program.
     pub dialect: &'static Dialect,
-    /// The target machine with the coordinate system; `None` for a machine without limits.
+    /// The target machine and its coordinate system; `None` for a trial without limits.
     pub machine: Option<(&'a Machine, &'a ConfiguredSystem)>,
 }
 
 /// Result of a trial.
 #[derive(Debug, Default, PartialEq)]
 pub struct TrialResult {
-    /// The alarms that end the program; on a machine the first one ends it.
+    /// The alarms that end the program. On a machine, the first of them ends it.
     pub stops: Vec<StoppingAlarm>,
-    /// Warnings of the run, each once; empty without a machine.
+    /// Warnings of the runs, each once. Empty without a machine.
     pub warnings: Vec<Warning>,
 }
 
-/// A warning of a run.
+/// A warning during a run.
 #[derive(Debug, PartialEq)]
 pub struct Warning {
-    /// Its entry in the table of diagnostics.
+    /// Entry of the warning in the table of diagnostics.
     pub entry: &'static DiagnosticEntry,
-    /// The block.
+    /// Block that causes the warning.
     pub origin: Origin,
     /// Text of the warning.
     pub text: String,
@@ -93,12 +94,12 @@ pub struct Warning {
 pub struct StoppingAlarm {
     /// The alarm with its location.
     pub alarm: Alarm,
-    /// The assumptions on which the alarm depends, if any.
+    /// Description of the assumptions on which the alarm depends; `None` if it is certain.
     pub assumed: Option<String>,
 }
 
 impl TrialResult {
-    /// Returns the findings, each with the number of its program.
+    /// Returns the findings as diagnostics, each with the number of its program.
     pub fn findings(self, of: &Trial<'_>) -> Vec<(u16, Diagnostic)> {
         let place = |origin: Origin, words: &str| {
             let program = of.programs.get(&origin.program).unwrap_or(of.program);
@@ -131,7 +132,8 @@ impl TrialResult {
 }
 
 impl Trial<'_> {
-    /// Runs the program several times. All runs together execute at most four times its blocks plus two million.
+    /// Runs the program several times. All runs together execute at most four times the blocks of the program plus two
+    /// million.
     pub fn run(&self) -> TrialResult {
         if self.machine.is_none() && self.all().all(|program| self.is_plain(program)) {
             return TrialResult::default();
@@ -158,8 +160,8 @@ impl Trial<'_> {
         std::iter::once(self.program).chain(self.programs.values())
     }
 
-    /// Returns true for a program of straight lines only: without limits no stage rejects one, and there is no endless
-    /// loop.
+    /// Returns true if a program contains only straight lines and known codes. Without limits no stage rejects such a
+    /// program, and it has no endless loop.
     fn is_plain(&self, program: &NcProgram) -> bool {
         let mut last = None;
         let mut is_known = |word: &Word| {
@@ -171,7 +173,7 @@ impl Trial<'_> {
             program.program_code(block).is_none()
                 && words.all(|word| match word.address {
                     Address::G | Address::M => is_known(word) || self.is_plain_code(word),
-                    // the value may be out of range
+                    // a computed value may be out of range
                     _ => word.number().is_some(),
                 })
         })
@@ -206,7 +208,7 @@ impl Trial<'_> {
         blocks.any(|block| block.skip_numbers() != 0)
     }
 
-    /// Returns zero and the values used in comparisons, each with its successor.
+    /// Returns zero, and the values with which the programs compare variables, each with its successor.
     fn values(&self) -> Vec<f64> {
         let compared = self.all().flat_map(|program| program.compared_with());
         let mut values = vec![0.0];
@@ -222,7 +224,7 @@ impl Trial<'_> {
     }
 }
 
-/// The runs of a trial.
+/// The runs of a trial and their results so far.
 struct Runs<'a> {
     trial: &'a Trial<'a>,
     settings: &'a CoordinateSystemSettings,
@@ -256,7 +258,7 @@ impl Runs<'_> {
         }
     }
 
-    /// Marks an alarm as certain if it also occurs under the second assumptions.
+    /// Adds the alarms of the first run. An alarm is certain if it also occurs under the second assumptions.
     fn compare(&mut self, alarms: Vec<Alarm>) {
         let others = self.once(SECOND).alarms;
         for alarm in alarms {
@@ -270,7 +272,7 @@ impl Runs<'_> {
         }
     }
 
-    /// Adds the alarms that occur with certain values of P and Q, or with block skip inputs.
+    /// Adds the alarms that occur with assumed values of P and Q, or with block skip inputs that are on.
     fn suppose(&mut self, assumed: TrialAssumptions) {
         let value = format!("P and Q that the program does not write are {}", assumed.outside);
         let text = match (assumed.optional_skip, is_lost(assumed.outside)) {
@@ -307,9 +309,9 @@ impl Runs<'_> {
 
 /// Result of a run.
 struct TrialRunResult {
-    /// The alarms in order.
+    /// Alarms of the run in order.
     alarms: Vec<Alarm>,
-    /// The run has read a variable that the program has not written.
+    /// True if the run has read a variable that the program has not written.
     reads: bool,
 }
 
@@ -317,7 +319,7 @@ fn is_same(one: &Alarm, other: &Alarm) -> bool {
     one.entry == other.entry && one.origin == other.origin
 }
 
-/// Returns settings for an unknown coordinate system: all axes, and no limits.
+/// Returns the settings of an unknown coordinate system with all axes and without limits.
 fn unlimited(dialect: &Dialect) -> CoordinateSystemSettings {
     let motor = |axis: Axis| {
         let kind = match axis {

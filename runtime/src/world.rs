@@ -1,11 +1,11 @@
-//! A world for the whole runtime: its tasks, disk, day clock, MQTT broker, operators and handlers, all driven by one seed.
+//! A simulated world for the whole runtime: tasks, disk, day clock, MQTT broker, operators and handlers. A seed
+//! determines all of it.
 //!
-//! The whole world runs in one thread, with the paused clock of an executor: if no task is ready, time
-//! advances to the next timer. The machine is the real one, from the gateway's MQTT end to the servo cycle;
-//! the disk ([`crate::disk::simulated`]), the threads ([`crate::threads`]), and the broker ([`broker`]) are
-//! models. Each seed is a history ([`history`]): several starts of the machine with faults, each of which
-//! ends in order, by a kill, or by a power cut. An oracle checks the answers that clients received against
-//! their requests ([`truth`]).
+//! The whole world runs in one thread with the paused clock of a tokio executor: if no task is ready, time advances to
+//! the next timer. The machine is the real runtime, from the MQTT end of the gateway to the servo cycle. The disk
+//! ([`crate::disk::simulated`]), the threads ([`crate::threads`]) and the broker ([`broker`]) are models. Each seed
+//! determines a history ([`history`]): several starts of the machine with faults. Each start ends in order, by a kill,
+//! or by a power cut. An oracle ([`oracle`]) checks the answers that clients received against their requests.
 //!
 //! `TANDEM_SEEDS=7..8 TANDEM_TRACE=1 cargo test -p tandem-runtime --lib world::seeds -- --nocapture` repeats seed 7.
 
@@ -26,14 +26,14 @@ use std::time::Instant;
 use history::{History, HistoryOutcome, Mutation};
 use oracle::Rule;
 
-/// Name of the machine, and root of its topics.
+/// Name of the simulated machine; below, the root of its topics.
 const MACHINE: &str = "mill";
 const ROOT: &str = "tandem/v1/mill/";
 
-/// Seeds of every run of the tests.
+/// Seeds that the tests run by default.
 const SEEDS: std::ops::Range<u64> = 0..500;
 
-/// Plays the history of a seed.
+/// Plays the history of a seed and returns its outcome.
 fn play(seed: u64, mutation: Option<Mutation>) -> HistoryOutcome {
     let played = catch_unwind(AssertUnwindSafe(|| History::new(seed, mutation).play()));
     crate::disk::simulated::memory::Mount::unmount();
@@ -105,7 +105,7 @@ fn equal_seeds_give_equal_histories() {
     }
 }
 
-/// Checks that this rule detects a world with this defect within some seeds.
+/// Checks that within 100 seeds this rule detects a world with this defect.
 fn is_found(mutation: Mutation, rule: Rule) {
     let found = (1000..1100).find(|seed| {
         let broken = play(*seed, Some(mutation)).broken;

@@ -215,7 +215,7 @@ fn what_is_kept_goes_on_and_a_run_that_was_open_was_ended_by_the_restart() {
     assert!(later.open(1).is_none(), "nothing goes on by itself");
 }
 
-/// Returns a line of the journal of an earlier start, with its second.
+/// Returns a journal line of an earlier start; `n` is its number and its second.
 fn line(n: u32, event: &Event) -> Value {
     let line = Line {
         t_s: f64::from(n),
@@ -239,7 +239,7 @@ fn parts_after_the_last_kept_state_are_counted_once_from_the_journal() {
         start(7, "a-1-1", parts),
     ];
     let lines: Vec<Value> = (1..).zip(&events).map(|(n, event)| line(n, event)).collect();
-    // whichever line the stored state includes, the counters after the restart equal the published ones
+    // for each line up to which the store is current, the counters after the restart equal the published ones
     for included in 0..=lines.len() {
         let mut book = RunBook::default();
         book.restore(KeptRuns::default(), &[], |_| None, UNIX_EPOCH);
@@ -265,7 +265,7 @@ fn parts_after_the_last_kept_state_are_counted_once_from_the_journal() {
             "{included} lines are kept"
         );
         assert_eq!(run.end.unwrap().how, RunEndedHow::Restarted);
-        // and the counters after a further start are equal, too
+        // the counters after a further restart are equal, too
         let again = KeptRuns {
             ended: later.ended().cloned().collect(),
             production: later.production(),
@@ -291,7 +291,7 @@ fn the_oldest_runs_are_forgotten_and_none_of_the_newest() {
     assert_eq!(book.production()[0].parts, (RUNS_KEPT + 5) as u64);
 }
 
-/// Returns the start of a run that an order of user `mes` begins.
+/// Returns the start of a run that was ordered by user `mes`.
 fn ordered(run_id: &str, id: &str, parts: u32) -> Event {
     match start(60, run_id, Some(parts)) {
         Event::Start {
@@ -333,7 +333,7 @@ fn the_key_of_an_order_leads_to_its_run_after_a_restart() {
         open: book.open(1).into_iter().collect(),
         ..KeptRuns::default()
     };
-    // in the form that the store keeps
+    // in the form in which the store keeps runs
     let text = serde_json::to_string(&(&kept.ended, &kept.open)).unwrap();
     let (ended, open) = serde_json::from_str(&text).unwrap();
     let mut restarted = RunBook::default();

@@ -1,5 +1,5 @@
-//! The demo machine's sequence program: a tool magazine, clamps, coolant, and the meeting of mill and loader.
-//! A machine builder's own program replaces it handler by handler.
+//! The sequence program of the demo machine: a tool magazine, clamps, coolant, and a meeting of mill and loader. A
+//! machine builder replaces it by a program of his own, handler by handler.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,26 +12,26 @@ use plc_api::types::topic::Topic;
 use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
 use tokio::sync::oneshot;
 
-/// Pockets of the simulated magazine, numbered from 1.
+/// Number of pockets of the simulated magazine. The first pocket has the number 1.
 const POCKETS: u16 = 8;
 
-/// Time in which the magazine moves by one pocket.
+/// Time in which the magazine turns by one pocket.
 const POCKET_TIME: Duration = Duration::from_millis(250);
 
-/// Highest clamping pressure, bar.
+/// Highest clamping pressure in bar.
 const CLAMP_PRESSURE_MAX_BAR: f64 = 80.0;
 
 /// Id of the demo's handlers.
 const HANDLER_ID: &str = "demo";
 
-/// Program that the mill shows first: the flange.
+/// Number of the program that is loaded into the mill first: the flange.
 const FIRST_PROGRAM: u16 = 4;
 
-/// Loads the first program into the mill after the demo's handlers are online, because they are needed to check it. An
-/// interrupted run stays loaded instead.
+/// Waits until the demo's handlers are online, because the check of a program needs them. Then loads the first program
+/// into the mill, unless a run was interrupted, whose program stays.
 ///
 /// # Errors
-/// Fails if the program does not exist or has errors.
+/// Returns an error if the program does not exist or has errors.
 pub async fn open_demo(plc: &Plc) -> plc_api::Result<()> {
     let presence = Topic::HandlerPresence(HANDLER_ID.to_owned());
     let mut told = plc.port().subscribe(Filter::Topics(vec![presence]));
@@ -66,7 +66,7 @@ pub fn demo_sequence_program() -> SequenceProgram {
         .on(100, change_tool)
 }
 
-/// M100 VA: turns the magazine to the pocket of tool VA, and changes the tool.
+/// M100 VA: turns the magazine to the pocket of tool VA and changes the tool.
 async fn change_tool(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     let wanted = output
         .params()
@@ -99,7 +99,7 @@ async fn change_tool(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     Ok(())
 }
 
-/// M10 VA VB: closes clamp VA with VB bar.
+/// M10 VA VB: closes clamp VA with a pressure of VB bar.
 async fn clamp(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     let clamp = output
         .params()
@@ -125,14 +125,14 @@ async fn release(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     Ok(())
 }
 
-/// M08, M09: coolant on, while the machine keeps moving, and off.
+/// M08 switches the coolant on, M09 switches it off. The motion continues in the meantime.
 async fn coolant(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     plc.sleep(Duration::from_millis(200)).await;
     Ok(())
 }
 
-/// Meeting point of two coordinate systems: the first to arrive leaves a signal for the other. A handler that is
-/// cancelled while it waits drops its end, so that the other handler does not use the signal of a cancelled one.
+/// Meeting point of two coordinate systems. The first handler to arrive leaves a sender for the second. If the first
+/// handler is cancelled while it waits, its receiver is dropped, so the second handler then waits itself.
 #[derive(Debug, Default)]
 struct Meeting(Mutex<Option<oneshot::Sender<()>>>);
 
@@ -152,7 +152,7 @@ impl Meeting {
     }
 }
 
-/// M70: mill and loader meet; both programs continue when both have arrived.
+/// M70: mill and loader meet. Both programs continue when both have arrived.
 async fn meet(output: AuxOutput, meeting: Arc<Meeting>) -> Result<(), Alarm> {
     let other = if output.coordinate_system() == 1 {
         "the loader"
@@ -164,7 +164,7 @@ async fn meet(output: AuxOutput, meeting: Arc<Meeting>) -> Result<(), Alarm> {
     Ok(())
 }
 
-/// M80: an operator inspects the part and answers, or confirms the output by hand.
+/// M80: an operator inspects the part and answers the question.
 async fn inspect(output: AuxOutput) -> Result<(), Alarm> {
     let (good, bad) = ("Good", "Not good: stop");
     let answer = output.ask("Are all eight holes good?", [good, bad]).await?;

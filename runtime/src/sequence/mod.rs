@@ -1,4 +1,4 @@
-//! Sequence programs that come with the runtime.
+//! Sequence programs that are part of the runtime.
 
 pub mod demo;
 pub mod stock;

@@ -1,24 +1,24 @@
-//! The stock sequence program: the reaction of the runtime to an M code for which no handler of the user is registered.
-//! It only returns the action; the coordinate system executes it and resets the output.
+//! The stock sequence program: the runtime's action for an M code for which no handler is registered. This module only
+//! determines the action; the coordinate system executes it and resets the output.
 
 use plc_api::types::output::OutputNotice;
 use plc_api::types::state::SpindleDirection;
 
 use crate::config::{MCodeSettings, Stock};
 
-/// Action of the stock sequence program before it resets an output.
+/// Action of the stock sequence program. The reset of the output follows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StockAction {
     /// No action.
     Nothing,
-    /// Commands the spindle; with `Orient`, the output is reset when the spindle is at its position.
+    /// Commands the spindle. With `Orient`, the output is reset when the spindle is at its orientation position.
     Spindle(SpindleDirection),
-    /// Reports the tool in the spindle.
+    /// Sets the number of the tool in the spindle.
     SelectTool(u16),
 }
 
-/// Returns the action of the stock sequence program; `None` if it does not handle this M code, `Err` with the reason if
-/// the action is impossible.
+/// Returns the action for an output; `None` if the stock sequence program does not handle this M code. Returns `Err`
+/// with the reason if the action is impossible.
 pub fn action(
     output: &OutputNotice,
     settings: &MCodeSettings,
@@ -36,7 +36,7 @@ pub fn is_spindle_code(m: u16) -> bool {
     spindle_direction(m).is_some()
 }
 
-/// Returns the spindle command of M03, M04, M05 and M19.
+/// Returns the spindle command of M03, M04, M05 or M19; `None` for other M codes.
 pub fn spindle_direction(m: u16) -> Option<SpindleDirection> {
     match m {
         3 => Some(SpindleDirection::Cw),
@@ -47,8 +47,8 @@ pub fn spindle_direction(m: u16) -> Option<SpindleDirection> {
     }
 }
 
-/// Returns the tool that an M code with the setting [`Stock::SelectTool`] selects by VA; `Err` with the reason if it
-/// cannot.
+/// Returns the tool number in VA of an M code with the setting [`Stock::SelectTool`]. Returns `Err` with the reason if
+/// VA is missing or is not a tool number.
 pub fn selected_tool(m: u16, va: Option<f64>) -> Result<u16, String> {
     match va {
         Some(id) if id.fract() == 0.0 && (0.0..=f64::from(u16::MAX)).contains(&id) =>

@@ -1,40 +1,40 @@
-//! Detects a servo cycle that does not end: a bus or a spindle that does not return.
+//! Detection of a servo cycle that does not end because a bus or a spindle does not return.
 //!
-//! Lateness of the whole process is a different fault and holds the motion (`SERVO_LATE`): a cycle is stalled only if
-//! the relay thread itself runs on time, and if the servo thread does not merely lack a processor.
+//! If the whole process is late, this is a different fault (`SERVO_LATE`), which holds the motion. So a cycle is
+//! stalled only if the relay thread itself is on time and the servo thread does not merely lack a processor.
 
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-/// Time between two looks at the servo thread.
+/// Interval at which the relay thread inspects the servo thread.
 pub(super) const LOOK_EVERY: Duration = Duration::from_millis(10);
 
-/// Duration after which a running cycle is stalled. Reason: the alarm is raised within 100 ms, and no sound cycle takes
-/// that long.
+/// Time after which a running cycle is stalled. Reason: the alarm must be raised within 100 ms, and no working cycle
+/// takes 60 ms.
 pub(super) const STALL_MAX: Duration = Duration::from_millis(60);
 
-/// Interval between two looks above which the relay thread was late itself: the process was suspended, or the computer
-/// is overloaded. The watch then starts again.
+/// Interval between two inspections above which the relay thread itself was late: the process was suspended, or the
+/// computer is overloaded. Then the watch starts again.
 const LOOK_LATE: Duration = Duration::from_millis(30);
 
-/// A runnable thread that gets less than this share of processor time lacks a processor.
+/// Share of processor time below which a runnable thread lacks a processor.
 const STARVED_SHARE: f64 = 0.5;
 
-/// Watches one thread.
+/// Watch over the cycles of one servo thread.
 #[derive(Debug)]
 pub(super) struct StallWatch {
-    /// Directory in which the operating system describes the servo thread.
+    /// Directory of the servo thread in `/proc`, where the operating system describes the thread.
     place: Arc<OnceLock<String>>,
     looked: Option<Instant>,
     suspect: Option<Suspect>,
 }
 
-/// Cycle that was already running at an earlier look.
+/// Cycle that was already running at an earlier inspection.
 #[derive(Debug)]
 struct Suspect {
     cycle: u64,
     since: Instant,
-    /// Processor time of the thread at that look.
+    /// Processor time of the thread at that inspection.
     processor: Option<Duration>,
 }
 
@@ -47,7 +47,7 @@ impl StallWatch {
         }
     }
 
-    /// Inspects the running cycle; returns true if it has stalled.
+    /// Inspects the running cycle. Returns true if it has stalled.
     pub(super) fn has_stalled(&mut self, now: Instant, running: Option<u64>) -> bool {
         let looked = self.looked.replace(now);
         let is_late = looked.is_some_and(|looked| now.duration_since(looked) > LOOK_LATE);
@@ -78,7 +78,7 @@ impl StallWatch {
         }
     }
 
-    /// Returns true if the thread was runnable but received no processor.
+    /// Returns true if the thread was runnable since `suspect`, but received too little processor time.
     fn is_starved(&self, suspect: &Suspect, since: Duration) -> bool {
         let (Some((is_runnable, processor)), Some(before)) = (self.thread(), suspect.processor) else {
             return false;
@@ -86,8 +86,8 @@ impl StallWatch {
         is_runnable && processor.saturating_sub(before).as_secs_f64() < STARVED_SHARE * since.as_secs_f64()
     }
 
-    /// Returns whether the thread runs or is runnable, and its processor time; `None` if the operating system does not
-    /// provide them.
+    /// Returns true if the thread is running or runnable, with its processor time. Returns `None` if the operating
+    /// system does not provide them.
     fn thread(&self) -> Option<(bool, Duration)> {
         let place = self.place.get()?;
         let state = std::fs::read_to_string(format!("/proc/{place}/stat")).ok()?;
@@ -96,18 +96,18 @@ impl StallWatch {
     }
 }
 
-/// Parses the files `stat` and `schedstat` of a thread.
+/// Parses the files `stat` and `schedstat` of a thread in `/proc`.
 fn parse_thread(state: &str, times: &str) -> Option<(bool, Duration)> {
     let (_, state) = state.rsplit_once(") ")?;
     let processor_ns = times.split_ascii_whitespace().next()?.parse().ok()?;
     Some((state.starts_with('R'), Duration::from_nanos(processor_ns)))
 }
 
-/// Notes the directory in which the operating system describes the calling thread.
+/// Records the directory of the calling thread in `/proc`.
 pub(super) fn record_thread_folder(place: &OnceLock<String>) {
     let link = std::fs::read_link("/proc/thread-self").ok();
     if let Some(link) = link.and_then(|link| link.into_os_string().into_string().ok()) {
-        // noted once, at the start of the thread
+        // fails only if it is already recorded; each thread records it once, at its start
         let _ = place.set(link);
     }
 }
@@ -120,7 +120,7 @@ mod tests {
         StallWatch::new(Arc::default())
     }
 
-    /// Looks at these times, with these cycles running; returns the time at which a stall is found.
+    /// Inspects at each time in `looks`, with the cycle running then. Returns the time in ms at which a stall is found.
     fn stalls_at(looks: impl IntoIterator<Item = (u64, Option<u64>)>) -> Option<u64> {
         let (start, mut watch) = (Instant::now(), watch());
         let mut looks = looks.into_iter();

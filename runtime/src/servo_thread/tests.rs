@@ -21,7 +21,7 @@ fn a_cycle_that_is_not_finished_when_the_next_is_due_is_an_overrun() {
             .filter(|(_, count)| *count > 0)
             .collect()
     };
-    // below 2 us, 512 to 1024 us, above 32.768 ms
+    // buckets: below 2 us, 512 to 1024 us, above 32.768 ms
     assert_eq!(
         in_buckets(&timing.lateness),
         [(2e-6, 2), (1024e-6, 1), (f64::INFINITY, 1)]
@@ -42,7 +42,7 @@ fn every_cycle_that_is_left_out_is_counted_and_the_next_one_is_on_time() {
     let statistics = ServoStatistics::default();
     let mut timetable = Timetable { period, next: start };
     let mut cycles = 0;
-    // on time, delay compensated by the next cycle, left out
+    // cases: on time, delay compensated by the next cycle, omitted cycles
     for (at_us, missed) in [
         (0, 0),
         (1_400, 0),

@@ -1,4 +1,4 @@
-//! Commands of all coordinate systems: their memory, age limits and replies.
+//! Commands of all coordinate systems: command memory, age limits and replies.
 
 use std::collections::BTreeMap;
 
@@ -15,24 +15,24 @@ use super::SharedState;
 use crate::command_memory::{CommandContent, CommandLookup};
 
 impl SharedState {
-    /// Looks a command up, and remembers it if it is new.
+    /// Looks up a command in the command memory, and stores it if it is new.
     pub fn recall(&self, key: &MemoryKey, asked: CommandContent) -> CommandLookup {
         self.commands.lock().recall(key, asked, self.clock.wall())
     }
 
-    /// Looks a command up.
+    /// Looks up a command in the command memory.
     pub fn look_up(&self, key: &MemoryKey, asked: &CommandContent) -> CommandLookup {
         self.commands.lock().look_up(key, asked, self.clock.wall())
     }
 
-    /// Notes the time at which a heartbeat is sent, and returns the heartbeat.
+    /// Records the time at which a heartbeat is sent, and returns the heartbeat.
     pub fn note_heartbeat(&self, heartbeat: Heartbeat) -> Heartbeat {
         let now = self.clock.real_time();
         self.heartbeats.lock().record_heartbeat(heartbeat.cycle, now);
         heartbeat
     }
 
-    /// Rejects a request that is too old to take effect.
+    /// Refuses a request if it is older than its age limit, or was made before this start of the runtime.
     pub fn check_not_after(&self, not_after: Option<&NotAfter>) -> Result<(), Refusal> {
         let Some(not_after) = not_after else { return Ok(()) };
         let expired = |text: &str| Err(Refusal::new(RefusalCode::Expired, text));
@@ -48,14 +48,14 @@ impl SharedState {
         checked.or_else(|text| expired(&text))
     }
 
-    /// Returns the revision of a coordinate system's state; 0 if there is none.
+    /// Returns the revision of a coordinate system's state; 0 without a coordinate system or a state.
     pub fn state_rev(&self, cs: Option<CoordinateSystemNumber>) -> u64 {
         cs.and_then(|cs| self.hub.read(&Topic::cs(cs, CsTopic::State)))
             .and_then(|state| state.rev)
             .unwrap_or(0)
     }
 
-    /// Returns a reply to a command; `cs` is the coordinate system whose state revision it contains.
+    /// Returns a reply to a command. The reply contains the revision of the state of coordinate system `cs`.
     pub fn reply_to(
         &self,
         cs: Option<CoordinateSystemNumber>,
@@ -78,7 +78,7 @@ impl SharedState {
         }
     }
 
-    /// Returns a refusal as the reply to a command.
+    /// Returns the reply to a refused command.
     pub fn rejection(
         &self,
         cs: Option<CoordinateSystemNumber>,
@@ -89,7 +89,7 @@ impl SharedState {
         self.reply_to(cs, meta, CommandStatus::Rejected, &code, &refusal.text)
     }
 
-    /// Stores and publishes a refusal as the reply to a command.
+    /// Stores and publishes the reply to a refused command, and returns the refusal.
     pub fn reject(
         &self,
         cs: Option<CoordinateSystemNumber>,
@@ -100,7 +100,7 @@ impl SharedState {
         refusal
     }
 
-    /// Stores and publishes a reply.
+    /// Stores and publishes the reply to a command.
     pub fn reply(&self, meta: &CommandMeta, reply: CommandReply) -> CommandReply {
         self.commands
             .lock()
@@ -112,12 +112,12 @@ impl SharedState {
         reply
     }
 
-    /// Returns the last reply to a command.
+    /// Returns the last stored reply to a command.
     pub fn replied(&self, key: &MemoryKey) -> Option<CommandReply> {
         self.commands.lock().reply(key).cloned()
     }
 
-    /// Returns the last reply to a command by its id: of this user, else of any other.
+    /// Returns the last reply to the command with this id: of this user, otherwise of any user.
     pub fn find_reply(&self, user: &str, command_id: &str) -> Option<CommandReply> {
         self.commands.lock().find_reply(user, command_id).cloned()
     }

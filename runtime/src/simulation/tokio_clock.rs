@@ -1,13 +1,13 @@
-//! tokio's clock in simulated time: paused, and advanced together with the simulation.
+//! The clock of tokio in simulated time. It is paused, and advances together with the simulation.
 //!
-//! A paused executor with no ready task jumps to its next timer. This module sets one timer, to the next
-//! servo cycle. Tokio thus reaches either that cycle or an earlier timer of a task; in the second case the
-//! simulation advances to that timer before the task runs. If the machine is at rest and no task sleeps on
-//! its clock, the module sets its timer repeatedly, until no task has had a timer for a long time.
+//! When no task is ready, a paused executor advances its clock to its next timer. This module sets one timer, to the
+//! next servo cycle. So tokio reaches either that cycle or an earlier timer of a task. In the second case the
+//! simulation advances to the time of that timer before the task runs. If the machine is at rest and no task sleeps on
+//! its clock, the module sets its timer repeatedly, until no timer of a task has been due for a long time.
 //!
-//! Tokio counts milliseconds, so its clock may be ahead of the machine's by less than one. Its timers are in
-//! slots of 64 ms, in slots of 64 of these, and so on. Tokio visits them one by one, so the module sets its
-//! timer at most to the beginning of the next slot.
+//! Tokio counts milliseconds, so its clock may be ahead of the machine's clock by less than 1 ms. Tokio's timers are in
+//! slots of 64 ms, in slots of 64 of these, and so on. Tokio visits the slots one by one, so the module sets its timer
+//! at most to the beginning of the next slot.
 
 use std::pin::Pin;
 use std::sync::Arc;
@@ -20,13 +20,13 @@ use tokio::time::{Instant, Sleep};
 
 use super::{NextEvent, Simulation, SimulationSlot};
 
-/// Slots of tokio's timers: of 64 ms, of 64 of these, and so on.
+/// Size of tokio's slots of timers: the first are 64 ms, the next 64 of these, and so on.
 const SLOTS: u64 = 64;
 
-/// Distance beyond the time limit, ns: later timers of tasks are ignored.
+/// Time in ns after the time limit of the simulation. Timers of tasks that are later than this are ignored.
 const BEYOND_NS: u64 = 60_000_000_000;
 
-/// The clock of tokio, coupled to the simulation of a slot.
+/// The clock of tokio, coupled to the simulation in a slot.
 pub(super) struct TokioClock {
     slot: SimulationSlot,
     led: Mutex<Led>,
@@ -34,23 +34,23 @@ pub(super) struct TokioClock {
 
 #[derive(Default)]
 struct Led {
-    /// Start of the simulation.
+    /// Start of the simulation on tokio's clock.
     origin: Option<Instant>,
-    /// The timer at the next cycle.
+    /// Tokio timer that is set to the next cycle.
     guard: Option<Pin<Box<Sleep>>>,
-    /// The next event, and the due time of that timer, ns.
+    /// Next event of the simulation, and the due time of the timer in ns.
     next: Option<(NextEvent, u64)>,
-    /// Time since which nothing has happened, ns.
+    /// Time in ns since which nothing has happened.
     rests_since_ns: u64,
 }
 
-/// Advances tokio's clock; the executor then checks its timers.
+/// Advances tokio's clock. Afterwards the executor checks its timers.
 fn advance(by: Duration) {
-    // the clock advances at the first poll; the future then waits for the executor's next turn
+    // the first poll advances the clock; the rest of the future, which is dropped, would wait for the executor
     let _ = std::pin::pin!(tokio::time::advance(by)).poll(&mut Context::from_waker(Waker::noop()));
 }
 
-/// Returns the beginning of the next slot. The longer the rest so far, the longer the slots.
+/// Returns the beginning of the next slot in ns. Slots are larger after a longer rest.
 fn next_slot_ns(now_ns: u64, rests_since_ns: u64) -> u64 {
     let mut slot_ns = SLOTS * 1_000_000;
     while slot_ns * SLOTS <= now_ns - rests_since_ns {
@@ -71,7 +71,7 @@ impl TokioClock {
         })
     }
 
-    /// Moves both clocks when no task is ready to run.
+    /// Returns an executor that advances both clocks when no task is ready to run.
     pub(super) fn executor(self: &Arc<Self>) -> Builder {
         let (before, after) = (Arc::clone(self), Arc::clone(self));
         let mut executor = Builder::new_current_thread();
@@ -82,7 +82,7 @@ impl TokioClock {
         executor
     }
 
-    /// Sets the timer to the next event, because no task is ready to run.
+    /// Sets the timer to the next event. Called when no task is ready to run.
     fn before_park(&self) {
         let Some(simulation) = self.slot.get() else { return };
         let mut led = self.led.lock();
@@ -92,7 +92,7 @@ impl TokioClock {
         if let NextEvent::Cycle(cycle) = next
             && servo.missed > 0
         {
-            // no task wakes before the servo is back
+            // no task wakes before the delayed cycle has run
             simulation.advance(&mut servo, cycle);
             let left_ns = (cycle * simulation.period_ns).saturating_sub(elapsed_ns(origin));
             advance(Duration::from_nanos(left_ns));
@@ -120,12 +120,12 @@ impl TokioClock {
             guard.as_mut().reset(at);
         } else {
             let guard = led.guard.insert(Box::pin(tokio::time::sleep_until(at)));
-            // registers the timer; this function polls it again later
+            // the first poll registers the timer; this function polls it again later
             let _ = guard.as_mut().poll(&mut Context::from_waker(Waker::noop()));
         }
     }
 
-    /// Lets the simulation follow after tokio has reached a timer, or a task was woken.
+    /// Advances the simulation after tokio has reached a timer or a task was woken.
     fn after_park(&self) {
         let Some(simulation) = self.slot.get() else { return };
         let mut led = self.led.lock();
@@ -133,7 +133,7 @@ impl TokioClock {
             return;
         };
         let is_ours = led.guard.as_ref().is_some_and(|guard| guard.is_elapsed());
-        // the most frequent case; the clock need not be read
+        // the most frequent case, in which the clock need not be read
         let is_cycle = is_ours && matches!(next, NextEvent::Cycle(_));
         let now_ns = if is_cycle { at_ns } else { elapsed_ns(origin) };
         match next {
@@ -145,14 +145,14 @@ impl TokioClock {
         }
     }
 
-    /// Releases the timer, which holds the executor.
+    /// Drops the timer, because it keeps the executor alive.
     pub(super) fn release(&self) {
         self.led.lock().guard = None;
     }
 }
 
 impl Simulation {
-    /// Reports a stall: nothing can happen, and nothing has happened since that time.
+    /// Ends the simulation because nothing can happen, with the time since which nothing has happened.
     fn stall_at(&self, since_ns: u64) {
         if !self.is_at_limit() {
             self.clock.set_ns(since_ns);
@@ -160,7 +160,7 @@ impl Simulation {
         self.stalled.notify_one();
     }
 
-    /// Advances to this time, at most to the next event.
+    /// Advances the simulation to `now_ns`, at most to the next event.
     fn follow(&self, next: NextEvent, now_ns: u64) {
         let last = match next {
             NextEvent::Tasks => return,

@@ -1,4 +1,4 @@
-//! Each cell of the table, tested in simulated time at moments chosen by a seed.
+//! Tests of each cell of the table, in simulated time, at moments that a seed determines.
 
 use std::time::Duration;
 
@@ -13,13 +13,13 @@ use crate::config::Machine;
 use crate::coordinator::Runtime;
 use crate::test::{Bench, Scene};
 
-/// Delay between the motion and its published state, including a servo cycle, s.
+/// Maximum delay in s of the published state after the motion, including a servo cycle.
 const STATE_S: f64 = 0.01;
 
-/// Duration of silence after which a client is lost.
+/// Time without a heartbeat after which a client is lost.
 const TTL: Duration = Duration::from_millis(100);
 
-/// Duration of the servo cycles that are left out.
+/// Duration of the omitted servo cycles.
 const GAP: Duration = Duration::from_millis(150);
 
 /// Number of moments at which each cell is tested.
@@ -59,7 +59,7 @@ async fn at(system: &CoordinateSystem, axis: &str) -> f64 {
     system.position().await.unwrap().machine[axis]
 }
 
-/// Starts a motion; it is active on return.
+/// Starts a motion, and returns when it is active.
 async fn begin(scene: &Scene, motion: StoppedMotion, seed: u64) {
     let (plc, system) = (scene.plc(), scene.cs(1));
     match motion {
@@ -129,7 +129,7 @@ async fn raise(scene: &Scene, runtime: &Runtime, cause: StopCause) {
     }
 }
 
-/// Returns the time until no axis moves and no transition is pending, s.
+/// Waits until no axis moves and no transition is in progress. Returns the waiting time in s.
 async fn until_rest(scene: &Scene, max_s: f64) -> f64 {
     let (plc, system) = (scene.plc(), scene.cs(1));
     let from_s = plc.now_s();
@@ -193,7 +193,7 @@ fn play(cause: StopCause, motion: StoppedMotion, seed: u64) {
             StopReaction::Stops | StopReaction::Brakes => {
                 assert_eq!(state.execution, Execution::Stopped, "{cell}");
             }
-            // after the thread the program waits for an M code, and is held there
+            // after the thread the program waits for an M code, and the lost broker holds the run there
             StopReaction::Continues if motion == StoppedMotion::Thread => {
                 assert!(at(&system, "Z").await >= -5.0 - 1e-9, "{cell}: {state:?}");
             }
@@ -205,7 +205,7 @@ fn play(cause: StopCause, motion: StoppedMotion, seed: u64) {
     played.unwrap_or_else(|error| panic!("{cell}: {error}"));
 }
 
-/// Returns the state in which a motion ends if nothing stops it.
+/// Returns the state word in which a motion ends if no cause stops it.
 fn motion_ends_in(motion: StoppedMotion) -> Execution {
     match motion {
         StoppedMotion::Jog | StoppedMotion::Home => Execution::Ready,
@@ -213,7 +213,7 @@ fn motion_ends_in(motion: StoppedMotion) -> Execution {
     }
 }
 
-/// Resumes the motion and checks that it reaches its end.
+/// Ends the cause, resumes the motion and checks that it reaches its end.
 async fn resume_and_check_end(scene: &Scene, cause: StopCause, motion: StoppedMotion, cell: &str) {
     let system = scene.cs(1);
     match cause {

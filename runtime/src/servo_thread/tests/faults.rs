@@ -1,5 +1,5 @@
-//! Faults of the servo thread, of a bus to the drives and of a spindle, injected at rest and in motion, in real and
-//! simulated time.
+//! Tests of injected faults of the servo thread, of a bus to the drives and of a spindle: at rest and in motion, in
+//! real and in simulated time.
 
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering::SeqCst};
 use std::sync::{Arc, Mutex};
@@ -28,7 +28,7 @@ const PANICS_ONCE: u8 = 2;
 const STALLS: u8 = 3;
 const SPINDLE_PANICS: u8 = 4;
 
-/// Fault to inject, and the commands received by the drives.
+/// Fault to inject, and counts of the commands that the drives received.
 #[derive(Debug, Default)]
 struct InjectedFault {
     fault: AtomicU8,
@@ -154,7 +154,7 @@ async fn has_alarm(plc: &Plc) -> bool {
     }
 }
 
-/// Checks the conditions that must hold after a failure of the servo, on every path to it.
+/// Checks the conditions that must hold after every kind of failure of the servo.
 async fn check_failed(plc: &Plc, runtime: &Runtime, ran: bool) {
     let system = plc.coordinate_system(1);
     if ran {
@@ -197,7 +197,7 @@ fn p11_fault_of_bus_or_spindle_in_simulated_time_stops_all() {
             let bench = Bench::new().hardware(hardware(&injected));
             let play = bench.play(async move |scene, runtime| {
                 let plc = scene.plc();
-                // a spindle is called in motion, or while it turns
+                // the servo calls a spindle only in motion, or while the spindle turns
                 plc.coordinate_system(1).mdi("M03 S100").await.unwrap();
                 if ran {
                     under_way(plc).await;
@@ -221,7 +221,7 @@ fn p11_fault_of_bus_or_spindle_in_simulated_time_stops_all() {
     }
 }
 
-/// The demo machine in real time, with its data folder.
+/// Starts the demo machine in real time with a data folder.
 async fn in_real_time(injected: &Arc<InjectedFault>) -> (Runtime, tempfile::TempDir) {
     let folder = tempfile::tempdir().unwrap();
     let mut config = Config::demo();
@@ -237,7 +237,7 @@ async fn p11_panic_of_the_relay_cuts_power() {
     let plc = Plc::in_process(runtime.port());
     under_way(&plc).await;
     runtime.served_port().supervisor().inject("servo-relay");
-    // its end is an event of the servo
+    // the end of the hold is an event of the servo, which no longer arrives
     let holding = plc.coordinate_system(1);
     let holding = tokio::spawn(async move { holding.hold().await });
     let from = Instant::now();
@@ -267,7 +267,7 @@ async fn p11_panic_or_stall_of_the_bus_in_real_time_cuts_power() {
         let took = from.elapsed();
         let cut = injected.cut.lock().unwrap().expect("the power is cut");
         let cut = cut.saturating_duration_since(from);
-        // within 100 ms, and later on a computer that runs other tests
+        // the limit is 100 ms; on a computer that runs other tests it may be later
         let late = took.max(cut);
         assert!(
             late < Duration::from_secs(2),
