@@ -114,7 +114,7 @@ impl Alarms {
         cleared
     }
 
-    /// Records the user who has acknowledged an active alarm. Returns `None` if no active alarm has this id.
+    /// Records the user that has acknowledged an active alarm. Returns `None` if no active alarm has this id.
     pub fn acknowledge(&mut self, id: u64, by: &str) -> Option<AlarmRecord> {
         let record = self.active.iter_mut().find(|alarm| alarm.id == id)?;
         record.acknowledged_by = Some(by.to_owned());

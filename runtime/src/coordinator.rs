@@ -155,8 +155,8 @@ impl Runtime {
     /// Starts a machine in simulated time, inside [`simulation::run`]. The machine stores nothing on disk.
     ///
     /// # Errors
-    /// Returns an error if a program of the configuration cannot be read, if the hardware does not start, or if it is
-    /// called outside of [`simulation::run`].
+    /// Returns an error if a program of the configuration cannot be read, if the hardware does not start, or outside of
+    /// [`simulation::run`].
     pub fn start_simulated(
         machine: Machine,
         journal: Journal,

@@ -72,9 +72,8 @@ fn pages(what: &str, dialect: &Dialect) -> Vec<String> {
         .collect()
 }
 
-/// Explains a name as [`explain`] does, with the data of a machine. These are the declarations of an M code, which may
-/// also be given by its declared name, and the text and remedy of an alarm of the machine's sequence programs, given by
-/// its number.
+/// Explains a name as [`explain`] does, also with the data of a machine. For an M code, given by number or declared
+/// name, these are its declarations. For an alarm of the machine's sequence programs, these are its text and remedy.
 pub fn explain_here(
     what: &str,
     dialect: &Dialect,

@@ -418,7 +418,7 @@ pub enum RunEnd {
         /// Reason of that state word.
         #[serde(deserialize_with = "Option::deserialize")]
         reason: Option<Reason>,
-        /// Program whose motion was in progress; `None` if nothing had moved.
+        /// Program of the block that was moving; `None` if nothing had moved.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         program: Option<u16>,
         /// Line of that program.

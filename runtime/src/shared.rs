@@ -330,7 +330,7 @@ impl SharedState {
         }
     }
 
-    /// Records the user who has acknowledged an active alarm. Returns false if no active alarm has this id.
+    /// Records the user that has acknowledged an active alarm. Returns false if no active alarm has this id.
     pub fn acknowledge_alarm(&self, id: u64, by: &str) -> bool {
         let mut alarms = self.alarms.lock();
         let acknowledged = alarms.acknowledge(id, by);

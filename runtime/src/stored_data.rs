@@ -2,8 +2,8 @@
 //!
 //! Each sealed line names its machine, its generation and the newest generations of the other parts
 //! (`disk/generations.rs`). If a start finds an older copy of a part, or a part of another machine, its content is
-//! withheld: it counts as lost, and a person is asked. No program starts until the question is answered. The withheld
-//! data are stored separately: values in [`HELD_FILE`], programs in their own files, folders in the question.
+//! withheld: it is treated as lost, and a person is asked. No program starts until the question is answered. The
+//! withheld data are stored separately: values in [`HELD_FILE`], programs in their own files, folders in the question.
 
 pub(crate) mod inspection;
 
@@ -46,7 +46,7 @@ pub(crate) struct OpenQuestion {
 }
 
 impl OpenQuestion {
-    /// Reads the question of a data folder. A damaged file counts as a question.
+    /// Reads the question of a data folder. A damaged file is also a question.
     pub fn read(folder: &Path) -> Self {
         let kept = match read_regular(&folder.join(QUESTION_FILE), QUESTION_BYTES_MAX) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => None,

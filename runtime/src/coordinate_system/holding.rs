@@ -219,8 +219,9 @@ impl CoordinateSystem {
         !self.pipeline.ready.is_empty() || self.servo.finished_segment < self.pipeline.planner.last_segment()
     }
 
-    /// Ends the block at whose end a hold was due, once the machine is at a standstill. Does not wait for further
-    /// reports of the servo. Returns true if this interrupts the run.
+    /// At a standstill: if a hold was due at the end of the last block, ends that block without further reports of the
+    /// servo.
+    /// Returns true if this interrupts the run.
     pub(super) fn end_planned_block(&mut self) -> bool {
         let Some(run) = &mut self.run else { return false };
         if !std::mem::take(&mut run.steps.armed) {

@@ -33,8 +33,8 @@ pub(super) struct OrderedParts {
     waits_for: Option<String>,
     /// Time in s since the start of the next attempt to begin the part.
     again_s: Option<f64>,
-    /// Hashes that must be the same for all parts: of the main program, of programs that its text names, and of
-    /// programs called so far.
+    /// Hashes that all parts must share: of the main program, of programs that its text names, and of programs called
+    /// so far.
     hashes: BTreeMap<u16, String>,
 }
 

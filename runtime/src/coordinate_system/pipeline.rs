@@ -278,7 +278,7 @@ impl Pipeline {
         self.planner.last_segment() + self.path.held_back() as u64 + 1
     }
 
-    /// Notes the start of a programmed block. The blocks that a fixed cycle produces in one step count as one start.
+    /// Notes the start of a programmed block. The blocks that a fixed cycle produces in one step are one start.
     fn note_block(&mut self, step: u64) {
         if self.noted_step != Some(step) {
             self.notes.block(self.next_motion());

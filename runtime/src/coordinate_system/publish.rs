@@ -32,7 +32,7 @@ pub(super) struct PublishedValues {
     /// Modal codes with which the next manual data input begins, as far as they differ from the start-up codes.
     carried: Vec<String>,
     /// `_CNC_CapturedPosition<n>`: rest position of the motors at the end of the last G31 since the start of the
-    /// runtime, in ascending order of motor numbers, in machine coordinates, mm or degrees (D16, D41).
+    /// runtime. Machine coordinates in mm or degrees, in ascending order of motor numbers (D16, D41).
     pub captured: [f64; AXES_MAX],
 }
 

@@ -116,8 +116,8 @@ impl View {
         (reading.homed == self.axes).then_some(reading.commanded)
     }
 
-    /// Returns the number of the running segment in the run, the executing block, and the time in s since the start of
-    /// the runtime at which this block began.
+    /// Returns the number of the running segment in the run, the executing block, and the time at which this block
+    /// began. The time is in s since the start of the runtime.
     pub fn segment(&self) -> (u64, Origin, f64) {
         let place = self.place.lock();
         (place.segment, place.executing, place.since_s)
