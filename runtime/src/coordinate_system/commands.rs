@@ -255,7 +255,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Records a refusal in the journal if its reason is a different program or a missing signature.
+    /// Records a refusal in the journal if the program differs from the expected one or has no valid signature.
     fn record_refusal(&self, command: &DeferredCommand, refusal: &Refusal) {
         let code = refusal.code;
         if !matches!(code, RefusalCode::NotSigned | RefusalCode::PreconditionFailed) {

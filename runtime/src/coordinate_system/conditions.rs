@@ -34,7 +34,7 @@ pub(crate) struct Conditions {
     pub optional_stop: bool,
     pub dry_run: bool,
     pub captured: [f64; AXES_MAX],
-    /// Copy of the variables; later changes do not reach it.
+    /// Copy of the variables, which later writes do not change.
     pub variables: Variables,
     /// True if a program text may read variables.
     pub reads_variables: bool,
@@ -46,7 +46,7 @@ pub(crate) struct Conditions {
     pub position_key: u64,
 }
 
-/// Conditions of a program run at its start.
+/// Conditions at the start of the run of a stored program.
 #[derive(Debug)]
 pub(crate) struct RunStart {
     pub run_id: String,

@@ -58,7 +58,7 @@ impl Context {
         self.shared.machine.m_codes.get(&m)
     }
 
-    /// Returns the number of active alarms of this coordinate system and of the whole machine.
+    /// Returns the number of active alarms of this coordinate system and of the whole machine. Warnings do not count.
     pub fn alarm_count(&self) -> u32 {
         self.shared.alarm_count(self.number)
     }

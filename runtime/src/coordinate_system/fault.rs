@@ -135,8 +135,8 @@ impl CoordinateSystem {
             .publish(CsTopic::Pending, Payload::Pending(Pending::default()));
     }
 
-    /// Answers a request to a coordinate system that stays stopped. Hold, stop and abort brake the motion, requests
-    /// that also concern other coordinate systems are noted, and all others are refused.
+    /// Answers a request to a coordinate system that stays stopped. Hold, stop and abort brake the motion. Requests
+    /// that also go to other coordinate systems are accepted without an effect here, and all others are refused.
     pub(super) fn answer_given_up(&mut self, envelope: Envelope) {
         let answer = match &envelope.request {
             CoordinateSystemRequest::Command { command, meta, .. } if command.is_urgent() => {

@@ -33,8 +33,8 @@ struct HeldLease {
 }
 
 impl ControlLease {
-    /// Creates a lease without a holder. The first fence is the time in s, so fences of earlier starts of the runtime
-    /// stay invalid. Condition: the computer's clock is not set back.
+    /// Creates a lease without a holder. The first fence is the time of day in s, so fences of earlier starts of the
+    /// runtime stay invalid. Condition: the computer's clock is not set back.
     pub fn new(cs: CoordinateSystemNumber, now: Now) -> Self {
         let since_epoch = now.time.duration_since(std::time::UNIX_EPOCH);
         Self {
@@ -176,7 +176,7 @@ impl CoordinateSystem {
         Ok(Answer::Command(self.context.shared.reply(meta, reply)))
     }
 
-    /// Changes the lease. Returns the kind of change for the journal and the resulting lease.
+    /// Changes the lease. Returns the kind of change, if the journal records it, and the resulting lease.
     fn change_lease(
         &mut self,
         request: &LeaseRequest,

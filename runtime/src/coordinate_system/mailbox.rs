@@ -384,7 +384,8 @@ impl Queue {
     /// Queues an envelope; if the queue is full, waits for a free slot. After the end of the mailbox, discards all
     /// envelopes.
     async fn put(&self, envelope: Envelope) {
-        // not only `acquire`: it would wait in a task that has used up its budget, and the next request would overtake
+        // not only `acquire`: in a task without remaining budget it would wait, and the task's next request would
+        // overtake
         let room = match self.room.try_acquire() {
             Err(TryAcquireError::NoPermits) => self.room.acquire().await.ok(),
             room => room.ok(),

@@ -68,8 +68,8 @@ impl OrderedParts {
 }
 
 impl CoordinateSystem {
-    /// Counts a completed part of a run, or a run without further parts. The programs of its parts cannot be changed
-    /// until the whole run has ended.
+    /// Counts a completed part. After the last part, ends the run in the store; until then the programs of its parts
+    /// cannot be changed.
     pub(super) fn count_part(&mut self, run: &ActiveRun) {
         let (cs, store) = (self.context.number, &self.context.shared.store);
         if let Some(parts) = &mut self.commands.parts {

@@ -183,7 +183,7 @@ pub(super) enum RunEvent {
     End { why: EarlyEndCause, epoch: u32 },
     /// Preparation has reached this phase.
     Phase(Phase),
-    /// The run waits for this output in its current phase; `None` if for no output.
+    /// The run waits for this output in its current phase; `None` if it waits for no output.
     Awaited(Option<AwaitedOutput>),
     /// The servo has passed the end of a segment.
     Passed { segment: u64 },
