@@ -1,15 +1,16 @@
-//! Starts of runs and outputs, written before any client can receive them.
+//! Starts of runs and outputs, written to a file before any client can receive them.
 //!
-//! The journal collects its lines before it writes them, so a kill loses the lines collected so far, while a handler may
-//! already be working on the output. The thread that makes an output therefore first writes its line into a ring of slots
-//! in a file of fixed size. The line is then in the page cache of the operating system, which a kill of the process does
-//! not affect; nothing waits for the disk. At the next start, lines missing from the journal are taken from the ring.
+//! The journal collects lines before it writes them, so a kill loses the collected lines, while a handler may
+//! already work on the output. Therefore the thread that issues an output first writes its line into a file
+//! of fixed size, a ring of slots. The line is then in the page cache of the operating system, which survives
+//! a kill of the process; no thread waits for the disk. At the next start, lines missing from the journal are
+//! recovered from the ring.
 //!
-//! Resets are not written ahead: each would cost a write. The line of an output lists the earlier outputs
-//! that are still pending.
+//! Resets are not written ahead, because each would need a write. Instead, the line of an output lists the
+//! earlier outputs that are still pending.
 //!
-//! After the ring, each coordinate system has a slot with the rest positions of its axes, or with the note
-//! that they move.
+//! After the ring, each coordinate system has a slot. This slot contains the rest positions of the axes, or
+//! the note that they move.
 
 use std::collections::BTreeMap;
 use std::io::{self, Cursor, Write};
@@ -31,27 +32,28 @@ use crate::journal::{Event, Line, WriteAhead};
 /// Name of the ring's file in the journal's folder.
 const AHEAD_FILE: &str = "ahead";
 
-/// Bytes of a slot. Reason: an output with eight parameters of all digits takes about 600.
+/// Size of a slot, in bytes. Reason: a line for an output with eight parameters of maximum length takes about
+/// 600 bytes.
 const SLOT_BYTES: usize = 1024;
 
-/// Number of slots. Reason: the busiest machine fills them in about 0.3 s, and the journal lags by at most 20
-/// ms.
+/// Number of slots. Reason: the busiest machine fills all slots in about 0.3 s, while the journal lags by at
+/// most 20 ms.
 const SLOTS: u64 = 512;
 
-/// Maximum number of pending outputs in a line. Reason: the line must fit into its slot. If more are pending,
-/// the line lists none.
+/// Maximum number of pending outputs listed in a line. Reason: the line must fit into a slot. If more outputs
+/// are pending, the line lists none.
 const NAMED_MAX: usize = 16;
 
-/// Field of an output's line: sequence numbers of the earlier outputs that are pending. Only lines of the
-/// ring have it.
+/// Field in the line of an output: sequence numbers of the earlier pending outputs. Only lines in the ring
+/// have this field.
 pub(super) const OPEN: &str = "open";
 
-/// The ring of a start of the runtime.
+/// The ring, opened by one start of the runtime.
 #[derive(Debug)]
 pub(crate) struct Ahead {
     file: File,
     boot_id: BootId,
-    /// Text of the seal of each line, stored once because all lines of a start have the same seal.
+    /// Seal of the lines as text; all lines of one start of the runtime have the same seal.
     seal: String,
     /// Pending outputs of each coordinate system.
     open: Mutex<BTreeMap<CoordinateSystemNumber, Vec<u64>>>,
@@ -65,7 +67,8 @@ impl Ahead {
     pub fn create(folder: &Path, boot_id: BootId, generations: &Generations) -> io::Result<Self> {
         let path = folder.join(AHEAD_FILE);
         let file = open_regular(&path, OpenOptions::new().write(true).create(true).truncate(false))?;
-        // the slots after the ring stay until the axes rest or move; each names the start that wrote it
+        // The slots after the ring stay valid until the axes rest or move; each slot names the start of the
+        // runtime that wrote it.
         file.write_all_at(&vec![b'\n'; SLOT_BYTES * usize::try_from(SLOTS).unwrap_or(0)], 0)?;
         let open = Mutex::default();
         let seal = serde_json::to_string(&generations.plain_seal(SealedFileKind::Ahead))?;
@@ -77,8 +80,8 @@ impl Ahead {
         })
     }
 
-    /// Writes the earlier outputs that are pending, then adds this output to them. At the start of a run none
-    /// is pending.
+    /// Writes the list of earlier pending outputs, then adds this output to that list. The start of a run
+    /// clears the list.
     fn write_open(&self, line: &Line, cursor: &mut impl Write) -> io::Result<()> {
         let mut all = self.open.lock();
         let open = all.entry(line.cs).or_default();
@@ -95,7 +98,7 @@ impl Ahead {
 }
 
 impl WriteAhead for Ahead {
-    /// Writes a line into the slot for its number.
+    /// Writes line number `n` into its slot.
     fn write(&self, n: u64, line: &Line, time: SystemTime) -> io::Result<()> {
         let mut text = [0; SLOT_BYTES];
         let mut cursor = Cursor::new(&mut text[..]);
@@ -109,7 +112,8 @@ impl WriteAhead for Ahead {
         let joint = cursor.position();
         serde_json::to_writer(&mut cursor, &line.event)?;
         let end = usize::try_from(cursor.position()).unwrap_or(usize::MAX);
-        // the event is serialized as an object; its fields are merged into this one
+        // The event is serialized as a separate JSON object; this merges its fields into the object of the
+        // line.
         text[usize::try_from(joint).unwrap_or(0)] = b',';
         let end = seal_in_place(&mut text, end).ok_or(io::ErrorKind::WriteZero)?;
         self.file
@@ -155,11 +159,11 @@ pub(super) struct Rest {
     pub boot_id: BootId,
     /// Number of the newest line of the journal when the slot was written.
     pub after: u64,
-    /// `None` while the axes move.
+    /// Rest positions; `None` while the axes move.
     pub positions: Option<MotorPositions>,
 }
 
-/// Returns the written rest positions of this machine's coordinate systems.
+/// Reads the rest positions of this machine's coordinate systems from the slots after the ring.
 pub(super) fn recover_rests(folder: &Path, machine: &str) -> Vec<Rest> {
     let slots = slots(folder)
         .into_iter()
@@ -169,7 +173,7 @@ pub(super) fn recover_rests(folder: &Path, machine: &str) -> Vec<Rest> {
         .collect()
 }
 
-/// Returns all sealed lines of the file.
+/// Returns all sealed lines of the ring file, each with its seal.
 fn slots(folder: &Path) -> Vec<(Value, Seal)> {
     let most = (SLOTS + u64::from(CoordinateSystemNumber::MAX) + 1) * SLOT_BYTES as u64;
     let bytes = read_regular(&folder.join(AHEAD_FILE), most).unwrap_or_default();
@@ -180,7 +184,7 @@ fn slots(folder: &Path) -> Vec<(Value, Seal)> {
         .collect()
 }
 
-/// Returns the intact lines of this machine's ring, ascending by number; none if there is no ring.
+/// Returns the intact lines of this machine's ring, ascending by number; the list is empty if no ring exists.
 pub(crate) fn recover(folder: &Path, machine: &str) -> Vec<Value> {
     let mut lines: Vec<Value> = slots(folder)
         .into_iter()

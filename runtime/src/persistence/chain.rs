@@ -1,9 +1,10 @@
-//! The chain of the journal: each line ends with the SHA-256 of the hash of the line before it and of its own bytes.
+//! The chain of the journal: each line ends with the SHA-256 of the previous line's hash and the line's own
+//! bytes.
 //!
-//! The first line of each file, and a line where the chain begins, marks this: `"event":"chain"`, with the number of
-//! the file and the hash before it, so that the chain can be verified without the files removed by rotation. An anchor
-//! in the same folder records which files must exist and one line that they must contain. This distinguishes files
-//! removed by rotation from files removed by a person.
+//! A line with `"event":"chain"` marks the beginning of each file and of each chain. This line contains the
+//! number of the file and the hash of the previous line, so the chain can be verified without the files that
+//! rotation has removed. An anchor in the same folder records which files must exist and one line that they
+//! must contain. The anchor distinguishes files removed by rotation from files removed by a person.
 
 use std::fmt;
 use std::io::{self, BufRead};
@@ -24,16 +25,17 @@ const ANCHOR_FILE: &str = "anchor";
 /// Maximum bytes read from the anchor.
 const ANCHOR_BYTES_MAX: u64 = 4096;
 
-/// Maximum bytes read of a line; a longer line is damaged. Reason: lines are far shorter.
+/// Maximum bytes read of a line; a longer line is treated as damaged. Reason: the runtime writes far shorter
+/// lines.
 const LINE_BYTES_MAX: usize = 1 << 20;
 
-/// Text before and after a hash.
+/// Text before and after the hash in a line.
 const HASH: (&[u8], &[u8]) = (b",\"hash\":\"", b"\"");
 
-/// Bytes of a checksum at the end of a line.
+/// Length of the checksum text at the end of a line, in bytes.
 const SUM_BYTES: usize = ",\"crc\":\"00000000\"}".len();
 
-/// Bytes that hash, checksum and end add to an object.
+/// Bytes that hash, checksum and closing brace add to a JSON object.
 pub(super) const LINK_BYTES: u64 = (9 + 64 + 1 + SUM_BYTES) as u64;
 
 /// The hash of a line, which covers all lines up to it.
@@ -44,14 +46,14 @@ impl Hash {
     /// Hash before the first line.
     pub(crate) const ORIGIN: Self = Self([0; 32]);
 
-    /// Parses hexadecimal digits in the written form.
+    /// Parses a hash from hexadecimal digits.
     pub(crate) fn parse(text: &str) -> Option<Self> {
         let mut bytes = [0; 32];
         hex::decode_to_slice(text, &mut bytes).ok()?;
         Some(Self(bytes)).filter(|hash| hash.to_string() == text)
     }
 
-    /// Returns the hash of a line with these bytes that follows a line with this hash.
+    /// Returns the hash of a line with these bytes, if `self` is the hash of the previous line.
     pub(super) fn then(self, bytes: &[u8]) -> Self {
         let digest = Sha256::new().chain_update(self.0).chain_update(bytes);
         Self(digest.finalize().into())
@@ -64,8 +66,8 @@ impl fmt::Display for Hash {
     }
 }
 
-/// Returns the text of a line that follows a line with this hash, and its own hash; `object` is a JSON object with a
-/// field.
+/// Returns the text of a line and its hash, if the previous line has the hash `before`. `object` is a JSON
+/// object with at least one field.
 pub(super) fn link(before: Hash, object: &str) -> (String, Hash) {
     let open = object.strip_suffix('}').unwrap_or(object);
     let hash = before.then(open.as_bytes());
@@ -79,11 +81,11 @@ pub(super) enum ParsedJournalLine<'a> {
     Linked(Value, &'a [u8], Hash),
     /// An intact line of a version without a chain.
     Unlinked(Value),
-    /// Damaged.
+    /// The line is damaged.
     Damaged,
 }
 
-/// Parses a line without its line end.
+/// Parses a line, which is passed without its line end.
 pub(super) fn entry(line: &[u8]) -> ParsedJournalLine<'_> {
     let LineContent::Whole(value) = read(SealedFileKind::Journal, line) else {
         return ParsedJournalLine::Damaged;
@@ -101,19 +103,19 @@ pub(super) fn entry(line: &[u8]) -> ParsedJournalLine<'_> {
     }
 }
 
-/// Content of a line of the chain itself, which marks the beginning of a file or of the chain.
+/// Content of a line that marks the beginning of a file or of the chain.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct ChainMark {
     /// Number of the file.
     pub file: u64,
-    /// The hash before the line; `None` if the chain begins here.
+    /// Hash of the previous line; `None` if the chain begins with this line.
     pub before: Option<Hash>,
-    /// Reason for a new chain.
+    /// Reason why a new chain begins.
     pub why: Option<String>,
 }
 
 impl ChainMark {
-    /// Returns the event of the line.
+    /// Returns the mark as an event of the journal.
     pub fn to_json(&self) -> Value {
         let mut event = json!({"event": "chain", "file": self.file});
         match &self.before {
@@ -126,7 +128,7 @@ impl ChainMark {
         event
     }
 
-    /// Parses the mark of a line; returns `None` for any other line.
+    /// Parses the mark in a line; returns `None` for any other line.
     pub fn from_line(line: &Value) -> Option<Self> {
         let before = match line["prev"].as_str() {
             Some(text) => Some(Hash::parse(text)?),
@@ -141,7 +143,7 @@ impl ChainMark {
         })
     }
 
-    /// Returns the hash to which it is chained.
+    /// Returns the hash to which the mark is chained: that of the previous line, or [`Hash::ORIGIN`].
     pub fn base(&self) -> Hash {
         self.before.unwrap_or(Hash::ORIGIN)
     }
@@ -150,14 +152,14 @@ impl ChainMark {
 /// State of a journal, recorded outside of its files.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Anchor {
-    /// Hash of a line that must exist: the newest one when the anchor was written; [`Hash::ORIGIN`] if there
-    /// was none.
+    /// Hash of a line that must exist: the newest line when the anchor was written. It is [`Hash::ORIGIN`] if
+    /// there was no line.
     pub hash: Hash,
     /// Number of that line.
     pub n: u64,
     /// Number of the newest file.
     pub file: u64,
-    /// Number of the oldest file that must exist: rotation has removed those before it.
+    /// Number of the oldest file that must exist; rotation has removed the files before this one.
     pub first: u64,
 }
 
@@ -184,7 +186,7 @@ impl Anchor {
         Self::read_with_seal(folder).0
     }
 
-    /// Reads the anchor and the seal of its line.
+    /// Reads the anchor and the seal of the anchor's line.
     pub fn read_with_seal(folder: &Path) -> (AnchorRead, Option<Seal>) {
         let bytes = match read_regular(&folder.join(ANCHOR_FILE), ANCHOR_BYTES_MAX) {
             Ok(bytes) => bytes,
@@ -207,7 +209,7 @@ impl Anchor {
         }
     }
 
-    /// Writes the anchor; it is on disk when this returns.
+    /// Writes the anchor; the anchor is on disk when this function returns.
     pub fn write(&self, folder: &Path, generations: &Generations) -> io::Result<()> {
         let mut line = json!({
             "file": self.file, "first": self.first, "hash": self.hash.to_string(), "n": self.n,
@@ -227,7 +229,7 @@ pub(crate) fn anchor_seal(folder: &Path) -> Option<Seal> {
     Anchor::read_with_seal(folder).1
 }
 
-/// Removes the incomplete anchor that a kill during its writing has left.
+/// Removes an incomplete anchor, left if the process was killed while it wrote the anchor.
 pub(super) fn tidy_up(folder: &Path) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
@@ -242,15 +244,15 @@ pub(super) fn tidy_up(folder: &Path) -> io::Result<()> {
 /// How a line of a file ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Ending {
-    /// With a line end.
+    /// The line ends with a line end.
     Whole,
-    /// With the end of the file: the line is still being written, or was cut short.
+    /// The line ends with the file: the line is still being written, or was cut short.
     Cut,
     /// The line is longer than allowed; the rest was skipped.
     TooLong,
 }
 
-/// Reads the next line into `line`, without its line end; returns `None` at the end of the file.
+/// Reads the next line into `line`, without the line end; returns `None` at the end of the file.
 pub(super) fn next_line(reader: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<Option<Ending>> {
     line.clear();
     let (mut is_too_long, mut has_begun) = (false, false);
@@ -278,7 +280,7 @@ pub(super) fn next_line(reader: &mut impl BufRead, line: &mut Vec<u8>) -> io::Re
     }
 }
 
-/// Returns the path of the file of this age in a journal's folder.
+/// Returns the path of the journal file of this age in a folder; age 0 is the newest file.
 pub(crate) fn journal_file_path(folder: &Path, age: usize) -> PathBuf {
     folder.join(match age {
         0 => "journal.jsonl".to_owned(),

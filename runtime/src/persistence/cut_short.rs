@@ -1,4 +1,4 @@
-//! The report to the operator about a run that was cut short by the end of an earlier start of the runtime.
+//! The warning to the operator about a run that the end of an earlier start of the runtime cut short.
 
 use plc_api::execution::wire_name;
 use plc_api::types::CoordinateSystemNumber;
@@ -9,7 +9,7 @@ use plc_api::types::run::Run;
 use serde_json::json;
 use tandem_model::alarm::RESTARTED_IN_RUN;
 
-/// The warning of a run that was cut short, with the M codes that were open.
+/// Returns the warning about a run that was cut short, with the pending M codes.
 pub(crate) fn cut_short(cs: CoordinateSystemNumber, last_run: &LastRun) -> AlarmRecord {
     AlarmRecord {
         severity: AlarmSeverity::Warning,
@@ -22,7 +22,7 @@ pub(crate) fn cut_short(cs: CoordinateSystemNumber, last_run: &LastRun) -> Alarm
     }
 }
 
-/// The warning of a run of several parts that was between two of them.
+/// Returns the warning about a run of several parts that was cut short between two parts.
 pub(crate) fn cut_short_between_parts(run: &Run) -> AlarmRecord {
     let (id, done, parts) = (&run.id, run.parts_done, run.parts);
     AlarmRecord {
@@ -38,7 +38,8 @@ pub(crate) fn cut_short_between_parts(run: &Run) -> AlarmRecord {
     }
 }
 
-/// `run 1-3 was in WAIT; open: M100 VA3 (line 7, CLAIMED by gripper)`.
+/// Describes the state of a run, for example `run 1-3 was in WAIT; open: M100 VA3 (line 7, CLAIMED by
+/// gripper)`.
 fn what_was_open(last_run: &LastRun) -> String {
     let one = |open: &PendingOutput| {
         let output = &open.output;

@@ -1,5 +1,5 @@
-//! All kept values as one JSON document. `store export` writes it and `store import` reads it. The last good
-//! generation next to the store has this form, too: a person may restore lost values from it. The runtime
+//! All stored values as one JSON document, which `store export` writes and `store import` reads. The last
+//! good generation next to the store has the same form: a person can restore lost values from it. The runtime
 //! never uses it automatically, because it is older than the store.
 
 use std::borrow::Cow;
@@ -22,7 +22,7 @@ pub(crate) const GENERATION_FILE: &str = "state.last-good.json";
 /// Maximum size of a document, bytes.
 const BYTES_MAX: u64 = 256 << 20;
 
-/// Version of the document's form; there is only one so far.
+/// Version of the document format; only this version exists so far.
 const FORM: u32 = 1;
 
 #[derive(Debug, Deserialize)]
@@ -31,12 +31,12 @@ struct GenerationDocument {
     written: Timestamp,
     /// Values by name; null for a lost value.
     values: Map<String, Value>,
-    /// Checksum of the values; a person who edits the document removes it.
+    /// Checksum of the values; a person who edits the document must remove this field.
     #[serde(default)]
     sum: Option<String>,
 }
 
-/// The kept values at one point in time.
+/// The stored values at one point in time.
 #[derive(Debug, Clone)]
 pub(crate) struct Generation {
     pub written: Timestamp,
@@ -54,7 +54,7 @@ fn checksum_values(values: &Map<String, Value>) -> String {
 }
 
 impl Generation {
-    /// Writes the document of an image. Values are converted and written one at a time, so that the text of
+    /// Writes the document of an image. Values are converted and written one at a time, so the text of
     /// thousands of runs is never in memory as a whole.
     ///
     /// # Errors
@@ -102,15 +102,15 @@ impl Generation {
         write_whole_by(&folder.join(GENERATION_FILE), |out| Self::write_text(image, out))
     }
 
-    /// /// Reads the last good generation of a folder.
+    /// Reads the last good generation of a folder.
     ///
     /// # Errors
-    /// Returns an error if there is none, or if it is damaged.
+    /// Returns an error if the generation does not exist or is damaged.
     pub fn read(folder: &Path) -> io::Result<Self> {
         Self::read_from(&folder.join(GENERATION_FILE))
     }
 
-    /// Reads the values of a file.
+    /// Reads a generation from a file.
     ///
     /// # Errors
     /// Returns an error if the file does not exist or is damaged.
@@ -119,10 +119,10 @@ impl Generation {
         Self::of_text(&String::from_utf8_lossy(&bytes), true)
     }
 
-    /// Reads the values of a text. With `needs_sum`, a text without a checksum is treated as damaged.
+    /// Reads a generation from a text. With `needs_sum`, a text without a checksum is treated as damaged.
     ///
     /// # Errors
-    /// Returns an error if the text is not such a document, or if its checksum does not match.
+    /// Returns an error if the text is not such a document, or if the checksum does not match the values.
     pub fn of_text(text: &str, needs_sum: bool) -> io::Result<Self> {
         let document: GenerationDocument =
             serde_json::from_str(text).map_err(|error| invalid(error.to_string()))?;

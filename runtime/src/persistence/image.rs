@@ -1,4 +1,4 @@
-//! The values to keep, as plain data: only values that differ from those on disk are written.
+//! The values to store, as plain data. Only values that differ from those on disk are written.
 
 use std::collections::BTreeMap;
 
@@ -11,50 +11,50 @@ use tandem_model::variables::VariableArray;
 
 use crate::tables::{KeptValues, LOST_VALUE};
 
-/// Variables of one page. Reason: a changed variable costs 1 KiB on disk, and all P variables need only 256
-/// entries.
+/// Number of variables in a page. Reason: storing a changed variable writes 1 KiB, and all P variables need
+/// only 256 pages.
 pub(crate) const PAGE_VARIABLES: usize = 128;
 
-/// A run, and the number of the newest journal line at the time its state was read.
+/// State of a run, and the number of the newest journal line at the time when the state was read.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct KeptRun {
     #[serde(flatten)]
     pub run: LastRun,
-    /// Number of the line; 0 if a version without line numbers stored the run.
+    /// Number of the line; 0 if the store was written by a version without line numbers.
     #[serde(rename = "journal_line", default)]
     pub line: u64,
 }
 
-/// Prefix of the names of ended runs. The rest of a name is the index of the run in the ring of stored runs.
+/// Prefix of the names of ended runs; the index of the run in the ring of stored runs follows.
 pub(crate) const RUN_KEYS: &str = "run/";
 
 /// Name of the production counters.
 pub(crate) const PRODUCTION_KEY: &str = "production";
 
-/// Name of the record with the numbers of the newest journal lines that runs and counters include.
+/// Name of the record with the numbers of the newest journal lines that the stored runs and counters include.
 pub(crate) const RUN_LINES_KEY: &str = "run_lines";
 
-/// Returns the name of an ended run, by its number.
+/// Returns the name of a stored ended run; `n` is its number.
 pub(crate) fn run_key(n: u64) -> String {
     format!("{RUN_KEYS}{}", n % RUNS_KEPT as u64)
 }
 
-/// Last runs by coordinate system.
+/// The last run of each coordinate system.
 pub(crate) type LastRuns = BTreeMap<CoordinateSystemNumber, KeptRun>;
 
-/// Bits of the variables of a page, ascending by number.
+/// Bit patterns of the values in a page of variables, in ascending order of variable number.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Page(pub [u64; PAGE_VARIABLES]);
 
 impl Page {
-    /// Returns a page of an array; entries after the end of the array are zero.
+    /// Returns the page at index `place` of an array; entries after the end of the array are zero.
     pub fn from_array(array: &VariableArray, place: u16) -> Self {
         let first = usize::from(place) * PAGE_VARIABLES;
         let bits = |index| array.get(first + index).map_or(0, f64::to_bits);
         Self(std::array::from_fn(bits))
     }
 
-    /// Copies the page into an array.
+    /// Copies the page to index `place` of an array.
     pub fn set(&self, array: &VariableArray, place: u16) {
         let first = usize::from(place) * PAGE_VARIABLES;
         for (number, bits) in (first..).zip(self.0) {
@@ -66,7 +66,7 @@ impl Page {
         self.0.iter().flat_map(|bits| bits.to_le_bytes()).collect()
     }
 
-    /// Returns `None` if the number of bytes is wrong.
+    /// Parses a page; returns `None` if the number of bytes is wrong.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let (chunks, rest) = bytes.as_chunks::<8>();
         let page = <&[[u8; 8]; PAGE_VARIABLES]>::try_from(chunks).ok()?;
@@ -79,7 +79,7 @@ pub(crate) fn pages(array: &VariableArray) -> u16 {
     u16::try_from(array.len().div_ceil(PAGE_VARIABLES)).unwrap_or(u16::MAX)
 }
 
-/// Returns the name of a page of variables: `p/PLACE`, or `q/COORDINATE SYSTEM/PLACE`.
+/// Returns the name of a page: `p/PLACE` for P variables, or `q/COORDINATE SYSTEM/PLACE` for Q variables.
 pub(crate) fn page_name(area: u8, place: u16) -> String {
     match area {
         0 => format!("p/{place}"),
@@ -99,17 +99,17 @@ fn page_key(name: &str) -> Option<(u8, u16)> {
     }
 }
 
-/// All stored values, or a change of them.
+/// All stored values, or only the changed ones.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Image {
-    /// Pages by area (0 for P, otherwise the coordinate system of Q) and place.
+    /// Pages of variables by area (0 for P, otherwise the coordinate system of Q) and page index.
     pub pages: BTreeMap<(u8, u16), Page>,
-    /// Values by their names.
+    /// Other values by name.
     pub values: KeptValues,
 }
 
 impl Image {
-    /// Returns the values of `self` that differ from those in `kept`.
+    /// Returns the values of `self` that are missing in `kept` or differ there.
     pub fn beyond(mut self, kept: &Image) -> Image {
         self.pages.retain(|key, page| kept.pages.get(key) != Some(page));
         self.values
@@ -117,7 +117,7 @@ impl Image {
         self
     }
 
-    /// Applies a change.
+    /// Applies the values of a change to this image.
     pub fn take_over(&mut self, change: Image) {
         self.pages.extend(change.pages);
         self.values.extend(change.values);
@@ -131,7 +131,7 @@ impl Image {
         pages.chain(values.map(|(name, bytes)| (name.clone(), bytes.clone())))
     }
 
-    /// Applies a record. Returns false if its form is unknown.
+    /// Adds a record to this image. Returns false if the form of the record is unknown.
     pub fn take_record(&mut self, name: &str, payload: &[u8]) -> bool {
         if let Some(key) = page_key(name) {
             let page = Page::from_bytes(payload);

@@ -1,12 +1,13 @@
-//! Inspects the stored values and decides which are trusted. The inspection changes nothing on disk.
+//! Inspects the stored values and decides which are trusted. The inspection does not change anything on disk.
 //!
-//! The store has a checksum in each value, and checksums of its own in its structure. A separate file records the
-//! number of the last change and the checksum of each value. Three cases:
-//! - The structure is intact and not older than the checksums: all values are trusted. If the checksum file cannot be
+//! Each value in the store has a checksum, and the structure of the store has its own checksums. The separate
+//! checksum file records the number of the last change and the checksum of each value. Three cases:
+//! - The structure is intact and not older than the checksum file: all values are trusted. If the checksum file cannot be
 //!   used, an intact structure is still trusted, and reported as not verified.
-//! - Otherwise a value is trusted if its checksum matches the recorded one, wherever it is in the file: it is then the
-//!   last value written. All others are lost.
-//! - Without recorded checksums the last value cannot be distinguished from an older one: all values are lost.
+//! - The structure is damaged or older: a value is trusted if its checksum matches the recorded one, at any offset in the
+//!   file, because it is then the last value written. All other values are lost.
+//! - The structure is damaged and no checksums are recorded: the last value cannot be distinguished from an older one, so
+//!   all values are lost.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
@@ -25,38 +26,38 @@ use crate::disk::{Checksums, Seal, SealedFileKind, read_regular};
 pub(crate) const STORE_FILE: &str = "state.redb";
 pub(super) const SUMS_FILE: &str = "state.sums";
 
-/// Name of the file that marks that the machine has been started before.
+/// Name of a file that exists if the machine has been started before.
 pub(crate) const STARTED_FILE: &str = "started";
 
 /// Maximum size of a store, bytes. Reason: a hundred times the size of all values.
 const STORE_BYTES_MAX: u64 = 256 << 20;
 
-/// StoreCondition of the store.
+/// Condition of the store.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum StoreCondition {
     /// Nothing was ever stored in this folder.
     New,
-    /// Unchanged since it was stored.
+    /// The store is unchanged since it was written.
     Whole,
-    /// Written by a version without checksums; it cannot be verified.
+    /// The store was written by a version without checksums; it cannot be verified.
     WithoutSums,
-    /// Damaged; contains the description.
+    /// The store is damaged; contains the description.
     Damaged(String),
 }
 
-/// The result of examining a data folder.
+/// The result of inspecting a data folder.
 #[derive(Debug, Clone)]
 pub(crate) struct InspectedStore {
     pub condition: StoreCondition,
-    /// Trusted values; a lost value is marked as lost.
+    /// Trusted values; the image also marks the lost values.
     pub image: Image,
-    /// Names of the values lost due to this damage.
+    /// Names of the values lost because of the damage that this inspection found.
     pub lost: BTreeSet<String>,
-    /// The names of the stored values are unknown: every possible value is treated as lost.
+    /// True if the names of the stored values are unknown; every possible value is then treated as lost.
     pub is_all_lost: bool,
-    /// Number of the last change.
+    /// Number of the last change in the store or in the checksum file, whichever is higher.
     pub last: u64,
-    /// Fault of the checksum file.
+    /// Reason why the checksum file cannot be used.
     pub sums_fault: Option<String>,
     /// Seal of the newest record in the store.
     pub store_seal: Option<Seal>,
@@ -69,7 +70,7 @@ pub(crate) fn inspect_store(folder: &Path) -> InspectedStore {
     inspect_expected_store(folder, false)
 }
 
-/// Inspects the store of a folder. `is_known`: other files show that a store of this folder exists.
+/// Inspects the store of a folder. `is_known`: other files show that this folder must contain a store.
 pub(crate) fn inspect_expected_store(folder: &Path, is_known: bool) -> InspectedStore {
     let bytes = read_regular(&folder.join(STORE_FILE), STORE_BYTES_MAX);
     let content = (bytes.as_ref().ok())
@@ -106,7 +107,8 @@ pub(crate) fn inspect_expected_store(folder: &Path, is_known: bool) -> Inspected
         inspected.lose(named());
     }
     if inspected.condition == StoreCondition::Whole {
-        // a kill between writing the store and its checksums leaves one change without checksums
+        // A kill after the store and before its checksums are written leaves one change without recorded
+        // checksums.
         let is_older = inspected.last > sums.last + 1;
         inspected.sums_fault = sums
             .fault()
@@ -118,22 +120,22 @@ pub(crate) fn inspect_expected_store(folder: &Path, is_known: bool) -> Inspected
 }
 
 impl InspectedStore {
-    /// Returns the generation of the newest change in the store.
+    /// Returns the generation of the newest change in the store; 0 if the generation is unknown.
     pub fn generation(&self) -> u64 {
         self.store_seal.as_ref().map_or(0, |seal| seal.generation)
     }
 
-    /// Returns the seal that dates the trusted values; `None` if there is none.
+    /// Returns the seal that dates the trusted values; `None` if no seal exists.
     pub fn seal(&self) -> Option<&Seal> {
         match self.condition {
-            // in a damaged store, only values with recorded checksums are trusted
+            // In a damaged store, only values with recorded checksums are trusted.
             StoreCondition::Damaged(_) => self.sums_seal.as_ref().or(self.store_seal.as_ref()),
             _ => self.store_seal.as_ref(),
         }
     }
 
-    /// Marks as lost all values that could be wrong without notice, in addition to those already lost; the history of
-    /// runs and the counters stay.
+    /// Marks further values as lost: all except the history of runs and the counters, because an error in
+    /// them could remain unnoticed.
     pub fn hold_back(&mut self, how: String) {
         let statistics = |name: &String| {
             name.starts_with(RUN_KEYS)
@@ -150,7 +152,7 @@ impl InspectedStore {
         self.sums_fault = None;
     }
 
-    /// Marks missing values as lost if they may have been stored.
+    /// Marks those of the named values as lost that the image does not contain; they may have been stored.
     pub fn lose(&mut self, names: impl IntoIterator<Item = String>) {
         for name in names {
             if !self.image.has(&name) {
@@ -182,7 +184,7 @@ fn inspect_missing_store(how: &str, sums: &Checksums, was_started: bool) -> Insp
     trusted_store(StoreCondition::New, Image::default(), 0)
 }
 
-/// Ignores checksums of a different machine than that of an intact store.
+/// Discards the checksums if they belong to another machine than an intact store does.
 fn discard_foreign_checksums(sums: Checksums, of_store: Option<&Seal>) -> Checksums {
     match (&sums.seal, of_store) {
         (Some(of_sums), Some(of_store)) if of_sums.machine != of_store.machine => Checksums {
@@ -205,7 +207,8 @@ fn inspect_content(
     if content.is_without_sums && !sums.is_there {
         return trusted_store(StoreCondition::WithoutSums, content.image, 0);
     }
-    // the first change creates the store: nothing was stored when the first start was cut short
+    // The first change creates the store. If the first start was cut short before the checksums were written,
+    // nothing was stored.
     if content.last <= 1 && !sums.is_there && !was_started {
         return trusted_store(StoreCondition::New, Image::default(), 0);
     }
@@ -226,7 +229,7 @@ fn inspect_content(
     trusted_store(StoreCondition::Whole, content.image, content.last)
 }
 
-/// Returns the trusted rest of a damaged store.
+/// Returns the values of a damaged store that are still trusted.
 fn damaged(how: &str, bytes: &[u8], sums: &Checksums) -> InspectedStore {
     let mut found: BTreeMap<&str, Vec<&[u8]>> = BTreeMap::new();
     for (name, payload) in record::scan(bytes) {
@@ -236,7 +239,7 @@ fn damaged(how: &str, bytes: &[u8], sums: &Checksums) -> InspectedStore {
     let changes = found.remove(CHANGE).unwrap_or_default();
     found.remove(SEAL);
     let last = changes.iter().filter_map(change).max().unwrap_or(0);
-    // checksums are recorded after each change, so at most one change has no recorded checksums
+    // Checksums are recorded after each change, so at most the last change has no recorded checksums.
     let is_noted = sums.is_there && last <= sums.last + 1;
     let names: BTreeSet<&str> = found
         .keys()
@@ -248,7 +251,7 @@ fn damaged(how: &str, bytes: &[u8], sums: &Checksums) -> InspectedStore {
     for name in names {
         let noted = sums.by_name.get(name);
         if sums.is_there && !sums.is_damaged && noted.is_none() {
-            // no longer stored, or never acknowledged
+            // The value was removed from the store, or its change was never acknowledged.
             continue;
         }
         let noted = noted.and_then(Option::as_deref).filter(|_| is_noted);
@@ -266,22 +269,22 @@ fn damaged(how: &str, bytes: &[u8], sums: &Checksums) -> InspectedStore {
     inspected
 }
 
-/// DatabaseContent of the database.
+/// Content of the database.
 #[derive(Debug, Default)]
 struct DatabaseContent {
     image: Image,
     last: u64,
     seal: Option<Seal>,
-    /// It has no records: a version without checksums wrote it.
+    /// The database has no records, because a version without checksums wrote it.
     is_without_sums: bool,
-    /// The structure needed no repair except after a kill.
+    /// The structure needed no repair, except the repair after a kill.
     is_clean: bool,
 }
 
-/// Reads a copy of the database in memory, so that the library cannot repair the file before it has been examined.
+/// Reads a copy of the database in memory, so the library cannot repair the file before the inspection.
 fn read_database(bytes: &[u8]) -> Result<DatabaseContent, String> {
-    // The library's own checks find nearly all damage. Damage that they miss may cause a panic, which is
-    // treated as damage, too.
+    // The checks of the library detect nearly all damage. Damage that they do not detect may cause a panic; a
+    // panic is treated as damage.
     let read = catch_unwind(AssertUnwindSafe(|| {
         let memory = Memory::from_bytes(bytes).map_err(|error| error.to_string())?;
         let mut builder = Builder::new();
@@ -328,7 +331,7 @@ fn read_tables(database: &Database) -> Result<DatabaseContent, String> {
     Ok(content)
 }
 
-/// Reads the tables of versions before 0.2. Returns false if they do not exist.
+/// Reads the tables of versions before 0.2. Returns false if these tables do not exist.
 fn read_old(reading: &redb::ReadTransaction, image: &mut Image) -> Result<bool, String> {
     let text = |error: &dyn std::error::Error| error.to_string();
     let tables = (reading.open_table(OLD_VARIABLES), reading.open_table(OLD_VALUES));
@@ -347,7 +350,7 @@ fn read_old(reading: &redb::ReadTransaction, image: &mut Image) -> Result<bool, 
     Ok(true)
 }
 
-/// A file in memory of bounded size, regardless of the size that a damaged structure requests.
+/// A file in memory with bounded size: a damaged structure may request any size.
 #[derive(Debug)]
 struct Memory(redb::backends::InMemoryBackend);
 

@@ -1,5 +1,5 @@
-//! The thread that writes the journal to disk: one JSON line per event, collected for a short time before
-//! each write.
+//! The thread that writes the journal to disk: one JSON line per event. The thread collects lines for a short
+//! time before each write.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -20,19 +20,19 @@ use crate::disk::{DataFolderPart, Generations, Health, number, tighten};
 use crate::journal::{JournalMessage, JournalWriter, Line, WriteAhead};
 use crate::threads::{self, Thread};
 
-/// Time without lines after which the thread checks that its file still exists, and tries a failed disk
-/// again.
+/// Time without lines after which the thread checks that its file still exists, and retries after a disk
+/// failure.
 const RETRY: Duration = Duration::from_secs(1);
 
-/// Maximum number of lines that wait for the disk; further lines are dropped and counted. Reason: this is
-/// enough for some seconds of the busiest machine.
+/// Maximum number of lines that wait for the disk; further lines are dropped and counted. Reason: this covers
+/// several seconds on the busiest machine.
 const WAITING_MAX: usize = 10_000;
 
-/// Time in which lines are collected for one write, from the first line on. Reason: half of the 20 ms by
-/// which the journal may lag; the disk has the other half.
+/// Time in which lines are collected for one write, from the first line on. Reason: the journal may lag by 20
+/// ms; one half is for collecting, the other for the disk.
 const GATHER: Duration = Duration::from_millis(10);
 
-/// Returns a line in its stored form.
+/// Converts a line to the form in which it is stored.
 fn object(boot_id: &BootId, n: u64, line: &Line, time: SystemTime) -> Object {
     let mut json = line.to_json();
     json["boot_id"] = json!(boot_id);
@@ -41,14 +41,14 @@ fn object(boot_id: &BootId, n: u64, line: &Line, time: SystemTime) -> Object {
     Object::from_json(&json)
 }
 
-/// A journal opened for writing. Lines that only the ring contained are already in its files.
+/// A journal opened for writing. Lines that were only in the ring have been added to its files.
 struct OpenedJournal {
     newest: Newest,
     own: Own,
     files: io::Result<Files>,
 }
 
-/// Returns a line of the ring in the form of the journal.
+/// Converts a line of the ring to the form of the journal.
 fn as_written(line: &Value) -> Object {
     let mut line = line.clone();
     if let Some(fields) = line.as_object_mut() {
@@ -79,7 +79,7 @@ fn open_journal(folder: &Path, boot_id: BootId, generations: Arc<Generations>) -
     OpenedJournal { newest, own, files }
 }
 
-/// Writes a line into the journal of a machine that does not run.
+/// Writes a line into the journal of a machine whose runtime is not running.
 ///
 /// # Errors
 /// Returns an error if the disk operation fails.
@@ -91,7 +91,7 @@ pub(crate) fn append_line(folder: &Path, generations: Arc<Generations>, line: &L
     files.anchor()
 }
 
-/// The thread. Dropping it writes all waiting lines and ends the thread.
+/// The journal thread. Dropping this value writes all waiting lines and ends the thread.
 #[derive(Debug)]
 pub(crate) struct JournalThread {
     writer: JournalWriter,
@@ -99,12 +99,12 @@ pub(crate) struct JournalThread {
 }
 
 impl JournalThread {
-    /// Opens the journal of a folder and returns its newest lines; a missing folder is created. A journal
-    /// that cannot be read or written prevents nothing: the thread tries it again, and `health` reports the
-    /// reason in the meantime.
+    /// Opens the journal of a folder and returns its newest lines; a missing folder is created. If the
+    /// journal cannot be read or written, the machine runs nevertheless. The thread then tries again, and
+    /// `health` reports the reason in the meantime.
     ///
     /// # Errors
-    /// Returns an error if the operating system provides no thread.
+    /// Returns an error if the operating system cannot create a thread.
     pub fn start(
         folder: &Path,
         boot_id: BootId,
@@ -149,7 +149,7 @@ impl JournalThread {
 
 impl Drop for JournalThread {
     fn drop(&mut self) {
-        // A thread that has already ended is joined, too.
+        // Also joins a thread that has already ended.
         let _ = self.writer.lines.send(JournalMessage::Close);
         if let Some(thread) = self.thread.take() {
             thread.join();
@@ -157,22 +157,23 @@ impl Drop for JournalThread {
     }
 }
 
-/// Data of the thread.
+/// State of the journal thread.
 struct JournalWork {
     own: Own,
     folder: PathBuf,
-    /// `None` after a failure, until the files are open again.
+    /// Open files; `None` from a failure until the files are opened again.
     files: Option<Files>,
     health: Arc<Health>,
     lost: Arc<AtomicU64>,
     inbox: Receiver<JournalMessage>,
-    /// Time of the last round that did something.
+    /// Time of the last round that wrote or checked something.
     #[cfg(test)]
     worked: Instant,
 }
 
 impl threads::Work for JournalWork {
-    /// Also limited without a line, because the disk may have failed, or the folder may have been removed.
+    /// Returns the waiting time. It is bounded even if no lines arrive, so that the thread notices a failed
+    /// disk or a removed folder.
     fn patience(&self) -> Duration {
         RETRY
     }
@@ -192,7 +193,7 @@ impl threads::Work for JournalWork {
                 }
                 gather(&self.own.boot_id, first, &self.inbox)
             }
-            // a simulated thread runs more rounds than necessary
+            // A simulated thread runs more rounds than a real one; the additional rounds do nothing.
             #[cfg(test)]
             Err(RecvTimeoutError::Timeout) if patience.is_zero() && self.worked.elapsed() < RETRY => {
                 return true;
@@ -220,7 +221,7 @@ impl threads::Work for JournalWork {
 }
 
 impl JournalWork {
-    /// The number of lines that could not be written earlier is a separate line.
+    /// Writes lines. If earlier lines could not be written, a separate line with their number follows.
     fn write(&mut self, mut batch: Vec<Object>) -> io::Result<()> {
         let files = match &mut self.files {
             Some(files) => files,
@@ -235,8 +236,8 @@ impl JournalWork {
         Ok(())
     }
 
-    /// Writes the newest line to the anchor. Called only when no lines arrive, because it adds another wait
-    /// for the disk.
+    /// Writes the newest line to the anchor. It is called when no lines arrive or the anchor is overdue,
+    /// because it adds a wait for the disk.
     fn anchor(&mut self) -> io::Result<()> {
         match &mut self.files {
             Some(files) if files.is_ahead_of_anchor() => files.anchor(),
@@ -245,18 +246,18 @@ impl JournalWork {
     }
 }
 
-/// Returns the remaining time for collecting lines, if the oldest waiting line has this age. A line that
-/// arrived during the previous write has waited for that write already. If a write takes at most [`GATHER`],
-/// a line is on disk within twice that time.
+/// Returns the remaining time for collecting lines; `age` is the time since the first waiting line arrived. A
+/// line that arrived during the previous write has already waited. If a write takes at most [`GATHER`], a
+/// line is on disk within twice that time.
 fn rest(age: Duration) -> Duration {
     GATHER.saturating_sub(age)
 }
 
-/// Takes the lines that have arrived [`GATHER`] after the first one. Returns false if the journal must be
+/// Returns the lines that arrive until [`GATHER`] after the first one, and false if the journal must be
 /// closed.
 ///
-/// The thread sleeps in between instead of waiting for the next line, so that only the first line has to wake
-/// it.
+/// The thread sleeps during this time instead of waiting for each line. So only the first line wakes the
+/// thread.
 fn gather(boot_id: &BootId, first: JournalMessage, inbox: &Receiver<JournalMessage>) -> (Vec<Object>, bool) {
     let mut next = Some(first);
     let mut batch = Vec::new();
@@ -296,7 +297,7 @@ mod tests {
         }
     }
 
-    /// Returns the line in its stored form, with this number.
+    /// Returns line `n` in its stored form, with the line number `number`.
     fn kept(number: usize, n: usize) -> Value {
         json!({
             "boot_id": "b1", "choices": [], "cs": 1, "event": "question", "n": number, "seq": n, "t_s": 0.5,
@@ -304,7 +305,7 @@ mod tests {
         })
     }
 
-    /// Returns the lines of a journal without their hashes, and without the lines of the chain itself.
+    /// Returns the lines of a journal without their hashes, and without the marks of the chain.
     fn lines(folder: &Path) -> Vec<Value> {
         let mut lines = newest(folder, 0, 1000).lines;
         lines.retain(|line| line["event"] != "chain");
@@ -350,7 +351,7 @@ mod tests {
                 write(&thread.writer(), 100 * round + n);
             }
         }
-        // the first line is that of the chain, which continues over both starts
+        // The first line is the mark that begins the chain; the chain continues over both starts.
         let expected: Vec<Value> = (0..200).map(|n| kept(n + 2, n)).collect();
         assert_eq!(lines(folder.path()), expected);
         assert_eq!(content(folder.path()).matches("\"begins\":true").count(), 1);
@@ -440,7 +441,7 @@ mod tests {
         };
         thread.writer().write(started(1), SystemTime::UNIX_EPOCH);
         drop(thread);
-        // as after a kill
+        // Creates the ring as a kill leaves it.
         let ahead = Ahead::create(folder.path(), BootId("b1".to_owned()), &Generations::default()).unwrap();
         for n in 1..4 {
             ahead.write(n + 1, &started(n), SystemTime::UNIX_EPOCH).unwrap();

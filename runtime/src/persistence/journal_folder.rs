@@ -1,8 +1,8 @@
 //! The journal's files: lines of JSON in files of bounded size.
 //!
-//! `journal.jsonl` is the newest file, `journal.1.jsonl` the one before it, and so on; the oldest is removed. If a kill
-//! cut a line short, it is removed when the journal is opened again, so every line is complete. Lines are chained by
-//! hashes (`chain`).
+//! `journal.jsonl` is the newest file, `journal.1.jsonl` the one before, and so on; rotation removes the
+//! oldest. When the journal is opened, an incomplete last line left by a kill is removed, so every line is
+//! complete. Hashes chain the lines (`chain`).
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Read as _, Seek, SeekFrom, Write};
@@ -29,39 +29,42 @@ use crate::disk::{
 /// The folder of the journal in `data_dir`.
 pub(crate) const JOURNAL_FOLDER: &str = "journal";
 
-/// Size at which a new file of the journal is begun, in bytes.
+/// File size in bytes at which the journal begins a new file.
 pub(super) const FILE_BYTES_MAX: u64 = 4 << 20;
 
-/// Replaces the boot identifier in lines that a command has written.
+/// Written instead of a boot identifier in lines from a command-line tool.
 pub(super) const COMMAND_LINE: &str = "command-line";
 
-/// Maximum number of files of the journal, including the newest; the oldest is removed.
+/// Maximum number of journal files, including the newest; rotation removes the oldest.
 pub(super) const FILES_MAX: usize = 8;
 
-/// Longest time between two anchors while lines are written continuously. Reason: an outdated copy of a file is
-/// recognized by the anchor, and each anchor adds another wait for the disk.
+/// Longest time between two anchors while lines are written continuously. Reason: the anchor identifies an
+/// outdated copy of a file, but writing it adds a wait for the disk.
 const ANCHOR_EVERY: Duration = Duration::from_secs(10);
 
-/// Maximum bytes read of a file of the journal: one write may exceed [`FILE_BYTES_MAX`].
+/// Maximum bytes read of one journal file. A file may exceed [`FILE_BYTES_MAX`], because one write may cross
+/// that size.
 const FILE_READ_MAX: u64 = 64 << 20;
 
 /// The newest lines of a journal.
 #[derive(Debug, Default)]
 pub(crate) struct Newest {
-    /// In the order of writing.
+    /// Lines in the order of writing.
     pub lines: Vec<Value>,
-    /// Number of damaged lines by file; they are omitted.
+    /// Number of damaged lines in each file; these lines are omitted.
     pub damaged: BTreeMap<PathBuf, u64>,
     /// Files that cannot be read, with the reason.
     pub unreadable: BTreeMap<PathBuf, String>,
-    /// Reason why a new chain begins at this start although a chain exists.
+    /// Reason why a new chain began at this start although a chain existed; `None` if lines cannot be
+    /// missing.
     pub why_anew: Option<String>,
-    /// Rest positions of a coordinate system's axes at the end of the previous start of the runtime, by motor number.
+    /// Rest positions of the axes at the end of the previous start of the runtime, by coordinate system and
+    /// motor number.
     pub rests: RestPositions,
 }
 
 impl Newest {
-    /// Returns warnings for a person.
+    /// Returns warnings to show to a person.
     pub fn warnings(&self) -> impl Iterator<Item = String> {
         let damaged = self.damaged.iter();
         let damaged = damaged.map(|(path, lines)| {
@@ -76,8 +79,8 @@ impl Newest {
         damaged.chain(unreadable).chain(anew)
     }
 
-    /// Returns those of `lines` that are missing here. A line older than all lines read is not reported as
-    /// missing, because it may have been omitted.
+    /// Returns those of `lines` that are not among the lines read. Lines older than all lines read are left
+    /// out, because the journal may contain them.
     pub(super) fn missing(&self, mut lines: Vec<Value>) -> Vec<Value> {
         let there: BTreeSet<u64> = self.lines.iter().map(number).collect();
         let first = there.first().copied().unwrap_or(0);
@@ -85,8 +88,8 @@ impl Newest {
         lines
     }
 
-    /// Returns the rest positions that are still valid: written during the last start of the runtime, with no later
-    /// run.
+    /// Returns the rest positions that are still valid: the last start of the runtime wrote them, and no run
+    /// began later in that coordinate system.
     pub(super) fn hold(&self, rests: Vec<Rest>) -> RestPositions {
         let mut boots = self.lines.iter().rev().map(|line| &line["boot_id"]);
         let last = boots.find(|boot| **boot != COMMAND_LINE);
@@ -105,14 +108,14 @@ impl Newest {
         hold.filter_map(|rest| Some((rest.cs, rest.positions?))).collect()
     }
 
-    /// Returns the time of the newest line.
+    /// Returns the time of the newest line that has a time.
     pub fn time(&self) -> Option<Timestamp> {
         let ts = self.lines.iter().rev().find_map(|line| line["ts"].as_str())?;
         Some(Timestamp(ts.to_owned()))
     }
 }
 
-/// Reads the newest `count` lines of the journal of a folder, except for the `from` newest. Unreadable lines are
+/// Reads the newest `count` lines of a journal, after skipping the `from` newest. Unreadable lines are
 /// omitted.
 pub(crate) fn newest(folder: &Path, from: usize, count: usize) -> Newest {
     let (mut newest, wanted) = (Newest::default(), from.saturating_add(count));
@@ -130,7 +133,7 @@ pub(crate) fn newest(folder: &Path, from: usize, count: usize) -> Newest {
             }
         };
         let mut lines = bytes.split(|byte| *byte == b'\n').rev();
-        // The last line may still be incomplete.
+        // The last line is omitted, because a runtime may still be writing it.
         lines.next();
         for line in lines {
             if newest.lines.len() >= wanted {
@@ -147,7 +150,7 @@ pub(crate) fn newest(folder: &Path, from: usize, count: usize) -> Newest {
     newest
 }
 
-/// A line before it is linked into the chain.
+/// A line that is not yet linked into the chain.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Object {
     n: u64,
@@ -155,7 +158,7 @@ pub(super) struct Object {
 }
 
 impl Object {
-    /// Creates the line from a JSON object with its number.
+    /// Creates the line from a JSON object that contains the line number.
     pub fn from_json(line: &Value) -> Self {
         Self {
             n: number(line),
@@ -164,19 +167,19 @@ impl Object {
     }
 }
 
-/// Writer of the journal's own lines, which have the next numbers.
+/// Creates the journal's own lines with the next line numbers.
 #[derive(Debug, Clone)]
 pub(super) struct Own {
     pub boot_id: BootId,
-    /// Start time of the writer, from which `t_s` of its lines counts.
+    /// Start time of the writer; `t_s` in its lines is the time since then.
     pub started: Instant,
-    /// Number of the last line.
+    /// Number of the newest line.
     pub last: Arc<AtomicU64>,
     pub generations: Arc<Generations>,
 }
 
 impl Own {
-    /// Creates a line with the current time, as a JSON object.
+    /// Creates a line from an event: adds the next number and the current time.
     pub fn line(&self, mut event: Value) -> Object {
         event["boot_id"] = json!(self.boot_id);
         event["cs"] = json!(0);
@@ -187,7 +190,7 @@ impl Own {
     }
 }
 
-/// The files of a journal.
+/// The open files of a journal.
 #[derive(Debug)]
 pub(super) struct Files {
     folder: PathBuf,
@@ -195,19 +198,20 @@ pub(super) struct Files {
     bytes: u64,
     bytes_max: u64,
     head: Head,
-    /// Content of the anchor.
+    /// The state that the anchor contains.
     anchored: Head,
-    /// Generations of other parts on disk when the anchor was written.
+    /// The newest generation on disk of each other part when the anchor was written.
     anchored_known: PartGenerations,
     anchored_at: Instant,
     own: Own,
-    /// Reason why a new chain begins although a chain exists; `None` if the chain continues.
+    /// Reason why a new chain began although a chain existed; `None` if no line can be missing.
     pub why_anew: Option<String>,
 }
 
 impl Files {
-    /// Opens the files. A missing folder is created, but not its parents: if they were removed, an error is more useful
-    /// than new ones. If the chain cannot continue, a new one begins with a line that states the reason.
+    /// Opens the files. Creates a missing folder, but not its parents: if a person removed them, an error is
+    /// more useful than new folders. If the chain cannot continue, begins a new chain with a line that states
+    /// the reason.
     pub(super) fn open(folder: &Path, bytes_max: u64, own: Own) -> io::Result<Self> {
         make_folder_in(folder).map_err(|error| name_file_in_error(folder, &error))?;
         for age in 0..FILES_MAX {
@@ -233,7 +237,8 @@ impl Files {
             own,
             why_anew: None,
         };
-        // also with a mark: lines found later were then written after the anchor
+        // The anchor is written first, also before a mark: it shows that the lines of the new chain are
+        // newer.
         let begun = files.anchor().and_then(|()| match &mark {
             Some(mark) => files.write_mark(mark),
             None => Ok(()),
@@ -243,13 +248,13 @@ impl Files {
         Ok(files)
     }
 
-    /// Begins a file or a chain.
+    /// Writes the line that begins a file or a chain.
     fn write_mark(&mut self, mark: &ChainMark) -> io::Result<()> {
         let line = self.own.line(mark.to_json());
         self.write(&[line])
     }
 
-    /// Writes lines; they are on disk when this returns.
+    /// Writes lines; the lines are on disk when this function returns.
     pub(super) fn append(&mut self, lines: &[Object]) -> io::Result<()> {
         let path = journal_file_path(&self.folder, 0);
         let appended = self.append_to(&path, lines);
@@ -269,7 +274,7 @@ impl Files {
         self.write(lines)
     }
 
-    /// Returns the seal of a line, as its first field.
+    /// Returns the seal as text, for use as the first field of a line.
     fn seal(&self) -> io::Result<String> {
         let seal = self.own.generations.plain_seal(SealedFileKind::Journal);
         Ok(format!("\"seal\":{},", serde_json::to_string(&seal)?))
@@ -285,7 +290,7 @@ impl Files {
             (head.hash, head.n) = (hash, line.n);
         }
         if let Err(error) = self.newest.write_all(text.as_bytes()) {
-            // The next line must not follow a fragment of this one.
+            // Truncates the file, so the next line does not follow a fragment of this one.
             self.newest.set_len(self.bytes)?;
             return Err(error);
         }
@@ -294,7 +299,7 @@ impl Files {
         self.newest.sync_data()
     }
 
-    /// Writes the newest line to the anchor. It is on disk when this returns.
+    /// Writes the anchor with the newest line. The anchor is on disk when this function returns.
     pub(super) fn anchor(&mut self) -> io::Result<()> {
         let known = self.own.generations.on_disk();
         self.head.anchor().write(&self.folder, &self.own.generations)?;
@@ -304,12 +309,12 @@ impl Files {
         Ok(())
     }
 
-    /// Returns true if the anchor must be written although lines are still being written.
+    /// Returns true if the last anchor was written [`ANCHOR_EVERY`] ago or earlier.
     pub(super) fn is_anchor_overdue(&self) -> bool {
         self.anchored_at.elapsed() >= ANCHOR_EVERY
     }
 
-    /// Returns true if the anchor lacks the newest line, or the newest generation of another part.
+    /// Returns true if the anchor does not contain the newest line, or the newest generation of another part.
     pub(super) fn is_ahead_of_anchor(&self) -> bool {
         let mut known = self.own.generations.on_disk();
         let mut anchored = self.anchored_known.clone();
@@ -324,7 +329,8 @@ impl Files {
             before: Some(self.head.hash),
             why: None,
         };
-        // before the oldest file is removed: files missing after a kill were then removed by rotation
+        // The anchor is written before the oldest file is removed. After a kill, it then shows that rotation
+        // removed the file.
         self.head.file = mark.file;
         let kept = FILES_MAX as u64 - 1;
         self.head.first = self.head.first.max(mark.file.saturating_sub(kept));
@@ -345,17 +351,17 @@ impl Files {
     }
 }
 
-/// Creates an error that names its file.
+/// Adds the path of the file to an error.
 fn name_file_in_error(path: &Path, error: &io::Error) -> io::Error {
     io::Error::new(error.kind(), format!("{}: {error}", path.display()))
 }
 
-/// Opens a file for appending and removes an incomplete line that a kill has left at its end. The result is true if
-/// such a line existed.
+/// Opens a file for appending, and removes an incomplete line that a kill has left at the end. Returns the
+/// file, its length in bytes, and true if such a line existed.
 fn open_whole(path: &Path) -> io::Result<(File, u64, bool)> {
     let mut file = open_regular(path, OpenOptions::new().create(true).read(true).append(true))?;
     let length = file.metadata()?.len();
-    // lines are far shorter than this; longer text is not a line
+    // Lines are far shorter than 1 MiB; longer text is not a line.
     let tail = length.min(1 << 20);
     file.seek(SeekFrom::Start(length - tail))?;
     let mut text = Vec::new();
@@ -436,7 +442,7 @@ mod tests {
         let read = |from, count| numbers(&newest(folder.path(), from, count).lines);
         assert_eq!(read(0, 3), [27, 28, 29]);
         assert_eq!(read(2, 4), [24, 25, 26, 27]);
-        // the first line of the second file lies between both
+        // Between the lines read is the mark that begins the second file.
         assert_eq!(read(13, 4), [14, 15, 16]);
         assert_eq!(read(29, 100), [0, 1]);
         assert_eq!(read(40, 1), Vec::<u64>::new());

@@ -1,5 +1,5 @@
-//! Finds lines in a journal. Memory is bounded by the journal's size on disk, or by one line if each line is
-//! passed on.
+//! Finds lines in a journal. If the caller keeps no lines, memory is bounded by one line, otherwise by the
+//! journal's size on disk.
 
 use std::collections::VecDeque;
 use std::io;
@@ -11,16 +11,16 @@ use super::chain::{Ending, ParsedJournalLine, entry};
 use super::journal_reader::{open, read_lines};
 use crate::journal::LineFilter;
 
-/// Lines and files that a search could not read.
+/// Damaged lines and unreadable files of a search.
 #[derive(Debug, Default)]
 pub struct LeftOut {
     /// Number of damaged lines.
     pub damaged: u64,
-    /// Files that cannot be read, with the reason.
+    /// Files that cannot be read, each with the reason.
     pub unreadable: Vec<(PathBuf, io::Error)>,
 }
 
-/// Passes each line that a filter accepts to `each`, the oldest first.
+/// Passes each line that the filter accepts to `each`, oldest line first.
 ///
 /// # Errors
 /// Returns an error if the folder does not exist.
@@ -34,7 +34,7 @@ pub fn search(folder: &Path, filter: &mut LineFilter, each: &mut dyn FnMut(Value
                     each(value);
                 }
             }
-            // the last line may still be incomplete
+            // A runtime may still be writing the last line.
             (Ending::Cut, _) => {}
             _ => left_out.damaged += 1,
         },
@@ -42,9 +42,9 @@ pub fn search(folder: &Path, filter: &mut LineFilter, each: &mut dyn FnMut(Value
     Ok(left_out)
 }
 
-/// Returns the newest `count` lines that a filter accepts, after leaving out the `from` newest of them.
+/// Returns the newest `count` lines that the filter accepts, after skipping the `from` newest of them.
 pub(crate) fn newest_of(folder: &Path, filter: &mut LineFilter, from: usize, count: usize) -> Vec<Value> {
-    // kept as text, which needs much less memory
+    // Lines are kept as text, which needs much less memory than parsed lines.
     let (mut newest, wanted) = (VecDeque::new(), from.saturating_add(count));
     let searched = search(folder, filter, &mut |line| {
         if newest.len() >= wanted {

@@ -1,4 +1,4 @@
-//! Reads a whole journal line by line, the oldest first, also while a runtime writes it.
+//! Reads a whole journal line by line, oldest line first, also while a runtime writes the journal.
 
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
@@ -10,16 +10,16 @@ use super::journal_folder::{FILES_MAX, Newest};
 use crate::disk::fs::{self, File, OpenOptions};
 use crate::disk::{Identity, LineContent, SealedFileKind, open_regular, read};
 
-/// Maximum number of attempts to open files that a runtime renames in the meantime.
+/// Maximum number of attempts to open all files while a runtime may be renaming them.
 pub(super) const TRIES_MAX: usize = 10;
 
-/// Time in which a runtime has renamed all files.
+/// Time between two attempts; a runtime renames all files in less time.
 const BETWEEN_TRIES: Duration = Duration::from_millis(5);
 
-/// Time to wait for the rest of a line that is being written.
+/// Time to wait for the rest of a line that a runtime is still writing.
 const REST_OF_LINE: Duration = Duration::from_millis(50);
 
-/// A file of the journal, with the result of opening it.
+/// Path of a journal file, and the open file or the reason why it cannot be opened.
 pub(super) type OpenedJournalFile = (PathBuf, io::Result<File>);
 
 /// Location of a line.
@@ -30,7 +30,7 @@ pub(super) struct LineLocation {
     pub line: u64,
 }
 
-/// Passes each line of a journal's files to `each`; returns the files that cannot be read, with the reason.
+/// Passes each line of a journal's files to `each`. Returns the files that cannot be read, with the reasons.
 pub(super) fn read_lines(
     files: Vec<OpenedJournalFile>,
     each: &mut dyn FnMut(&LineLocation, Ending, &[u8]),
@@ -71,12 +71,12 @@ fn read_file(
     Ok(())
 }
 
-/// Returns the damage in a journal, without keeping its lines in memory.
+/// Returns the damaged lines and unreadable files of a journal, without keeping lines in memory.
 pub(crate) fn damage(folder: &Path) -> Newest {
     let mut found = Newest::default();
     let Ok(files) = open(folder) else { return found };
     let mut each = |place: &LineLocation, ending: Ending, line: &[u8]| {
-        // the last line may still be incomplete
+        // A runtime may still be writing the last line.
         let is_damaged = match ending {
             Ending::Whole => matches!(read(SealedFileKind::Journal, line), LineContent::Damaged),
             Ending::TooLong => true,
@@ -92,14 +92,14 @@ pub(crate) fn damage(folder: &Path) -> Newest {
     found
 }
 
-/// Returns the ages of the existing files.
+/// Returns the ages of the existing journal files; age 0 is the newest file.
 fn ages(folder: &Path) -> Vec<usize> {
     let is_there = |age: &usize| fs::symlink_metadata(journal_file_path(folder, *age)).is_ok();
     (0..FILES_MAX).filter(is_there).collect()
 }
 
-/// Opens all files of a journal, oldest first, as they are at one moment, because a runtime may be renaming
-/// them.
+/// Opens all files of a journal, oldest first, as they are at one moment. A runtime may rename files
+/// meanwhile; then all files are opened again.
 ///
 /// # Errors
 /// Returns an error if the folder does not exist.

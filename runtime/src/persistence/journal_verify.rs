@@ -8,7 +8,7 @@ use serde_json::Value;
 use super::chain::{Anchor, AnchorRead, ChainMark, Ending, Hash, ParsedJournalLine, entry};
 use super::journal_reader::{LineLocation, OpenedJournalFile, TRIES_MAX, open, read_lines};
 
-/// Maximum number of breaks that are listed; further ones are counted.
+/// Maximum number of breaks that are listed; further breaks are only counted.
 const BREAKS_MAX: usize = 100;
 
 /// Advice for lines that differ from those written.
@@ -17,9 +17,9 @@ const COMPARE: &str = "compare with a copy of the journal, and find out who coul
 /// Result of verifying the chain of a journal.
 #[derive(Debug, Default)]
 pub struct ChainVerification {
-    /// Lines of the chain.
+    /// Number of chained lines.
     pub chained: u64,
-    /// Lines before the chain, of versions without a chain.
+    /// Number of lines before the chain, from versions without a chain.
     pub not_chained: u64,
     /// Time of the first line.
     pub first: Option<String>,
@@ -27,7 +27,7 @@ pub struct ChainVerification {
     pub last: Option<String>,
     /// Locations where the chain is broken.
     pub breaks: Vec<Break>,
-    /// Number of further breaks.
+    /// Number of breaks that are not listed.
     pub more: u64,
     /// Notes that do not describe a break.
     pub notes: Vec<String>,
@@ -40,16 +40,16 @@ pub struct ChainVerification {
 pub struct Break {
     /// The file, or the folder if no single file is concerned.
     pub path: PathBuf,
-    /// The line, from 1; `None` for the file as a whole.
+    /// Line number, from 1; `None` if the break concerns the file as a whole.
     pub line: Option<u64>,
-    /// The fault.
+    /// Description of the fault.
     pub what: String,
-    /// Action to take.
+    /// Advice for the user.
     pub advice: &'static str,
 }
 
-/// Verifies the chain of the journal in a folder. `noted`: the hash of a line that must be in it, or at least its first
-/// 16 digits.
+/// Verifies the chain of the journal in a folder. `noted` is the hash of a line that must be in the journal,
+/// or at least the first 16 digits of that hash.
 ///
 /// # Errors
 /// Returns an error if the folder does not exist.
@@ -82,12 +82,12 @@ pub fn verify(folder: &Path, noted: Option<&str>) -> io::Result<ChainVerificatio
     Ok(walk.found)
 }
 
-/// The files of a journal and its anchor; a runtime may be writing them.
+/// The opened files of a journal and its anchor; a runtime may be writing the files.
 struct Snapshot {
-    /// Read before the files were opened: they must contain its line.
+    /// Anchor, read before the files were opened: the files must contain the anchor's line.
     anchor: AnchorRead,
-    /// Number of the oldest file that must exist, read after the files were opened: rotation may have removed others in
-    /// the meantime.
+    /// Number of the oldest file that must exist. It is read after the files were opened, because rotation
+    /// may have removed files in the meantime.
     first: Option<u64>,
     files: Vec<OpenedJournalFile>,
 }
@@ -109,7 +109,7 @@ impl Snapshot {
 }
 
 impl ChainVerification {
-    /// Returns true if there is a chain and it has no break.
+    /// Returns true if the journal has a chain without breaks.
     pub fn is_whole(&self) -> bool {
         self.breaks.is_empty() && self.chained > 0
     }
@@ -123,24 +123,24 @@ impl ChainVerification {
     }
 }
 
-/// The expected predecessor of the next line.
+/// The expected predecessor of the next line in the chain.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Predecessor {
-    /// No line of the chain was read yet.
+    /// No chained line was read yet.
     Nothing,
     Line(Hash),
-    /// A damaged line.
+    /// The predecessor is a damaged line, so its hash is unknown.
     Unknown,
 }
 
-/// The pass over all lines.
+/// State of the pass over all lines.
 struct Walk {
     anchor: Option<Anchor>,
     /// Number of the oldest file that must exist.
     first: Option<u64>,
     noted: Option<String>,
     before: Predecessor,
-    /// Number of the file.
+    /// Number of the file that is being read.
     file: Option<u64>,
     at: LineLocation,
     has_anchored: bool,
@@ -205,7 +205,7 @@ impl Walk {
         self.has_noted |= self.noted.as_ref().is_some_and(is_noted);
     }
 
-    /// Processes the beginning of a file or of the chain.
+    /// Processes a line that marks the beginning of a file or of the chain.
     fn mark(&mut self, mark: &ChainMark) {
         let why = mark.why.as_deref().unwrap_or("there was no journal");
         let is_first = self.before == Predecessor::Nothing;

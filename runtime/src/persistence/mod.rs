@@ -1,14 +1,14 @@
-//! Everything that outlives the runtime: variables, tools, work offsets, the tool in the spindle, the state of the last
-//! run, and the journal.
+//! Data that survive the end of the runtime: variables, tools, work offsets, the tool in the spindle, the
+//! state of the last run, and the journal.
 //!
-//! All but the journal is in one file of an embedded store (`store`), changed by whole transactions, so that a kill or
-//! a power cut at any moment leaves the state before or after one of them. Each value has a checksum
-//! (`record`), and a file next to the store has the checksums of all (`sums`). A value is trusted if both
-//! agree, or if the store as a whole is intact (module `inspected_store`). All other values are lost and treated as
-//! missing until a person writes them again. A separate thread (`state_writer`) looks for changes and writes
-//! them: neither motion nor the handshake waits for a disk. The journal consists of lines in files of bounded
-//! size (`journal_folder`), written by another thread (`journal_file`). NC programs are files of their own,
-//! see `program_store`.
+//! All data except the journal are in one file of an embedded store (`store`). Only whole transactions change
+//! the file, so after a kill or a power cut it contains the state before or after a transaction. Each value
+//! has a checksum (`record`), and the file `sums` next to the store contains the checksums of all values. A
+//! value is trusted if both checksums agree, or if the store as a whole is intact (module `inspected_store`).
+//! All other values are lost: the runtime treats them as missing until a person writes them again. A separate
+//! thread (`state_writer`) finds changes and writes them, so neither motion nor the handshake waits for a
+//! disk. Another thread (`journal_file`) writes the lines of the journal into files of bounded size
+//! (`journal_folder`). NC programs are separate files, see `program_store`.
 
 mod ahead;
 pub(crate) mod chain;

@@ -1,4 +1,4 @@
-//! Positions of the motors, which simulated drives keep across restarts.
+//! Motor positions that simulated drives keep across restarts.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,7 +9,7 @@ use tandem_model::{Axis, MachinePosition};
 use super::image::Image;
 use crate::tables::{KeptValues, LOST_VALUE, keep, value_key};
 
-/// Name of the stored positions of a coordinate system.
+/// First part of the name of a coordinate system's stored positions.
 pub(crate) const POSITION: &str = "position";
 
 /// Machine position by motor number.
@@ -18,20 +18,20 @@ pub(crate) type MotorPositions = BTreeMap<u16, f64>;
 /// Rest positions of coordinate systems.
 pub(crate) type RestPositions = BTreeMap<CoordinateSystemNumber, MotorPositions>;
 
-/// Motors of a coordinate system with their axes.
+/// Returns the motors of a coordinate system, each with its axis.
 fn motors(settings: &CoordinateSystemSettings) -> impl Iterator<Item = (Axis, u16)> {
     let all = Axis::ALL.into_iter().zip(&settings.motors);
     all.filter_map(|(axis, motor)| Some((axis, motor.as_ref()?.number)))
 }
 
-/// Returns the positions to store, from one servo cycle.
+/// Returns the motor positions to store, from the machine position in one servo cycle.
 pub(crate) fn positions(settings: &CoordinateSystemSettings, at: MachinePosition) -> MotorPositions {
     motors(settings)
         .map(|(axis, motor)| (motor, at.0[axis]))
         .collect()
 }
 
-/// Known positions of a machine.
+/// Stored motor positions of a machine.
 #[derive(Debug, Default)]
 pub(crate) struct KeptPositions {
     by_motor: MotorPositions,
@@ -39,7 +39,8 @@ pub(crate) struct KeptPositions {
 }
 
 impl KeptPositions {
-    /// Combines stored positions with newer rest positions. A motor may have been in another coordinate system then.
+    /// Combines stored positions with newer rest positions. A motor keeps its position if the configuration
+    /// has moved it to another coordinate system since.
     pub fn new(image: &Image, rests: &RestPositions) -> Self {
         let mut kept = Self::default();
         let newer = rest_positions(image, rests);
@@ -72,7 +73,8 @@ impl KeptPositions {
         }
     }
 
-    /// Describes motors outside their soft limits, which have changed since.
+    /// Describes the motors whose position is outside their soft limits, because the limits have changed
+    /// since.
     pub fn outside(&self, settings: &CoordinateSystemSettings) -> Vec<String> {
         let motors = motors(settings).zip(settings.motors.iter().flatten());
         let outside = motors.filter_map(|((axis, number), motor)| {
@@ -87,7 +89,8 @@ impl KeptPositions {
     }
 }
 
-/// Returns rest positions that the lagging store does not contain yet. Lost positions stay lost.
+/// Returns rest positions that are newer than the store, which lags. A position that the store marks as lost
+/// stays lost.
 pub(crate) fn rest_positions(image: &Image, rests: &RestPositions) -> KeptValues {
     let mut values = KeptValues::new();
     for (cs, positions) in rests {
@@ -148,7 +151,7 @@ mod tests {
             started(&image, 1, [7, 8]),
             [(1.0 / 3.0, true), (0.1 + 1.0 / 3.0, true)]
         );
-        // motor 8 is in another coordinate system now, and motor 9 is new
+        // Motor 8 was in coordinate system 1 before; motor 9 is new.
         assert_eq!(started(&image, 2, [8, 9]), [(0.1 + 1.0 / 3.0, true), (0.0, true)]);
     }
 

@@ -1,10 +1,11 @@
-//! A kept value as bytes: its name, its content and a checksum of both, so that a record is never mistaken for another one,
-//! and a damaged record is recognized.
+//! A stored value as bytes: its name, its content, and a checksum over both. The checksum detects damage, and
+//! the name prevents confusion with another record.
 
 use redb::TableDefinition;
 use sha2::{Digest as _, Sha256};
 
-/// Records by name (`record`): values as [`Image`] names them, and the number of the last change.
+/// Table of records by name: the values of an [`Image`] under their names there, and the number of the last
+/// change.
 pub(super) const RECORDS: TableDefinition<'_, &str, &[u8]> = TableDefinition::new("records");
 
 /// Name of the record with the number of the last change.
@@ -13,17 +14,17 @@ pub(super) const CHANGE: &str = "change";
 /// Name of the record with the seal of the last change.
 pub(super) const SEAL: &str = "seal";
 
-/// The tables of versions before 0.2, without checksums: pages of variables, and values.
+/// Tables of versions before 0.2, without checksums: one for pages of variables, one for values.
 pub(super) const OLD_VARIABLES: TableDefinition<'_, (u8, u16), &[u8]> = TableDefinition::new("variables");
 pub(super) const OLD_VALUES: TableDefinition<'_, &str, &[u8]> = TableDefinition::new("values");
 
-/// Bytes of the store's cache. Reason: all stored values fit.
+/// Size of the store's cache, in bytes. Reason: all stored values fit into it.
 pub(super) const CACHE_BYTES: usize = 4 << 20;
 
-/// First bytes of a record. Reason: they allow records to be found in a file whose structure is damaged.
+/// First bytes of a record. Reason: they allow the runtime to find records in a file with damaged structure.
 const MAGIC: [u8; 8] = *b"\xf7tandem\x01";
 
-/// Bytes of the checksum of a record.
+/// Length of a record's checksum, in bytes.
 const SUM_BYTES: usize = 8;
 
 /// Maximum sizes of a name and of its content, bytes.
@@ -40,12 +41,12 @@ fn checksum_record(name: &str, payload: &[u8]) -> [u8; SUM_BYTES] {
     sum
 }
 
-/// Returns the checksum of a record, in hexadecimal digits.
+/// Returns the checksum of a record as hexadecimal digits.
 pub(super) fn record_checksum_hex(name: &str, payload: &[u8]) -> String {
     hex::encode(checksum_record(name, payload))
 }
 
-/// Returns the bytes of a record.
+/// Returns the bytes of a record with this name and content.
 pub(super) fn write(name: &str, payload: &[u8]) -> Vec<u8> {
     let mut bytes = MAGIC.to_vec();
     bytes.extend((name.len() as u64).to_le_bytes());
@@ -56,7 +57,7 @@ pub(super) fn write(name: &str, payload: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Reads the record at the beginning of the bytes: its name, its content and its length.
+/// Parses the record at the beginning of `bytes`; returns its name, its content and its length in bytes.
 fn parse_record(bytes: &[u8]) -> Option<(&str, &[u8], usize)> {
     let rest = bytes.strip_prefix(&MAGIC)?;
     let (name_len, rest) = rest.split_first_chunk::<8>()?;
@@ -74,13 +75,13 @@ fn parse_record(bytes: &[u8]) -> Option<(&str, &[u8], usize)> {
     is_whole.then_some((name, payload, length))
 }
 
-/// Returns the content of a record; `None` if the record is damaged or has another name.
+/// Returns the content of a record; `None` if the record is damaged or its name is not `name`.
 pub(super) fn read<'a>(name: &str, bytes: &'a [u8]) -> Option<&'a [u8]> {
     let (found, payload, length) = parse_record(bytes)?;
     (found == name && length == bytes.len()).then_some(payload)
 }
 
-/// Returns all intact records in the bytes, at any position.
+/// Finds all intact records in `bytes`, at any offset; returns their names and contents.
 pub(super) fn scan(bytes: &[u8]) -> Vec<(&str, &[u8])> {
     let (mut found, mut at) = (Vec::new(), 0);
     while let Some(rest) = bytes.get(at..) {

@@ -1,9 +1,9 @@
-//! Completes the stored state of a run from the journal, which lags less than the store.
+//! Updates the stored state of a run from the journal, which lags less than the store.
 //!
-//! The process may be killed after an output was made and before the state writer has stored it. The journal lines since
-//! then report the output, so that the operator learns of every M code on which a handler may have begun to work. Lines
-//! and stored states are ordered by line numbers, which increase across all starts of the runtime; the wall clock is not
-//! used.
+//! The process may be killed after it issued an output and before the state writer stored it. The journal
+//! lines written since then report the output. So the operator learns of every M code on which a handler may
+//! have begun to work. Line numbers, which increase across all starts of the runtime, order lines and stored
+//! states; the wall clock is not used.
 
 use plc_api::types::data::LastRun;
 use plc_api::types::output::{OutputState, PendingOutput, Timing};
@@ -18,11 +18,12 @@ use crate::disk::number;
 use crate::journal::{Event, Line};
 use crate::tables::{keep, value_key};
 
-/// Number of newest journal lines that are read. Reason: eight coordinate systems with 200 M codes per second write fewer
-/// lines in the time by which the store may lag.
+/// Number of newest journal lines that are read. Reason: while the store lags, eight coordinate systems with
+/// 200 M codes per second each write fewer lines.
 pub(crate) const REPLAYED_LINES_MAX: usize = 4096;
 
-/// Updates the last runs from the newest journal lines, and returns those that are not stored yet.
+/// Updates the last runs from the newest journal lines, and returns the runs that the store does not contain
+/// yet.
 pub(crate) fn replay_last_runs(
     systems: impl Iterator<Item = CoordinateSystemNumber>,
     last_runs: &mut LastRuns,
@@ -43,12 +44,12 @@ pub(crate) fn replay_last_runs(
     change
 }
 
-/// Returns the last run of a coordinate system: the stored one, updated by these lines of the journal.
+/// Returns the last run of a coordinate system: the stored run, updated by the journal lines.
 fn replay(cs: CoordinateSystemNumber, kept: Option<&KeptRun>, journal: &[Value]) -> Option<LastRun> {
     let mut run = kept.map(|kept| kept.run.clone());
     let kept_line = kept.map_or(0, |kept| kept.line);
     for written in journal.iter().filter(|line| number(line) > kept_line) {
-        // Lines unknown to this version are skipped.
+        // Skips lines of a form that this version does not know.
         let of_cs = Line::from_json(written).filter(|line| line.cs == cs);
         let ts = Timestamp::deserialize(&written["ts"]);
         let (Some(line), Ok(ts), Ok(boot_id)) = (of_cs, ts, BootId::deserialize(&written["boot_id"])) else {
@@ -56,7 +57,7 @@ fn replay(cs: CoordinateSystemNumber, kept: Option<&KeptRun>, journal: &[Value])
         };
         let of_run = match &line.event {
             Event::Start { program, run_id, .. } => Some((run_id.clone(), Some(*program))),
-            // its start may have been lost
+            // An output begins a run, because the line of the run's start may be lost.
             Event::Output(output) => Some((output.run_id.clone(), None)),
             _ => None,
         };
@@ -66,7 +67,7 @@ fn replay(cs: CoordinateSystemNumber, kept: Option<&KeptRun>, journal: &[Value])
             run = Some(start_run(boot_id.clone(), run_id, program, ts.clone()));
         }
         if let Some(run) = run.as_mut().filter(|run| run.boot_id == boot_id) {
-            // resets whose lines were lost
+            // Removes outputs whose reset lines were lost.
             if let Ok(still_open) = Vec::<u64>::deserialize(&written[OPEN]) {
                 run.outputs.retain(|open| still_open.contains(&open.output.seq));
             }
@@ -76,7 +77,8 @@ fn replay(cs: CoordinateSystemNumber, kept: Option<&KeptRun>, journal: &[Value])
     run.map(waiting)
 }
 
-/// Sets a run that waits for an output to WAIT: its state may have been stored shortly before the wait.
+/// Sets a run with pending outputs to WAIT, because its state may have been stored shortly before the wait
+/// began.
 fn waiting(mut run: LastRun) -> LastRun {
     let awaited = |open: &&PendingOutput| open.output.timing == Timing::AfterMotion;
     if run.execution == Execution::Active
@@ -88,7 +90,7 @@ fn waiting(mut run: LastRun) -> LastRun {
     run
 }
 
-/// Creates a run at its start.
+/// Creates the state of a run at its start.
 fn start_run(boot_id: BootId, run_id: String, program: Option<u16>, at: Timestamp) -> LastRun {
     LastRun {
         boot_id,
@@ -104,7 +106,7 @@ fn start_run(boot_id: BootId, run_id: String, program: Option<u16>, at: Timestam
 
 fn on_event(run: &mut LastRun, event: Event, at: Timestamp) {
     match event {
-        // of the first part, or of a further one
+        // The start of the first part of the run, or of a further part.
         Event::Start { .. } => {
             (run.execution, run.line, run.running) = (Execution::Active, 1, run.program);
             run.outputs.clear();
@@ -181,7 +183,7 @@ mod tests {
         line(second, "output", fields)
     }
 
-    /// Returns the boot and the start of run 1-1 in second 1, and the lines after them.
+    /// Returns the lines of the boot and the start of run 1-1 in second 1, followed by `after`.
     fn journal(after: &[Value]) -> Vec<Value> {
         let begin = [
             line(1, "boot", json!({"boot_id": BOOT, "version": "0.1.0"})),
@@ -190,7 +192,7 @@ mod tests {
         [&begin[..], after].concat()
     }
 
-    /// Returns the run as stored after the line of a second.
+    /// Returns the run as the store contains it after the line of this second.
     fn kept(second: u32) -> KeptRun {
         let run = replay(1, None, &journal(&[])).unwrap();
         KeptRun {

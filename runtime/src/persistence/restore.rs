@@ -1,9 +1,10 @@
-//! The stored values are merged with the configuration when the runtime starts.
+//! Merges the stored values with the configuration when the runtime starts.
 //!
-//! Variables and the tool in the spindle are restored as stored. For each tool and work offset, the newer of the stored
-//! and the configured value is used: the store also holds the value that was configured at the time of writing. If the
-//! configuration differs from that, it was edited later and takes precedence; otherwise the stored value is restored.
-//! Lost values are restored as lost.
+//! Variables and the tool in the spindle are restored as stored. For each tool and work offset, the newer of
+//! the stored and the configured value is used. To find it, the store also holds the value that was
+//! configured when the store was written. If the current configuration differs from that value, a person has
+//! edited it later, and it takes precedence. Otherwise the stored value is restored. Lost values are restored
+//! as lost.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -21,21 +22,21 @@ use crate::tables::{
     KeptOffset, KeptValues, LOST_VALUE, StoredSetting, Tables, keep, tool_key, value_key, work_offset_key,
 };
 
-/// Stored data that belongs to no table.
+/// Restored data that does not belong to the tables of variables, tools and offsets.
 #[derive(Debug, Default)]
 pub(crate) struct RestoredState {
     /// Tool in the spindle by coordinate system; `None` if it is lost.
     pub tools_in_spindle: BTreeMap<CoordinateSystemNumber, Option<u16>>,
-    /// The last runs, of an earlier start of the runtime.
+    /// The last run of each coordinate system, from an earlier start of the runtime.
     pub last_runs: LastRuns,
     /// Coordinate systems whose last run is lost.
     pub lost_runs: BTreeSet<CoordinateSystemNumber>,
     pub runs: KeptRuns,
-    /// Last values of plant outputs that start with their last value; `None` if the value is lost.
+    /// Last values of the plant outputs that are configured to start with them; `None` if a value is lost.
     pub outputs: BTreeMap<IoPoint, Option<IoValue>>,
 }
 
-/// Beginning of the names of last values of outputs.
+/// Prefix of the names of stored output values.
 const OUTPUT_KEYS: &str = "io/out/";
 
 /// Result of reading a stored value.
@@ -45,7 +46,7 @@ enum StoredReading<T> {
     Value(T),
 }
 
-/// Fills the tables, which hold the configured values, with the stored values.
+/// Replaces the configured values in the tables by the stored values that take precedence.
 pub(crate) fn restore(tables: &Tables, image: &Image) -> RestoredState {
     let mut restored = RestoredState::default();
     for ((area, place), page) in &image.pages {
@@ -77,7 +78,7 @@ pub(crate) fn restore(tables: &Tables, image: &Image) -> RestoredState {
     restored
 }
 
-/// Returns the last values of the outputs that start with their last value.
+/// Returns the last values of the plant outputs that are configured to start with them.
 pub(crate) fn restore_outputs(io: &IoDeclarations, image: &Image) -> BTreeMap<IoPoint, Option<IoValue>> {
     let points = io.points().map(|(point, _)| point);
     let kept = points.filter(|point| io.keeps_last(point)).filter_map(|point| {
@@ -91,8 +92,8 @@ pub(crate) fn restore_outputs(io: &IoDeclarations, image: &Image) -> BTreeMap<Io
     kept.collect()
 }
 
-/// Deletes the last values of outputs that do not start with them, so that a later configuration does not find an
-/// outdated value.
+/// Deletes stored values of outputs that are not configured to start with them. Otherwise a later
+/// configuration could restore an outdated value.
 pub(crate) fn forget_outputs(io: &IoDeclarations, image: &Image) -> KeptValues {
     let names = image.values.keys().filter(|name| name.starts_with(OUTPUT_KEYS));
     let kept: BTreeSet<_> = io.points().map(|(point, _)| point).collect();
@@ -106,7 +107,7 @@ pub(crate) fn forget_outputs(io: &IoDeclarations, image: &Image) -> KeptValues {
     forgotten
 }
 
-/// Restores the runs. A damaged run is only omitted from the history.
+/// Restores the runs. A damaged run is omitted from the history; the other runs are restored.
 fn restore_runs(tables: &Tables, image: &Image) -> KeptRuns {
     let value = |key: &str| match read(image, key) {
         StoredReading::Value(kept) => Some(kept),
@@ -128,7 +129,8 @@ fn restore_runs(tables: &Tables, image: &Image) -> KeptRuns {
     let lines = match read::<LinesIncluded>(image, RUN_LINES_KEY) {
         StoredReading::Value(lines) => lines,
         StoredReading::Never if !image.has(PRODUCTION_KEY) => LinesIncluded::new(),
-        // the included lines are unknown: nothing is counted twice
+        // It is unknown which journal lines the counters include. No line is added, because it could count
+        // twice.
         StoredReading::Never | StoredReading::Lost => {
             tables.coordinate_systems().map(|cs| (cs, u64::MAX)).collect()
         }
@@ -213,7 +215,8 @@ fn read<T: DeserializeOwned>(image: &Image, key: &str) -> StoredReading<T> {
     }
 }
 
-/// Returns the newer of the stored and the configured value.
+/// Returns the newer of the stored and the configured value; `configured_then` was configured when the store
+/// was written.
 fn newer<V: PartialEq + Copy>(
     configured_then: Option<V>,
     kept: Option<V>,
@@ -231,7 +234,7 @@ fn by_id(table: &ToolTable) -> BTreeMap<u16, ToolData> {
 }
 
 impl Image {
-    /// Takes over a value of a version that kept each table as one value.
+    /// Adds a value of an earlier version, which stored each table as one value.
     pub(super) fn take_old(&mut self, name: &str, bytes: &[u8]) {
         if name == "tools" {
             match serde_json::from_slice::<StoredSetting<ToolTable>>(bytes) {

@@ -1,5 +1,5 @@
-//! Determines where the chain of a journal continues when the journal is opened, or why a new chain begins. No finding
-//! prevents a machine from starting.
+//! Determines where the chain of a journal continues when the runtime opens the journal, or why a new chain
+//! begins. Any result allows the machine to start.
 
 use std::io::{self, BufReader};
 use std::path::Path;
@@ -15,7 +15,7 @@ use crate::disk::{number, open_regular};
 pub(super) struct Head {
     /// Hash of the newest line.
     pub hash: Hash,
-    /// Number of that line.
+    /// Number of the newest line.
     pub n: u64,
     /// Number of the newest file.
     pub file: u64,
@@ -39,9 +39,9 @@ impl Head {
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct ChainContinuation {
     pub head: Head,
-    /// The line with which the file or the chain begins; `None` if the file continues.
+    /// The line that begins the file or the chain; `None` if the file continues.
     pub mark: Option<ChainMark>,
-    /// Previously written lines may be missing.
+    /// True if lines that were written earlier may be missing.
     pub may_lack_lines: bool,
 }
 
@@ -54,12 +54,12 @@ enum Last {
     Damaged,
 }
 
-/// Chain data of a file.
+/// Data of the chain in one file.
 struct Scan {
     last: Last,
     /// Number of the journal file.
     file: Option<u64>,
-    /// The file contains the searched line.
+    /// True if the file contains the line that the caller searches for.
     has_sought: bool,
 }
 
@@ -91,7 +91,7 @@ impl Scan {
     }
 }
 
-/// Finds the end of the chain in a folder; `is_cut`: its last line was incomplete, and is removed.
+/// Finds the end of the chain in a folder. `is_cut`: the last line was incomplete and has been removed.
 ///
 /// # Errors
 /// Returns an error if the newest file cannot be read.
@@ -100,7 +100,7 @@ pub(super) fn resume(folder: &Path, is_cut: bool) -> io::Result<ChainContinuatio
     let anchor = read.there();
     let sought = anchor.map(|anchor| anchor.hash);
     let newest = Scan::from_file(&journal_file_path(folder, 0), sought)?;
-    // an unreadable older file is ignored
+    // If an older file cannot be read, it is treated as damaged.
     let older = Scan::from_file(&journal_file_path(folder, 1), sought).unwrap_or(Scan {
         last: Last::Damaged,
         file: None,
@@ -139,7 +139,8 @@ pub(super) fn resume(folder: &Path, is_cut: bool) -> io::Result<ChainContinuatio
             why: None,
         }),
     };
-    // a kill may cut the last line short, and earlier versions wrote no chain
+    // If a kill cut the last line short, or an earlier version without a chain wrote it, no complete line is
+    // missing.
     let may_lack_lines = !is_cut
         && !matches!((last, &read), (Last::Unlinked, AnchorRead::Missing))
         && mark.as_ref().is_some_and(|mark| mark.why.is_some());

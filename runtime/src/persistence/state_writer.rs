@@ -1,4 +1,5 @@
-//! The thread that stores changes: it looks for them every [`INTERVAL`], and at once for a caller that waits.
+//! The thread that stores changed values: it checks for changes every [`INTERVAL`], and immediately if a
+//! caller waits.
 
 use std::io;
 use std::path::PathBuf;
@@ -30,19 +31,22 @@ use crate::runs::RunBook;
 use crate::tables::{KeptValues, Tables, keep, value_key};
 use crate::threads::{self, Thread};
 
-/// Time between two checks. Reason: half of the 100 ms by which the store may lag; the other half is for the disk.
+/// Time between two checks. Reason: the store may lag by 100 ms; one half is for the check, the other for the
+/// disk.
 const INTERVAL: Duration = Duration::from_millis(50);
 
-/// Time between two generations. Reason: values restored from one are at most this old, and no disk is strained.
+/// Time between two generations, s. Reason: restored values are at most this old, and the disk load stays
+/// low.
 const GENERATION_S: f64 = 600.0;
 
-/// A commit that ends later than this after the previous look is logged.
+/// Maximum time from the previous check to the end of a commit, s; a later end is logged.
 const BEHIND_MAX_S: f64 = 0.1;
 
 type Done = oneshot::Sender<Result<(), String>>;
 
 enum StateWriterMessage {
-    /// Values to be written together with all changes, and the waiting caller.
+    /// Values to write in the same commit as all changes, and the channel for the result to the waiting
+    /// caller.
     Write(KeptValues, Done),
     Close,
 }
@@ -51,16 +55,16 @@ enum StateWriterMessage {
 #[derive(Debug, Clone)]
 pub(crate) struct StateWriter {
     messages: Sender<StateWriterMessage>,
-    /// In a simulated world the thread is a task, which works at once.
+    /// In a simulated world the thread is a task; callers run its rounds immediately.
     #[cfg(test)]
     rounds: Option<threads::Rounds>,
 }
 
 impl StateWriter {
-    /// Writes values; they are on disk when this returns. It blocks its thread.
+    /// Writes values and blocks the calling thread. The values are on disk when this function returns.
     ///
     /// # Errors
-    /// Returns an error with the reason if the disk operation fails.
+    /// Returns the reason as text if the disk operation fails.
     pub fn write(&self, values: KeptValues) -> Result<(), String> {
         let written = self.send(values);
         #[cfg(test)]
@@ -74,14 +78,14 @@ impl StateWriter {
     /// Waits until all earlier changes are on disk.
     ///
     /// # Errors
-    /// Returns an error with a description if the disk operation fails.
+    /// Returns a description if the disk operation fails.
     pub async fn flush(&self) -> Result<(), String> {
         self.send(KeptValues::new()).await.unwrap_or_else(stopping)
     }
 
     fn send(&self, values: KeptValues) -> oneshot::Receiver<Result<(), String>> {
         let (done, written) = oneshot::channel();
-        // A closed thread drops the message, and with it `done`.
+        // If the thread has ended, the message is dropped, and `done` with it.
         let _ = self.messages.send(StateWriterMessage::Write(values, done));
         #[cfg(test)]
         if let Some(rounds) = &self.rounds {
@@ -95,7 +99,7 @@ fn stopping(_: RecvError) -> Result<(), String> {
     Err("the runtime is stopping".to_owned())
 }
 
-/// The thread. Dropping it writes the remaining changes and ends it.
+/// The state writer thread. Dropping this value writes the remaining changes and ends the thread.
 #[derive(Debug)]
 pub(crate) struct StateWriterThread {
     writer: StateWriter,
@@ -103,11 +107,11 @@ pub(crate) struct StateWriterThread {
 }
 
 impl StateWriterThread {
-    /// Starts the thread for the store of a folder, with `kept` as its content; `store` is `None` if the disk
+    /// Starts the thread for the store of a folder, whose content is `kept`; `store` is `None` if the disk
     /// has failed.
     ///
     /// # Errors
-    /// Returns an error if the operating system provides no thread.
+    /// Returns an error if the operating system cannot create a thread.
     pub fn start(folder: PathBuf, store: Option<Store>, kept: Image, source: Source) -> io::Result<Self> {
         let (messages, inbox) = channel();
         let supervisor = source.health.supervisor.clone();
@@ -141,7 +145,7 @@ impl StateWriterThread {
 
 impl Drop for StateWriterThread {
     fn drop(&mut self) {
-        // A thread that has already ended is joined, too.
+        // Also joins a thread that has already ended.
         let _ = self.writer.messages.send(StateWriterMessage::Close);
         if let Some(thread) = self.thread.take() {
             thread.join();
@@ -158,7 +162,7 @@ pub(crate) struct Source {
     pub hub: Hub,
     pub views: Vec<(CoordinateSystemNumber, Arc<View>)>,
     pub settings: Vec<CoordinateSystemSettings>,
-    /// As stored.
+    /// Last runs as the store contains them.
     pub last_runs: LastRuns,
     pub health: Arc<Health>,
     pub runs: Arc<Mutex<RunBook>>,
@@ -166,7 +170,7 @@ pub(crate) struct Source {
 }
 
 impl Source {
-    /// The values that differ from the stored ones. `last_runs` are the current ones.
+    /// Returns the values that differ from the stored ones, and updates `last_runs` to the current runs.
     fn changes(&self, kept: &Image, last_runs: &mut LastRuns) -> Image {
         let mut change = Image::default();
         let tables = &self.tables;
@@ -178,7 +182,8 @@ impl Source {
             }
         }
         for (cs, view) in &self.views {
-            // Before the check: later lines may be missing here, since a line is written before it is published.
+            // The line number is read before the run, so the run includes at least the lines up to this
+            // number.
             let line = view.published_line();
             if let Some(run) = self.last_run(*cs, view, last_runs.get(cs).map(|kept| &kept.run)) {
                 let last_run = KeptRun { run, line };
@@ -201,7 +206,8 @@ impl Source {
         change
     }
 
-    /// Adds running runs, and runs that have ended since the last check: the newest that are not stored.
+    /// Adds active runs, and runs that have ended since the last check. Of the latter, only the newest that
+    /// are not stored are added.
     fn changed_runs(&self, kept: &Image, all: &mut Image) {
         let runs = self.runs.lock();
         let mut change = Image::default();
@@ -223,7 +229,7 @@ impl Source {
             keep(&mut change.values, PRODUCTION_KEY.to_owned(), &production);
         }
         let mut change = change.beyond(kept);
-        // in the same change: the journal lines that these values include
+        // The same commit stores the numbers of the journal lines that these values include.
         if !change.is_empty() {
             keep(&mut change.values, RUN_LINES_KEY.to_owned(), runs.lines());
         }
@@ -235,7 +241,7 @@ impl Source {
         Some(message.payload.clone())
     }
 
-    /// Returns the state of the run of this boot, if it has changed.
+    /// Returns the state of the last run in this boot, if it has changed.
     fn last_run(&self, cs: CoordinateSystemNumber, view: &View, before: Option<&LastRun>) -> Option<LastRun> {
         let at = Timestamp::from_system_time(self.clock.wall());
         let Some(Payload::State(state)) = self.payload(cs, CsTopic::State) else {
@@ -245,7 +251,7 @@ impl Source {
             return before.and_then(|before| taken_over(before, state.reason));
         };
         let outputs = match self.payload(cs, CsTopic::Pending) {
-            // an instance belongs to a process, and is meaningless in another boot
+            // An instance belongs to a process and has no meaning in another boot.
             Some(Payload::Pending(pending)) => (pending.outputs.into_iter())
                 .map(|output| PendingOutput {
                     instance: None,
@@ -274,8 +280,8 @@ impl Source {
     }
 }
 
-/// Marks a run that an earlier end of the runtime cut short as seen after an operator has loaded a program or
-/// reset: it is no longer reported.
+/// Returns an interrupted run of an earlier start as stopped, after an operator has loaded a program or
+/// reset. The runtime then no longer reports the run as interrupted.
 fn taken_over(before: &LastRun, reason: Option<Reason>) -> Option<LastRun> {
     let is_new = before.is_under_way() && reason != Some(Reason::Restarted);
     is_new.then(|| LastRun {
@@ -295,32 +301,32 @@ fn changed_pages(area: u8, array: &VariableArray, kept: &Image, change: &mut Ima
     }
 }
 
-/// Lag of the store. The next look finds a change, and the change is on disk when the commit of that look has
-/// ended. If commits take at most [`INTERVAL`], the lag is at most twice the interval.
+/// Measures the lag of the store. A check finds each change, and the end of that check's commit puts the
+/// change on disk. If commits take at most [`INTERVAL`], the lag is at most twice the interval.
 #[derive(Debug, Default)]
 struct Pace {
     looked_s: Option<f64>,
 }
 
 impl Pace {
-    /// Returns the time until the next look, which is due [`INTERVAL`] after the last one.
+    /// Returns the time until the next check, which is due [`INTERVAL`] after the last one.
     fn wait(&self, now_s: f64) -> Duration {
         let since_s = self.looked_s.map_or(0.0, |looked_s| now_s - looked_s);
         INTERVAL.saturating_sub(Duration::from_secs_f64(since_s.max(0.0)))
     }
 
-    /// Records a look whose commit has ended, and returns the maximum age of its oldest change, seconds.
+    /// Records a check whose commit has ended, and returns the maximum age of its oldest change, s.
     fn on_commit(&mut self, looked_s: f64, ended_s: f64) -> f64 {
         let before_s = self.looked_s.replace(looked_s).unwrap_or(looked_s);
         ended_s - before_s
     }
 }
 
-/// Times at which the last good generation is written: after the start, at the end, and in between if
-/// something has changed.
+/// Decides when the last good generation is written: after the start, at the end of the runtime, and every
+/// [`GENERATION_S`] seconds if values have changed.
 #[derive(Debug, Default)]
 struct GenerationPace {
-    /// Time of the last writing, and the number of the last change at that time.
+    /// Time of the last write, and the number of the newest change at that time.
     written: Option<(f64, u64)>,
 }
 
@@ -333,7 +339,7 @@ impl GenerationPace {
 
 struct StateWriterWork {
     folder: PathBuf,
-    /// `None` after a failure, until the store is open again.
+    /// Open store; `None` from a failure until the store is opened again.
     store: Option<Store>,
     generation: GenerationPace,
     kept: Image,
@@ -350,7 +356,7 @@ impl threads::Work for StateWriterWork {
 
     fn round(&mut self, mut patience: Duration) -> bool {
         let (mut values, mut waiting, mut open) = (KeptValues::new(), Vec::new(), true);
-        // All values received in the meantime are written by the same commit.
+        // The same commit writes all values that callers have sent in the meantime.
         while open {
             match self.inbox.recv_timeout(std::mem::take(&mut patience)) {
                 Ok(StateWriterMessage::Write(more, done)) => {
@@ -364,7 +370,7 @@ impl threads::Work for StateWriterWork {
         let written = self.turn(values);
         self.keep_generation(!open);
         for done in waiting {
-            // The caller may no longer wait.
+            // The caller may have stopped waiting.
             let _ = done.send(written.clone());
         }
         open
@@ -372,7 +378,7 @@ impl threads::Work for StateWriterWork {
 }
 
 impl StateWriterWork {
-    /// Performs one check, and commits the changes found.
+    /// Performs one check, and commits the given values with the changes found.
     fn turn(&mut self, values: KeptValues) -> Result<(), String> {
         let looked_s = self.source.clock.now_s();
         let mut last_runs = self.last_runs.clone();
@@ -395,7 +401,7 @@ impl StateWriterWork {
 
     fn commit(&mut self, change: &Image) -> io::Result<()> {
         let Some(mut store) = self.store.take() else {
-            // Damage in the meantime is detected here.
+            // This inspection detects damage that occurred since the failure.
             let inspected = inspect_store(&self.folder);
             let (mut store, _) = Store::open(&self.folder, &inspected, &self.source.generations)?;
             let mut all = self.kept.clone();
@@ -413,7 +419,7 @@ impl StateWriterWork {
         Ok(())
     }
 
-    /// Writes the last good generation when it is due. A generation with lost values is not good.
+    /// Writes the last good generation when it is due, unless values are lost.
     fn keep_generation(&mut self, is_closing: bool) {
         let (now_s, last) = (self.source.clock.now_s(), self.store.as_ref().map(Store::last));
         let Some(last) = last.filter(|last| self.generation.is_due(now_s, *last, is_closing)) else {

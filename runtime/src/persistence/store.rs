@@ -1,4 +1,4 @@
-//! The embedded store: one file, changed by whole transactions, and a separate checksum file.
+//! The embedded store: one file, changed only by whole transactions, and a separate checksum file.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -19,7 +19,7 @@ use crate::disk::{
 /// Maximum number of damaged stores kept as evidence; the oldest are removed.
 const EVIDENCE_MAX: usize = 8;
 
-/// An open store. No other process can open it in the meantime.
+/// An open store. While it is open, no other process can open the file.
 #[derive(Debug)]
 pub(crate) struct Store {
     database: Database,
@@ -31,7 +31,7 @@ pub(crate) struct Store {
     generations: Arc<Generations>,
 }
 
-/// Number of a change, and the seal of its record.
+/// Number of a change, and the seal for its record.
 struct ChangeRecord<'a> {
     number: u64,
     generation: u64,
@@ -57,13 +57,14 @@ impl<'a> ChangeRecord<'a> {
 }
 
 impl Store {
-    /// Opens the store of an inspected folder (result in `inspected`). A new store receives its name when it is
-    /// complete, so a kill during its creation leaves no store. A damaged store is moved aside and replaced
-    /// by a new one with the remaining values. Also returns the path of the damaged store.
+    /// Opens the store of a folder that was inspected (result in `inspected`). A new store gets its final
+    /// name only when it is complete, so a kill during its creation leaves no store. A damaged store is moved
+    /// aside, and a new store with the trusted values replaces it. Also returns the path of the damaged
+    /// store.
     ///
     /// # Errors
-    /// Returns an error if another process has it open, or the disk operation fails; in both cases nothing more is
-    /// lost.
+    /// Returns an error if another process has the store open, or the disk operation fails. In both cases no
+    /// further value is lost.
     pub fn open(
         folder: &Path,
         inspected: &InspectedStore,
@@ -94,7 +95,7 @@ impl Store {
             part: StoredPart::Store,
             generations: Arc::clone(generations),
         };
-        // generation of the change in the store: the data on disk are not newer yet
+        // The generation of the last change is used again, because the data on disk have not changed since.
         let (sums_path, generation) = (folder.join(SUMS_FILE), inspected.generation());
         let sums = ChecksumFile::create_at(
             &sums_path,
@@ -111,15 +112,15 @@ impl Store {
             last,
             generations: Arc::clone(generations),
         };
-        // From here on both files have the same number.
+        // From here on the store and the checksum file have the same number.
         store.commit(&Image::default())?;
         Ok((store, aside))
     }
 
-    /// Checks that the file is still the one that was opened.
+    /// Checks that the path still leads to the file that was opened.
     ///
     /// # Errors
-    /// Returns an error if it was removed or replaced.
+    /// Returns an error if the file was removed or replaced.
     pub fn check(&self) -> io::Result<()> {
         self.identity.check(&self.path)?;
         self.sums.check()
@@ -130,7 +131,7 @@ impl Store {
         self.last
     }
 
-    /// Writes a change as a whole; it is on disk when this returns.
+    /// Writes a change as one transaction; the change is on disk when this function returns.
     ///
     /// # Errors
     /// Returns an error if the disk operation fails; the change then has no effect, now and after a restart.
@@ -144,7 +145,8 @@ impl Store {
             .map(|(name, sum)| (name, Some(sum)))
             .collect();
         if let Err(error) = self.sums.add_at(number, of_change.generation, sums) {
-            // undone before the failure is reported: if the process is killed before that, the outcome is unknown
+            // The change is undone before the failure is reported. If the process is killed in between, the
+            // outcome is unknown.
             put_back(&self.database, &before).map_err(|also| {
                 let text = format!("{error}; and the written data could not be undone: {also}");
                 io::Error::new(error.kind(), text)
@@ -156,7 +158,7 @@ impl Store {
     }
 }
 
-/// Records before a change, by name.
+/// Content of records before a change, by name; `None` for a record that did not exist.
 type PreviousRecords = Vec<(String, Option<Vec<u8>>)>;
 
 /// Returns the checksum of each record of an image.
@@ -170,8 +172,8 @@ fn record_checksums(image: &Image) -> BTreeMap<String, String> {
         .collect()
 }
 
-/// Writes an image as one change, and returns the previous content of its names; `None` for a name that did
-/// not exist.
+/// Writes an image as one change. Returns the previous content of each written name, or `None` for a new
+/// name.
 fn write_all(
     database: &Database,
     image: &Image,
@@ -196,7 +198,7 @@ fn write_all(
     Ok(before)
 }
 
-/// Undoes a change.
+/// Restores the records to their content before a change.
 fn put_back(database: &Database, before: &PreviousRecords) -> io::Result<()> {
     let writing = database.begin_write().map_err(io::Error::other)?;
     {
@@ -232,7 +234,7 @@ fn open_database(path: &Path) -> io::Result<Database> {
     })
 }
 
-/// Creates a store of an image under a temporary name.
+/// Creates a store with the values of an image under a temporary name.
 fn unfinished(folder: &Path, image: &Image, of_change: &ChangeRecord<'_>) -> io::Result<PathBuf> {
     let new = folder.join(format!("{STORE_FILE}{UNFINISHED}"));
     match fs::remove_file(&new) {
@@ -243,7 +245,7 @@ fn unfinished(folder: &Path, image: &Image, of_change: &ChangeRecord<'_>) -> io:
     Ok(new)
 }
 
-/// Replaces a damaged store by a new one with the remaining values, and keeps the damaged one aside.
+/// Replaces a damaged store by a new one with the trusted values, and keeps the damaged store as evidence.
 fn replace(folder: &Path, path: &Path, image: &Image, of_change: &ChangeRecord<'_>) -> io::Result<PathBuf> {
     let new = unfinished(folder, image, of_change)?;
     let aside = evidence(folder);
@@ -253,7 +255,7 @@ fn replace(folder: &Path, path: &Path, image: &Image, of_change: &ChangeRecord<'
         tighten(&aside);
         OpenOptions::new().read(true).open(&aside)?.sync_all()?;
     } else if fs::symlink_metadata(path).is_ok() {
-        // a folder, a link or a FIFO
+        // The path is a folder, a link or a FIFO, not a regular file.
         fs::rename(path, &aside)?;
     }
     fs::rename(&new, path)?;
@@ -262,14 +264,14 @@ fn replace(folder: &Path, path: &Path, image: &Image, of_change: &ChangeRecord<'
     Ok(aside)
 }
 
-/// Returns an unused path for a damaged store that is kept as evidence.
+/// Returns an unused path to which a damaged store is moved as evidence.
 fn evidence(folder: &Path) -> PathBuf {
     let named = |number: u32| folder.join(format!("{STORE_FILE}.damaged-{number}"));
     let number = (1..u32::MAX).find(|number| !fs::exists(named(*number)).unwrap_or(true));
     named(number.unwrap_or(u32::MAX))
 }
 
-/// Removes old evidence; files that cannot be removed stay.
+/// Removes the oldest evidence above [`EVIDENCE_MAX`]; files that cannot be removed stay.
 fn remove_old_evidence(folder: &Path) {
     let prefix = format!("{STORE_FILE}.damaged-");
     let number = |entry: fs::DirEntry| -> Option<(u32, PathBuf)> {

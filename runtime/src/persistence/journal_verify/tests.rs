@@ -21,7 +21,7 @@ fn open(folder: &Path, bytes_max: u64) -> Files {
     Files::open(folder, bytes_max, own).unwrap()
 }
 
-/// Writes a journal of `count` lines, in files of about this size, as after an orderly end.
+/// Writes a journal of `count` lines, in files of about `bytes_max` bytes, and ends it in an orderly way.
 fn journal(folder: &Path, count: usize, bytes_max: u64) {
     let mut files = open(folder, bytes_max);
     for n in 0..count {
@@ -48,7 +48,7 @@ fn breaks(folder: &Path) -> Vec<Break> {
     verify(folder, None).unwrap().breaks
 }
 
-/// A start of the runtime with this folder.
+/// Opens the journal in this folder as a start of the runtime does.
 fn start(folder: &Path) {
     let started = JournalThread::start(folder, BootId("b2".to_owned()), Arc::default(), Arc::default());
     drop(started.unwrap());
@@ -68,7 +68,7 @@ fn journal_verifies_over_starts_files_and_rotation() {
     assert!(!first.contains("\"file\":1,"), "{first}");
 }
 
-/// Number of kinds of change to a line.
+/// Number of ways in which the test changes a line.
 const CHANGES: usize = 7;
 
 fn change(random: &mut Random, kind: usize, lines: &mut Vec<Vec<u8>>, at: usize) {
@@ -78,7 +78,7 @@ fn change(random: &mut Random, kind: usize, lines: &mut Vec<Vec<u8>>, at: usize)
             let place = random.index(line.len() - 1);
             line[place] ^= 1 << random.index(8);
         }
-        // with a correct checksum again
+        // Changes the line and recomputes its checksum.
         1 => {
             let text = String::from_utf8(lines[at].clone()).unwrap();
             let open = text.split(",\"crc\"").next().unwrap();
@@ -134,7 +134,7 @@ fn changed_removed_inserted_or_moved_line_found_and_chain_continues() {
             .first()
             .unwrap_or_else(|| panic!("{context}: nothing is found"));
         if last && matches!(kind, 2) {
-            // a missing line is reported in the next file, or at the end
+            // A missing line is reported in the next file, or at the end of the journal.
             assert!(found.len() == 1, "{context}: {found:#?}");
         } else {
             assert_eq!(
@@ -146,7 +146,7 @@ fn changed_removed_inserted_or_moved_line_found_and_chain_continues() {
         start(folder.path());
         let after = verify(folder.path(), None).unwrap();
         assert!(!after.is_whole(), "{context}: forgotten by the next start");
-        // later lines are chained again
+        // Lines written after the break are chained again.
         let again = verify(folder.path(), None).unwrap();
         start(folder.path());
         let later = verify(folder.path(), None).unwrap();
@@ -199,10 +199,10 @@ fn missing_newest_lines_found_by_anchor_and_by_recorded_head() {
         "{found:#?}"
     );
     assert_eq!(found[0].line, Some(15));
-    // with the anchor removed, too
+    // The second break is found without the anchor, too.
     fs::remove_file(folder.path().join("anchor")).unwrap();
     assert!(breaks(folder.path())[0].what.contains("anchor is missing"));
-    // only the noted head reveals that a complete new journal replaced the old one
+    // Only the noted head reveals that a complete new journal has replaced the previous one.
     let other = tempfile::tempdir().unwrap();
     journal(other.path(), 15, 100_000);
     assert_eq!(breaks(other.path()), []);

@@ -16,14 +16,14 @@ fn image(number: u64) -> Image {
     }
 }
 
-/// Returns generations after those that were read.
+/// Returns the generations as they follow those that the inspection has read.
 fn generations(inspected: &InspectedStore) -> Arc<Generations> {
     let generations = Generations::new("mill");
     generations.learn(&[(StoredPart::Store, inspected.generation())].into());
     Arc::new(generations)
 }
 
-/// Opens a store as a start does.
+/// Opens a store as a start of the runtime does.
 fn open(folder: &Path) -> (Store, InspectedStore, Option<PathBuf>) {
     let inspected = inspect_store(folder);
     let (store, aside) = Store::open(folder, &inspected, &generations(&inspected)).unwrap();
@@ -121,7 +121,7 @@ fn missing_or_invalid_store_is_set_aside_and_its_values_lost_by_name() {
         assert_eq!(inspected.lost, names(&["p/3", "q/2/0", "tools"]), "{damage}");
         assert_eq!(aside.unwrap().exists(), damage != "gone");
         drop(store);
-        // lost until it is written again
+        // The value is lost until it is written again.
         let (mut store, inspected, _) = open(folder.path());
         assert_eq!(
             (inspected.condition, inspected.lost.len()),
