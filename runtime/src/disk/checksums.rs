@@ -1,8 +1,9 @@
-//! Recorded checksums of stored data by name, in a file of lines next to the data.
+//! Recorded checksums of stored data by name, in a text file next to the data.
 //!
-//! Each line has its number, that of the previous line, and its own checksum, and is written twice: if one is damaged,
-//! its copy is used. A line adds to the earlier ones; the first line contains all checksums. If a line and its copy are
-//! damaged, its names are unknown: all earlier checksums are then unknown, but the names stay known.
+//! Each line contains its number, the number of the previous line, and its own checksum. It is written twice:
+//! if one is damaged, the copy is used. The first line contains all checksums; each further line contains
+//! only changes. If a line and its copy are damaged, the changed names are unknown. All earlier checksums are
+//! then unknown, but their names stay known.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -17,23 +18,24 @@ use super::fs::{File, OpenOptions};
 use super::generations::{Generations, Seal, SealedFileKind, StoredPart};
 use super::line::{Unusable, number, read_sealed, seal};
 
-/// Size in bytes up to which lines are always added. A longer file is rewritten without superseded entries when it has
-/// grown to [`GROWTH_MAX`] times its last rewritten size. Reason: without runs, the checksums of all stored data are
-/// about 100 KiB including the copy.
+/// Size in bytes up to which lines are always added. A longer file is rewritten without superseded lines when
+/// it has grown to [`GROWTH_MAX`] times its size after the last rewrite. Reason: without runs, the checksums
+/// of all stored data take about 100 KiB, including the copies.
 const BYTES_MAX: u64 = 512 << 10;
 
-/// Reason: the work for a line stays proportional to the line, however many checksums there are.
+/// Growth factor at which the file is rewritten. Reason: the average work for a change is then proportional
+/// to the change, not to the number of checksums.
 const GROWTH_MAX: u64 = 2;
 
-/// Maximum bytes read.
+/// Maximum bytes read of a checksum file.
 const READ_MAX: u64 = 16 << 20;
 
-/// Returns the checksum of some bytes, in hexadecimal digits: SHA-256.
+/// Returns the SHA-256 checksum of some bytes as hexadecimal digits.
 pub(crate) fn checksum_hex(bytes: &[u8]) -> String {
     hex::encode(Sha256::digest(bytes))
 }
 
-/// Computes the checksum of bytes in parts.
+/// Computes the checksum of bytes that arrive in parts.
 #[derive(Debug, Default)]
 pub(crate) struct ChecksumHasher(Sha256);
 
@@ -43,13 +45,13 @@ impl ChecksumHasher {
         self.0.update(bytes);
     }
 
-    /// Returns the checksum of all bytes, in the form of [`sum_of`].
+    /// Returns the checksum of all bytes, in the form of [`checksum_hex`].
     pub fn finish(self) -> String {
         hex::encode(self.0.finalize())
     }
 }
 
-/// Changes of checksums by name; `None` if the value is no longer stored.
+/// Changed checksums by name; `None` if the value is no longer stored.
 pub(crate) type ChecksumChange = BTreeMap<String, Option<String>>;
 
 /// Content of a checksum file.
@@ -59,9 +61,9 @@ pub(crate) struct Checksums {
     pub is_there: bool,
     /// Number of the newest line.
     pub last: u64,
-    /// At least one line and its copy are damaged.
+    /// True if at least one line and its copy are damaged.
     pub is_damaged: bool,
-    /// Reason, as text, why some lines belong to another file.
+    /// Description, if some lines belong to another file or version.
     pub foreign: Option<String>,
     /// Seal of the newest line.
     pub seal: Option<Seal>,
@@ -81,7 +83,7 @@ impl Checksums {
             }
         };
         let mut lines: Vec<&[u8]> = bytes.split(|byte| *byte == b'\n').collect();
-        // after the last line end: nothing, or a fragment of a line left by a kill
+        // After the last line end is nothing, or a fragment of a line left by a kill.
         lines.pop();
         let (mut copy_bytes, mut damaged_bytes) = (0, 0);
         for line in lines.into_iter().filter(|line| !line.is_empty()) {
@@ -100,7 +102,7 @@ impl Checksums {
             if damaged_bytes > 0 && !is_copy && whole["after"] != sums.last {
                 sums.forget();
             }
-            // maximum size of its copy, including a damaged line end
+            // Maximum size of the copy of this line, including a damaged line end.
             copy_bytes = if is_copy { 0 } else { line.len() + 2 };
             damaged_bytes = 0;
             sums.add_line(&whole);
@@ -112,7 +114,7 @@ impl Checksums {
         sums
     }
 
-    /// Returns why the file cannot be used; `None` if it is usable.
+    /// Returns the reason why the file cannot be used; `None` if it is usable.
     pub fn fault(&self) -> Option<String> {
         let fault = match (self.is_there, self.is_damaged) {
             (false, _) => "the file is missing or damaged",
@@ -138,7 +140,7 @@ impl Checksums {
     }
 }
 
-/// Returns the text of a line and its copy. If one of their two line ends is damaged, the other one remains.
+/// Returns a line and its copy as text. If one of the two line ends is damaged, the other one remains.
 fn twice(number: u64, after: u64, sums: &impl serde::Serialize, of_line: &Seal) -> String {
     let mut line = json!({"n": number, "after": after, "sums": sums});
     of_line.put(&mut line);
@@ -146,11 +148,11 @@ fn twice(number: u64, after: u64, sums: &impl serde::Serialize, of_line: &Seal) 
     format!("{line}\n{line}\n")
 }
 
-/// Seals the lines of a file.
+/// Creates the seals for the lines of one file.
 #[derive(Debug, Clone)]
 pub(crate) struct Sealer {
     pub kind: SealedFileKind,
-    /// Part to which the file belongs.
+    /// Part of the data folder to which the file belongs.
     pub part: StoredPart,
     pub generations: Arc<Generations>,
 }
@@ -191,7 +193,7 @@ impl ChecksumFile {
         Self::create_at(path, sealer, last, generation, by_name)
     }
 
-    /// As [`SumFile::begin`], with this generation.
+    /// Rewrites the file as [`ChecksumFile::create`] does, with this generation.
     pub fn create_at(
         path: &Path,
         sealer: Sealer,
@@ -216,7 +218,7 @@ impl ChecksumFile {
         })
     }
 
-    /// Returns the checksum of a name.
+    /// Returns the recorded checksum of a value by its name.
     pub fn get(&self, name: &str) -> Option<&str> {
         self.by_name.get(name).map(String::as_str)
     }
@@ -226,15 +228,16 @@ impl ChecksumFile {
         &self.by_name
     }
 
-    /// Checks that the file is still the one that was opened.
+    /// Checks that the path still leads to the file that was opened.
     ///
     /// # Errors
-    /// Returns an error if it was removed or replaced.
+    /// Returns an error if the file was removed or replaced.
     pub fn check(&self) -> io::Result<()> {
         self.identity.check(&self.path)
     }
 
-    /// Adds a line with the next number, or with `number` if that is higher; it is on disk when this returns.
+    /// Adds a line with the next number, or with `number` if that is higher. The line is on disk when this
+    /// function returns.
     ///
     /// # Errors
     /// Returns an error if the disk operation fails.
@@ -243,7 +246,7 @@ impl ChecksumFile {
         self.add_at(number, generation, change)
     }
 
-    /// As [`SumFile::add`], with this generation.
+    /// Adds a line as [`ChecksumFile::add`] does, with this generation.
     ///
     /// # Errors
     /// Returns an error if the disk operation fails.
@@ -263,18 +266,18 @@ impl ChecksumFile {
             .write_all(text.as_bytes())
             .and_then(|()| self.file.sync_data());
         if written.is_err() {
-            // The next line must not follow a fragment of this one.
+            // Truncates the file, so the next line does not follow a fragment of this one.
             self.file.set_len(self.bytes)?;
         }
         written?;
         self.sealer.note_on_disk(generation);
-        // Checksums that are not in the file are ignored.
+        // The checksums in memory change only after the line is in the file.
         apply(&mut self.by_name, change);
         (self.last, self.bytes) = (last, self.bytes + text.len() as u64);
         Ok(())
     }
 
-    /// Makes the disk refuse all further additions.
+    /// Makes each further addition fail.
     #[cfg(test)]
     pub fn refuse_all(&mut self) {
         self.file = File::open(&self.path).unwrap();

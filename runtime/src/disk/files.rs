@@ -1,5 +1,5 @@
-//! Files and folders of the runtime: other users cannot read them, none is written through a link, and opening anything
-//! but a regular file never blocks.
+//! Files and folders of the runtime. Other users cannot read them, and the runtime never writes through a
+//! link. Opening never blocks, even if the path leads to a FIFO or a device.
 
 use std::io::{self, BufWriter, Read, Write};
 use std::os::unix::fs::PermissionsExt as _;
@@ -10,42 +10,42 @@ use super::fs::{
     Permissions, TryLockError,
 };
 
-/// Mode of files that the runtime writes: only its user.
+/// Mode of files that the runtime writes: only the user of the runtime has access.
 const FILE_MODE: u32 = 0o600;
 
-/// Mode of folders that the runtime creates.
+/// Mode of folders that the runtime creates: only the user of the runtime has access.
 const FOLDER_MODE: u32 = 0o700;
 
 /// Suffix of a file that is being written; the next start removes such files left by a kill.
 pub(crate) const UNFINISHED: &str = ".new";
 
-/// Creates a folder and its parents. Their names are on disk when this returns.
+/// Creates a folder and its missing parents. Their names are on disk when this function returns.
 ///
 /// # Errors
-/// Returns an error if the operating system refuses.
+/// Returns an error if the operating system rejects the operation.
 pub(crate) fn make_folder(path: &Path) -> io::Result<()> {
     DirBuilder::new().recursive(true).mode(FOLDER_MODE).create(path)?;
-    // also for existing folders: a start that was killed may have created them
+    // Also syncs folders that already exist: a start that was killed may have created them without a sync.
     for made in path.ancestors().filter(|made| made.file_name().is_some()) {
-        // the runtime may not be allowed to open a folder of another user
+        // The sync may fail, because the runtime may not be allowed to open a folder of another user.
         let _ = sync_folder(folder_of(made));
     }
     Ok(())
 }
 
-/// Creates a folder in an existing one. Its name is on disk when this returns.
+/// Creates a folder in an existing folder. The name of the new folder is on disk when this function returns.
 ///
 /// # Errors
-/// Returns an error if the parent is missing, or the operating system refuses.
+/// Returns an error if the parent is missing, or the operating system rejects the operation.
 pub(crate) fn make_folder_in(path: &Path) -> io::Result<()> {
     match DirBuilder::new().mode(FOLDER_MODE).create(path) {
-        // a start that ended at this point may have created an existing folder
+        // An earlier start may have created the folder and ended before the sync.
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => Err(error),
         _ => sync_folder(folder_of(path)),
     }
 }
 
-/// Revokes the rights of other users to a file or folder. If it belongs to another user, it stays unchanged.
+/// Revokes the rights of other users to a file or folder. A file or folder of another user stays unchanged.
 pub(crate) fn tighten(path: &Path) {
     let Ok(metadata) = fs::symlink_metadata(path) else {
         return;
@@ -59,7 +59,7 @@ pub(crate) fn tighten(path: &Path) {
     }
 }
 
-/// Opens a regular file, also through a link. Does not wait for a FIFO or a device.
+/// Opens a regular file, also through a link. Never blocks, even if the path leads to a FIFO or a device.
 ///
 /// # Errors
 /// Returns an error if the file does not exist or is not a regular file.
@@ -78,7 +78,7 @@ pub(crate) fn open_regular(path: &Path, options: &mut OpenOptions) -> io::Result
 /// Reads at most `most` bytes of a regular file.
 ///
 /// # Errors
-/// Fails as [`open_regular`], or if the file is longer.
+/// Returns an error as [`open_regular`] does, or if the file is longer than `most`.
 pub(crate) fn read_regular(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let file = open_regular(path, OpenOptions::new().read(true))?;
@@ -90,37 +90,40 @@ pub(crate) fn read_regular(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Maximum number of names tried for a file that is being written; a start removes the files left by earlier starts.
+/// Maximum number of temporary names tried for a file; each start removes the temporary files of earlier
+/// starts.
 const UNFINISHED_MAX: u32 = 10_000;
 
-/// Bytes of a file written in one operation.
+/// Maximum bytes that one write operation adds to a file.
 const PIECE_BYTES: usize = 64 << 10;
 
-/// A file that is being written under a temporary name. It is removed if dropped before [`Unfinished::finish`].
+/// A file that is being written under a temporary name. If it is dropped before [`UnfinishedFile::finish`],
+/// it is removed.
 #[derive(Debug)]
 pub(crate) struct UnfinishedFile {
     file: File,
-    /// `None` after it has received its final name.
+    /// Temporary path; `None` after the file has received its final name.
     path: Option<PathBuf>,
 }
 
 impl UnfinishedFile {
-    /// Writes a file next to `path`; it is on disk when this returns.
+    /// Writes a file next to `path`; the file is on disk when this function returns.
     ///
     /// # Errors
-    /// Returns an error if the disk operation fails; nothing is left in that case.
+    /// Returns an error if the disk operation fails; the temporary file is then removed.
     pub fn write(path: &Path, bytes: &[u8]) -> io::Result<Self> {
         Self::write_by(path, |out| out.write_all(bytes))
     }
 
-    /// Writes a file next to `path` with the output of `write`, piece by piece.
+    /// Writes the output of `write` to a file next to `path`, piece by piece.
     fn write_by(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<Self> {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let mut number = 0;
         let mut unfinished = loop {
             let own = folder_of(path).join(format!("{name}.{number}{UNFINISHED}"));
             let options = &mut OpenOptions::new();
-            // always a new file: a file or link that another user has placed there is not written to
+            // Always creates a new file, so a file or link that another user has created there is not written
+            // to.
             match open_regular(&own, options.write(true).create_new(true)) {
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists && number < UNFINISHED_MAX => {
                     number += 1;
@@ -146,7 +149,7 @@ impl UnfinishedFile {
         &self.file
     }
 
-    /// Renames it to its final name; a link of that name is replaced.
+    /// Renames the file to its final name; if a link has that name, the file replaces the link.
     ///
     /// # Errors
     /// Returns an error if the disk operation fails.
@@ -162,13 +165,13 @@ impl UnfinishedFile {
 impl Drop for UnfinishedFile {
     fn drop(&mut self) {
         if let Some(path) = &self.path {
-            // if it cannot be removed now, the next start removes it
+            // If the file cannot be removed now, the next start removes it.
             let _ = fs::remove_file(path);
         }
     }
 }
 
-/// Replaces a file as a whole: after a kill it is either the old one or the new one.
+/// Replaces a file as a whole: after a kill the path leads to the old or the new file.
 ///
 /// # Errors
 /// Returns an error if the disk operation fails; the old file then remains.
@@ -179,7 +182,7 @@ pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
 /// Replaces a file as a whole with the output of `write`, piece by piece.
 ///
 /// # Errors
-/// Fails as [`write_whole`].
+/// Returns an error as [`write_whole`] does.
 pub(crate) fn write_whole_by(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
@@ -187,7 +190,7 @@ pub(crate) fn write_whole_by(
     UnfinishedFile::write_by(path, write)?.finish(path)
 }
 
-/// Writes the names in a folder to disk.
+/// Syncs a folder, so the names in it are on disk when this function returns.
 ///
 /// # Errors
 /// Returns an error if the disk operation fails.
@@ -203,25 +206,26 @@ fn folder_of(path: &Path) -> &Path {
     folder
 }
 
-/// A folder used by one process only. It is released when this is dropped, or when the process ends.
+/// Lock of a folder that only one process uses. Dropping this value or ending the process releases the lock.
 #[derive(Debug)]
 pub(crate) struct Lock {
-    /// Holds the lock while it is open.
+    /// Lock file; it holds the lock while it is open.
     _file: File,
 }
 
 impl Lock {
-    /// Locks a folder. Returns `None` if the lock file cannot be written to the disk.
+    /// Locks a folder. Returns `None` if the lock file cannot be opened or the file system does not support
+    /// locks.
     ///
     /// # Errors
-    /// Returns an error if another process has locked it.
+    /// Returns an error if another process has locked the folder.
     pub fn acquire(folder: &Path) -> io::Result<Option<Self>> {
         let options = &mut OpenOptions::new();
         let opened = open_regular(&folder.join("lock"), options.write(true).create(true));
         let Ok(file) = opened else { return Ok(None) };
         match file.try_lock() {
             Err(TryLockError::WouldBlock) => Err(in_use()),
-            // some file systems do not support locks
+            // Some file systems do not support locks.
             Err(TryLockError::Error(_)) => Ok(None),
             Ok(()) => Ok(Some(Self { _file: file })),
         }
@@ -236,7 +240,7 @@ pub(crate) fn in_use() -> io::Error {
     )
 }
 
-/// Identifies the file or folder of a path, whatever its name is.
+/// Identifies a file or folder independently of its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Identity(u64, u64);
 
@@ -244,7 +248,7 @@ impl Identity {
     /// Returns the identity of the file or folder at a path.
     ///
     /// # Errors
-    /// Returns an error if it does not exist.
+    /// Returns an error if the path does not exist.
     pub fn at(path: &Path) -> io::Result<Self> {
         let metadata = fs::metadata(path)?;
         Ok(Self(metadata.dev(), metadata.ino()))
@@ -253,16 +257,16 @@ impl Identity {
     /// Returns the identity of an open file.
     ///
     /// # Errors
-    /// Returns an error if the operating system refuses.
+    /// Returns an error if the operating system rejects the operation.
     pub fn from_file(file: &File) -> io::Result<Self> {
         let metadata = file.metadata()?;
         Ok(Self(metadata.dev(), metadata.ino()))
     }
 
-    /// Checks that it is still at its path.
+    /// Checks that the file or folder is still at this path.
     ///
     /// # Errors
-    /// Returns an error if it was removed or replaced.
+    /// Returns an error if the file or folder was removed or replaced.
     pub fn check(self, path: &Path) -> io::Result<()> {
         match Self::at(path) {
             Ok(now) if now == self => Ok(()),
@@ -336,7 +340,7 @@ mod tests {
         let disk = std::sync::Arc::new(parking_lot::Mutex::new(disk));
         Mount::mount(&disk);
         let folder = Path::new(ROOT).join("data/of/a/machine");
-        // a start that is killed after creating them
+        // Creates the folders as a start that is killed afterwards.
         let made = DirBuilder::new().recursive(true).create(&folder);
         made.unwrap();
         disk.lock().kill();

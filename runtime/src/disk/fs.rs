@@ -1,5 +1,5 @@
-//! The file system of the data folder: that of the operating system; in tests also a disk in memory that
-//! loses, tears and refuses written data (`simulated`), under the same names.
+//! File system of the data folder, with the names of [`std::fs`]: that of the operating system. In tests a
+//! disk in memory (`simulated`) is added, which can lose, tear and reject written data.
 
 #[cfg(not(test))]
 pub(crate) use redb::backends::FileBackend;

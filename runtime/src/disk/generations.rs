@@ -1,9 +1,10 @@
-//! Determines which copy of a stored file is the newest: one sequence of generations for all files of a data folder.
+//! Determines which copy of a stored file is the newest. All files of a data folder share one sequence of
+//! generations.
 //!
-//! Each change of a file takes the next generation. A sealed line contains its own generation and, for each part, the
-//! newest generation that was on disk before the line was written. At a start an older copy of a part is recognized by
-//! the lines of the others. A kill or a power cut between two writes is never taken for an older copy,
-//! because a line names only generations that are already on disk.
+//! Each change of a file gets the next generation. A sealed line contains its own generation and, for each
+//! part, the newest generation that was on disk before the line was written. At a start, the lines of the
+//! other parts show whether a part is an older copy. A kill or a power cut between two writes never looks
+//! like an older copy, because a line names only generations that are already on disk.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,15 +12,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-/// Part of the data folder whose files are written together.
+/// Part of the data folder whose files are written together, with one generation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum StoredPart {
-    /// Variables, tools, offsets and runs, with their checksums.
+    /// Variables, tools, offsets and runs, with the checksum file of the store.
     Store,
     /// The checksums of programs.
     Programs,
-    /// The folders of programs in lists.
+    /// The folders in which lists show the programs.
     Folders,
     /// The anchor of the journal.
     Journal,
@@ -34,7 +35,7 @@ impl StoredPart {
     ];
 }
 
-/// Generation of each part; a part without an entry has none.
+/// Newest generation of each part; a part without a generation has no entry.
 pub(crate) type PartGenerations = BTreeMap<StoredPart, u64>;
 
 /// Kind of file to which a sealed line belongs.
@@ -48,35 +49,35 @@ pub(crate) enum SealedFileKind {
     Folders,
     Anchor,
     Journal,
-    /// The ring of the journal.
+    /// The ring of the journal, which holds lines written ahead.
     Ahead,
     /// The question about stored files.
     Question,
 }
 
-/// Identification of a sealed line.
+/// Seal of a line: its kind, machine and generation.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Seal {
     pub kind: SealedFileKind,
-    /// Name of the machine.
+    /// Name of the machine that wrote the line.
     pub machine: String,
     pub generation: u64,
-    /// Generations on disk before the line was written.
+    /// Generation of each part that was on disk before the line was written.
     #[serde(default, skip_serializing_if = "PartGenerations::is_empty")]
     pub known: PartGenerations,
 }
 
-/// Field of a line that contains its seal.
+/// Name of the field that contains the seal of a line.
 pub(super) const SEAL: &str = "seal";
 
 impl Seal {
-    /// Adds the seal to a line.
+    /// Adds this seal to a line.
     pub fn put(&self, line: &mut Value) {
         line[SEAL] = json!(self);
     }
 }
 
-/// The generations of a data folder that is open.
+/// Generations of the data folder that the runtime has opened.
 #[derive(Debug, Default)]
 pub(crate) struct Generations {
     machine: String,
@@ -97,7 +98,7 @@ impl Generations {
         &self.machine
     }
 
-    /// Adopts generations that were read; later generations are greater than all of them.
+    /// Records generations read from disk; the next generation is greater than all of them.
     pub fn learn(&self, read: &PartGenerations) {
         for (part, generation) in read {
             self.note_on_disk(*part, *generation);
@@ -105,7 +106,7 @@ impl Generations {
         }
     }
 
-    /// Adopts the generation of a line that was read.
+    /// Records the generation of a line read from disk.
     pub fn learn_own(&self, seal: &Seal) {
         let part = match seal.kind {
             SealedFileKind::Store | SealedFileKind::StoreSums => StoredPart::Store,
@@ -117,7 +118,7 @@ impl Generations {
         self.learn(&[(part, seal.generation)].into());
     }
 
-    /// Returns the generation of the next change.
+    /// Takes the next generation, for a change that is about to be written.
     pub fn next(&self) -> u64 {
         self.last.fetch_add(1, Ordering::AcqRel) + 1
     }
@@ -127,12 +128,12 @@ impl Generations {
         self.last.load(Ordering::Acquire)
     }
 
-    /// Records that a part of this generation is on disk: later lines of other parts name it.
+    /// Records that this generation of a part is on disk; later lines of other parts name it.
     pub fn note_on_disk(&self, part: StoredPart, generation: u64) {
         self.on_disk[part as usize].fetch_max(generation, Ordering::AcqRel);
     }
 
-    /// Returns the generations on disk.
+    /// Returns the newest generation on disk of each part.
     pub fn on_disk(&self) -> PartGenerations {
         let read = StoredPart::ALL.map(|part| (part, self.on_disk[part as usize].load(Ordering::Acquire)));
         read.into_iter()
@@ -140,7 +141,7 @@ impl Generations {
             .collect()
     }
 
-    /// Returns the seal of a line of this generation.
+    /// Returns the seal for a line of this generation.
     pub fn seal(&self, kind: SealedFileKind, generation: u64) -> Seal {
         Seal {
             kind,
@@ -150,7 +151,7 @@ impl Generations {
         }
     }
 
-    /// Returns the seal of a line that records no generations of other parts.
+    /// Returns the seal for a line that names no generations of other parts.
     pub fn plain_seal(&self, kind: SealedFileKind) -> Seal {
         Seal {
             known: PartGenerations::new(),

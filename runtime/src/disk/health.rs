@@ -1,5 +1,5 @@
-//! Records which parts of the stored data cannot be written now. Writers record it; the watch over the data folder
-//! reads it.
+//! Records which parts of the stored data cannot be written at present. The writing threads record the
+//! results of their attempts; the watch over the data folder reads them.
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -23,7 +23,7 @@ impl DataFolderPart {
         DataFolderPart::Programs,
     ];
 
-    /// Returns the alarm that is active while it cannot be written.
+    /// Returns the alarm that is active while this part cannot be written.
     pub fn alarm(self) -> &'static AlarmEntry {
         match self {
             DataFolderPart::Store => &STORE_FAILED,
@@ -33,16 +33,17 @@ impl DataFolderPart {
     }
 }
 
-/// Reason why each part cannot be written, according to its last attempt.
+/// Reason why each part cannot be written, from the last attempt to write that part.
 #[derive(Debug, Default)]
 pub(crate) struct Health {
     faults: Mutex<BTreeMap<DataFolderPart, String>>,
-    /// Supervisor of the writing threads and of all others.
+    /// Supervisor of the writing threads and of all other threads.
     pub supervisor: Supervisor,
 }
 
 impl Health {
-    /// Records the result of an attempt to write; the log reports the first failure and the first success after it.
+    /// Records the result of an attempt to write a part. The first failure and the first success after it are
+    /// logged.
     pub fn record_attempt<T, E: Display>(&self, part: DataFolderPart, attempt: &Result<T, E>) {
         let mut faults = self.faults.lock();
         match attempt {
@@ -61,7 +62,7 @@ impl Health {
         }
     }
 
-    /// Returns why a part cannot be written; `None` if its last attempt succeeded.
+    /// Returns the reason why a part cannot be written; `None` if the last attempt succeeded.
     pub fn fault(&self, part: DataFolderPart) -> Option<String> {
         self.faults.lock().get(&part).cloned()
     }

@@ -1,7 +1,7 @@
-//! Writes and parses a line of text: a JSON object that ends with a checksum of everything before it.
+//! Writes and parses lines of text: each is a JSON object that ends with a checksum of all preceding bytes.
 //!
-//! Each line of the journal has a number `n` that increases across all starts of the runtime. It orders lines,
-//! regardless of the wall clock.
+//! Each line of the journal has a number `n` that increases across all starts of the runtime. The numbers
+//! give the order of the lines, independently of the wall clock.
 
 use plc_api::execution::wire_name;
 use serde_json::Value;
@@ -11,14 +11,15 @@ use super::generations::{SEAL, Seal, SealedFileKind};
 /// Text before and after the checksum.
 const SUM: (&str, &str) = (",\"crc\":\"", "\"}");
 
-/// Returns the text of a line with its checksum and its end; `object` is a JSON object with a field.
+/// Returns the text of a line with checksum and line end; `object` is a JSON object with at least one field.
 pub(crate) fn seal(object: &str) -> String {
     let open = object.strip_suffix('}').unwrap_or(object);
     let (before, after) = SUM;
     format!("{open}{before}{:08x}{after}\n", crc32fast::hash(open.as_bytes()))
 }
 
-/// Seals a JSON object in a buffer up to `end`; returns the new end, or `None` if there is not enough space.
+/// Adds the checksum to a JSON object that ends at `end` in a buffer. Returns the new end, or `None` if the
+/// space is not sufficient.
 pub(crate) fn seal_in_place(buffer: &mut [u8], end: usize) -> Option<usize> {
     let open = end.checked_sub(1)?;
     let sum = crc32fast::hash(&buffer[..open]);
@@ -32,16 +33,16 @@ pub(crate) fn seal_in_place(buffer: &mut [u8], end: usize) -> Option<usize> {
     Some(at)
 }
 
-/// Content of a line.
+/// Result of reading a line.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum LineContent {
-    /// The written object, without the checksum.
+    /// The line is intact; contains the written object without the checksum.
     Whole(Value),
     /// The line is damaged, or was never written by a runtime.
     Damaged,
 }
 
-/// Returns a line with a valid checksum, without the checksum and its seal; `None` if it is damaged.
+/// Parses a line with a valid checksum into its object and its seal; returns `None` if the line is damaged.
 fn open(line: &[u8]) -> Option<(Value, Option<Seal>)> {
     let mut value = serde_json::from_slice::<Value>(line).ok()?;
     let fields = value.as_object_mut()?;
@@ -56,8 +57,8 @@ fn open(line: &[u8]) -> Option<(Value, Option<Seal>)> {
     Some((value, seal))
 }
 
-/// Reads a line of the journal without its end. Lines of earlier versions have no seal, and those before 0.2 neither
-/// number nor checksum.
+/// Reads a line of the journal without its line end. Lines of earlier versions have no seal; lines of
+/// versions before 0.2 have no number and no checksum, either.
 pub(crate) fn read(kind: SealedFileKind, line: &[u8]) -> LineContent {
     match open(line) {
         Some((value, seal)) if seal.as_ref().is_none_or(|seal| seal.kind == kind) => {
@@ -71,14 +72,14 @@ pub(crate) fn read(kind: SealedFileKind, line: &[u8]) -> LineContent {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Unusable {
     Damaged,
-    /// It belongs to another file or an earlier version; contains the description.
+    /// The line belongs to another file or an earlier version; contains the description.
     Foreign(String),
 }
 
-/// Reads a sealed line without its end.
+/// Reads a sealed line without its line end.
 ///
 /// # Errors
-/// Returns an error if it is damaged, or of another kind.
+/// Returns an error if the line is damaged or of another kind.
 pub(crate) fn read_sealed(kind: SealedFileKind, line: &[u8]) -> Result<(Value, Seal), Unusable> {
     match open(line) {
         None => Err(Unusable::Damaged),

@@ -1,5 +1,5 @@
-//! The names of [`std::fs`] over two kinds of disk: that of the operating system, and for paths below [`ROOT`] the one in
-//! memory that is mounted in this thread ([`memory`]).
+//! The names of [`std::fs`] for two kinds of disk. Paths below [`ROOT`] are on the disk in memory that is
+//! mounted in this thread ([`memory`]); all other paths are on the disk of the operating system.
 
 mod file;
 pub(crate) mod memory;
@@ -21,10 +21,10 @@ pub(crate) use std::fs::{Permissions, TryLockError, create_dir, read, read_to_st
 use file::SimulatedFile;
 use memory::{Mount, on};
 
-/// Folder of the disk in memory.
+/// Folder under which the disk in memory is mounted.
 pub(crate) const ROOT: &str = "/simulated";
 
-/// An open file.
+/// An open file on either disk.
 #[derive(Debug)]
 pub(crate) enum File {
     Real(std::fs::File),
@@ -148,7 +148,7 @@ impl OpenOptions {
         self
     }
 
-    /// No stored file is opened with this option.
+    /// Only accepts `false`, because the runtime opens no stored file with truncation.
     pub fn truncate(&mut self, yes: bool) -> &mut Self {
         assert!(!yes, "the disk in memory truncates no file that it opens");
         self.real.truncate(yes);
@@ -331,7 +331,7 @@ impl DirBuilderExt for DirBuilder {
     }
 }
 
-/// A name in a folder.
+/// An entry of a folder.
 #[derive(Debug)]
 pub(crate) struct DirEntry(PathBuf);
 
@@ -434,7 +434,7 @@ pub(crate) fn statvfs(path: &Path) -> rustix::io::Result<StatVfs> {
     Ok(said)
 }
 
-/// The file of the store.
+/// The file in which the database of the store is.
 #[derive(Debug)]
 pub(crate) enum FileBackend {
     Real(redb::backends::FileBackend),

@@ -1,4 +1,4 @@
-//! Selects lines of the journal.
+//! Selects the lines of the journal that a request asks for.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, SystemTime};
@@ -7,13 +7,13 @@ use plc_api::types::Timestamp;
 use plc_api::types::data::JournalFilter;
 use serde_json::Value;
 
-/// Maximum number of pending outputs whose M number is remembered, in all coordinate systems. If there are
-/// more, lines about the oldest are not found by M number. Reason: this is several times eight coordinate
-/// systems with 64 pending outputs.
+/// Maximum number of pending outputs whose M number the filter remembers, in all coordinate systems together.
+/// If more are pending, later lines about the oldest outputs are not found by M number. Reason: eight
+/// coordinate systems with 64 pending outputs each need far fewer.
 const OUTPUTS_MAX: usize = 4096;
 
-/// A filter over the lines of a journal, applied in the order of writing. It remembers outputs and runs,
-/// because the line of a claim has no M number, and the line of an alarm has no run.
+/// A filter over the lines of a journal, applied in the order of writing. The filter remembers outputs and
+/// runs, because the line of a claim contains no M number, and the line of an alarm contains no run.
 #[derive(Debug, Default)]
 pub struct LineFilter {
     since: Option<String>,
@@ -21,7 +21,7 @@ pub struct LineFilter {
     wanted: JournalFilter,
     /// M numbers of the pending outputs, by coordinate system and sequence number.
     outputs: BTreeMap<(u64, u64), u64>,
-    /// The start of the runtime that wrote the previous line.
+    /// Boot identifier of the previous line.
     boot_id: String,
     /// The active run of each coordinate system.
     runs: BTreeMap<u64, String>,
@@ -45,7 +45,7 @@ impl LineFilter {
         })
     }
 
-    /// Returns true for a requested line.
+    /// Returns true if the line is one of those requested.
     pub fn takes(&mut self, line: &Value) -> bool {
         let cs = line["cs"].as_u64().unwrap_or(0);
         let seq = seq_of(line).map(|seq| (cs, seq));
@@ -68,7 +68,7 @@ impl LineFilter {
         takes
     }
 
-    /// Remembers values that later lines do not repeat.
+    /// Remembers the boot, run and M number of a line, because later lines do not repeat them.
     fn follow(&mut self, line: &Value, cs: u64, seq: Option<(u64, u64)>) {
         if line["boot_id"].as_str() != Some(&self.boot_id) {
             line["boot_id"]
@@ -90,7 +90,7 @@ impl LineFilter {
     }
 
     fn is_in_time(&self, line: &Value) -> bool {
-        // both are RFC 3339 in UTC with six decimals, so their alphabetical order is that of time
+        // Both times are RFC 3339 in UTC with six decimals, so their alphabetical order is the order in time.
         let ts = line["ts"].as_str().unwrap_or_default();
         self.since.as_deref().is_none_or(|since| ts >= since)
             && self
@@ -110,7 +110,7 @@ impl LineFilter {
     fn is_of_run(&self, cs: u64) -> bool {
         let is = |wanted: &String| {
             let (boot_id, run) = wanted.split_once('/').unwrap_or((&self.boot_id, wanted));
-            // the whole name, or the name without the boot identifier at its beginning
+            // The name matches as a whole, or without the boot identifier at its beginning.
             let is_it = |now: &String| {
                 let of_boot = now.strip_prefix(boot_id).and_then(|now| now.strip_prefix('-'));
                 now == run || of_boot == Some(run)
@@ -121,7 +121,8 @@ impl LineFilter {
     }
 }
 
-/// Returns the sequence number of the output in a line; a request has it in its route.
+/// Returns the sequence number of the output that a line concerns; the line of a request contains the number
+/// in the route.
 fn seq_of(line: &Value) -> Option<u64> {
     let of_route = || {
         let (_, seq) = line["request"].as_str()?.split_once("/m_codes/")?;
@@ -133,8 +134,8 @@ fn seq_of(line: &Value) -> Option<u64> {
 /// Seconds from 1970 to the first year with five digits.
 const YEAR_10_000_S: u64 = 253_402_300_800;
 
-/// Converts `2h` (ago), `2026-11-25`, or `2026-11-25T10:00` with or without seconds, in UTC, into the form of
-/// times in lines.
+/// Converts a time in UTC into the form of times in lines. Accepts an age such as `2h`, a date such as
+/// `2026-11-25`, or `2026-11-25T10:00` with or without seconds.
 fn time(name: &str, text: &str, now: SystemTime) -> Result<String, String> {
     let ago = |ago: Duration| now.checked_sub(ago);
     let whole = match text.trim_end_matches('Z') {
@@ -147,7 +148,7 @@ fn time(name: &str, text: &str, now: SystemTime) -> Result<String, String> {
         Ok(duration) => ago(duration),
         Err(_) => of_day(),
     };
-    // a time that the written form cannot express is rejected, too
+    // Times that the written form cannot express are rejected, too.
     let is_said = |time: &SystemTime| {
         let seconds = time.duration_since(SystemTime::UNIX_EPOCH);
         seconds.is_ok_and(|since| since.as_secs() < YEAR_10_000_S)

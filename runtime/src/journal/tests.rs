@@ -1,4 +1,4 @@
-//! The text of each event.
+//! Tests of the text of each event.
 
 use std::time::SystemTime;
 
@@ -48,7 +48,7 @@ fn stop(m: Option<u16>, reason: Option<Reason>, at: Option<(u16, u32)>) -> Event
     }
 }
 
-/// Each line of a run and its outputs: the event, and the text without `cs` and `t_s`.
+/// Returns each line of a run and its outputs: the event, and its text without `cs` and `t_s`.
 fn of_outputs() -> Vec<(Event, &'static str)> {
     let question = Event::Question {
         seq: 7,

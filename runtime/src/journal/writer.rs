@@ -1,4 +1,5 @@
-//! Passes lines to the thread that writes them to disk, and writes ahead the lines that must survive the process.
+//! Passes lines to the thread that writes them to disk. Lines that must survive a kill are first written to
+//! another storage.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -14,16 +15,16 @@ use super::Line;
 /// Message to the thread that writes to disk.
 #[derive(Debug)]
 pub(crate) enum JournalMessage {
-    /// A line.
+    /// A line to write.
     Line {
-        /// Its number, which increases across all starts of the runtime.
+        /// Number of the line, which increases across all starts of the runtime.
         n: u64,
         line: Line,
-        /// Its time of day.
+        /// Time of day of the line.
         time: SystemTime,
         handed_over: Instant,
     },
-    /// Writes the waiting lines, and ends.
+    /// Tells the thread to write the waiting lines and to end.
     Close,
 }
 
@@ -35,10 +36,11 @@ pub(crate) trait WriteAhead: std::fmt::Debug + Send + Sync {
     /// Returns an error if the operating system refuses, or if the line is too long.
     fn write(&self, n: u64, line: &Line, time: SystemTime) -> io::Result<()>;
 
-    /// Records closed outputs, without I/O: the line of the next output lists the pending ones.
+    /// Records the outputs that a line closes, without I/O: the line of the next output lists the pending
+    /// ones.
     fn close(&self, line: &Line);
 
-    /// Writes the rest positions of a coordinate system's axes by motor number; `None` while they move.
+    /// Writes the rest positions of a coordinate system's axes by motor number; `None` while the axes move.
     /// `after` is the number of the newest line.
     ///
     /// # Errors
@@ -51,7 +53,7 @@ pub(crate) trait WriteAhead: std::fmt::Debug + Send + Sync {
     ) -> io::Result<()>;
 }
 
-/// Handle of the thread that writes to disk. A clone is another handle of the same journal.
+/// Handle of the thread that writes to disk. Clones write to the same journal.
 #[derive(Debug, Clone)]
 pub(crate) struct JournalWriter {
     pub lines: SyncSender<JournalMessage>,
@@ -59,7 +61,7 @@ pub(crate) struct JournalWriter {
     pub lost: Arc<AtomicU64>,
     /// Number of the last line.
     pub last: Arc<AtomicU64>,
-    /// Storage for lines that must survive the process; `None` if the disk has failed.
+    /// Storage for lines that must survive a kill; `None` if the disk has failed.
     pub ahead: Option<Arc<dyn WriteAhead>>,
 }
 
@@ -69,14 +71,14 @@ impl JournalWriter {
         self.last.fetch_add(1, Ordering::Relaxed) + 1
     }
 
-    /// As [`JournalWriter::write_as`], with the next number.
+    /// Writes a line as [`JournalWriter::write_as`] does, with the next number.
     #[cfg(test)]
     pub fn write(&self, line: Line, time: SystemTime) {
         self.write_as(self.reserve(), line, time);
     }
 
-    /// Passes on a line with this number without waiting. A line that clients receive earlier is safe from a kill when
-    /// this returns.
+    /// Passes a line with this number to the thread, without waiting. If clients receive the effect of the
+    /// line before it is on disk, the line is safe from a kill when this function returns.
     pub fn write_as(&self, n: u64, line: Line, time: SystemTime) {
         if let Some(ahead) = &self.ahead {
             if line.event.closes_outputs() {

@@ -1,4 +1,4 @@
-//! Programs that a program may call.
+//! Determines the programs that a program may call.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -7,8 +7,8 @@ use tandem_model::limits::SUBPROGRAM_MIN;
 
 use super::program::StoredProgram;
 
-/// Returns a program and all existing programs that it may call. If a text computes the called number, these
-/// are all subprograms.
+/// Returns the number of a program and of all programs that it may call, directly or indirectly. A text that
+/// computes a called number may call any stored subprogram.
 pub(crate) fn called_by(all: &BTreeMap<u16, Arc<StoredProgram>>, main: u16) -> BTreeSet<u16> {
     followed(main, |number| {
         let program = all.get(&number).into_iter();
@@ -22,7 +22,7 @@ pub(crate) fn called_by(all: &BTreeMap<u16, Arc<StoredProgram>>, main: u16) -> B
     })
 }
 
-/// Returns a program and all programs that the texts call by a written number.
+/// Returns the number of a program and of all programs that the texts call by a written number.
 pub(crate) fn shown_to_be_called_by(all: &BTreeMap<u16, Arc<StoredProgram>>, main: u16) -> BTreeSet<u16> {
     followed(main, |number| {
         let program = all.get(&number);

@@ -1,18 +1,18 @@
-//! Changes of programs, as the journal records them.
+//! Changes of programs in the form in which the journal records them.
 
 use serde::{Deserialize, Serialize};
 
 /// A change of a program.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Edit {
-    /// Its number.
+    /// Number of the program.
     pub program: u16,
     /// Kind of the change.
     pub what: EditKind,
-    /// Hash of the previous program; `None` if there was none or it is unknown.
+    /// Hash of the previous program; `None` if no program existed or its hash is unknown.
     #[serde(rename = "old_hash", deserialize_with = "Option::deserialize")]
     pub old: Option<String>,
-    /// Hash of the new program; `None` if there is none.
+    /// Hash of the new program; `None` if no program exists now.
     #[serde(rename = "new_hash", deserialize_with = "Option::deserialize")]
     pub new: Option<String>,
 }
@@ -27,16 +27,16 @@ pub enum EditKind {
     Replace,
     /// The same program was stored again.
     Unchanged,
-    /// It was removed.
+    /// The program was removed.
     Delete,
-    /// Its file was added, changed or removed outside of the runtime.
+    /// The file was added, changed or removed outside of the runtime.
     Outside,
-    /// It was read from the file named in the configuration.
+    /// The program was read from the file that the configuration names.
     Configuration,
 }
 
 impl Edit {
-    /// Creates the record of a file that was changed outside of the runtime.
+    /// Creates the record of a program whose file was changed outside of the runtime.
     pub(super) fn outside(program: u16, old: Option<String>, new: Option<&str>) -> Self {
         Self {
             program,

@@ -1,4 +1,4 @@
-//! Files of NC programs: their text, and the program number in their name.
+//! Files of NC programs: reads the text, and finds the program number in the file name.
 
 use std::fs;
 use std::io::{self, Read as _};
@@ -7,19 +7,19 @@ use std::path::Path;
 use tandem_model::limits::{PROGRAM_BYTES_MAX, PROGRAM_NUMBER_MAX};
 
 /// Reads the text of an NC program's file. Bytes that are not UTF-8 become replacement characters, which the
-/// check reports.
+/// checker reports.
 ///
 /// # Errors
-/// Returns an error if the file cannot be read, or has more than [`PROGRAM_BYTES_MAX`] bytes; the rest is
-/// then not read.
+/// Returns an error if the file cannot be read, or has more than [`PROGRAM_BYTES_MAX`] bytes; a longer file
+/// is not read to its end.
 pub fn read_text(path: &Path) -> io::Result<String> {
     read_text_from(fs::File::open(path)?)
 }
 
-/// Reads the text of an NC program as [`read_text`] does, from any source of bytes.
+/// Reads the text of an NC program from any source of bytes, with the same rules as [`read_text`].
 ///
 /// # Errors
-/// As those of [`read_text`].
+/// Returns the same errors as [`read_text`].
 pub fn read_text_from(from: impl io::Read) -> io::Result<String> {
     let most = PROGRAM_BYTES_MAX as u64;
     let mut bytes = Vec::new();
@@ -35,7 +35,7 @@ pub(super) fn text_of(bytes: Vec<u8>) -> String {
 /// Checks whether [`read_text`] would accept a file, without reading its text.
 ///
 /// # Errors
-/// As those of [`read_text`].
+/// Returns the same errors as [`read_text`].
 pub(crate) fn check_readable(path: &Path) -> io::Result<()> {
     let metadata = fs::File::open(path)?.metadata()?;
     if metadata.is_dir() {

@@ -1,7 +1,8 @@
-//! The folder of programs: one file `<number>.nc` per program, a file of checksums, and possibly foreign files.
+//! The folder of programs: one file `<number>.nc` for each program, a checksum file, and possibly foreign
+//! files.
 //!
-//! A file whose modification time differs from the recorded one was changed outside of the runtime, which is allowed. A
-//! file with the recorded time but another checksum is damaged.
+//! If the modification time of a file differs from the recorded one, the file was changed outside of the
+//! runtime, which is allowed. If the time is the recorded one but the checksum differs, the file is damaged.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -24,24 +25,26 @@ const SUMS_FILE: &str = "sums";
 /// Placeholder in the checksum file for a lost record of a program.
 const LOST: &str = "lost";
 
-/// Placeholder for the checksum of a program that is held back.
+/// Placeholder for the checksum of a program that is held back, that is, not usable until a person confirms
+/// it.
 const HELD_BACK: &str = "unconfirmed";
 
 /// Reason reported for a program that is held back.
 const HOW_HELD_BACK: &str = "the program is one of the stored files that do not fit together, and is not \
                              confirmed";
 
-/// Separates the records of the old and the new file while a file is being replaced.
+/// Separates the records of the old and the new file while the runtime replaces a file.
 const OR: char = '|';
 
 /// State of a program's file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum ProgramFileState {
-    /// Unchanged since it was stored.
+    /// The file is unchanged since it was stored; contains its bytes.
     Stored(Vec<u8>),
-    /// Written or changed outside of the runtime: bytes, description, and the checksum stored before, if known.
+    /// The file was written or changed outside of the runtime. Contains the bytes, a description, and the
+    /// previous checksum if it is known.
     FromOutside(Vec<u8>, String, Option<String>),
-    /// Damaged or unreadable; the text describes how.
+    /// The file is damaged or unreadable; contains the description.
     Damaged(String),
 }
 
@@ -50,13 +53,13 @@ pub(crate) enum ProgramFileState {
 pub(crate) struct FolderScan {
     pub programs: BTreeMap<u16, ProgramFileState>,
     pub signatures: BTreeMap<u16, Signature>,
-    /// Dialects of the programs for which the dialect is recorded.
+    /// Recorded dialects by program number; a program without a recorded dialect has no entry.
     pub dialects: BTreeMap<u16, String>,
     /// Stored programs whose files are missing, with their checksums if known.
     pub gone: Vec<(u16, Option<String>)>,
-    /// Files that are not read, each with the action to take.
+    /// Files that are not read, each as a text with the action to take.
     pub not_read: Vec<String>,
-    /// Number of programs without a checksum; versions that recorded no checksums left them.
+    /// Number of programs without a recorded checksum; earlier versions recorded no checksums.
     pub without_sum: usize,
 }
 
@@ -77,7 +80,7 @@ struct ProgramFileRecord<'a> {
     dialect: Option<&'a str>,
 }
 
-/// Returns the records of the possible files, the newest first.
+/// Parses the records of a program, newest first; two records exist while a file is being replaced.
 fn marks(noted: &str) -> impl Iterator<Item = ProgramFileRecord<'_>> {
     noted.rsplit(OR).filter_map(|mark| {
         let mut parts = mark.split(' ');
@@ -98,14 +101,14 @@ fn newest_checksum(noted: &str) -> Option<String> {
     marks(noted).next().map(|mark| mark.sum.to_owned())
 }
 
-/// Returns the dialect of the record with this time, otherwise that of the newest record.
+/// Returns the dialect in the record with this time, or in the newest record if none has this time.
 fn dialect_in(noted: &str, time: &str) -> Option<String> {
     let of_time = marks(noted).find(|mark| mark.time == time);
     let mark = of_time.or_else(|| marks(noted).next())?;
     mark.dialect.map(str::to_owned)
 }
 
-/// Returns the time of a program's signature; empty if there is no signature.
+/// Returns the modification time of a program's signature file; empty if the file does not exist.
 fn signature_time(folder: &Path, number: u16) -> String {
     let metadata = fs::metadata(folder.join(signature_name(number)));
     metadata.map_or(String::new(), |metadata| time_of(&metadata))
@@ -116,9 +119,9 @@ pub(crate) fn read_checksums(folder: &Path) -> Checksums {
     Checksums::read(&folder.join(SUMS_FILE), SealedFileKind::ProgramSums)
 }
 
-/// Scans all files of a folder without changing anything. `is_mixed`: the machine has several dialects, so that a
-/// program whose dialect is lost cannot be read. `bytes_max`: limit for all programs together; files beyond it are not
-/// read.
+/// Scans all files of a folder without changing them. `is_mixed`: the machine has several dialects, so a
+/// program whose dialect is lost cannot be read. `bytes_max`: size limit for all programs together, in bytes;
+/// files beyond this limit are not read.
 ///
 /// # Errors
 /// Returns an error if the folder cannot be read.
@@ -179,7 +182,7 @@ pub(crate) fn scan_folder(folder: &Path, is_mixed: bool, bytes_max: usize) -> io
             found => found,
         };
         look.programs.insert(number, found);
-        // an unreadable signature is treated as missing
+        // An unreadable signature is treated as missing.
         let signature = read_signature(&folder.join(signature_name(number)));
         look.signatures
             .extend(signature.unwrap_or_default().map(|signature| (number, signature)));
@@ -189,8 +192,8 @@ pub(crate) fn scan_folder(folder: &Path, is_mixed: bool, bytes_max: usize) -> io
 }
 
 impl FolderScan {
-    /// Marks every program as damaged until a person confirms it. A program that is already damaged keeps its reason,
-    /// because no answer makes it usable.
+    /// Marks every program as damaged until a person confirms it. A program that is already damaged keeps its
+    /// reason, because a confirmation does not make it usable.
     pub fn hold_back(&mut self) {
         for found in self.programs.values_mut() {
             if !matches!(found, ProgramFileState::Damaged(_)) {
@@ -200,7 +203,7 @@ impl FolderScan {
     }
 }
 
-/// Reads a file, if it fits into the limit together with the files read before.
+/// Reads a file, if its size fits into `bytes_max` together with the files that were read before.
 fn read_within(path: &Path, bytes_max: usize, bytes_read: &mut u64) -> io::Result<(Metadata, Vec<u8>)> {
     let metadata = fs::metadata(path)?;
     if *bytes_read + metadata.len() > bytes_max as u64 {
@@ -241,7 +244,7 @@ fn inspect_file(known: Option<&Option<String>>, metadata: &Metadata, bytes: Vec<
     ProgramFileState::FromOutside(bytes, "its file was written".to_owned(), newest_checksum(known))
 }
 
-/// Returns the only file name that a program may have.
+/// Returns the file name of a program; the runtime accepts no other spelling.
 pub(crate) fn file_name(number: u16) -> String {
     format!("{number}.nc")
 }
@@ -251,7 +254,7 @@ fn signature_name(number: u16) -> String {
     format!("{number}.nc.sig")
 }
 
-/// Contents of a file that was accepted as a program in its current form.
+/// Content of a file that the runtime has accepted as a program in its current form.
 #[derive(Debug)]
 pub(crate) struct AcceptedFile {
     pub bytes: Vec<u8>,
@@ -264,38 +267,40 @@ pub(crate) struct AcceptedFile {
 pub(crate) enum Outside {
     Nothing,
     Removed,
-    /// Written; contains the current checksum.
+    /// The file was written; contains its current checksum.
     Written(String),
 }
 
 /// Parameters for opening a folder.
 #[derive(Debug, Clone)]
 pub(crate) struct Opening {
-    /// Dialect of programs for which no dialect is recorded.
+    /// Dialect of programs without a recorded dialect.
     pub dialect: &'static str,
-    /// The machine has several dialects.
+    /// True if the machine has several dialects.
     pub is_mixed: bool,
-    /// Limit for the bytes of all programs together.
+    /// Size limit of all programs together, in bytes.
     pub bytes_max: usize,
     pub generations: Arc<Generations>,
-    /// All programs are held back until a person confirms them.
+    /// True if all programs are held back until a person confirms them.
     pub holds_back: bool,
 }
 
-/// The folder, open for writing.
+/// The folder of programs, open for writing.
 #[derive(Debug)]
 pub(crate) struct ProgramFolder {
     path: PathBuf,
     sums: ChecksumFile,
-    /// Dialect of programs that were put into the folder from outside.
+    /// Dialect of programs that were put into the folder outside of the runtime.
     dialect: &'static str,
-    /// Times of the signatures when they were read; not stored, because every start reads all of them.
+    /// Times of the signature files when they were read. They are not stored, because every start reads all
+    /// signatures.
     signed_at: BTreeMap<u16, String>,
 }
 
 impl ProgramFolder {
-    /// Opens a folder and scans it; creates the folder if it is missing. Removes the remains of unfinished uploads,
-    /// renames misspelled program files if the correct name is free, and revokes the access rights of other users.
+    /// Opens a folder and scans it; creates the folder if it is missing. Removes the remains of unfinished
+    /// uploads, and revokes the access rights of other users. Renames misspelled program files if the correct
+    /// name is free.
     ///
     /// # Errors
     /// Returns an error if the disk operation fails.
@@ -324,7 +329,7 @@ impl ProgramFolder {
                     };
                     Some(mark(&metadata, &sum, dialect))
                 }
-                // the program stays damaged
+                // A damaged program stays damaged: its record is kept.
                 ProgramFileState::Damaged(_) => {
                     let noted = old.by_name.get(&number.to_string()).cloned().flatten();
                     noted.or_else(|| is_mixed.then(|| LOST.to_owned()))
@@ -354,7 +359,7 @@ impl ProgramFolder {
         Ok((folder, look))
     }
 
-    /// Checks that the folder is still the one that was opened.
+    /// Checks that the path still leads to the folder that was opened.
     ///
     /// # Errors
     /// Returns an error if the folder was removed or replaced.
@@ -362,7 +367,8 @@ impl ProgramFolder {
         self.sums.check()
     }
 
-    /// Returns the change made to a program's file outside of the runtime since it was recorded.
+    /// Returns the change that was made to a program's file outside of the runtime since the file was
+    /// recorded.
     ///
     /// # Errors
     /// Returns an error if the file cannot be read.
@@ -385,8 +391,8 @@ impl ProgramFolder {
         Ok(Outside::Written(checksum_hex(&bytes)))
     }
 
-    /// Writes a program and its signature; without a signature, removes the existing one. Both are on disk when this
-    /// returns.
+    /// Writes a program and its signature. If `signature` is `None`, removes an existing signature. The files
+    /// are on disk when this function returns.
     ///
     /// # Errors
     /// Returns an error if the disk operation fails; the program is then unchanged.
@@ -403,7 +409,7 @@ impl ProgramFolder {
         let signature = signature.transpose()?;
         let file = UnfinishedFile::write(&path, bytes)?;
         let new = mark(&file.as_file().metadata()?, &checksum_hex(bytes), dialect);
-        // Until the file has its final name, either file may be found.
+        // Until the new file has its final name, a start may find the old or the new file; both are recorded.
         let before = self.sums.get(&name).and_then(|known| known.split(OR).next_back());
         let either = before.map_or(new.clone(), |before| format!("{before}{OR}{new}"));
         self.sums.add(0, [(name.clone(), Some(either))].into())?;
@@ -417,8 +423,8 @@ impl ProgramFolder {
         Ok(())
     }
 
-    /// Removes a program and all files with other spellings of its name; otherwise the next start would load one of
-    /// them.
+    /// Removes a program and all files with other spellings of its name. Otherwise the next start would load
+    /// one of these files.
     ///
     /// # Errors
     /// Returns an error if the disk operation fails.
@@ -433,7 +439,7 @@ impl ProgramFolder {
         self.remove(number)
     }
 
-    /// Removes a program; its file may already be missing.
+    /// Removes a program, whose file may already be missing.
     ///
     /// # Errors
     /// Returns an error if the disk operation fails.
@@ -445,7 +451,7 @@ impl ProgramFolder {
         self.sums.add(0, [(number.to_string(), None)].into())
     }
 
-    /// Accepts a file in its current form as the program.
+    /// Accepts the file of a program in its current form.
     ///
     /// # Errors
     /// Returns an error if the file cannot be read or the disk operation fails.
@@ -468,15 +474,15 @@ impl ProgramFolder {
         })
     }
 
-    /// Returns the programs that are held back.
+    /// Returns the numbers of the programs that are held back.
     pub fn held_back(&self) -> Vec<u16> {
         let all = self.sums.all().iter();
         let held_back = all.filter(|(_, noted)| marks(noted).any(|mark| mark.sum == HELD_BACK));
         held_back.filter_map(|(name, _)| name.parse().ok()).collect()
     }
 
-    /// Returns the programs whose file or signature has another time than the recorded one, with these times. The value
-    /// is `None` if the file is missing.
+    /// Returns the programs for which the file or the signature has another time than recorded, with the
+    /// current time. The time is `None` if the file is missing.
     ///
     /// # Errors
     /// Returns an error if the folder cannot be read.
@@ -511,7 +517,7 @@ impl ProgramFolder {
         Ok(changed)
     }
 
-    /// Checks that a file can be written to the folder.
+    /// Checks that the folder allows the runtime to write files.
     ///
     /// # Errors
     /// Returns an error if the disk operation fails.

@@ -1,6 +1,6 @@
-//! The folder of each program in lists: one file next to the programs.
+//! The folder in which lists show each program, stored in one file next to the programs.
 //!
-//! The file has one sealed line and a copy of it: if one of them is damaged, the other one is read.
+//! The file contains one sealed line and a copy: if one of them is damaged, the other is read.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -15,27 +15,28 @@ use crate::disk::{
     Generations, Seal, SealedFileKind, StoredPart, Unusable, read_regular, read_sealed, seal, write_whole,
 };
 
-/// File in the folder of the programs.
+/// Name of the file in the folder of the programs.
 pub(crate) const PLACES_FILE: &str = "folders.json";
 
-/// Maximum size of the file, bytes. Reason: 2000 programs with names of 120 characters of four bytes, twice.
+/// Maximum size of the file, bytes. Reason: 2000 programs, each with a folder name of 120 characters of four
+/// bytes, and the copy.
 const BYTES_MAX: u64 = 4 << 20;
 
-/// Folders by program; a program without an entry is in no folder.
+/// Folder of each program; a program without an entry is not in a folder.
 pub(crate) type FolderByProgram = BTreeMap<u16, String>;
 
 /// Content of the file.
 #[derive(Debug, Default)]
 pub(crate) struct FolderAssignmentsRead {
     pub by_number: FolderByProgram,
-    /// `None` if there is no file, or if it cannot be used.
+    /// Seal of the line; `None` if the file does not exist or cannot be used.
     pub seal: Option<Seal>,
     /// Reason why the file cannot be used.
     pub fault: Option<String>,
 }
 
 impl FolderAssignmentsRead {
-    /// Reads the file in a folder of programs.
+    /// Reads the file from the folder of programs.
     pub fn read(folder: &Path) -> Self {
         let mut read = Self::default();
         let bytes = match read_regular(&folder.join(PLACES_FILE), BYTES_MAX) {
@@ -68,7 +69,7 @@ impl FolderAssignmentsRead {
     }
 }
 
-/// Folders by program, and their file.
+/// Folder of each program, and the file in which the folders are stored.
 #[derive(Debug, Default)]
 pub(super) struct FolderAssignments {
     path: Option<PathBuf>,
@@ -77,8 +78,8 @@ pub(super) struct FolderAssignments {
 }
 
 impl FolderAssignments {
-    /// Reads the file in a folder of programs. With `holds_back`, or if the file cannot be used, all programs
-    /// are in no folder. Also returns the reason why the file cannot be used.
+    /// Reads the file from the folder of programs. With `holds_back`, or if the file cannot be used, no
+    /// program is in a folder. Also returns the reason why the file cannot be used.
     pub fn open(folder: &Path, generations: &Arc<Generations>, holds_back: bool) -> (Self, Option<String>) {
         let read = FolderAssignmentsRead::read(folder);
         let mut places = Self {
@@ -89,7 +90,7 @@ impl FolderAssignments {
         if !holds_back {
             places.by_number = read.by_number;
         }
-        // written again, so that later starts do not find the fault again
+        // The file is written again, so later starts do not find the same fault.
         if (holds_back || read.fault.is_some())
             && let Err(error) = places.write(&places.by_number)
         {
@@ -98,15 +99,16 @@ impl FolderAssignments {
         (places, read.fault)
     }
 
-    /// Returns the folder of a program; empty for no folder.
+    /// Returns the folder of a program; empty if the program is not in a folder.
     pub fn folder_of(&self, number: u16) -> &str {
         self.by_number.get(&number).map_or("", String::as_str)
     }
 
-    /// Puts a program into a folder; an empty name means no folder. The change is on disk when this returns.
+    /// Puts a program into a folder; an empty name removes it from its folder. The change is on disk when
+    /// this function returns.
     ///
     /// # Errors
-    /// Returns an error if the disk operation fails; the program then stays in its folder.
+    /// Returns an error if the disk operation fails; the program then stays in its previous folder.
     pub fn put(&mut self, number: u16, folder: &str) -> io::Result<()> {
         if self.folder_of(number) == folder {
             return Ok(());
@@ -130,7 +132,7 @@ impl FolderAssignments {
             .seal(SealedFileKind::Folders, generation)
             .put(&mut line);
         let line = seal(&line.to_string());
-        // the line is written twice: if one is damaged, the other remains
+        // The line is written twice: if one copy is damaged, the other remains.
         write_whole(path, format!("{line}\n").repeat(2).as_bytes())?;
         self.generations.note_on_disk(StoredPart::Folders, generation);
         Ok(())

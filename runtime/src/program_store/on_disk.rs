@@ -1,4 +1,5 @@
-//! The folder of a store: read when it is opened, and again if files were changed outside while the runtime runs.
+//! The folder of a program store. It is read when it is opened, and again if files change outside of the
+//! running runtime.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -13,24 +14,25 @@ use super::program::StoredProgram;
 use super::signing::Signature;
 use crate::disk::Generations;
 
-/// Findings about the folder of a store, for a person.
+/// Findings about the folder of a program store, to report to a person.
 #[derive(Debug, Default)]
 pub(crate) struct ProgramFindings {
-    /// Changes made outside, as text.
+    /// Changes made outside of the runtime, as text.
     pub changed: Vec<String>,
-    /// The same changes, and the programs taken from the configuration.
+    /// Changes made outside of the runtime, and the programs read from files in the configuration.
     pub edits: Vec<Edit>,
-    /// Files that are not read.
+    /// Files that are not read, each as a text with the action to take.
     pub not_read: Vec<String>,
     /// The folder, if it existed at an earlier start and is now missing.
     pub lost: Option<PathBuf>,
     /// Number of programs that had no checksum yet.
     pub without_sum: usize,
-    /// Reason why the program list folders are lost.
+    /// Reason why the assignments of programs to list folders are lost.
     pub folders_fault: Option<String>,
 }
 
-/// Parts of the folder that are held back until a person confirms them, and the generations of the data folder.
+/// Parts of the folder that are held back until a person confirms them. Also contains the generations of the
+/// data folder.
 #[derive(Debug, Default)]
 pub(crate) struct HeldBack {
     pub generations: Arc<Generations>,
@@ -39,8 +41,8 @@ pub(crate) struct HeldBack {
 }
 
 impl ProgramStore {
-    /// Reads the programs of a folder, and stores later programs in it. A folder that cannot be written is read
-    /// nevertheless; the next write tries to open it again.
+    /// Reads the programs of a folder, and stores later programs in it. If the folder cannot be written, its
+    /// programs are read nevertheless, and the next write tries to open the folder again.
     pub(crate) fn open_folder(&mut self, path: &Path, held: &HeldBack) -> (ProgramFindings, io::Result<()>) {
         self.path = Some(path.to_owned());
         self.generations = Arc::clone(&held.generations);
@@ -82,8 +84,8 @@ impl ProgramStore {
         }
     }
 
-    /// Accepts programs that were held back in their current form, and assigns programs without a folder to theirs.
-    /// Returns the changes.
+    /// Accepts all held-back programs in their current form. Then assigns each program that is in no folder
+    /// to its folder in `folders`. Returns the changes.
     ///
     /// # Errors
     /// Returns an error if the disk operation fails.
@@ -164,8 +166,9 @@ impl ProgramStore {
         StoredProgram::of_file(number, bytes, signature, rules, &self.signers)
     }
 
-    /// Finds files that were changed outside while the runtime runs, and reads those that no longer change. Returns
-    /// findings for a person; none while a program is being written.
+    /// Finds files that were changed outside while the runtime runs, and reads those that are no longer being
+    /// changed. Returns a text for a person and the change for each; nothing while a program is being
+    /// written.
     ///
     /// # Errors
     /// Returns an error if the folder was removed or replaced.
@@ -189,7 +192,7 @@ impl ProgramStore {
                 Some(_) => folder.accept(number).map(Some),
                 None => folder.remove(number).map(|()| None),
             };
-            // an unreadable file is tried again at the next scan
+            // The next scan reads an unreadable file again.
             let Ok(read) = read else { continue };
             let old = self.get(number).map(|program| program.checksum().to_owned());
             self.damaged.write().remove(&number);
@@ -204,8 +207,8 @@ impl ProgramStore {
         Ok(said)
     }
 
-    /// Accepts the file of a program in its current form (`None` if there is no file), and returns a text
-    /// about the change.
+    /// Accepts the file of a program in its current form; `accepted` is `None` if the file was removed.
+    /// Returns a text about the change.
     fn take_accepted(&self, number: u16, accepted: Option<AcceptedFile>) -> String {
         let Some(AcceptedFile {
             bytes,
@@ -227,7 +230,7 @@ impl ProgramStore {
         format!("its file was written; its checksum is {sum}; load the program again")
     }
 
-    /// Checks that programs can be written.
+    /// Checks that the runtime can write programs.
     ///
     /// # Errors
     /// Returns an error if the disk operation fails.
@@ -235,8 +238,8 @@ impl ProgramStore {
         self.with_folder(|folder| folder.map_or(Ok(()), |folder| folder.probe()))
     }
 
-    /// Runs `work` with the folder. If it is not open, it is opened again; if it was lost, it is filled again. A store
-    /// in memory has no folder.
+    /// Runs `work` with the folder. If the folder is not open, it is opened again; if it was lost, all
+    /// programs are written again. For a store in memory, `work` receives `None`.
     pub(super) fn with_folder<T>(
         &self,
         work: impl FnOnce(Option<&mut ProgramFolder>) -> io::Result<T>,

@@ -17,14 +17,14 @@ use super::file::text_of;
 use super::signing::{Signature, Signers};
 use crate::disk::checksum_hex;
 
-/// Number of checksum digits shown to a person.
+/// Number of checksum digits that texts for a person contain.
 const SUM_SHOWN: usize = 12;
 
-/// Text size from which a separate thread computes the checksum, in bytes: the computation then takes longer than
-/// starting the thread.
+/// Text size in bytes from which a separate thread computes the checksum. Reason: for such a text the
+/// computation takes longer than starting a thread.
 const SUM_BESIDE_BYTES: usize = 1 << 20;
 
-/// Number of lines searched for a title.
+/// Number of lines at the beginning of a program in which a title is searched.
 const TITLE_LINES: usize = 4;
 
 /// Maximum characters of a title.
@@ -39,7 +39,7 @@ pub fn header(number: u16) -> Header {
     }
 }
 
-/// The rules for checking a program independently of a coordinate system.
+/// The rules for checking a program that do not depend on a coordinate system.
 #[derive(Debug, Clone, Copy)]
 pub struct TextRules {
     /// NC dialect.
@@ -54,32 +54,32 @@ pub struct TextRules {
 /// One program of the store.
 #[derive(Debug)]
 pub struct StoredProgram {
-    /// Its number.
+    /// Number of the program.
     pub number: u16,
     /// Syntax tree.
     pub tree: Arc<NcProgram>,
-    /// Diagnostics of the parser.
+    /// Diagnostics that the parser has reported.
     pub parsed: Vec<Diagnostic>,
-    /// Result of checking the program alone.
+    /// Result of checking the program alone, without called programs.
     pub check: ProgramCheck,
-    /// It calls programs whose numbers are not in the text, so it may call any program.
+    /// True if the program calls programs whose numbers are not in the text; it may then call any program.
     pub calls_any: bool,
-    /// Its dialect.
+    /// NC dialect of the program.
     pub dialect: &'static Dialect,
-    /// It begins in the current modal state, not in the start-up state.
+    /// True if the program begins in the current modal state; otherwise it begins in the start-up state.
     goes_on: bool,
-    /// The check for each coordinate system by number; made when first needed.
+    /// Result of the check in each coordinate system, by number; computed at the first request.
     here: Mutex<BTreeMap<u8, Arc<CheckHere>>>,
     title: String,
-    /// Checksum of the bytes from which it was read.
+    /// Checksum of the bytes from which the program was read.
     sum: String,
     /// Signature stored with the program.
     signature: Option<Signature>,
-    /// It was changed outside of the runtime while the runtime was running.
+    /// True if the program was changed outside while the runtime was running.
     pub(crate) is_from_outside: bool,
-    /// Byte offset of each line.
+    /// Byte offset of the beginning of each line.
     line_starts: Vec<u32>,
-    /// True if it may name variables; determined at the first request.
+    /// True if the program may name variables; determined at the first request.
     mentions_variables: OnceLock<bool>,
 }
 
@@ -96,19 +96,19 @@ impl Programs for CallablePrograms<'_> {
 /// Result of checking a program in a coordinate system.
 #[derive(Debug)]
 pub struct CheckHere {
-    /// Errors that prevent it from running, each once.
+    /// Errors that prevent the program from running there; each error is listed once.
     pub errors: Vec<ProgramDiagnostic>,
-    /// M codes that it issues, ascending, each once.
+    /// M codes that the program issues there, in ascending order; each code is listed once.
     pub m_codes: Vec<u16>,
 }
 
 impl StoredProgram {
-    /// Parses and checks a text.
+    /// Parses and checks the text of a program.
     pub fn new(number: u16, text: &str, rules: TextRules) -> Self {
         Self::checked(number, text, rules, false)
     }
 
-    /// Creates a program from the bytes of a file.
+    /// Parses and checks a program from the bytes of its file.
     pub(super) fn of_file(
         number: u16,
         bytes: Vec<u8>,
@@ -130,15 +130,15 @@ impl StoredProgram {
         }
     }
 
-    /// Sets the signature of its text.
+    /// Sets the signature of the program, and checks it against the signers.
     pub(crate) fn signed(mut self, signature: Option<Signature>, signers: &Signers) -> Self {
         self.check.signature = signers.verify_signature(self.text().as_bytes(), signature.as_ref());
         self.signature = signature;
         self
     }
 
-    /// Creates a program without a number. It begins in the start-up modal state or, with `goes_on`, in the current
-    /// one.
+    /// Creates a program without a number. With `goes_on` it begins in the current modal state, otherwise in
+    /// the start-up state.
     pub(crate) fn manual(text: &str, rules: TextRules, goes_on: bool) -> Self {
         Self::checked(0, text, rules, goes_on)
     }
@@ -187,7 +187,8 @@ impl StoredProgram {
         }
     }
 
-    /// Checks the program in a coordinate system. Each result is cached, because text and settings do not change.
+    /// Checks the program in a coordinate system. The result is cached, because text and settings do not
+    /// change.
     pub fn check_in(&self, settings: &CoordinateSystemSettings) -> Arc<CheckHere> {
         let mut here = self.here.lock();
         let check = here
@@ -216,8 +217,8 @@ impl StoredProgram {
         }
     }
 
-    /// Returns the errors of called programs in a coordinate system, checked in the modal states in which they are
-    /// called.
+    /// Returns the errors of called programs in a coordinate system. Each called program is checked in the
+    /// modal states in which it is called.
     pub(crate) fn check_called(
         &self,
         settings: &CoordinateSystemSettings,
@@ -241,12 +242,12 @@ impl StoredProgram {
         errors
     }
 
-    /// Returns the text.
+    /// Returns the text of the program.
     pub fn text(&self) -> &str {
         self.tree.source()
     }
 
-    /// Returns true if checking found errors.
+    /// Returns true if the check of the program alone has found errors.
     pub fn has_errors(&self) -> bool {
         self.check
             .diagnostics
@@ -259,14 +260,14 @@ impl StoredProgram {
         tandem_syntax::compile(&self.tree, header(self.number), self.dialect)
     }
 
-    /// Returns true if its text may name P or Q variables, or values of the machine.
+    /// Returns true if the program text may name P or Q variables, or values of the machine.
     pub(crate) fn mentions_variables(&self) -> bool {
         *self
             .mentions_variables
             .get_or_init(|| mentions_variables(self.text()))
     }
 
-    /// Returns the text of a line, from 1; empty past the end.
+    /// Returns the text of a line, counted from 1; empty if the line does not exist.
     pub fn line(&self, line: u32) -> &str {
         let index = (line as usize).checked_sub(1);
         let start = index.and_then(|index| self.line_starts.get(index));
@@ -274,7 +275,7 @@ impl StoredProgram {
         rest.and_then(|rest| rest.lines().next()).unwrap_or_default()
     }
 
-    /// Returns the checksum of its bytes, which is its hash.
+    /// Returns the checksum of the program's bytes, which clients see as its hash.
     pub fn checksum(&self) -> &str {
         &self.sum
     }
@@ -284,13 +285,13 @@ impl StoredProgram {
         self.signature.as_ref()
     }
 
-    /// Returns true if storing `new` would change nothing.
+    /// Returns true if storing `new` in place of this program would change nothing.
     pub(super) fn is_same(&self, new: &Self) -> bool {
         let is_signed_so = new.signature.is_none() || new.signature == self.signature;
         self.sum == new.sum && self.dialect.name == new.dialect.name && is_signed_so && !self.is_from_outside
     }
 
-    /// Returns why the machine refuses to run it, if it does.
+    /// Returns the reason why the machine refuses to run the program; `None` if it does not refuse.
     pub(crate) fn refusal(&self) -> Option<String> {
         let number = self.number;
         match self.check.signature {
@@ -308,7 +309,7 @@ impl StoredProgram {
         }
     }
 
-    /// Returns the first digits of the checksum, as shown to a person.
+    /// Returns the first digits of the checksum, for texts for a person.
     pub(super) fn short_checksum(&self) -> &str {
         self.sum.get(..SUM_SHOWN).unwrap_or(&self.sum)
     }
@@ -334,10 +335,10 @@ impl StoredProgram {
     }
 }
 
-/// Returns true if a text may name P or Q variables, or values of the machine.
+/// Returns true if a program text may name P or Q variables, or values of the machine.
 pub(crate) fn mentions_variables(text: &str) -> bool {
     let bytes = text.as_bytes();
-    // the previous character, and the last one that is not a space
+    // `before` is the previous character, `last` the last character that is not a space.
     let (mut before, mut last) = (b' ', b' ');
     for (at, &byte) in bytes.iter().enumerate() {
         let next = bytes.get(at + 1).copied().unwrap_or(b' ');
@@ -354,8 +355,8 @@ pub(crate) fn mentions_variables(text: &str) -> bool {
     false
 }
 
-/// Returns whether P or Q is an address, as in `M98 P1001`: it follows the value of another word, and nothing is
-/// assigned to it. Text in brackets after it is examined separately.
+/// Returns true if P or Q is an address, as in `M98 P1001`: it follows the value of another word, and no
+/// value is assigned to it. Text in brackets after it is examined separately.
 fn is_word(last: u8, rest: &[u8]) -> bool {
     let follows_value = last.is_ascii_digit() || matches!(last, b'.' | b']');
     let mut behind = rest
@@ -406,14 +407,15 @@ fn run_with_checksum<T>(text: &str, work: impl FnOnce() -> T) -> (String, T) {
     })
 }
 
-/// Returns the byte offset of each line. Computed when the program is written, so that a run does not wait for it.
+/// Returns the byte offset of each line. It is computed when the program is stored, so that a run does not
+/// wait for it.
 fn line_starts(text: &str) -> Vec<u32> {
     let ends = memchr::memchr_iter(b'\n', text.as_bytes());
     let after = ends.filter_map(|index| u32::try_from(index + 1).ok());
     std::iter::once(0).chain(after).collect()
 }
 
-/// Returns the first comment, if only start marks precede it.
+/// Returns the first comment of a program as its title, if only start marks precede that comment.
 fn title(text: &str, dialect: &Dialect) -> String {
     let grammar = (dialect.grammar)();
     let form = grammar.program_form;
@@ -443,7 +445,7 @@ fn title(text: &str, dialect: &Dialect) -> String {
     String::new()
 }
 
-/// Shortens a long title and appends an ellipsis.
+/// Shortens a title that is longer than [`TITLE_MAX`], and appends an ellipsis.
 fn shortened(title: &str) -> String {
     if title.chars().count() <= TITLE_MAX {
         return title.to_owned();

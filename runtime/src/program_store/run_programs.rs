@@ -1,5 +1,5 @@
-//! Programs that runs need unchanged: nothing is stored under their numbers until the run and all its parts
-//! have ended.
+//! Programs that runs need unchanged: the store rejects changes under their numbers until the run and all its
+//! parts have ended.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -27,7 +27,7 @@ struct ProgramsOfRun {
     programs: BTreeSet<u16>,
 }
 
-/// While this exists, a program is being written.
+/// Guard of a write: while it exists, a program is being written.
 pub(super) struct WriteGuard<'a>(&'a RunPrograms);
 
 impl Drop for WriteGuard<'_> {
@@ -37,7 +37,7 @@ impl Drop for WriteGuard<'_> {
 }
 
 impl RunPrograms {
-    /// Begins to write a program, or refuses it because of a run.
+    /// Begins to write a program; returns a refusal if the program belongs to a run.
     pub fn begin_writing(&self, number: u16) -> Result<WriteGuard<'_>, Refusal> {
         let mut kept = self.0.lock();
         if let Some(refusal) = kept.refusal(number) {
@@ -64,7 +64,7 @@ impl ProgramLocks {
 }
 
 impl ProgramStore {
-    /// Returns the refusal of a change to a program that belongs to a run.
+    /// Returns the refusal of a change, if the program belongs to a run.
     pub(crate) fn refuse_because_of_run(&self, number: u16) -> Option<Refusal> {
         self.run_programs.0.lock().refusal(number)
     }
@@ -74,10 +74,11 @@ impl ProgramStore {
         self.run_programs.0.lock().written.is_some()
     }
 
-    /// Begins a run of these texts, or its next part: from now on nothing is stored under their numbers.
+    /// Begins a run with these texts, or its next part. From now on, the store rejects changes under their
+    /// numbers.
     ///
     /// # Errors
-    /// Returns an error if one of them was stored since it was read, or is being stored.
+    /// Returns a refusal if one of the programs was stored since its text was read, or is being stored.
     pub(crate) fn begin_run(
         &self,
         cs: CoordinateSystemNumber,
@@ -102,7 +103,7 @@ impl ProgramStore {
         Ok(())
     }
 
-    /// Ends a part of a run: until the next part begins, only these programs belong to the run.
+    /// Ends a part of a run: until the next part begins, only `programs` belong to the run.
     pub(crate) fn end_part(&self, cs: CoordinateSystemNumber, run_id: &str, programs: BTreeSet<u16>) {
         let mut kept = self.run_programs.0.lock();
         if let Some(run) = kept.runs.get_mut(&cs).filter(|run| run.run_id == run_id) {
@@ -110,7 +111,7 @@ impl ProgramStore {
         }
     }
 
-    /// Ends a run with all its parts.
+    /// Ends a run with all its parts; changes of its programs are allowed again.
     pub(crate) fn end_run(&self, cs: CoordinateSystemNumber, run_id: &str) {
         let mut kept = self.run_programs.0.lock();
         if kept.runs.get(&cs).is_some_and(|run| run.run_id == run_id) {

@@ -1,4 +1,5 @@
-//! Signed programs: Ed25519 over the bytes of a program's file, in the format of `openssl pkeyutl -sign -rawin`.
+//! Signed programs: an Ed25519 signature over the bytes of a program's file, in the format of `openssl
+//! pkeyutl -sign -rawin`.
 
 use std::io;
 use std::path::Path;
@@ -11,13 +12,13 @@ use ring::signature::{ED25519, ED25519_PUBLIC_KEY_LEN, UnparsedPublicKey};
 
 use crate::disk::read_regular;
 
-/// Bytes of a signature.
+/// Length of a signature, in bytes.
 const SIGNATURE_BYTES: usize = 64;
 
-/// Maximum number of bytes read from a file with a signature.
+/// Maximum number of bytes read from a signature file.
 const FILE_BYTES_MAX: u64 = 1024;
 
-/// Maximum number of bytes read from a file with a public key.
+/// Maximum number of bytes read from a public key file.
 const KEY_FILE_BYTES_MAX: u64 = 64 << 10;
 
 /// First bytes of a public Ed25519 key in DER (RFC 8410).
@@ -25,30 +26,31 @@ const DER_PREFIX: [u8; 12] = [
     0x30, 0x2a, 0x30, 0x05, 0x06, 0x03, 0x2b, 0x65, 0x70, 0x03, 0x21, 0x00,
 ];
 
-/// A signature.
+/// An Ed25519 signature.
 pub(crate) type Signature = [u8; SIGNATURE_BYTES];
 
-/// Signers whose programs a machine runs; if there are none, it runs all programs.
+/// Public keys of the signers whose programs a machine runs; if there are no signers, the machine runs all
+/// programs.
 #[derive(Debug, Clone, Default)]
 pub struct Signers(Arc<[[u8; ED25519_PUBLIC_KEY_LEN]]>);
 
 impl Signers {
-    /// Creates the signers of these keys, each in Base64 or the name of a PEM file.
+    /// Creates the signers from their public keys, each in Base64 or as the name of a PEM file.
     ///
     /// # Errors
-    /// Returns the index of the first key in neither form, and the reason.
+    /// Returns the index of the first key that is in neither form, and the reason.
     pub fn read(keys: &[String], base_dir: &Path) -> Result<Self, (usize, String)> {
         let read = keys.iter().enumerate();
         let read = read.map(|(place, key)| read_key(key, base_dir).map_err(|why| (place, why)));
         Ok(Self(read.collect::<Result<_, _>>()?))
     }
 
-    /// Returns true if signatures are not checked.
+    /// Returns true if there are no signers, so that signatures are not checked.
     pub fn is_none(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// Checks the signature of these bytes; returns `None` if signatures are not checked.
+    /// Checks a signature of these bytes; returns `None` if there are no signers.
     pub(crate) fn verify_signature(
         &self,
         bytes: &[u8],
@@ -94,27 +96,28 @@ fn read_key(key: &str, base_dir: &Path) -> Result<[u8; ED25519_PUBLIC_KEY_LEN], 
     of_base64(&body).ok_or_else(|| format!("{key} contains no public Ed25519 key; {what}"))
 }
 
-/// Decodes the key alone, or in DER.
+/// Decodes a public key from Base64; the decoded bytes are the key alone, or the key in DER.
 fn of_base64(text: &str) -> Option<[u8; ED25519_PUBLIC_KEY_LEN]> {
     let bytes = STANDARD.decode(text.trim()).ok()?;
     let key = bytes.strip_prefix(&DER_PREFIX[..]).unwrap_or(&bytes);
     key.try_into().ok()
 }
 
-/// Decodes the signature that a client sends.
+/// Decodes a signature as a client sends it.
 pub(crate) fn decode_signature(text: &str) -> Option<Signature> {
     STANDARD.decode(text.trim()).ok()?.try_into().ok()
 }
 
-/// Reads the signature next to a program's file: the file with its name and the suffix `.sig`.
+/// Reads the signature file next to a program's file, whose name is that of the program's file with the
+/// suffix `.sig`.
 pub(crate) fn read_program_signature(program: &Path) -> io::Result<Option<Signature>> {
     let mut name = program.as_os_str().to_owned();
     name.push(".sig");
     read_signature(Path::new(&name))
 }
 
-/// Reads the signature in a file: 64 bytes, or these in Base64. Any other form is not a valid signature.
-/// Returns `None` if the file does not exist.
+/// Reads a signature file: 64 bytes, or these bytes in Base64. Any other content is read as an invalid
+/// signature. Returns `None` if the file does not exist.
 pub(crate) fn read_signature(path: &Path) -> io::Result<Option<Signature>> {
     let bytes = match read_regular(path, FILE_BYTES_MAX) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),

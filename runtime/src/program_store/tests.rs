@@ -206,13 +206,13 @@ fn all_texts_together_have_a_limit_and_what_is_beyond_it_is_left_alone() {
     let refused = store.write(3, &text(3)).unwrap_err();
     assert_eq!(refused.kind(), io::ErrorKind::QuotaExceeded);
     assert!(refused.to_string().contains("total_max_mib"), "{refused}");
-    // what replaces another program has its room
+    // A program that replaces another one may use the space of that one.
     store.write(2, &text(4)).unwrap();
     store.write(1, &text(10)).unwrap_err();
     store.delete(1).unwrap();
     store.write(3, &text(3)).unwrap();
 
-    // a file that is put there: it is not read, and the others are
+    // A file that a person puts into the folder: it is not read, and the other programs are.
     fs::write(folder.path().join("4.nc"), text(5)).unwrap();
     let (store, findings) = open(22);
     assert_eq!(store.list().len(), 2);

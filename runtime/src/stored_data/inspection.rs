@@ -1,4 +1,5 @@
-//! Inspects a data folder at a start, before anything is changed, and determines the parts to hold back.
+//! Inspects a data folder at a start, before the start changes any file, and determines the parts to hold
+//! back.
 
 use std::io;
 use std::path::Path;
@@ -17,20 +18,20 @@ use crate::program_store::folder::read_checksums as program_sums;
 use crate::program_store::folder_assignments::{FolderAssignmentsRead, FolderByProgram, PLACES_FILE};
 use crate::program_store::program_number;
 
-/// Findings of a start in a data folder, before anything is changed.
+/// Result of inspecting a data folder at a start, before the start changes any file.
 #[derive(Debug)]
 pub(crate) struct Inspection {
     pub inspected: InspectedStore,
     pub generations: Arc<Generations>,
     pub findings: Vec<StoredDataFinding>,
-    /// Values of the store that are held back.
+    /// Values of the store that are held back until a person confirms them.
     held: Option<Image>,
     held_folders: FolderByProgram,
-    /// The file of folders existed and is now missing.
+    /// True if the file with the folders of programs existed and is now missing.
     pub lacks_folders: bool,
 }
 
-/// The parts other than the store, as read.
+/// The parts of the data folder other than the store, as read from disk.
 struct Others {
     sums: Checksums,
     places: FolderAssignmentsRead,
@@ -38,7 +39,7 @@ struct Others {
     has_programs: bool,
 }
 
-/// Returns true if there is a program file.
+/// Returns true if the folder contains at least one program file.
 fn has_program(folder: &Path) -> bool {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let mut numbers = entries.filter_map(|entry| program_number(&entry.path()));
@@ -56,7 +57,7 @@ impl Others {
         }
     }
 
-    /// Returns the seals that describe the state on disk.
+    /// Returns the seals of these parts, which describe the state on disk.
     fn seals(&self) -> impl Iterator<Item = &Seal> {
         [
             self.sums.seal.as_ref(),
@@ -78,7 +79,7 @@ fn merge<'a>(seals: impl Iterator<Item = &'a Seal>) -> PartGenerations {
 }
 
 impl Inspection {
-    /// Inspects a data folder of the machine with this name, without changing anything.
+    /// Inspects the data folder of the machine with this name; does not change any file.
     pub fn new(folder: &Path, machine: &str) -> Self {
         let others = Others::read(folder);
         let mut inspected =
@@ -127,14 +128,14 @@ impl Inspection {
         }
     }
 
-    /// Returns true if this part is held back.
+    /// Returns true if this part is held back until a person confirms it.
     pub fn holds_back(&self, part: StoredDataPart) -> bool {
         self.findings.iter().any(|finding| finding.part == part)
     }
 
-    /// Returns the question of this folder: the one of this start, or an earlier pending one. A new one is written,
-    /// with the data held back, before any file of the folder is changed. If the disk operation fails, this
-    /// start nevertheless asks the question.
+    /// Returns the question about this folder to a person. It combines the findings of this start with those
+    /// of an earlier pending question. A new question is written with the held-back data before any file of
+    /// the folder is changed. If the disk operation fails, this start asks the question nevertheless.
     pub fn ask(&self, folder: &Path, since: Timestamp, newest: Option<Timestamp>) -> OpenQuestion {
         let before = OpenQuestion::read(folder);
         if self.findings.is_empty() {
@@ -166,23 +167,23 @@ impl Inspection {
     }
 }
 
-/// Returns the values that are held back in a data folder.
+/// Returns the values of the store that are held back in a data folder.
 ///
 /// # Errors
-/// Returns an error if they cannot be read.
+/// Returns an error if the values cannot be read.
 pub(crate) fn held_values(folder: &Path) -> io::Result<Image> {
     let path = folder.join(HELD_FILE);
     let read = Generation::read_from(&path);
     let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
     let Generation { mut image, lost, .. } = read.map_err(named)?;
-    // previously lost values stay lost
+    // Values that were lost before stay lost.
     for name in &lost {
         image.lose(name);
     }
     Ok(image)
 }
 
-/// Data with which each part is compared.
+/// The machine, generations and folder with which each part is compared.
 struct PartComparison<'a> {
     machine: &'a str,
     known: &'a PartGenerations,
@@ -221,7 +222,7 @@ impl PartComparison<'_> {
         self.at(StoredPart::Folders, Some(seal))
     }
 
-    /// Compares a part with the data that the other parts record about it.
+    /// Compares a part with the generation that the other parts record about it.
     fn at(&self, part: StoredPart, seal: Option<&Seal>) -> Option<StoredDataFinding> {
         let seal = seal?;
         let (known, path) = (self.known.get(&part).copied().unwrap_or(0), self.path(part));

@@ -1,7 +1,9 @@
-//! A disk in memory that distinguishes synced data from data that only the operating system has.
+//! A disk in memory that distinguishes synced data from data that are only in the cache of the operating
+//! system.
 //!
-//! A kill of the process leaves all written data. A power cut leaves synced data; of the rest, any sectors of each
-//! write in any order, and the first few changes of each folder. A process can die between any two operations.
+//! After a kill of the process, all written data remain. After a power cut, synced data remain, in addition
+//! to any of the unsynced sectors and the first unsynced name changes of each folder. A process can end
+//! between any two operations.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -14,21 +16,21 @@ use parking_lot::Mutex;
 
 use super::{Metadata, OpenOptions, ROOT};
 
-/// Bytes that reach the disk together or not at all.
+/// Sector size in bytes; a power cut keeps or loses a sector as a whole.
 const SECTOR: usize = 512;
 
 thread_local! {
     static MOUNTED: RefCell<Option<Mount>> = const { RefCell::new(None) };
 }
 
-/// A disk, as one process has it mounted.
+/// A disk, as mounted by one process.
 #[derive(Debug, Clone)]
 pub(crate) struct Mount {
     disk: Arc<Mutex<Disk>>,
     process: u64,
 }
 
-/// Runs an operation on the disk of a path.
+/// Runs an operation on the disk to which the path belongs.
 pub(super) fn on<T>(
     path: &Path,
     real: impl FnOnce(&Path) -> io::Result<T>,
@@ -41,7 +43,7 @@ pub(super) fn on<T>(
 }
 
 impl Mount {
-    /// Returns the disk that this thread has mounted at a path.
+    /// Returns the disk in memory of this thread if the path is on it; `None` for other paths.
     pub(super) fn for_path(path: &Path) -> Option<Self> {
         if !path.starts_with(ROOT) {
             return None;
@@ -49,7 +51,7 @@ impl Mount {
         MOUNTED.with_borrow(Clone::clone)
     }
 
-    /// Mounts a disk in this thread for a new process; the previous process has ended.
+    /// Mounts a disk in this thread for a new process; the previous process can no longer use it.
     pub(crate) fn mount(disk: &Arc<Mutex<Disk>>) {
         let mut locked = disk.lock();
         locked.process += 1;
@@ -64,7 +66,7 @@ impl Mount {
         MOUNTED.set(None);
     }
 
-    /// Returns true when the process that has the disk must end.
+    /// Returns true if the process that has mounted the disk must end.
     pub(crate) fn is_dead() -> bool {
         MOUNTED.with_borrow(|mount| mount.as_ref().is_some_and(|mount| mount.disk.lock().is_dead))
     }
@@ -81,13 +83,13 @@ impl Mount {
         work(&mut disk)
     }
 
-    /// Returns the number of a file, which is created if the options require it.
+    /// Opens a file, or creates it if the options require that; returns the number of the file.
     pub(super) fn open(&self, path: &Path, options: &OpenOptions) -> io::Result<u64> {
         self.with(|disk| disk.open(path, options))
     }
 }
 
-/// Returns the time of day of the disk that this thread has mounted.
+/// Returns the simulated time of day of the disk that this thread has mounted.
 pub(crate) fn time_of_day() -> Option<SystemTime> {
     MOUNTED.with_borrow(|mount| mount.as_ref().map(|mount| mount.disk.lock().now))
 }
@@ -96,31 +98,31 @@ fn ended() -> io::Error {
     io::Error::other("the process has ended")
 }
 
-/// Faults of a disk.
+/// Faults that a test sets on a disk.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Faults {
-    /// Writes fail with this error.
+    /// Operations that change something fail with this error.
     pub refuses: Option<io::ErrorKind>,
-    /// The process dies at this operation that changes something, counted from the mount of the disk.
+    /// Number of the changing operation, from the mount of the disk, at which the process ends.
     pub dies_at: Option<u64>,
-    /// Syncs do nothing, as on a defective disk.
+    /// Syncs have no effect, as on a defective disk.
     pub forgets_syncs: bool,
-    /// JSON lines written at an offset are dropped, as by a defect of the program. Only the journal's ring
-    /// has such lines.
+    /// Writes of JSON lines at an offset are dropped, as by a defect of the program. Only the journal's ring
+    /// writes such lines.
     pub forgets_ahead: bool,
 }
 
-/// A disk.
+/// A simulated disk.
 #[derive(Debug)]
 pub(crate) struct Disk {
     nodes: BTreeMap<u64, Node>,
     next: u64,
     process: u64,
     is_dead: bool,
-    /// Operations that have changed something since the start of the process.
+    /// Number of operations that have changed something since the process started.
     pub operations: u64,
     pub faults: Faults,
-    /// The time of day.
+    /// The simulated time of day.
     pub now: SystemTime,
     random: u64,
 }
@@ -221,7 +223,8 @@ impl Disk {
         (self.random >> 33) % of
     }
 
-    /// Each operation that changes something begins here.
+    /// Counts an operation that changes something, and applies the faults; every such operation calls this
+    /// first.
     fn change(&mut self) -> io::Result<()> {
         self.operations += 1;
         if self.faults.dies_at.is_some_and(|at| self.operations >= at) {
@@ -234,7 +237,7 @@ impl Disk {
         }
     }
 
-    /// The process ends here: nothing that it does from now on reaches the disk.
+    /// Ends the process: its later operations do not reach the disk.
     pub fn kill(&mut self) {
         self.is_dead = true;
         self.faults.dies_at = None;
@@ -341,7 +344,7 @@ impl Disk {
         self.enter(path, FolderChange::Unlink)
     }
 
-    /// Both names are in the same folder.
+    /// Renames an entry; both names must be in the same folder.
     pub(super) fn rename(&mut self, from: &Path, to: &Path) -> io::Result<()> {
         self.find(from)?;
         self.change()?;
@@ -373,7 +376,7 @@ impl Disk {
         let now = self.now;
         let change = match (allowed, change) {
             (Ok(()), change) => change,
-            // part of a write may have arrived
+            // A part of the failed write may be in the file.
             (Err(error), FileChange::Write(at, mut bytes)) => {
                 let part = usize::try_from(self.chance(bytes.len() as u64 + 1)).unwrap();
                 bytes.truncate(part);
@@ -412,7 +415,7 @@ impl Disk {
         Ok(())
     }
 
-    /// Cuts the power: synced data remain, together with any part of the data that was not synced.
+    /// Cuts the power: synced data remain, and any part of the unsynced data.
     pub fn cut_power(&mut self) {
         self.kill();
         let all: Vec<u64> = self.nodes.keys().copied().collect();
@@ -472,7 +475,7 @@ impl Disk {
         file.now.clone_from(&file.kept);
     }
 
-    /// Flips a bit in one of the files selected by `is_meant`; returns its name.
+    /// Flips a bit in one of the files that `is_meant` selects; returns the name of the file.
     pub fn flip(&mut self, is_meant: impl Fn(&str) -> bool) -> Option<String> {
         let mut files = Vec::new();
         for node in self.nodes.values() {
@@ -493,7 +496,7 @@ impl Disk {
         Some(name)
     }
 
-    /// Returns a copy of the current content, for a disk that later forgets all changes since.
+    /// Returns a copy of the current content, to which `restore` can reset the disk.
     pub fn snapshot(&self) -> Self {
         let faults = self.faults.clone();
         Self {
@@ -503,13 +506,13 @@ impl Disk {
         }
     }
 
-    /// Content and names of a snapshot.
+    /// Resets content and names to those of a snapshot.
     pub fn restore(&mut self, earlier: &Self) {
         self.nodes.clone_from(&earlier.nodes);
         self.next = self.next.max(earlier.next);
     }
 
-    /// Returns a number that depends on all of its content.
+    /// Returns a checksum of the whole content of the disk.
     pub fn content_checksum(&self) -> u32 {
         let mut hasher = crc32fast::Hasher::new();
         for node in self.nodes.values() {

@@ -1,4 +1,4 @@
-//! The disk in memory itself.
+//! Tests of the disk in memory.
 
 use std::io::{Read as _, Write as _};
 use std::time::Duration;

@@ -21,7 +21,7 @@ fn found(folder: &Path) -> BTreeMap<u16, ProgramFileState> {
     scan_folder(folder, false, PROGRAMS_BYTES_MAX).unwrap().programs
 }
 
-/// Sets the time of a file to that of another.
+/// Sets the modification time of file `of` to that of `as_file`.
 fn same_time(of: &Path, as_file: &Path) {
     let set = Command::new("touch").arg("-r").arg(as_file).arg(of).status();
     assert!(set.unwrap().success());
@@ -49,7 +49,7 @@ fn the_same_time_and_another_sum_is_damage_and_another_time_is_a_change() {
     same_time(&path, &copy);
     assert!(matches!(found(folder.path())[&7], ProgramFileState::Damaged(_)));
     assert_eq!(programs.changed().unwrap(), BTreeMap::new());
-    // still damaged after an opening, until it is written again
+    // The program is still damaged after the folder is opened again, until it is written again.
     let (mut programs, look) = ProgramFolder::open(folder.path(), &opening("nj", false)).unwrap();
     assert!(matches!(look.programs[&7], ProgramFileState::Damaged(_)));
     assert!(matches!(found(folder.path())[&7], ProgramFileState::Damaged(_)));
