@@ -24,7 +24,7 @@ pub(crate) enum JournalMessage {
         time: SystemTime,
         handed_over: Instant,
     },
-    /// Tells the thread to write the waiting lines and to end.
+    /// Request to the thread to write the waiting lines and to end.
     Close,
 }
 

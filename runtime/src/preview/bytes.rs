@@ -1,4 +1,4 @@
-//! A planned path as bytes; `docs/src/reference/planned-path.md` describes them.
+//! Encodes a planned path as bytes; `docs/src/reference/planned-path.md` describes the format.
 
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::planned::{PATH_HEADER_BYTES, PathIdentity, PathQuery};
@@ -9,16 +9,16 @@ use super::plan::{Plan, PlanContent};
 /// First bytes of a path.
 const MAGIC: [u8; 4] = *b"TPTH";
 
-/// Version of the form.
+/// Version of the byte format.
 const VERSION: u16 = 1;
 
-/// Bytes of a vertex.
+/// Size of a vertex, in bytes.
 const VERTEX: usize = 20;
 
-/// Bytes of an entry of the table of chunks.
+/// Size of an entry in the table of chunks, in bytes.
 const ENTRY: usize = 48;
 
-/// The requested part of the path.
+/// Encodes the part of the path that `query` requests.
 pub(super) fn encode(
     plan: &Plan,
     content: &PlanContent,
@@ -142,7 +142,7 @@ impl ByteWriter {
         self.floats(&[vertex.time_s]);
     }
 
-    /// 32 bytes of 64 hexadecimal digits.
+    /// Writes the 32 bytes of a hash given as 64 hexadecimal digits.
     fn hash(&mut self, digits: &str) {
         let bytes = (0..32).map(|i| {
             let pair = digits.get(2 * i..2 * i + 2);

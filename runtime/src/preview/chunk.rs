@@ -5,13 +5,13 @@ use tandem_model::Origin;
 /// Maximum number of lines of a chunk.
 pub(super) const CHUNK_LINES: usize = 4096;
 
-/// Levels of detail.
+/// Number of levels of detail.
 pub(super) const LEVELS: usize = 4;
 
 /// Factor by which the tolerance of each level exceeds that of the previous one.
 const LEVEL_FACTOR: f64 = 4.0;
 
-/// Maximum distance of a point of the path from the lines of each level, mm, the finest first.
+/// Maximum distance in mm between the path and the lines of each level, finest level first.
 pub(super) const TOLERANCES_MM: [f64; LEVELS] = {
     let finest = plc_api::types::planned::PATH_TOLERANCE_MM;
     let second = finest * LEVEL_FACTOR;
@@ -19,16 +19,16 @@ pub(super) const TOLERANCES_MM: [f64; LEVELS] = {
     [finest, second, third, third * LEVEL_FACTOR]
 };
 
-/// Bits of the line number in a word: enough for every program.
+/// Bits of the line number in a word; they hold the line number of every program.
 const LINE_BITS: u32 = 26;
 
 /// Maximum number of programs with an index in a path. All further programs share the last index.
 pub(super) const PROGRAMS_MAX: usize = 31;
 
-/// Bit of a word that marks a line of G00.
+/// Bit of a word that marks a line traversed in rapid motion (G00).
 const RAPID: u32 = 1 << 31;
 
-/// Converts to single precision, for the picture.
+/// Converts a value to single precision, which is enough for the picture.
 #[allow(
     clippy::cast_possible_truncation,
     reason = "single precision is enough for a picture"
@@ -37,18 +37,18 @@ pub(super) fn single(value: f64) -> f32 {
     value as f32
 }
 
-/// A point of the path, and the origin of the line that ends there.
+/// A point of the path, and the origin of the path line that ends at this point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Vertex {
     /// Machine position, mm.
     pub at: [f32; 3],
-    /// Line number, index of the program, and the bit for a rapid.
+    /// Line number in the program, index of the program, and the bit for rapid motion.
     pub word: u32,
     /// Time at which the point is reached, s.
     pub time_s: f32,
 }
 
-/// The programs of a path, by their indices in words.
+/// The program numbers of a path; words contain their index here.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Palette(pub Vec<u16>);
 
@@ -70,18 +70,18 @@ impl Palette {
     }
 }
 
-/// Successive lines of a path.
+/// Successive lines of a path, in all levels of detail.
 #[derive(Debug)]
 pub(super) struct Chunk {
     pub vertices: Vec<Vertex>,
-    /// Indices of the vertices in each coarser level.
+    /// Indices of the vertices that each coarser level contains.
     coarser: [Vec<u16>; LEVELS - 1],
     pub low: [f32; 3],
     pub high: [f32; 3],
 }
 
 impl Chunk {
-    /// Creates a chunk from at least one vertex, and at most [`CHUNK_LINES`] + 1.
+    /// Creates a chunk. The number of vertices must be from 1 to [`CHUNK_LINES`] + 1.
     pub fn new(vertices: Vec<Vertex>) -> Self {
         let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         for vertex in &vertices {
@@ -91,7 +91,7 @@ impl Chunk {
         let mut coarser: [Vec<u16>; LEVELS - 1] = Default::default();
         let mut kept: Vec<u16> = (0_u16..).take(vertices.len()).collect();
         for (level, tolerance) in coarser.iter_mut().zip(&TOLERANCES_MM[1..]) {
-            // the previous levels have already used a part of the tolerance
+            // The previous levels have already used up to 1 / [`LEVEL_FACTOR`] of the tolerance.
             let tolerance = tolerance * (1.0 - 1.0 / LEVEL_FACTOR);
             kept = thinned(&vertices, &kept, single(tolerance));
             level.clone_from(&kept);
@@ -133,8 +133,8 @@ impl Chunk {
     }
 }
 
-/// Returns those of the vertices `of` that are needed within the tolerance (algorithm of Douglas and Peucker,
-/// applied between changes from feed to rapid and back).
+/// Returns those of the vertices `of` that the tolerance requires. The algorithm of Douglas and Peucker is
+/// applied between changes from feed to rapid and back.
 fn thinned(vertices: &[Vertex], of: &[u16], tolerance: f32) -> Vec<u16> {
     let at = |i: usize| vertices[usize::from(of[i])];
     let mut keeps = vec![false; of.len()];
@@ -173,7 +173,7 @@ fn thin(at: &impl Fn(usize) -> Vertex, first: usize, last: usize, tolerance: f32
     }
 }
 
-/// Returns the squared distance of a point from the straight line between two others.
+/// Returns the squared distance of a point from the straight line between `from` and `to`.
 pub(super) fn distance_squared(point: [f32; 3], from: [f32; 3], to: [f32; 3]) -> f32 {
     let along = share_along(point, from, to);
     (0..3)
@@ -181,7 +181,7 @@ pub(super) fn distance_squared(point: [f32; 3], from: [f32; 3], to: [f32; 3]) ->
         .sum()
 }
 
-/// Returns the location of the nearest point on the straight line between two others, 0 to 1.
+/// Returns the location on the straight line between `from` and `to` that is nearest to a point, 0 to 1.
 pub(super) fn share_along(point: [f32; 3], from: [f32; 3], to: [f32; 3]) -> f32 {
     let way: [f32; 3] = std::array::from_fn(|i| to[i] - from[i]);
     let length: f32 = way.iter().map(|part| part * part).sum();

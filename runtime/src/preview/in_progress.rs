@@ -1,4 +1,4 @@
-//! The plan that is being made.
+//! Guard for a plan while it is being made.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -9,8 +9,8 @@ use super::Inner;
 use super::plan::Plan;
 use super::slots::PlanUse;
 
-/// A plan that is being made. When the value is dropped, also after a panic, planning has ended and an
-/// incomplete plan is discarded, so that the program is planned again.
+/// A plan that is being made. Dropping this value, also after a panic, ends the planning. An incomplete plan
+/// is then discarded, so the program is planned again.
 pub(super) struct PlanInProgress<'a> {
     inner: &'a Inner,
     cs: CoordinateSystemNumber,

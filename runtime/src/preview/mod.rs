@@ -1,9 +1,10 @@
-//! Plans a program before it runs: its path and its rehearsal. A thread of low priority plans it with the stages of a
-//! run; the servo and its tasks do not depend on it, and it reads only data that all threads may read.
+//! Plans a program before it runs: its path and its rehearsal. A thread of low priority uses the stages of a
+//! run for this. The servo and its tasks do not depend on this thread, and it reads only data that all
+//! threads may read.
 //!
-//! The loaded program of each coordinate system is planned automatically, and again when something that its plan depends on changes. A
-//! run has the plan of the conditions with which it began: the one made before, if they are equal, otherwise
-//! a plan that is made while the run is active. Other programs are planned on request.
+//! The loaded program of each coordinate system is planned automatically, and again when an input of its plan
+//! changes. A run uses the plan for the conditions at its start: an existing plan if its conditions are
+//! equal, otherwise a new plan, which is made during the run. Other programs are planned on request.
 
 mod bytes;
 mod chunk;
@@ -50,25 +51,25 @@ use slots::{PlanOrder, PlanUse, Slots};
 /// Interval at which the thread checks for changes.
 const LOOK_INTERVAL: Duration = Duration::from_millis(200);
 
-/// Interval at which the time left is published.
+/// Interval at which the time left of each run is published.
 const TIME_LEFT_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Time that a request waits for an incomplete plan; the plan of a short program is then ready.
+/// Time that a request waits for a plan that has begun; the plan of a short program is then complete.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// Time that a request waits for a plan that has not begun, because another program is being planned.
+/// Time that a request waits for a plan that has not begun because the thread plans another program.
 const TURN_MAX: Duration = Duration::from_secs(10);
 
-/// Name of the thread.
+/// Name of the planning thread.
 const THREAD: &str = "preview";
 
-/// Pause after a fault in the planning of a program. Reason: the same program is planned again.
+/// Pause after a fault in the planning of a program. Reason: the thread plans the same program again.
 const FAULT_PAUSE: Duration = Duration::from_secs(1);
 
 /// Pause before a plan for changed conditions, as a multiple of the duration of the last planning.
 const PAUSE_FACTOR: u32 = 2;
 
-/// An M code that takes longer than this multiple of its usual time plus `OVERDUE_S` has no known end.
+/// If an M code takes longer than its usual time multiplied by this, plus `OVERDUE_S`, its end is unknown.
 const OVERDUE_FACTOR: f64 = 2.0;
 const OVERDUE_S: f64 = 1.0;
 
@@ -84,14 +85,14 @@ struct Inner {
     shared: Arc<SharedState>,
     systems: Vec<(ConfiguredSystem, Arc<View>)>,
     slots: Mutex<BTreeMap<CoordinateSystemNumber, Slots>>,
-    /// Wakes the thread.
+    /// Wakes the planning thread.
     work: Condvar,
     closing: AtomicBool,
-    /// Counts changes of plans.
+    /// Counts the changes of all plans.
     changes: watch::Sender<u64>,
 }
 
-/// A plan, and the run in progress to which it belongs.
+/// A plan, and the run in progress that uses it.
 struct FoundPlan {
     plan: Arc<Plan>,
     run: Option<Arc<RunStart>>,
@@ -107,7 +108,7 @@ impl FoundPlan {
 }
 
 impl Previews {
-    /// Creates the plans on demand in the requesting thread: for simulated time.
+    /// Creates the previews without a thread, for simulated time: the requesting thread makes each plan.
     pub fn on_demand(shared: &Arc<SharedState>, views: impl Iterator<Item = Arc<View>>) -> Self {
         let systems = shared.machine.coordinate_systems.iter().cloned().zip(views);
         let inner = Inner {
@@ -124,7 +125,7 @@ impl Previews {
         }
     }
 
-    /// Starts a thread that makes the plans from now on. Without it they are made on demand.
+    /// Starts a thread that makes the plans from now on. Without it, the requesting thread makes them.
     pub fn start_thread(&mut self) {
         let inner = Arc::clone(&self.inner);
         let work = move || {
@@ -141,7 +142,7 @@ impl Previews {
         }
     }
 
-    /// Returns the program of a number; if a run of it is in progress, the version that runs.
+    /// Returns the program with this number as a run in progress uses it; `None` without such a run.
     pub fn running(&self, number: u16, cs: Option<CoordinateSystemNumber>) -> Option<Arc<StoredProgram>> {
         let systems = self.inner.systems.iter();
         let mut asked = systems.filter(|(of, _)| cs.is_none_or(|cs| of.settings.number == cs));
@@ -152,10 +153,10 @@ impl Previews {
         })
     }
 
-    /// Returns the planned path of a program, as far as it is known.
+    /// Returns the planned path of a program, up to the point that the planning has reached.
     ///
     /// # Errors
-    /// Returns an error if the coordinate system does not exist, or does not run the program.
+    /// Returns an error if the coordinate system does not exist, or cannot run the program.
     pub async fn path(&self, program: Arc<StoredProgram>, query: &PathQuery) -> Result<PlannedPath, Refusal> {
         let (cs, found) = self.plan(program, query.cs).await?;
         let content = found.plan.content();
@@ -168,10 +169,10 @@ impl Previews {
         })
     }
 
-    /// Returns the rehearsal of a program, as far as it is known.
+    /// Returns the rehearsal of a program, up to the point that the planning has reached.
     ///
     /// # Errors
-    /// Returns an error in the same cases as for a path.
+    /// Returns an error in the same cases as [`Previews::path`].
     pub async fn rehearsal(
         &self,
         program: Arc<StoredProgram>,
@@ -184,7 +185,7 @@ impl Previews {
         Ok(rehearsal)
     }
 
-    /// Publishes the time left of all running programs once a second.
+    /// Publishes the time left of the active run of each coordinate system, once a second.
     pub fn run_time_left_publisher(&self) -> impl Future<Output = ()> + use<> {
         let supervisor = self.inner.shared.supervisor.clone();
         let inner = Arc::clone(&self.inner);
@@ -209,8 +210,8 @@ impl Previews {
         }
     }
 
-    /// Returns a function that computes the state in force at a line of the loaded program. It takes long, so
-    /// the caller must run it on a thread that may wait.
+    /// Returns a function that computes the state in force at a line of the loaded program. This takes long,
+    /// so the caller must run the function on a thread that may block.
     ///
     /// # Errors
     /// Returns an error if no program is loaded, or in the cases of [`line_entry`].
@@ -258,7 +259,7 @@ impl Previews {
             let clock = &inner.shared.clock;
             let is_late = clock.within_real(left, changes.changed()).await.is_none();
             if is_late {
-                // a run may have begun or ended in the meantime
+                // A run may have begun or ended while the request waited.
                 return match inner.look(cs, &program) {
                     Some(found) => Ok((cs, found)),
                     None => Err(Refusal::new(
@@ -279,7 +280,7 @@ impl Drop for Previews {
         }
         self.inner.work.notify_all();
         if let Some(thread) = self.thread.take() {
-            // a panic of the thread has been reported by its own message
+            // If the thread has panicked, the panic has already been reported.
             let _ = thread.join();
         }
     }
@@ -303,7 +304,7 @@ impl Inner {
         numbers.find(|cs| state_of(&self.shared, *cs).is_some_and(|state| state.program == Some(program)))
     }
 
-    /// The coordinate system whose `programs` in the configuration name a program, otherwise the first one.
+    /// Returns the coordinate system whose `programs` (configuration) name the program, otherwise the first.
     fn configured_for(&self, program: u16) -> CoordinateSystemNumber {
         let mut systems = self.systems.iter().map(|(configured, _)| configured);
         let named = systems.find(|configured| configured.programs.contains_key(&program));
@@ -334,8 +335,7 @@ impl Inner {
         Ok(())
     }
 
-    /// Returns the progress of the run to which a plan belongs; `None` if there is no run, or if the plan is
-    /// incomplete.
+    /// Returns the progress of the run that uses a plan; `None` without such a run or a complete plan.
     fn run_now(&self, cs: CoordinateSystemNumber, found: &FoundPlan) -> Option<RehearsedRun> {
         found.run.as_ref()?;
         let state = state_of(&self.shared, cs)?;
@@ -359,8 +359,8 @@ impl Inner {
         Some(rehearsed::run(&content, &moment, &overrides))
     }
 
-    /// Returns true at M00 and M01, and while waiting for an M code without a known end: for a person, for a lost
-    /// handler, for an M code that was never measured, or for much longer than measured.
+    /// Returns true if the end of the wait is unknown: at M00 and M01, or if an M code waits for a person or
+    /// a lost handler. Also if the M code was never measured, or takes much longer than measured.
     fn waits_without_end(&self, cs: CoordinateSystemNumber, state: &State, elapsed_s: f64) -> bool {
         if matches!(
             state.execution,
@@ -395,8 +395,8 @@ impl Inner {
         }
     }
 
-    /// Returns the plan of the program's active run, otherwise the plan of the program as it would run now. A
-    /// missing plan is ordered.
+    /// Returns the plan that the active run of the program uses; without such a run, the plan of the program
+    /// for the current conditions. If no plan exists, orders it.
     fn look(&self, cs: CoordinateSystemNumber, program: &Arc<StoredProgram>) -> Option<FoundPlan> {
         let (_, view) = self.system(cs)?;
         let run = view.run();
@@ -451,7 +451,7 @@ impl Inner {
         ))
     }
 
-    /// Creates the plan in the requesting thread.
+    /// Makes the plan in the requesting thread if it does not exist.
     fn make_if_needed(&self, cs: CoordinateSystemNumber, program: &Arc<StoredProgram>) {
         if self.look(cs, program).is_none() {
             while let Some((cs, which, wanted)) = self.next() {
@@ -475,7 +475,7 @@ impl Inner {
         }
     }
 
-    /// Orders plans for runs and loaded programs that have no plan, or only a plan for other conditions.
+    /// Orders plans for runs and loaded programs whose plan is missing or was made for other conditions.
     fn want_loaded(&self) {
         for (configured, view) in &self.systems {
             let cs = configured.settings.number;
@@ -508,7 +508,7 @@ impl Inner {
         }
     }
 
-    /// Returns the order for the next plan.
+    /// Takes the next order for a plan.
     fn next(&self) -> Option<(CoordinateSystemNumber, PlanUse, PlanOrder)> {
         let mut all = self.slots.lock();
         PlanUse::ALL.into_iter().find_map(|which| {
@@ -541,7 +541,7 @@ impl Inner {
         on_change();
     }
 
-    /// Notes the alarm in which a plan of the loaded program ends.
+    /// Records the alarm with which the plan of the loaded program ends, if it ends with an alarm.
     fn predict(&self, cs: CoordinateSystemNumber, plan: Option<&Plan>) {
         let prediction = plan.and_then(|plan| {
             let content = plan.content();
@@ -564,7 +564,7 @@ impl Inner {
         }
     }
 
-    /// Returns false when a plan in progress is no longer useful, or a run waits for the thread.
+    /// Returns false if a plan in progress is no longer useful, or if a run waits for the planning thread.
     fn is_wanted(&self, cs: CoordinateSystemNumber, which: PlanUse, number: u16, plan: &Plan) -> bool {
         let run = self.system(cs).and_then(|(_, view)| view.run());
         if let Some(run) = run.filter(|run| run.conditions.main.number == number) {
@@ -580,7 +580,7 @@ impl Inner {
     }
 }
 
-/// Returns true from a start to the end of the run.
+/// Returns true from the start of a run to its end.
 fn is_running(state: &State) -> bool {
     !matches!(
         state.execution,

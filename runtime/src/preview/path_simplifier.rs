@@ -1,16 +1,16 @@
-//! Reduces a polyline through many points in space and time to as few points as its tolerance allows.
+//! Reduces a polyline of many points in space and time to the fewest points that its tolerance allows.
 
-/// A point of the path, mm, and the time at which it is reached, s.
+/// A point of the path in mm, and the time at which the point is reached in s.
 pub(super) type PathPoint = ([f64; 3], f64);
 
 /// Tolerance of the time at which a point is reached, s. Reason: the display of a run's progress need not be
 /// more exact.
 const LATE_S: f64 = 0.02;
 
-/// Selects points so that the straight lines between the returned points pass all others within the
-/// tolerance. A cone of directions from the last returned point narrows with each added point; a point
-/// outside the cone begins the next line (the sleeve algorithm of Zhao and Saalfeld, with time as another
-/// direction).
+/// Selects points so that the straight lines between them pass all omitted points within the tolerance. A
+/// cone of directions starts at the last selected point and narrows with each added point. A point outside
+/// the cone begins the next line. This is the sleeve algorithm of Zhao and Saalfeld, with time as a further
+/// direction.
 #[derive(Debug)]
 pub(super) struct PathSimplifier {
     tolerance: f64,
@@ -19,13 +19,13 @@ pub(super) struct PathSimplifier {
     cone: Option<SlopeCone>,
 }
 
-/// Range of slopes of the lines that pass all points so far, relative to the distance along the first
-/// direction.
+/// Range of slopes with which a line passes all points added so far. Slopes are relative to the distance
+/// along the first direction.
 #[derive(Debug, Clone, Copy)]
 struct SlopeCone {
     along: [f64; 3],
     across: [[f64; 3]; 2],
-    /// Lowest and highest slope across the line in both directions, and of time.
+    /// Lowest and highest slope: in both directions across the line, and of time.
     slopes: [[f64; 2]; 3],
     reach: f64,
 }
@@ -45,7 +45,8 @@ impl PathSimplifier {
         self.end
     }
 
-    /// Adds a point. If the current line cannot pass it, returns the end of that line.
+    /// Adds a point. If the current line cannot pass the point within the tolerance, returns the end of that
+    /// line.
     pub fn push(&mut self, point: PathPoint) -> Option<PathPoint> {
         let mut given = None;
         match self.cone {
@@ -63,8 +64,8 @@ impl PathSimplifier {
         given
     }
 
-    /// Ends the line at the last point, where the next line begins. Returns this point unless it is the
-    /// beginning of the line.
+    /// Ends the line at the last added point and begins the next line there. Returns this point, unless the
+    /// line had no other point.
     pub fn cut(&mut self) -> Option<PathPoint> {
         let is_new = self.cone.is_some();
         self.from = self.end;
@@ -72,7 +73,7 @@ impl PathSimplifier {
         is_new.then_some(self.end)
     }
 
-    /// Stays at the last point until this time.
+    /// Extends the time at the last added point to `until_s`.
     pub fn rest(&mut self, until_s: f64) {
         self.end.1 = until_s;
         self.from = self.end;
@@ -80,7 +81,8 @@ impl PathSimplifier {
 }
 
 impl SlopeCone {
-    /// Returns `None` if the point is too near to define a direction.
+    /// Creates the cone from one point to the next. Returns `None` if they are too near to define a
+    /// direction.
     fn to(from: PathPoint, to: PathPoint, tolerance: f64) -> Option<Self> {
         let way = minus(to.0, from.0);
         let reach = dot(way, way).sqrt();
@@ -106,7 +108,7 @@ impl SlopeCone {
     fn narrowed(self, from: PathPoint, to: PathPoint, tolerance: f64) -> Option<Self> {
         let way = minus(to.0, from.0);
         let reach = dot(way, self.along);
-        // the path turns back
+        // The path turns back.
         if reach < self.reach || reach <= 0.0 {
             return None;
         }

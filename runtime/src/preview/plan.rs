@@ -1,4 +1,4 @@
-//! A growing plan: one thread writes it, other threads read it.
+//! A plan that grows while one thread writes it and other threads read it.
 
 use std::fmt::Write as _;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -19,44 +19,45 @@ use crate::disk::checksum_hex;
 use super::chunk::{Chunk, distance_squared, share_along};
 use super::tracer::{AxisTrace, PlanMark, Times};
 
-/// One array of all variables.
+/// Selects one of the arrays of variables.
 type ArrayOf = fn(&Variables) -> &VariableArray;
 
-/// A plan.
+/// A plan of a program for certain conditions.
 #[derive(Debug)]
 pub(super) struct Plan {
     pub conditions: Arc<Conditions>,
-    /// Variables that the plan changes as the program does; they record which of them were read.
+    /// Variables that the plan changes as the program would. They also record which variables the plan has
+    /// read.
     pub variables: Variables,
-    /// The plan is no longer needed.
+    /// True if the plan is no longer needed.
     pub is_cancelled: AtomicBool,
     content: Mutex<Arc<PlanContent>>,
-    /// Set when it is first reported.
+    /// Identity of the conditions, set when it is first reported.
     identity: OnceLock<PlanIdentity>,
 }
 
 /// Current position of a run.
 #[derive(Debug)]
 pub(super) struct RunMoment {
-    /// Segment, by its number in the run.
+    /// Number of the active segment in the run.
     pub segment: u64,
-    /// The block that is executed.
+    /// Origin of the block that is executed.
     pub executing: Origin,
     /// Execution time of that block so far, s.
     pub elapsed_s: f64,
-    /// The program waits for an M code.
+    /// True if the program waits for an M code.
     pub is_waiting: bool,
-    /// It waits, and the end of the wait is unknown.
+    /// True if the program waits and the end of the wait is unknown.
     pub waits_without_end: bool,
-    /// Machine position.
+    /// Machine position of X, Y and Z, mm.
     pub at: [f32; 3],
 }
 
-/// Planned content so far.
+/// Planned content up to the point that the planning has reached.
 #[derive(Debug, Clone, Default)]
 pub(super) struct PlanContent {
     pub chunks: Vec<Arc<Chunk>>,
-    /// Program numbers by their places in the words of vertices.
+    /// Program numbers by their indices in the words of vertices.
     pub palette: Vec<u16>,
     pub outcome: RehearsalOutcome,
     pub text: String,
@@ -67,7 +68,7 @@ pub(super) struct PlanContent {
     pub m_code_count: u64,
     pub axes: Vec<AxisTrace>,
     pub marks: Vec<PlanMark>,
-    /// The path has more vertices than are kept.
+    /// True if the path has more vertices than are stored.
     pub is_cut: bool,
 }
 
@@ -89,8 +90,8 @@ impl Plan {
         }
     }
 
-    /// Returns true if a run with these conditions follows the plan: all inputs and all variables that were
-    /// read are equal.
+    /// Returns true if this plan is valid for a run with these conditions: all inputs and all variables that
+    /// the plan has read are equal.
     pub fn matches(&self, now: &Conditions) -> bool {
         self.is_alive()
             && self.conditions.position_key == now.position_key
@@ -100,7 +101,8 @@ impl Plan {
                 .all(|(then, array, index)| bits(then, index) == bits(array(&now.variables), index))
     }
 
-    /// Works as [`Plan::matches`], but ignores the position of the machine and the values of variables.
+    /// Compares conditions as [`Plan::matches`] does, but ignores the machine position and the values of
+    /// variables.
     pub fn matches_but_position(&self, now: &Conditions) -> bool {
         self.is_alive() && self.conditions.key == now.key
     }
@@ -110,8 +112,8 @@ impl Plan {
         !self.is_cancelled() || self.content().is_complete()
     }
 
-    /// Returns each variable that the program has read before setting it: its array in the plan's conditions,
-    /// its array in other conditions, and its index. For a run from a line these are all variables, because
+    /// Returns each variable that the program reads before setting it: its array in the plan's conditions,
+    /// its array in other conditions, and its index. For a run from a line, returns all variables, because
     /// the search for the line has read them.
     fn reads(&self) -> impl Iterator<Item = (&VariableArray, ArrayOf, usize)> {
         let Conditions {
@@ -136,9 +138,9 @@ impl Plan {
         })
     }
 
-    /// Returns the identity of the conditions of the plan; all calls return the result of the first one. If
-    /// the first call comes during planning, the identity covers all variables (none if the program reads
-    /// none). After planning it covers only the variables that were read.
+    /// Returns the identity of the plan's conditions; all calls return the result of the first one. If the
+    /// first call comes during planning, the identity covers all variables, or none if the program reads
+    /// none. After planning, it covers only the variables that were read.
     pub fn identity(&self, content: &PlanContent) -> PlanIdentity {
         self.identity
             .get_or_init(|| self.identify(content.is_complete()))
@@ -195,8 +197,8 @@ impl Plan {
         *self.content.lock() = Arc::new(content);
     }
 
-    /// Returns a tag that differs for any other plan, for another run, and for a shorter part of the same
-    /// plan.
+    /// Returns a tag of the planned content. The tag differs between plans, between runs, and between an
+    /// incomplete plan and its extended version.
     pub fn tag(content: &PlanContent, PathIdentity { run_id, plan }: &PathIdentity) -> String {
         let extent = match content.outcome {
             RehearsalOutcome::Planning => content.chunks.len().to_string(),
@@ -216,7 +218,7 @@ impl PlanContent {
         self.outcome != RehearsalOutcome::Planning
     }
 
-    /// Returns the planned times from the start of the plan to the current moment of a run.
+    /// Returns the planned times from the start of the plan to the current position of a run.
     pub fn time_of(&self, now: &RunMoment) -> Times {
         let waits = |mark: &PlanMark| {
             mark.waits && mark.segment == now.segment && mark.origin.line == now.executing.line
@@ -238,7 +240,7 @@ impl PlanContent {
             return start;
         }
         let moves_s = end.feed - start.feed + end.rapid - start.rapid;
-        // without motion, only the clock shows the progress
+        // Without motion, only the elapsed time shows the progress.
         let gone_s = if moves_s > 0.0 {
             let time_s = self.nearest([start.total, end.total], now.at);
             time_s.map_or(0.0, |time_s| time_s - start.total)
@@ -248,7 +250,7 @@ impl PlanContent {
         start.between(&end, (gone_s / length_s).clamp(0.0, 1.0))
     }
 
-    /// Returns when the path comes nearest to a position, between two times.
+    /// Returns the time, between two times, at which the path comes nearest to a position.
     fn nearest(&self, [from_s, to_s]: [f64; 2], at: [f32; 3]) -> Option<f64> {
         let first = self
             .chunks

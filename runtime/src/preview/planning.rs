@@ -1,4 +1,4 @@
-//! Plans a program from beginning to end: the stages of a run, followed by a tracer instead of the servo.
+//! Plans a program from beginning to end with the stages of a run; a tracer takes the place of the servo.
 
 use std::sync::Arc;
 
@@ -23,29 +23,29 @@ use crate::program_store::mentions_variables;
 use crate::sequence::stock;
 use crate::shared::SharedState;
 
-/// Maximum number of items planned ahead. Reason: a program may repeat itself endlessly.
+/// Maximum number of items planned ahead. Reason: a program may contain an endless loop.
 const ITEMS_MAX: u64 = 20_000_000;
 
-/// Maximum time planned ahead, s: a week.
+/// Maximum time planned ahead, s (one week).
 const TIME_MAX_S: f64 = 7.0 * 86_400.0;
 
 /// Maximum number of M codes that a rehearsal lists one by one.
 const M_CODES_MAX: usize = 1000;
 
-/// Items between two checks whether the plan is still needed.
+/// Number of items between two checks whether the plan is still needed.
 const ITEMS_PER_LOOK: u64 = 256;
 
 /// Reason why planning stops.
 enum PlanningEnd {
     Completed,
     Alarm(Alarm),
-    /// The line at which the run begins is not reached.
+    /// The program does not reach the line at which the run begins.
     NoLine(Refusal),
     TooLong,
     Cancelled,
 }
 
-/// Plans the program; `on_change` is called repeatedly as the plan grows.
+/// Plans the program; calls `on_change` each time the plan has grown.
 pub(super) fn plan(shared: &SharedState, plan: &Plan, is_wanted: &dyn Fn() -> bool, on_change: &dyn Fn()) {
     let conditions = &plan.conditions;
     let settings = &conditions.configured.settings;
@@ -81,14 +81,14 @@ struct Planning<'a> {
     captured: [f64; tandem_model::AXES_MAX],
     /// Number of the tool in the spindle; `None` if it is lost.
     tool: Option<u16>,
-    /// An M code was issued, so that values set by its handler since then are unknown.
+    /// True if an M code was issued; its handler may have set values that the plan does not know.
     has_put_out: bool,
     spindle: Option<PlannedSpindle>,
 }
 
 impl Planning<'_> {
-    /// Enters the program at the line at which the run begins, as the run does: M codes required by its state, then the
-    /// approach.
+    /// Enters the program at the line at which the run begins. As in the run, the M codes that the state at
+    /// this line requires come first, then the approach.
     fn enter(&mut self, from: &LineStart) -> Result<(), PlanningEnd> {
         let entry =
             line_search::search(self.shared, &self.plan.conditions, from).map_err(PlanningEnd::NoLine)?;
@@ -103,11 +103,11 @@ impl Planning<'_> {
         for output in std::mem::take(&mut arrival.restore) {
             self.plan_output(&output).map_err(PlanningEnd::Alarm)?;
         }
-        // a handler that selects another tool ends the run
+        // In a run, a handler that selects another tool here ends the run.
         self.tool = arrival.tool;
         self.pipeline.enter(arrival).map_err(PlanningEnd::Alarm)?;
         self.follow();
-        // the approach has the location of the block to which it leads
+        // The approach has the same origin as the block to which it leads, so the tracer must separate them.
         self.tracer.end_block();
         Ok(())
     }
@@ -137,7 +137,7 @@ impl Planning<'_> {
             };
             self.follow();
             if let Err(alarm) = done {
-                // motion handed out before the failed block runs to its end
+                // Motion that was planned before the failed block is followed to its end.
                 let _ = self.pipeline.finish();
                 self.follow();
                 return PlanningEnd::Alarm(alarm);
@@ -177,7 +177,7 @@ impl Planning<'_> {
         item
     }
 
-    /// Checks that a program neither waits nor ends within cutter compensation, and that M codes have the declared
+    /// Rejects a wait or an end of the program within cutter compensation, and M codes without the declared
     /// parameters.
     fn validate_item(&self, item: Item) -> Result<Item, Alarm> {
         let cs = self.plan.conditions.configured.settings.number;
@@ -199,7 +199,7 @@ impl Planning<'_> {
         configured.is_issued_at_once(output, settings, self.pipeline.is_compensating())
     }
 
-    /// Lets the tracer follow the planned profiles.
+    /// Passes the planned profiles to the tracer.
     fn follow(&mut self) {
         while let Some(profile) = self.pipeline.ready.pop_front() {
             self.tracer.follow(&profile);
@@ -214,7 +214,7 @@ impl Planning<'_> {
         }
     }
 
-    /// Ends a skip block at its full distance.
+    /// Ends a skip block (G31) at its full distance.
     fn end_skip(&mut self, at: AxisVector) {
         self.pipeline.path.skipped_to(MachinePosition(at));
         let motors = &self.plan.conditions.configured.settings.motors;
@@ -268,8 +268,8 @@ impl Planning<'_> {
         Ok(())
     }
 
-    /// Selects the tool of an M code that is configured to do so, whichever handler serves it. Other actions of a
-    /// handler are unknown.
+    /// Selects the tool if the configuration declares that this M code selects tools, regardless of its
+    /// handler. Other effects of a handler are unknown.
     fn select_tool(&mut self, output: &Output, settings: Option<&MCodeSettings>) {
         let cs = self.plan.conditions.configured.settings.number;
         let selected = match settings {
@@ -280,13 +280,13 @@ impl Planning<'_> {
         self.has_put_out |= selected.is_none() || self.shared.is_handled(cs, output.m);
     }
 
-    /// Returns true if no M code is configured to select tools: then any handler may do so.
+    /// Returns true if no M code is configured to select tools, so that any handler may select a tool.
     fn any_may_select(&self) -> bool {
         !self.shared.machine.m_codes.values().any(selects_tool)
     }
 
-    /// Returns the time that the stock sequence program takes for M03, M04 or M05; `None` for any other M
-    /// code, and if a handler serves it.
+    /// Returns the time that the stock sequence program takes for M03, M04 or M05. Returns `None` for any
+    /// other M code, and if a handler serves the M code.
     fn turn_spindle(&mut self, m: u16, at_s: f64) -> Option<f64> {
         let direction = stock::spindle_direction(m)?;
         let spindle = self.spindle.as_mut()?;
@@ -300,7 +300,7 @@ impl Planning<'_> {
         Some(takes_s.max(settings.map_or(0.0, |settings| settings.simulated_s)))
     }
 
-    /// Records a block that may read values set by a handler.
+    /// Records the block that has begun, if it may read a value that a handler has set.
     fn look_at_block(&mut self) {
         let Some(began) = self.pipeline.interpreter.began() else {
             return;
@@ -380,7 +380,7 @@ impl Planning<'_> {
     }
 }
 
-/// Returns the time that a program waits for an M code; `None` if unknown.
+/// Returns the time that a program waits for an M code, s; `None` if the time is unknown.
 pub(super) fn wait_of(shared: &SharedState, configured: &ConfiguredSystem, m: u16) -> Option<f64> {
     let cs = configured.settings.number;
     if let Some(measured_s) = shared.m_code_wait(cs, m) {
@@ -404,7 +404,7 @@ fn selects_tool(settings: &MCodeSettings) -> bool {
     settings.stock == Some(Stock::SelectTool)
 }
 
-/// Returns true for a block with a word that reads the tool in the spindle.
+/// Returns true if the text of a block contains a word that uses the tool in the spindle.
 fn takes_tool(text: &str) -> bool {
     let text = text.to_ascii_uppercase();
     let mut words = text.split('G').skip(1);

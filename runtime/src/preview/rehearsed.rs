@@ -1,4 +1,4 @@
-//! The rehearsal: a plan in the form of the interface.
+//! Converts a plan to a rehearsal, the form in which clients receive it.
 
 use plc_api::types::planned::{
     PathIdentity, Rehearsal, RehearsedAxis, RehearsedLine, RehearsedPeak, RehearsedRun,
@@ -9,7 +9,7 @@ use tandem_model::settings::MotorSettings;
 use super::plan::{Plan, PlanContent, RunMoment};
 use super::tracer::{AxisTrace, PlanMark, PlannedPeak, Times};
 
-/// Maximum number of blocks with listed times.
+/// Maximum number of blocks whose times a rehearsal lists.
 const LINES_MAX: usize = 2048;
 
 pub(super) fn rehearsal(plan: &Plan, content: &PlanContent, identity: PathIdentity) -> Rehearsal {
@@ -76,14 +76,14 @@ fn axis_of(trace: &AxisTrace, motor: &MotorSettings) -> RehearsedAxis {
     }
 }
 
-/// Planned time below which nothing is left, s.
+/// Planned time in s below which no time is left.
 const NOTHING_S: f64 = 1e-6;
 
-/// Returns the progress of a run at this moment.
+/// Returns the progress of a run at its current position.
 pub(super) fn run(content: &PlanContent, now: &RunMoment, overrides: &Overrides) -> RehearsedRun {
     let (at, end) = (content.time_of(now), content.times);
     let left = |from: f64, to: f64| (to - from).max(0.0);
-    // at an override of 0 the machine rests, and the end time is unknown
+    // At an override of 0 the machine rests, so the end time is unknown.
     let at_rate = |planned_s: f64, percent: f64| match planned_s {
         0.0..NOTHING_S => Some(0.0),
         _ if percent > 0.0 => Some(planned_s * 100.0 / percent),

@@ -1,4 +1,4 @@
-//! The plans of a coordinate system, and the selection of the plan that a request or a run may use.
+//! The plans of a coordinate system, and the selection of the plan that a request or a run uses.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -7,18 +7,18 @@ use super::plan::Plan;
 use crate::coordinate_system::{Conditions, RunStart};
 use crate::program_store::StoredProgram;
 
-/// The plans of a coordinate system.
+/// The plans of a coordinate system, one for each use.
 #[derive(Debug, Default)]
 pub(super) struct Slots {
     /// Plan of the run in progress.
     running: PlanSlot,
     /// Plan of the loaded program.
     loaded: PlanSlot,
-    /// Plan of another program, the last requested one.
+    /// Plan of the last requested program that is not loaded.
     asked: PlanSlot,
 }
 
-/// Use of a plan in a coordinate system.
+/// Use of a plan in a coordinate system: by the run, for the loaded program, or for a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum PlanUse {
     Running,
@@ -27,16 +27,16 @@ pub(super) enum PlanUse {
 }
 
 impl PlanUse {
-    /// In the order of planning.
+    /// All uses in the order in which their plans are made.
     pub const ALL: [PlanUse; 3] = [PlanUse::Running, PlanUse::Loaded, PlanUse::Asked];
 }
 
-/// Input of a plan.
+/// Order for a plan.
 #[derive(Debug, Clone)]
 pub(super) enum PlanOrder {
-    /// A program, with the conditions when planning begins.
+    /// Plan a program with the conditions at the time when planning begins.
     Program(Arc<StoredProgram>),
-    /// A run, with the conditions with which it began.
+    /// Plan a run with the conditions at its start.
     Run(Arc<RunStart>),
 }
 
@@ -53,14 +53,14 @@ impl PlanOrder {
 #[derive(Debug, Default)]
 struct PlanSlot {
     plan: Option<Arc<Plan>>,
-    /// Plan to be made.
+    /// Order for a plan that has not begun.
     wanted: Option<PlanOrder>,
-    /// Duration of the last planning, and when it ended.
+    /// Duration of the last planning, and the time when it ended.
     took: Option<(Duration, Instant)>,
 }
 
 impl PlanSlot {
-    /// Orders a plan; returns true if it was not ordered yet.
+    /// Orders a plan; returns true if this plan was not ordered yet.
     fn want(&mut self, wanted: PlanOrder) -> bool {
         if self.wanted.as_ref().is_some_and(|known| known.is(&wanted)) {
             return false;
@@ -87,8 +87,8 @@ impl Slots {
         }
     }
 
-    /// Returns the plan of a run: made for it, or made earlier with the same conditions. Otherwise `None`, and `true`
-    /// if planning it has to begin.
+    /// Returns the plan of a run: made for this run, or made earlier with the same conditions. If no such
+    /// plan exists, returns `None`, and `true` if the plan was not ordered before.
     pub fn plan_of_run(&mut self, run: &Arc<RunStart>) -> (Option<Arc<Plan>>, bool) {
         let plans = [self.running.plan.clone(), self.loaded.plan.clone()];
         let mut plans = plans.into_iter().flatten();
@@ -100,8 +100,9 @@ impl Slots {
         (None, self.running.want(PlanOrder::Run(Arc::clone(run))))
     }
 
-    /// Returns the plan of a program as a start would run it now. During manual motion, returns the plan of the
-    /// previous position. Otherwise `None`, and `true` if planning it has to begin.
+    /// Returns the plan of a program for the conditions `now`. During manual motion, accepts a plan of an
+    /// earlier position. If no such plan exists, returns `None`, and `true` if the plan was not ordered
+    /// before.
     pub fn plan_of_program(
         &mut self,
         which: PlanUse,
@@ -117,7 +118,7 @@ impl Slots {
         (None, slot.want(PlanOrder::Program(Arc::clone(program))))
     }
 
-    /// Drops the plan of the ended run, except as that of the loaded program.
+    /// Drops the plan of the ended run; if the loaded program uses the same plan, that use remains.
     pub fn end_run(&mut self) {
         self.running.wanted = None;
         let Some(plan) = self.running.plan.take() else {
@@ -141,12 +142,12 @@ impl Slots {
         self.slot_mut(which).wanted.take()
     }
 
-    /// Begins planning.
+    /// Records that planning has begun.
     pub fn begin_plan(&mut self, which: PlanUse, plan: &Arc<Plan>) {
         self.slot_mut(which).plan = Some(Arc::clone(plan));
     }
 
-    /// Ends planning; an incomplete plan is discarded.
+    /// Records that planning has ended; discards an incomplete plan.
     pub fn end_plan(&mut self, which: PlanUse, plan: &Arc<Plan>, took: Duration) {
         self.slot_mut(which).took = Some((took, Instant::now()));
         if plan.content().is_complete() {
@@ -157,7 +158,8 @@ impl Slots {
         }
     }
 
-    /// Returns true if the loaded program was planned with other conditions so recently that it must wait.
+    /// Returns true if the loaded program was planned so recently that planning for changed conditions must
+    /// wait.
     pub fn pauses(&self, number: u16, factor: u32) -> bool {
         let plan = self.loaded.plan.as_ref();
         let is_of = plan.is_some_and(|plan| plan.conditions.main.number == number);
@@ -165,7 +167,7 @@ impl Slots {
         took.is_some_and(|(took, ended)| ended.elapsed() < took * factor)
     }
 
-    /// Cancels every plan.
+    /// Cancels all plans of the coordinate system.
     pub fn cancel(&self) {
         for slot in [&self.running, &self.loaded, &self.asked] {
             if let Some(plan) = &slot.plan {

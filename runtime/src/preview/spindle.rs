@@ -1,17 +1,19 @@
-//! Time that a rehearsal waits for a spindle turned by the stock sequence program, at 100 percent override.
+//! Calculates the time for which a rehearsal waits for the spindle, if the stock sequence program turns it.
+//! The override is 100 percent.
 
 use plc_api::types::state::SpindleDirection;
 use tandem_model::settings::MotorSettings;
 
-/// A spindle that changes its speed with the full acceleration of its motor.
+/// A planned spindle, which changes its speed with the full acceleration of its motor.
 #[derive(Debug)]
 pub(super) struct PlannedSpindle {
-    /// r/min per second.
+    /// Acceleration, r/min per second.
     acceleration: f64,
     max_rpm: f64,
-    /// Largest difference from the commanded speed, as a share of it.
+    /// Maximum difference from the commanded speed at which the speed counts as reached, as a share of that
+    /// speed.
     within: f64,
-    /// Signed speed at `at_s`, and the target speed, r/min.
+    /// Signed speed at the time `at_s`, and the target speed, r/min.
     rpm: f64,
     target_rpm: f64,
     at_s: f64,
@@ -30,7 +32,7 @@ impl PlannedSpindle {
         }
     }
 
-    /// Commands a speed at a time, and returns the time until the spindle has reached it.
+    /// Commands a speed at the time `at_s`, and returns the time in s until the spindle reaches it.
     pub fn command(&mut self, direction: SpindleDirection, rpm: f64, at_s: f64) -> f64 {
         let most = self.acceleration * (at_s - self.at_s).max(0.0);
         self.rpm += (self.target_rpm - self.rpm).clamp(-most, most);
@@ -45,7 +47,7 @@ impl PlannedSpindle {
         (away / self.acceleration).max(0.0)
     }
 
-    /// Applies a changed S to a turning spindle.
+    /// Applies a changed S word, if the spindle turns.
     pub fn follow(&mut self, rpm: f64, at_s: f64) {
         let direction = if self.target_rpm > 0.0 {
             SpindleDirection::Cw
@@ -72,7 +74,7 @@ mod tests {
             (SpindleDirection::Cw, 2000.0, 0.0, 1.8),
             (SpindleDirection::Cw, 2000.0, 5.0, 0.0),
             (SpindleDirection::Ccw, 1000.0, 5.0, 2.9),
-            // half a second after the command: from 2000 to 1500
+            // Half a second after the previous command, the spindle has slowed from 2000 to 1500 r/min.
             (SpindleDirection::Stop, 0.0, 5.5, 1.5),
             (SpindleDirection::Stop, 0.0, 9.0, 0.0),
             (SpindleDirection::Cw, 0.0, 9.0, 0.0),

@@ -1,4 +1,5 @@
-//! Follows profiles like the servo, one setpoint per period at 100 percent, and records positions, times and speeds.
+//! Follows profiles as the servo does, one setpoint per period at 100 percent override. Records positions,
+//! times and speeds.
 
 use tandem_model::profile::{Law, Profile, TimeBase};
 use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
@@ -7,22 +8,24 @@ use tandem_model::{Axis, AxisVector, MachinePosition, Origin};
 use super::chunk::{CHUNK_LINES, Chunk, Palette, Vertex, single};
 use super::path_simplifier::PathSimplifier;
 
-/// Maximum number of vertices of one path: some 50 MB with all levels. The picture ends there, the rehearsal continues.
+/// Maximum number of vertices of one path: about 50 MB with all levels. The picture ends there; the rehearsal
+/// continues.
 pub(super) const VERTICES_MAX: usize = 1 << 21;
 
-/// A profile has ended when less than this share of a servo period is left, as for the servo.
+/// Share of a servo period: if less is left of a profile, it has ended. The servo uses the same rule.
 const END_TOLERANCE: f64 = 1e-6;
 
-/// In a profile longer than this, the middle is followed in longer steps, s: its speed is constant there.
+/// Profile duration in s from which the middle part is followed in longer steps, because its speed is
+/// constant.
 const LONG_S: f64 = 60.0;
 
-/// Periods of a long profile.
+/// Number of steps in which a long profile is followed.
 const STEPS_OF_LONG: f64 = 50_000.0;
 
-/// Maximum number of marks; if there are more, every second one is dropped.
+/// Maximum number of marks. At this number, every second mark is dropped.
 const MARKS_MAX: usize = 8192;
 
-/// Time so far by category, s.
+/// Time from the start of the plan, in total and by category, s.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Times {
     pub total: f64,
@@ -33,7 +36,7 @@ pub(super) struct Times {
 }
 
 impl Times {
-    /// Interpolates between two marks.
+    /// Interpolates between the times of two marks; `share` is from 0 to 1.
     pub fn between(&self, other: &Self, share: f64) -> Self {
         let part = |a: f64, b: f64| a + (b - a) * share;
         Self {
@@ -46,25 +49,25 @@ impl Times {
     }
 }
 
-/// The beginning of a block, or the issue of an M code.
+/// Mark at the beginning of a block or at the issue of an M code.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct PlanMark {
     /// Number of the segment in the run.
     pub segment: u64,
     pub origin: Origin,
     pub times: Times,
-    /// The program waits for an M code after that segment.
+    /// True if the program waits for an M code after that segment.
     pub waits: bool,
 }
 
-/// A maximum, and the block that causes it.
+/// Maximum of a value, and the block that causes it.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct PlannedPeak {
     pub value: f64,
     pub origin: Origin,
 }
 
-/// Recorded values of an axis.
+/// Recorded range of positions of an axis, and its maximum velocity and acceleration.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct AxisTrace {
     pub axis: Axis,
@@ -74,13 +77,13 @@ pub(super) struct AxisTrace {
     pub acceleration: PlannedPeak,
 }
 
-/// An axis with the drive that follows it.
+/// An axis with a model of the drive that follows its setpoints.
 #[derive(Debug, Clone, Copy)]
 struct FollowedAxis {
     trace: AxisTrace,
     last: f64,
     velocity: f64,
-    /// Following error of the drive.
+    /// Following error of the drive, mm or degrees.
     error: f64,
     lag_periods: f64,
     decay: f64,
@@ -114,7 +117,7 @@ impl FollowedAxis {
         }
     }
 
-    /// Moves to the setpoint `periods` periods later.
+    /// Moves the axis to the setpoint `at`, which is `periods` periods later.
     fn go_to(&mut self, at: f64, periods: f64, period_s: f64, origin: Origin) {
         let step = at - self.last;
         let velocity = step / (periods * period_s);
@@ -143,13 +146,13 @@ impl FollowedAxis {
     }
 }
 
-/// Record of the run so far.
+/// Record of the planned motion from the start of the plan.
 #[derive(Debug)]
 pub(super) struct Tracer {
     period_s: f64,
     axes: Vec<FollowedAxis>,
     times: Times,
-    /// Profile time of the next setpoint; `None` if the machine rests.
+    /// Profile time of the next setpoint, s; `None` if the machine rests.
     phase_s: Option<f64>,
     origin: Origin,
     base: TimeBase,
@@ -157,17 +160,17 @@ pub(super) struct Tracer {
     at: AxisVector,
     pub palette: Palette,
     vertices: Vec<Vertex>,
-    /// Full chunks, to be collected.
+    /// Completed chunks that the planning has not collected yet.
     pub chunks: Vec<Chunk>,
     vertex_count: usize,
     pub marks: Vec<PlanMark>,
-    /// Blocks between two marks.
+    /// Number of blocks between two marks.
     stride: u32,
     unmarked: u32,
 }
 
 impl Tracer {
-    /// Creates the tracer of this program, with the machine at rest at this position.
+    /// Creates the tracer of a program; the machine is at rest at this position.
     pub fn new(settings: &CoordinateSystemSettings, program: u16, at: MachinePosition) -> Self {
         let period_s = settings.servo_period_s;
         let motor = |axis: Axis| settings.motors[axis.index()].as_ref();
@@ -202,12 +205,12 @@ impl Tracer {
         tracer
     }
 
-    /// Returns the time so far.
+    /// Returns the time from the start of the plan, by category.
     pub fn times(&self) -> Times {
         self.times
     }
 
-    /// Returns true if the path has more vertices than the maximum.
+    /// Returns true if the path has reached [`VERTICES_MAX`] vertices.
     pub fn is_cut(&self) -> bool {
         self.vertex_count >= VERTICES_MAX
     }
@@ -217,7 +220,7 @@ impl Tracer {
         self.axes.iter().map(|followed| &followed.trace)
     }
 
-    /// Begins another block with this segment.
+    /// Begins the block to which this segment belongs, unless the block has already begun.
     pub fn begin_block(&mut self, origin: Origin, segment: u64) {
         if self.origin == origin && !self.marks.is_empty() {
             return;
@@ -232,12 +235,12 @@ impl Tracer {
         self.mark(origin, segment, false);
     }
 
-    /// Ends the block: the next motion belongs to another block, regardless of its origin.
+    /// Ends the block: the next motion begins a new block, even if its origin is the same.
     pub fn end_block(&mut self) {
         self.origin.line = 0;
     }
 
-    /// Records the current time as a mark.
+    /// Records the times up to now as a mark.
     fn mark(&mut self, origin: Origin, segment: u64, waits: bool) {
         if self.marks.len() >= MARKS_MAX {
             let mut i = 0;
@@ -256,7 +259,7 @@ impl Tracer {
         });
     }
 
-    /// Adds a wait of the program after this segment.
+    /// Adds a wait of the program after this segment, s.
     pub fn wait(&mut self, origin: Origin, segment: u64, time_s: f64) {
         self.cut();
         self.origin = origin;
@@ -264,7 +267,7 @@ impl Tracer {
         self.rest(time_s, true);
     }
 
-    /// Follows a profile to its end.
+    /// Follows a profile to its end and records its setpoints.
     pub fn follow(&mut self, profile: &Profile) {
         self.begin_block(profile.origin, profile.segment);
         let base = profile.law.time_base();
@@ -323,7 +326,7 @@ impl Tracer {
         }
     }
 
-    /// Waits until the following errors of the drives are small at rest.
+    /// Waits at rest until the following error of each drive is small, or until the axis's timeout.
     fn come_into_position(&mut self) {
         let mut waited_s = 0.0;
         while self
@@ -344,10 +347,10 @@ impl Tracer {
         self.rested();
     }
 
-    /// Keeps the machine at rest: a dwell, or the program waits.
+    /// Keeps the machine at rest for a dwell or, if `is_wait`, for a wait of the program.
     fn rest(&mut self, time_s: f64, is_wait: bool) {
         let periods = (time_s / self.period_s - END_TOLERANCE).ceil().max(0.0);
-        // a dwell has a first setpoint, and one at its end
+        // A dwell has a first setpoint and one at its end; a wait has no setpoints.
         let time_s = if is_wait { periods } else { periods + 1.0 } * self.period_s;
         self.times.total += time_s;
         if is_wait {
@@ -359,7 +362,7 @@ impl Tracer {
         self.rested();
     }
 
-    /// Continues the path from here at the current time, after a rest.
+    /// Adds the rest that has ended now to the path.
     fn rested(&mut self) {
         self.cut();
         let (at, since_s) = self.sleeve.end_point();
@@ -390,7 +393,7 @@ impl Tracer {
                 .iter()
                 .all(|at| at.map(f32::to_bits) == vertex.at.map(f32::to_bits))
         {
-            // two rests in sequence
+            // The previous vertex also ends a rest at this position; the two rests become one.
             *last = vertex;
             return;
         }
@@ -402,7 +405,7 @@ impl Tracer {
         }
     }
 
-    /// Ends the record: the remaining vertices become a chunk.
+    /// Ends the record; the remaining vertices become the last chunk.
     pub fn finish_chunks(&mut self) {
         self.cut();
         let left = std::mem::take(&mut self.vertices);
@@ -412,7 +415,7 @@ impl Tracer {
     }
 }
 
-/// Converts a machine position to a position in the picture.
+/// Returns the X, Y and Z positions of the picture, mm.
 fn picture_position(at: AxisVector) -> [f64; 3] {
     Axis::ORTHOGONAL.map(|axis| at[axis])
 }

@@ -1,4 +1,4 @@
-//! Work in the background of a test: which of its failures end the test.
+//! Work in the background of a test, and the failures of that work that end the test.
 
 use std::any::Any;
 use std::panic::AssertUnwindSafe;
@@ -13,25 +13,25 @@ use tokio::sync::Notify;
 use super::TestError;
 use super::standstill::watched;
 
-/// Text in tokio's panics when a test uses its sockets.
+/// Text that a panic of tokio contains if code in a test uses a socket of tokio.
 const FOREIGN: &str = "IO is disabled";
 
-/// Advice in errors: the replacement for real hardware.
+/// Advice in error texts: the replacement for real hardware.
 const MODEL: &str = "replace it by a model (Bench::plant)";
 
-/// Returns true if the text of a panic or an alarm is caused by a socket.
+/// Returns true if the text of a panic or an alarm shows that code has used a socket.
 pub(super) fn is_foreign(text: &str) -> bool {
     text.contains(FOREIGN)
 }
 
-/// Returns the error of a test in which some code used a socket.
+/// Returns the error of a test in which `what` used a socket.
 pub(super) fn socket_error(what: &str) -> TestError {
     TestError::new(format!(
         "{what} used a socket, and simulated time does not wait for a network: {MODEL}"
     ))
 }
 
-/// Returns the error of a test in which some code waited on another clock.
+/// Returns the error of a test in which `what` blocked in real time.
 fn standstill_error(what: &str, stood: Duration) -> TestError {
     TestError::new(format!(
         "{what} was blocked for {:.1} s of real time, by std::thread::sleep, a lock or a blocking call, and \
@@ -86,12 +86,12 @@ impl Failures {
         self.other_thread.store(true, Ordering::SeqCst);
     }
 
-    /// Waits for a failure.
+    /// Waits until background work has failed.
     pub(super) async fn noted(&self) {
         self.noted.notified().await;
     }
 
-    /// Runs work next to the test; if the work fails, the test fails.
+    /// Runs work concurrently with the test; if the work fails, the test fails.
     pub(super) async fn watch(self, what: &str, work: impl Future<Output = plc_api::Result<()>>) {
         let work = watched(work, |stood| self.error(standstill_error(what, stood)));
         match AssertUnwindSafe(work).catch_unwind().await {

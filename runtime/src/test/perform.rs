@@ -1,4 +1,4 @@
-//! Runs a test: the machine, its handlers and the script in simulated time, on a separate thread.
+//! Runs a test on a separate thread: the machine, its handlers and the script in simulated time.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -28,12 +28,12 @@ use crate::coordinator::Runtime;
 use crate::journal::{Event, Journal, Line, ResetOutcome};
 use crate::simulation::{self, Code, SimulationSlot};
 
-/// Real time in which simulated time must advance at least once. Reason: a handler that blocks the thread would
-/// otherwise block the test without limit.
+/// Real time within which simulated time must advance. Reason: otherwise a handler that blocks the thread
+/// would block the test without limit.
 const STANDSTILL: Duration = Duration::from_secs(if cfg!(test) { 2 } else { 10 });
 
-/// Turns given to all tasks so that handlers are registered before the programs are loaded. Reason: more than any chain
-/// of wake-ups from a sequence program's first poll to the answer that registers it.
+/// Number of turns that all tasks get so that handlers register before the programs are loaded. Reason: no
+/// chain of wake-ups from a sequence program's first poll to the answer to its registration is longer.
 const SETTLE_TURNS: usize = 256;
 
 /// The machine and its handlers, as accessible to a scripted action.
@@ -50,20 +50,21 @@ impl Scene {
         &self.plc
     }
 
-    /// Returns one of its coordinate systems.
+    /// Returns a coordinate system of the machine.
     pub fn cs(&self, number: CoordinateSystemNumber) -> CoordinateSystem {
         self.plc.coordinate_system(number)
     }
 
-    /// Ends all handlers at once, as if their process ended: their claims are released.
+    /// Ends all handlers immediately, as if their process had ended; the machine releases their claims.
     pub fn kill_handlers(&self) {
         for handler in self.handlers.lock().drain(..) {
             handler.abort();
         }
     }
 
-    /// Serves the machine with another sequence program from now on, such as after [`Scene::kill_handlers`]. If it ends
-    /// with an error, for example because its `handler_id` is taken, so does the test.
+    /// Starts another sequence program that serves the machine, for example after [`Scene::kill_handlers`].
+    /// If the program ends with an error, for example because its `handler_id` is taken, the test ends with
+    /// this error.
     pub fn serve(&self, program: SequenceProgram) {
         let (plc, failures) = (self.plc.clone(), self.failures.clone());
         let served = async move { failures.watch("a sequence program", program.run(&plc)).await };
@@ -72,8 +73,8 @@ impl Scene {
 }
 
 impl Bench {
-    /// Runs `act` with the machine in simulated time, once its handlers are registered and its programs are written; no
-    /// program is loaded. Scripted events do not happen.
+    /// Runs `act` with the machine in simulated time, after the handlers are registered and the programs are
+    /// stored. No program is loaded, and scripted events do not happen.
     ///
     /// ```
     /// # use plc_api::Execution;
@@ -89,11 +90,11 @@ impl Bench {
     /// ```
     ///
     /// # Errors
-    /// Returns an error if the machine does not start, a sequence program or an NC program is rejected, or a task
-    /// blocks the thread.
+    /// Returns an error if the machine does not start, a sequence program or an NC program is rejected, or a
+    /// task blocks the thread.
     ///
     /// # Panics
-    /// Panics if `act` panics, such as by a failed assertion.
+    /// Panics if `act` panics, for example by a failed assertion.
     pub fn play<T: Send + 'static>(
         self,
         act: impl AsyncFnOnce(Scene, &Runtime) -> T + Send + 'static,
@@ -155,7 +156,7 @@ impl Bench {
             handlers: Arc::default(),
             failures: failures.clone(),
         };
-        // dropped, and thus ended, with the test
+        // Dropping this set at the end of the test ends the tasks in it.
         let mut plants = JoinSet::new();
         for plant in self.plants {
             let (work, failures) = (plant(scene.clone()), failures.clone());
@@ -189,7 +190,7 @@ impl Bench {
     /// Runs a program of the configuration, or one given by [`Bench::subprogram`].
     ///
     /// # Errors
-    /// As [`Bench::run`].
+    /// Returns the same errors as [`Bench::run`].
     pub fn run_program(mut self, number: u16) -> Result<Run, TestError> {
         let (sink, lines) = mpsc::unbounded_channel();
         let waits_for_blocks = self.script.iter().any(|(cue, _)| matches!(cue, Cue::Line(_)));
@@ -244,11 +245,11 @@ impl Bench {
     }
 }
 
-/// Reports a sequence program whose presence the machine rejects, before the program itself gives up: the test may end
-/// earlier.
+/// Reports a sequence program whose presence the machine rejects. The test may end before the sequence
+/// program itself gives up.
 ///
 /// # Errors
-/// Returns an error if such a program exists.
+/// Returns an error if the machine has rejected a presence.
 fn check_presences(mut results: Subscription) -> Result<(), TestError> {
     while let Some(message) = results.try_next() {
         if let (Topic::HandlerResult(id), Payload::HandlerResult(result)) = (&message.topic, &message.payload)
@@ -261,7 +262,7 @@ fn check_presences(mut results: Subscription) -> Result<(), TestError> {
     Ok(())
 }
 
-/// Describes why a program was not loaded, with every finding.
+/// Describes why the machine did not load a program, with all diagnostics.
 fn refused(program: u16, error: &Error) -> TestError {
     let mut lines = vec![format!("program {program} is refused: {error}")];
     if let Error::Refused(refusal) = error {
@@ -280,7 +281,7 @@ struct StartedBlock {
 }
 
 impl StartedBlock {
-    /// Creates it from a line of the journal.
+    /// Creates the block from a line of the journal; returns `None` for other lines.
     fn from_line(line: &Line) -> Option<Self> {
         match line.event {
             Event::Block { program, line: at } => Some(Self {
@@ -298,9 +299,10 @@ struct Stage {
     scene: Scene,
     start_s: f64,
     states: Subscription,
-    /// From the journal: blocks, and the line after them.
+    /// Journal entries for the test: the blocks that have begun, and the line after them.
     lines: mpsc::UnboundedReceiver<(Vec<StartedBlock>, Option<Line>)>,
-    /// Blocks after these. The test is not woken for them, because no action waits for them.
+    /// Blocks that have begun since the last entry in `lines`. They do not wake the test, because no action
+    /// waits for them.
     blocks: Arc<Mutex<Vec<StartedBlock>>>,
     script: Vec<Option<(Cue, ScriptAction)>>,
     main: u16,
@@ -313,7 +315,7 @@ struct Stage {
 impl Stage {
     async fn play(mut self, runtime: &Runtime) -> Result<Run, TestError> {
         let simulation = runtime.simulation().ok_or(TestError::new("no simulation"))?;
-        // Events before the start are not part of the run.
+        // Discards events before the start, which are not part of the run.
         while self.states.try_next().is_some() {}
         while self.lines.try_recv().is_ok() {}
         self.blocks.lock().clear();
@@ -392,7 +394,7 @@ impl Stage {
         times.reduce(f64::min)
     }
 
-    /// Begins the actions that are due now.
+    /// Starts the scripted actions whose cue is due now.
     fn cue(&mut self, is_now: impl Fn(Cue) -> bool) {
         for place in &mut self.script {
             if let Some((cue, action)) = place.take_if(|(cue, _)| is_now(*cue)) {
@@ -402,7 +404,7 @@ impl Stage {
         }
     }
 
-    /// Handles blocks whose motion has begun.
+    /// Records blocks whose motion has begun, and starts the actions for their lines.
     fn on_blocks(&mut self, blocks: Vec<StartedBlock>) {
         for block in blocks {
             let what = format!("block {}", block.line);
@@ -415,17 +417,17 @@ impl Stage {
         }
     }
 
-    /// Begins the actions of a line that moves, issues an output, or stops.
+    /// Starts the actions for a line of the main program whose block has begun.
     fn cue_line(&mut self, program: u16, line: u32) {
         if program == self.main {
             self.cue(|cue| cue == Cue::Line(line));
         }
     }
 
-    /// Handles a line of the journal that does not belong to a block.
+    /// Handles a line of the journal that is not about the start of a block.
     fn on_line(&mut self, line: &Line) {
         let (cs, at_s) = (line.cs, line.t_s - self.start_s);
-        // program and line of the begun block
+        // Program and line of the block that has begun.
         let mut begun = None;
         let what = match &line.event {
             Event::Output(notice) => {
@@ -449,7 +451,7 @@ impl Stage {
                 format!("stop M{:02}", m.unwrap_or_default())
             }
             Event::Alarm(alarm) => format!("alarm {}", alarm.number()),
-            // a subscriber of the topic receives only the latest value, and each value only once
+            // A subscriber of the topic would receive only the latest value, so the journal line is used.
             Event::Capture(captured) => {
                 self.run.captured.push((**captured).clone());
                 "capture".to_owned()

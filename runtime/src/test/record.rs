@@ -10,22 +10,23 @@ use plc_api::{Alarm, CancelReason, Execution, Params};
 use super::TestError;
 use super::trace::{Sample, Samples};
 
-/// Results of a run: plain data, equal for equal tests. Times are seconds from the start of the programs.
+/// Results of a run, as plain data that is equal for equal tests. Times are seconds from the start of the
+/// programs.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Run {
-    /// Why the run ended.
+    /// Reason why the run ended.
     pub stopped: RunEndReason,
-    /// When the run ended.
+    /// Time when the run ended.
     pub time_s: f64,
     /// Auxiliary function outputs in the order in which they were issued.
     pub outputs: Vec<OutputRecord>,
     /// Alarms and warnings in the order in which they were raised.
     pub alarms: Vec<AlarmRecord>,
-    /// Captured positions of each G31, in order.
+    /// Captured positions of each G31, in the order of the captures.
     pub captured: Vec<CapturedPositions>,
-    /// State words of each coordinate system, from its start on.
+    /// State changes of each coordinate system, from the start of the run.
     pub states: Vec<StateChange>,
-    /// Coordinate systems that were started.
+    /// Coordinate systems that the test has started.
     pub(super) jobs: Vec<CoordinateSystemNumber>,
     pub(super) systems: BTreeMap<CoordinateSystemNumber, SystemEnd>,
     pub(super) order: Vec<(CoordinateSystemNumber, String)>,
@@ -34,62 +35,63 @@ pub struct Run {
     pub(super) q: BTreeMap<CoordinateSystemNumber, NonZero>,
 }
 
-/// Variables that are not zero, by number. They are stored as bits, because NaN must equal itself here.
+/// Variables that are not zero, by number. The values are stored as bits, because NaN must be equal to itself
+/// here.
 pub(super) type NonZero = BTreeMap<u32, u64>;
 
-/// Why a run ended.
+/// Reason why a run ended.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub enum RunEndReason {
     /// Every program has ended: at its end, by an alarm or by a command.
     #[default]
     ProgramsEnded,
-    /// Nothing further could happen: a program was paused, or waited for an event that does not occur.
+    /// No further event could occur: a program was paused, or waited for an event that does not occur.
     NothingMoves,
-    /// [`Bench::max_time_s`](super::Bench::max_time_s) was reached.
+    /// The run reached the time of [`Bench::max_time_s`](super::Bench::max_time_s).
     TimeLimit,
 }
 
 /// One auxiliary function output.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OutputRecord {
-    /// Coordinate system that issued it.
+    /// Coordinate system that issued the output.
     pub cs: CoordinateSystemNumber,
-    /// Sequence number.
+    /// Sequence number of the output.
     pub seq: u64,
     /// M number.
     pub m: u16,
-    /// VA to VH.
+    /// Parameters VA to VH.
     pub params: Params,
-    /// Program that contains it.
+    /// Number of the program that contains the M code.
     pub program: u16,
-    /// Line of that program, from 1.
+    /// Line of the M code in that program, from 1.
     pub line: u32,
-    /// When it was issued.
+    /// Time when the output was issued.
     pub output_s: f64,
-    /// When it ended; `None` while it is pending.
+    /// Time when the output ended; `None` while it is pending.
     pub ended_s: Option<f64>,
-    /// How it ended.
+    /// Result of the output.
     pub ended: OutputEnd,
 }
 
-/// How an output ended.
+/// Result of an output.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum OutputEnd {
-    /// It has not ended.
+    /// The output has not ended.
     Open,
-    /// It was reset: the program continued.
+    /// A handler reset the output, and the program continued.
     Reset,
-    /// Its handler reported this alarm.
+    /// The handler reported this alarm.
     Failed(Alarm),
-    /// It was cancelled, such as by a stop.
+    /// The output was cancelled, for example by a stop.
     Cancelled(CancelReason),
 }
 
 impl OutputRecord {
-    /// Returns the seconds from the output to its end.
+    /// Returns the time from the issue of the output to its end, s.
     ///
     /// # Errors
-    /// Returns an error if it has not ended.
+    /// Returns an error if the output has not ended.
     pub fn took_s(&self) -> Result<f64, TestError> {
         let ended_s = self.ended_s.ok_or_else(|| {
             TestError::new(format!(
@@ -108,26 +110,26 @@ pub struct StateChange {
     pub at_s: f64,
     /// The coordinate system.
     pub cs: CoordinateSystemNumber,
-    /// The state word.
+    /// State after the change.
     pub execution: Execution,
-    /// The reason, if there is one.
+    /// Reason for the state; `None` if it has none.
     pub reason: Option<Reason>,
 }
 
 /// Final state of a coordinate system.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SystemEnd {
-    /// The state word.
+    /// State at the end of the run.
     pub execution: Execution,
-    /// The reason, if there is one.
+    /// Reason for the state; `None` if it has none.
     pub reason: Option<Reason>,
-    /// The pending output: M number and the handler's last progress text.
+    /// The pending output: its M number and the last progress text of its handler.
     pub waiting_on: Option<(u16, Option<String>)>,
     /// Commanded machine positions by axis letter, mm or degrees.
     pub machine: BTreeMap<String, f64>,
-    /// Commanded positions in work coordinates.
+    /// Commanded positions in work coordinates, by axis letter, mm or degrees.
     pub work: BTreeMap<String, f64>,
-    /// Tool in the spindle; 0: none.
+    /// Number of the tool in the spindle; 0 if the spindle is empty.
     pub tool: u16,
 }
 
@@ -135,7 +137,8 @@ impl Run {
     /// Returns this run if every program reached its end.
     ///
     /// # Errors
-    /// Returns an error if a program did not: the text describes the actual end and the events before it.
+    /// Returns an error if a program did not reach its end. The text describes how the run ended and the
+    /// events before.
     pub fn completed(self) -> Result<Run, TestError> {
         let unended = (self.jobs.iter())
             .filter_map(|cs| Some((*cs, self.systems.get(cs)?)))
@@ -146,10 +149,10 @@ impl Run {
         }
     }
 
-    /// Returns the alarm that stopped a program; the first if there are several.
+    /// Returns the first alarm that stopped a program.
     ///
     /// # Errors
-    /// Returns an error if there is no alarm: the text describes how the run ended.
+    /// Returns an error if no program was stopped by an alarm. The text describes how the run ended.
     pub fn alarm(&self) -> Result<&AlarmRecord, TestError> {
         let mut alarms = self
             .alarms
@@ -160,10 +163,10 @@ impl Run {
             .ok_or_else(|| TestError::new(format!("no alarm was raised; {}", self.summary())))
     }
 
-    /// Returns the first output of an M number.
+    /// Returns the first output with this M number.
     ///
     /// # Errors
-    /// Returns an error if there is none.
+    /// Returns an error if the run has no such output.
     pub fn output(&self, m: u16) -> Result<&OutputRecord, TestError> {
         let mut outputs = self.outputs.iter().filter(|output| output.m == m);
         outputs
@@ -188,27 +191,29 @@ impl Run {
         of_cs.map(|(_, what)| what.as_str()).collect()
     }
 
-    /// Returns a P variable at the end of the run; 0 if the number does not exist.
+    /// Returns the value of a P variable at the end of the run; 0 if the number does not exist.
     pub fn p(&self, number: u32) -> f64 {
         f64::from_bits(self.p.get(&number).copied().unwrap_or_default())
     }
 
-    /// Returns a Q variable of a coordinate system at the end of the run; 0 if the number does not exist.
+    /// Returns the value of a Q variable of a coordinate system at the end of the run; 0 if the number does
+    /// not exist.
     pub fn q(&self, cs: CoordinateSystemNumber, number: u32) -> f64 {
         let of_cs = self.q.get(&cs);
         f64::from_bits(of_cs.and_then(|q| q.get(&number)).copied().unwrap_or_default())
     }
 
-    /// Returns the positions of a coordinate system over time, ascending; empty without
-    /// [`Bench::trace_every_s`](super::Bench::trace_every_s).
+    /// Returns the positions of a coordinate system in ascending order of time; empty if
+    /// [`Bench::trace_every_s`](super::Bench::trace_every_s) was not set.
     pub fn trace(&self, cs: CoordinateSystemNumber) -> &[Sample] {
         self.samples.get(&cs).map_or(&[], Vec::as_slice)
     }
 
-    /// Returns the last sample at or before a time, seconds from the start of the programs.
+    /// Returns the last sample at or before the time `at_s`, which counts from the start of the programs.
     ///
     /// # Errors
-    /// Returns an error if there is no trace, no such coordinate system, or no sample before that time.
+    /// Returns an error if the run has no trace, or if the coordinate system does not exist or has no sample
+    /// before that time.
     pub fn at_s(&self, cs: CoordinateSystemNumber, at_s: f64) -> Result<&Sample, TestError> {
         let trace = self.trace(cs);
         let after = trace.partition_point(|sample| sample.at_s <= at_s);
@@ -261,7 +266,7 @@ impl Run {
     }
 }
 
-/// Advice if a program waits for an event that does not occur.
+/// Advice for a program that waits for an event that does not occur.
 const HELP_TO_WAIT: &str =
     "a handler that waits must sleep by plc.sleep, or wait for an event of the machine";
 

@@ -1,23 +1,23 @@
-//! Detects code in a test that blocks in real time, such as in a sleep of the standard library: simulated
-//! time does not advance meanwhile.
+//! Detects code in a test that blocks in real time, such as a sleep of the standard library. Simulated time
+//! does not advance while such code blocks.
 
 use std::fs::read_to_string;
 use std::future::{Future, poll_fn};
 use std::pin::pin;
 use std::time::{Duration, Instant};
 
-/// Time in one step after which a thread that neither works nor waits for the processor is reported. Reason:
-/// a step sometimes reads a file, which may take long on a busy disk.
+/// Time for which a step must block before it is reported; time in which the thread works or waits for the
+/// processor does not count. Reason: a step sometimes reads a file, which may take long on a busy disk.
 const STANDS_MIN: Duration = Duration::from_millis(400);
 
-/// Maximum age of the beginning of a measurement.
+/// Maximum age of the start of a measurement.
 const AGE_MAX: Duration = Duration::from_millis(20);
 
-/// A moment of this thread.
+/// Real time and processor time of this thread at one moment.
 struct ThreadMoment {
     at: Instant,
     /// Time for which the thread had worked or waited for the processor; `None` if the operating system does
-    /// not report it.
+    /// not report this time.
     busy: Option<Duration>,
 }
 
@@ -34,7 +34,7 @@ impl ThreadMoment {
         }
     }
 
-    /// Returns the time for which the thread has been blocked since then.
+    /// Returns the time for which the thread has been blocked since this moment.
     fn stood(&self) -> Option<Duration> {
         let now = Self::now();
         let busy = now.busy?.saturating_sub(self.busy?);
@@ -42,7 +42,7 @@ impl ThreadMoment {
     }
 }
 
-/// Runs work, and reports each step that has been blocked, with the duration.
+/// Runs work, and calls `stands` for each step that has blocked, with the duration.
 pub(super) async fn watched<T>(work: impl Future<Output = T>, mut stands: impl FnMut(Duration)) -> T {
     let mut work = pin!(work);
     let mut begin = ThreadMoment::now();

@@ -13,7 +13,7 @@ use plc_api::{Alarm, AuxOutput, Plc, Redelivery};
 
 use super::*;
 
-/// VA seconds.
+/// Waits for VA seconds.
 async fn wait(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     let time_s = output.params().a().ok_or(Alarm::user(7, "VA is missing"))?;
     plc.sleep(Duration::from_secs_f64(time_s)).await;
@@ -55,7 +55,7 @@ fn a_run_repeats_exactly() {
     assert!(first.time_s > 1.0 + 0.333);
 }
 
-/// The demo machine, with drives that follow their commands late.
+/// Returns the demo machine with drives that follow their commands late.
 fn lagging() -> Bench {
     let mut machine = Config::demo().resolve().unwrap();
     for system in &mut machine.coordinate_systems {
@@ -168,7 +168,7 @@ fn handlers_that_die_leave_the_program_waiting_until_others_come() {
         })
         .run("M20 VA600\nM30");
     let run = run.unwrap().completed().unwrap();
-    // lost at 1 s, reported after the grace time of 2 s
+    // The handler is lost at 1 s, and the loss is reported after the grace time of 2 s.
     assert!((run.time_s - 4.0).abs() < 0.01, "{}", run.time_s);
     let words: Vec<_> = run
         .states
@@ -268,7 +268,7 @@ fn an_endless_program_ends_at_the_time_limit() {
     assert!((run.time_s - 3.0).abs() < 0.0015, "{}", run.time_s);
 }
 
-/// The pocket of VA; the magazine has 8.
+/// Returns the pocket of the magazine that VA names; the magazine has 8 pockets.
 fn pocket(params: &plc_api::Params) -> Result<f64, Alarm> {
     let pocket = params.a().ok_or(Alarm::user(1, "VA is missing"))?;
     if pocket > 8.0 {
@@ -293,7 +293,7 @@ fn handlers_refuse_parameters_at_load_before_anything_moves() {
     assert!(refused.contains("line 3: E0190 M22: VA is missing"), "{refused}");
     let called = "line 1: E0190 in program 1000, which is called: M21: there is no pocket 9";
     assert!(refused.contains(called), "{refused}");
-    // the value of a variable is known only when the block runs, so this program is loaded
+    // The value of a variable is known only when the block runs, so the machine loads this program.
     bench()
         .run("P3 = 2\nM20 VA[P3]\nM20 VA0.1\nM30")
         .unwrap()
@@ -422,7 +422,7 @@ fn a_run_tells_variables_and_where_the_machine_was_when() {
         .unwrap();
     let variables = [run.p(100), run.q(1, 7), run.q(2, 7)].map(f64::to_bits);
     assert_eq!(variables, [2.5, 5.0, 0.0].map(f64::to_bits));
-    // 10 mm at 10 mm/s: half of the path at half of the time, because the ramps are symmetric.
+    // X moves 10 mm at 10 mm/s. Half of the distance takes half of the time, because the ramps are symmetric.
     let output = run.output(20).unwrap();
     let half = run.at_s(1, output.output_s / 2.0).unwrap();
     assert!((half.machine["X"] - 5.0).abs() < 0.11, "{half:?}");

@@ -1,4 +1,4 @@
-//! Positions over time: the commanded positions, sampled while a test runs.
+//! Positions over time: the commanded positions that are sampled while a test runs.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -11,22 +11,22 @@ use super::TestError;
 use crate::config::Machine;
 use crate::simulation::OnCycle;
 
-/// Maximum number of samples of one run, of all coordinate systems together. Reason: they need about 200 MB;
-/// more indicate a wrong interval.
+/// Maximum number of samples of one run, in all coordinate systems together. Reason: these samples need about
+/// 200 MB; a larger number indicates a wrong interval.
 const SAMPLES_MAX: usize = 1_000_000;
 
 /// Position of a coordinate system at one moment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sample {
-    /// Seconds from the start of the programs.
+    /// Time of the sample, in seconds from the start of the programs.
     pub at_s: f64,
-    /// Program and line of the block that moved last; `None` before the first.
+    /// Program and line of the block that moved last; `None` before the first block.
     pub block: Option<(u16, u32)>,
     /// Commanded machine positions by axis letter, mm or degrees.
     pub machine: BTreeMap<String, f64>,
 }
 
-/// The samples of each coordinate system, ascending in time.
+/// Samples of each coordinate system, in ascending order of time.
 pub(super) type Samples = BTreeMap<CoordinateSystemNumber, Vec<Sample>>;
 
 #[derive(Default)]
@@ -36,12 +36,12 @@ struct SampleCollection {
     next_s: f64,
 }
 
-/// Takes samples in the servo cycles of a simulation.
+/// Takes samples of the positions in the servo cycles of a simulation.
 #[derive(Clone, Default)]
 pub(super) struct SampleTracer(Arc<Mutex<SampleCollection>>);
 
 impl SampleTracer {
-    /// Returns the callback for each servo cycle.
+    /// Returns the callback that the simulation calls in each servo cycle.
     pub(super) fn on_cycle(&self, machine: &Machine, interval_s: f64) -> OnCycle {
         let taken = Arc::clone(&self.0);
         let systems: Vec<(CoordinateSystemNumber, Vec<Axis>)> = (machine.coordinate_systems.iter())
@@ -50,7 +50,7 @@ impl SampleTracer {
         Box::new(move |servo| {
             let mut taken = taken.lock();
             let at_s = servo.time_s();
-            // a tolerance of one nanosecond, because times are sums of periods
+            // The tolerance is one nanosecond, because times are sums of periods.
             if at_s + 1e-9 < taken.next_s || taken.count > SAMPLES_MAX {
                 return;
             }
@@ -71,10 +71,10 @@ impl SampleTracer {
         })
     }
 
-    /// Returns the samples from the start of the programs on.
+    /// Returns the samples since the start of the programs.
     ///
     /// # Errors
-    /// Returns an error if there were too many samples.
+    /// Returns an error if the run has more than [`SAMPLES_MAX`] samples.
     pub(super) fn samples(&self, start_s: f64) -> Result<Samples, TestError> {
         let taken = std::mem::take(&mut *self.0.lock());
         if taken.count > SAMPLES_MAX {

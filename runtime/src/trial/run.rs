@@ -1,4 +1,4 @@
-//! One run of a trial.
+//! One run of a program in a trial, without a machine.
 
 use std::sync::Arc;
 
@@ -21,7 +21,7 @@ use crate::config::Stock;
 use crate::coordinate_system::rest_refused;
 use crate::sequence::stock::selected_tool;
 
-/// Alarms of the path stage after which the program is examined without cutter compensation.
+/// Alarms of the path stage after which the trial continues without cutter compensation.
 const OF_COMPENSATION: [&AlarmEntry; 7] = [
     &COMPENSATION_REFUSED,
     &COMPENSATION_LEAD_SHORT,
@@ -32,19 +32,19 @@ const OF_COMPENSATION: [&AlarmEntry; 7] = [
     &OVERCUT,
 ];
 
-/// Assumed values of the machine that the program text does not contain.
+/// Assumed values for data that the program text does not contain.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TrialAssumptions {
     pub start: f64,
     pub tool: Tool,
     pub optional_skip: u32,
-    /// Share of the distance that a G31 travels.
+    /// Share of the programmed distance after which a G31 ends, 0 to 1.
     pub skip_share: f64,
     /// Value of P and Q variables that the program has not written.
     pub outside: f64,
 }
 
-/// The first assumptions, without special values.
+/// The first assumptions: neutral values.
 pub(super) const FIRST: TrialAssumptions = TrialAssumptions {
     start: 0.0,
     tool: Tool {
@@ -56,7 +56,7 @@ pub(super) const FIRST: TrialAssumptions = TrialAssumptions {
     outside: LOST,
 };
 
-/// The second assumptions, as different as possible from the first.
+/// The second assumptions, which differ from the first as much as possible.
 pub(super) const SECOND: TrialAssumptions = TrialAssumptions {
     start: 1.375,
     tool: Tool {
@@ -68,7 +68,7 @@ pub(super) const SECOND: TrialAssumptions = TrialAssumptions {
     outside: LOST,
 };
 
-/// One run under one assumption.
+/// One run of the program with certain assumptions.
 pub(super) struct TrialRun<'a> {
     trial: &'a Trial<'a>,
     assumed: TrialAssumptions,
@@ -79,11 +79,12 @@ pub(super) struct TrialRun<'a> {
     work_offsets: WorkOffsets,
     tool: Tool,
     captured: [f64; AXES_MAX],
-    /// Motion was interpreted since the program last came to rest.
+    /// True if motion was interpreted since the program last came to rest.
     is_moving: bool,
-    /// Cutter compensation has caused an alarm: until it ends, the program moves along its programmed path.
+    /// True if cutter compensation has caused an alarm. Until compensation is switched off, the program then
+    /// moves along its programmed path.
     is_uncompensated: bool,
-    /// Alarms that have not ended the run.
+    /// Alarms after which the run continued.
     alarms: Vec<Alarm>,
     steps_max: u64,
 }
@@ -132,21 +133,21 @@ impl<'a> TrialRun<'a> {
         self.interpreter.steps()
     }
 
-    /// Returns the alarms that have not ended the run, in order, each once per location.
+    /// Returns the alarms after which the run continued, in order. Each alarm is listed once per location.
     pub fn into_alarms(self) -> Vec<Alarm> {
         self.alarms
     }
 
-    /// Runs to the end of the program.
+    /// Runs the program to its end, or for the maximum number of blocks.
     ///
     /// # Errors
     /// Returns the alarm that ends the run. Alarms about soft limits and about missing paths in cutter
-    /// compensation are in [`Run::into_alarms`].
+    /// compensation do not end it; they are in [`TrialRun::into_alarms`].
     pub fn run_out(&mut self, warnings: &mut Vec<Warning>) -> Result<(), Alarm> {
         while self.interpreter.steps() < self.steps_max {
             let item = match self.next() {
                 Ok(item) => item,
-                // an earlier block that was held back comes first
+                // An alarm of an earlier block that the path stage has held back comes first.
                 Err(alarm) => return self.finish().and(Err(alarm)),
             };
             match item {
@@ -195,8 +196,8 @@ impl<'a> TrialRun<'a> {
         })
     }
 
-    /// Passes a block to the path stage. If cutter compensation has no path for it, it moves without compensation until
-    /// that ends.
+    /// Passes a block to the path stage. If cutter compensation finds no path for the block, the program
+    /// moves without compensation until compensation is switched off.
     fn process_block(&mut self, mut block: Block) -> Result<(), Alarm> {
         self.is_uncompensated &= block.compensation != Compensation::Off;
         if !self.is_uncompensated {
@@ -237,7 +238,7 @@ impl<'a> TrialRun<'a> {
         }
     }
 
-    /// Stops at rest, which cutter compensation forbids.
+    /// Brings the program to rest; within cutter compensation, records an alarm instead.
     fn rest(&mut self, item: &Item) {
         let is_compensating =
             self.path.is_compensating() || self.interpreter.modal().compensation != Compensation::Off;
@@ -253,7 +254,7 @@ impl<'a> TrialRun<'a> {
         self.is_moving = false;
     }
 
-    /// Ends a G31 at once, after its share of the distance.
+    /// Ends a G31 immediately, after the assumed share of its distance.
     fn end_skip(&mut self, from: MachinePosition) {
         if !self.path.is_skipping() {
             return;
@@ -267,7 +268,8 @@ impl<'a> TrialRun<'a> {
         self.path.skipped_to(MachinePosition(at));
     }
 
-    /// Returns the timing of an output. Without a machine it waits only if the manual leaves no choice (D30).
+    /// Returns the timing of an output. Without a machine, the output waits for the motion only if the manual
+    /// requires it (D30).
     fn timing(&self, output: &Output) -> Timing {
         match self.trial.machine {
             Some((machine, system)) => system.timing(output, machine.m_codes.get(&output.m)),
@@ -276,7 +278,8 @@ impl<'a> TrialRun<'a> {
         }
     }
 
-    /// Warns of an output that is issued at interpretation of its block, before the end of the preceding motion.
+    /// Warns of an output that is issued when its block is interpreted, although earlier motion has not
+    /// ended.
     fn look_at_motion(&self, output: &Output, warnings: &mut Vec<Warning>) {
         let Some((machine, system)) = self.trial.machine else {
             return;

@@ -1,4 +1,4 @@
-//! Alarms carry the texts of the machine builder.
+//! Tests that alarms contain the texts of the machine builder.
 
 use plc_api::UserAlarm;
 use plc_api::types::machine::AlarmRecord;
@@ -12,7 +12,7 @@ const NO_AIR: UserAlarm = UserAlarm::new(12, "the air pressure is low")
     .remedy("Open the main valve.")
     .in_language("de", "der Luftdruck ist zu niedrig", "Hauptventil öffnen.");
 
-/// Returns the alarm of M20 on the demo machine with these tables, and its explanation.
+/// Returns the alarm of M20 on the demo machine with these tables in the configuration, and its explanation.
 fn raise_and_explain(tables: &str) -> (AlarmRecord, String) {
     let program = SequenceProgram::new()
         .on(20, async |_output: AuxOutput| Err(NO_AIR.with("2.1 bar")))

@@ -1,4 +1,4 @@
-//! Work that runs next to a test.
+//! Tests of work that runs concurrently with a test.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -6,7 +6,7 @@ use tokio::sync::watch;
 
 use super::*;
 
-/// Minutes of a task that never ends.
+/// Returns a sequence program with a task that never ends and counts its cycles in `ticks`.
 fn endless(ticks: &Arc<AtomicU32>) -> SequenceProgram {
     let ticks = Arc::clone(ticks);
     SequenceProgram::new().on(20, wait).task(move |plc| {
@@ -99,7 +99,7 @@ fn a_panic_of_a_plant_is_that_of_the_test() {
     let _panics = bench.run("G04 X100\nM30");
 }
 
-/// Returns the error of a run, which contains the remedy.
+/// Returns the error of a run; the error text contains the remedy.
 fn foreign(bench: Bench) -> String {
     let error = bench.run("M20\nG04 X1\nM30").unwrap_err().to_string();
     assert!(error.contains("Bench::plant"), "{error}");

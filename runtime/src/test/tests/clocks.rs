@@ -1,4 +1,4 @@
-//! tokio's clock is that of the machine.
+//! Tests that tokio's clock is the clock of the machine.
 
 use std::time::Duration;
 
@@ -70,11 +70,11 @@ fn tasks_plants_and_actions_have_tokios_clock_too() {
         .unwrap()
         .completed()
         .unwrap();
-    // ten seconds of dwell, and two holds of two and one
+    // The time consists of a dwell of 10 s and two holds of 2 s and 1 s.
     assert!((run.time_s - 13.0).abs() < 0.02, "{}", run.time_s);
 }
 
-/// Returns the position of X on a line of 100 mm at 10 mm/s after this time of tokio's clock.
+/// Returns the position of X when this time has passed on tokio's clock. X moves along 100 mm at 10 mm/s.
 fn x_at(lag_ms: f64, servo_period_us: u64, at: Duration) -> f64 {
     let mut config = Config::demo();
     config.machine.servo_period_us = servo_period_us;
@@ -99,7 +99,7 @@ fn a_timer_in_the_middle_of_a_motion_finds_the_machine_there() {
             x_at(lag_ms, servo_period_us, Duration::from_secs(2)),
             x_at(lag_ms, servo_period_us, Duration::from_secs(5)),
         );
-        // between the ramps X moves 10 mm per second, with a tolerance of a servo cycle
+        // Between the ramps X moves 10 mm per second; the tolerance is the distance in one servo cycle.
         let tolerance = 10.0 * (servo_period_us as f64 / 1e6 + 0.001);
         let way = at_5_s - at_2_s;
         assert!(
@@ -157,7 +157,7 @@ fn endless_ticking_task_prevents_neither_the_end_nor_the_time_limit() {
     assert_eq!(waits.stopped, RunEndReason::TimeLimit);
 }
 
-/// Runs M40 by a handler that does this at once.
+/// Runs M40 with a handler that calls `work` immediately.
 fn run_with(work: fn()) -> Result<Run, TestError> {
     let handler = move |_output: AuxOutput| async move {
         work();
@@ -168,7 +168,7 @@ fn run_with(work: fn()) -> Result<Run, TestError> {
         .run("M40\nM30")
 }
 
-/// Other systems do not distinguish a sleep from a busy computer.
+/// Linux only: other systems do not distinguish a sleep from a busy computer.
 #[cfg(target_os = "linux")]
 #[test]
 fn handler_blocking_in_real_time_ends_the_run_with_advice() {

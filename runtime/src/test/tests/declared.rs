@@ -1,4 +1,4 @@
-//! Declarations of M codes by handlers and the configuration, on a whole machine.
+//! Tests of M codes that handlers and the configuration declare, on a whole machine.
 
 use std::time::Duration;
 

@@ -1,11 +1,11 @@
-//! Inputs and outputs of the plant in simulated time.
+//! Tests of inputs and outputs of the plant in simulated time.
 
 use plc_api::scan::Image;
 use plc_api::types::io::{IoDeclaration, IoPoint};
 
 use super::*;
 
-/// A valve with a flow switch that follows it after half a second.
+/// Returns a machine with a valve and a flow switch, which follows the valve after half a second.
 fn plant(program: SequenceProgram) -> Bench {
     Bench::new()
         .declare_io(IoPoint::output("valve"), IoDeclaration::new(false))

@@ -1,4 +1,4 @@
-//! A leaving handler announces the time of its return.
+//! Tests of a handler that announces the time of its return when it leaves.
 
 use super::*;
 
@@ -8,7 +8,7 @@ fn program(name: &str) -> SequenceProgram {
         .on(20, async |_output: AuxOutput| Ok(()))
 }
 
-/// A program that begins at a time and is stopped at another one.
+/// Adds a sequence program that starts at `from_s` and is stopped `to_s` seconds later.
 fn there(bench: Bench, program: SequenceProgram, from_s: u64, to_s: u64) -> Bench {
     bench.plant(move |scene| async move {
         let plc = scene.plc().clone();
@@ -37,7 +37,7 @@ fn an_m_code_whose_handler_is_not_back_in_time_is_an_alarm_then() {
         .unwrap();
     assert!(run.alarm().unwrap().text.contains("M20 has no handler"));
     assert!((run.time_s - 11.0).abs() < 0.05, "{}", run.time_s);
-    // outputs issued while the program was ending are included
+    // Outputs that are issued while the sequence program is ending wait for its return, too.
     let slow = stopped().on(21, wait);
     let run = there(Bench::new(), slow, 0, 1).beside(2, 7, "G04 X2\nM20\nM30");
     let run = run.run("M21 VA5\nM30").unwrap();
@@ -49,7 +49,7 @@ fn one_that_does_not_come_back_is_waited_for_during_the_grace_time() {
     let gone = program("cell").returns_within(Duration::ZERO);
     let run = there(Bench::new(), gone, 0, 1).run("G04 X2\nM20\nM30").unwrap();
     assert!(run.alarm().unwrap().text.contains("M20 has no handler"));
-    // it left at 1 s, and the grace time is 2 s
+    // The handler left at 1 s, and the grace time is 2 s.
     assert!((run.time_s - 3.0).abs() < 0.05, "{}", run.time_s);
 }
 
@@ -64,7 +64,7 @@ fn slow_handler_is_dropped_at_its_limit_and_its_successor_redoes_work() {
     let run = there(bench, program(), 30, 1000).run("M21 VA5\nM30");
     let run = run.unwrap().completed().unwrap();
     assert!((run.time_s - 35.0).abs() < 0.05, "{}", run.time_s);
-    // a handler that ends within that time loses nothing
+    // A handler that finishes its outputs within that time loses none of them.
     let quick = program().ends_within(Duration::from_secs(6));
     let bench = there(Bench::new(), quick, 0, 1);
     let run = there(bench, program(), 30, 1000).run("M21 VA5\nM30");
