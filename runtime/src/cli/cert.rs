@@ -141,7 +141,7 @@ struct IssuedCertificate {
     der: Vec<u8>,
 }
 
-/// Creates a self-signed certificate that can authenticate only itself.
+/// Creates a self-signed certificate, which cannot sign other certificates.
 fn make(
     name: &str,
     names: &[String],
@@ -157,7 +157,7 @@ fn make(
     params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
     params.extended_key_usages = vec![purpose];
     let now = time::OffsetDateTime::from(SystemTime::now());
-    // this also allows clients with a slightly slow clock
+    // The certificate is also valid for clients whose clock is up to one day slow.
     params.not_before = now - time::Duration::days(1);
     params.not_after = now + time::Duration::seconds(i64::try_from(days * DAY_S).unwrap_or(i64::MAX));
     let certificate = params.self_signed(&key)?;
@@ -193,7 +193,7 @@ fn names_of_this_computer(host: &str) -> anyhow::Result<Vec<String>> {
     Ok(names)
 }
 
-/// Writes a new file; fails if it already exists.
+/// Writes a new file; returns an error if the file already exists.
 fn write_new(path: &Path, text: &str, mode: u32) -> anyhow::Result<()> {
     let mut options = OpenOptions::new();
     let mut file = options

@@ -55,7 +55,8 @@ enum CheckFormat {
 }
 
 impl CheckFormat {
-    /// Returns all findings as one JSON value; `None` if they are printed file by file.
+    /// Returns all findings as one JSON value; `None` if the format prints the findings of each file
+    /// separately.
     fn write(self, all: &[FileFindings], is_whole: bool, dialect: &Dialect) -> Option<serde_json::Value> {
         match self {
             Self::Text => None,
@@ -131,9 +132,9 @@ pub(super) fn run(arguments: &CheckArguments) -> CommandResult {
     })
 }
 
-/// Checks a program; returns its findings, followed by the findings of each called program that has any. With a
-/// machine, the program is checked against the axes, limits and M codes of the named coordinate system, or of the first
-/// one with its dialect.
+/// Checks a program; returns its findings, followed by those of each called program that has findings. With a
+/// machine, the program is checked against the axes, limits and M codes of the coordinate system `named`, or
+/// of the first one with its dialect.
 pub(super) fn check_text(
     path: &Path,
     text: &str,
@@ -150,7 +151,7 @@ pub(super) fn check_text(
     check_tree(path, (&tree, parsed), dialect, of, true)
 }
 
-/// Checks a parsed program in the same way, against a coordinate system of a machine.
+/// Checks a parsed program as [`check_text`] does, against a coordinate system of a machine.
 pub(super) fn check_stored(
     path: &Path,
     program: &StoredProgram,
@@ -207,7 +208,7 @@ fn check_tree(
     let has_errors = [&check].into_iter().chain(called.values()).any(Check::has_errors)
         || parsed.iter().chain(of_called).any(Diagnostic::is_error);
     if has_errors {
-        // defaults that a run would use are reported only for programs that can run
+        // Findings about missing settings with a default are reported only for programs that can run.
         for of in [&mut check].into_iter().chain(called.values_mut()) {
             of.diagnostics.retain(|found| found.code != FEEDRATE_OPEN.code);
         }
@@ -228,8 +229,9 @@ fn check_tree(
     all_findings(main, called, read)
 }
 
-/// Adds the findings of a trial. A warning is omitted if another finding overlaps it; a possible alarm is omitted only
-/// if another finding reports an alarm. Errors of a trial replace warnings about errors that occur only on some paths.
+/// Adds the findings of a trial run. A warning is omitted if another finding overlaps it. A possible alarm is
+/// omitted only if another finding reports an alarm. Errors of a trial replace warnings about errors that
+/// occur only on some paths.
 fn add_findings(trial: &Trial<'_>, main: &mut Check, called: &mut BTreeMap<u16, Check>) {
     for (number, finding) in trial.run().findings(trial) {
         let of = called.get_mut(&number).unwrap_or(main);
@@ -240,7 +242,7 @@ fn add_findings(trial: &Trial<'_>, main: &mut Check, called: &mut BTreeMap<u16, 
             of.diagnostics.retain(is_sure);
             of.diagnostics.push(finding);
         } else {
-            // an alarm is omitted only if the same block already reports one
+            // A possible alarm is omitted only if another finding reports an alarm for the same block.
             let reports_it = |known: &Diagnostic| {
                 finding.code != STOPS_IF.code
                     || known.is_error()
@@ -258,7 +260,7 @@ fn add_findings(trial: &Trial<'_>, main: &mut Check, called: &mut BTreeMap<u16, 
     }
 }
 
-/// Returns the findings of a program, and of each called program that has any.
+/// Returns the findings of a program, followed by those of each called program that has findings.
 fn all_findings(
     main: FileFindings,
     called: BTreeMap<u16, Check>,
@@ -277,15 +279,16 @@ fn all_findings(
     all
 }
 
-/// Returns the M codes that need no settings of their own: all of them if the file of the sequence side exists, because
-/// it states more exactly which ones are served.
+/// Returns the M codes that need no settings. If the configuration names the file of the sequence side, these
+/// are all M codes, because that file states exactly which M codes handlers serve.
 fn known_m_codes(machine: &Machine, settings: &CoordinateSystemSettings) -> BTreeSet<u16> {
     let all = (0..=M_CODE_MAX).filter(|_| machine.served.is_some());
     let stock = Machine::stock_m_codes(settings).iter().copied();
     machine.m_codes.keys().copied().chain(stock).chain(all).collect()
 }
 
-/// Checks the M codes of a program against the declarations of handlers and configuration that are known offline.
+/// Checks the M codes of a program against the declarations of handlers and configuration, as far as files
+/// contain them.
 fn check_m_codes(
     tree: &NcProgram,
     dialect: &'static Dialect,
@@ -297,7 +300,7 @@ fn check_m_codes(
     found
 }
 
-/// Programs that may be called, from the folder of the file and from the data folder. Each is read once.
+/// Programs that may be called, from the folder of the file and from the data folder. Each file is read once.
 #[derive(Debug)]
 struct ProgramSearch<'a> {
     caller: &'a Path,

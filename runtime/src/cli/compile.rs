@@ -1,4 +1,4 @@
-//! `tandem compile`: intermediate code, as the manual's appendix A-1 describes it.
+//! `tandem compile`: writes the intermediate code that the manual's appendix A-1 describes.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -65,7 +65,7 @@ fn compile(path: &Path, arguments: &CompileArguments) -> CommandResult {
     Ok(EXIT_OK)
 }
 
-/// Returns the file for the code of a program.
+/// Returns the path of the file for the code of a program: NAME.pmc in the folder.
 fn result(path: &Path, folder: &Path) -> PathBuf {
     let mut name = path.file_stem().unwrap_or_default().to_owned();
     name.push(".pmc");
@@ -77,7 +77,7 @@ fn is_same_file(one: &Path, other: &Path) -> bool {
 }
 
 impl CompileArguments {
-    /// Checks the arguments before anything is written.
+    /// Checks the arguments before the command writes any file.
     fn check(&self) -> anyhow::Result<()> {
         if self.files.len() > 1 {
             if self.out_dir.is_none() {

@@ -51,7 +51,7 @@ pub struct DiffArguments {
     plane: PlotView,
 }
 
-/// A program and its recorded run.
+/// A program and the record of its simulated run.
 struct Program<'a> {
     file: &'a Path,
     elements: Vec<Element>,
@@ -107,7 +107,7 @@ pub(super) fn run(arguments: &DiffArguments) -> CommandResult {
 }
 
 impl<'a> Program<'a> {
-    /// Reads and runs a program; `None` if it has errors, which have been printed.
+    /// Reads and runs a program. Returns `None` if the program has errors, which have been printed.
     fn read(
         file: &'a Path,
         cs: Option<CoordinateSystemNumber>,
@@ -142,7 +142,7 @@ impl<'a> Program<'a> {
     }
 }
 
-/// Draws the common path, and over it the parts that only one program has.
+/// Draws the path that both programs have, and over it the parts that only one program has.
 fn draw(arguments: &DiffArguments, programs: [&Program<'_>; 2], comparison: &Comparison) -> String {
     let mut lines: Vec<ToolPathLine> = Vec::new();
     let mut draw = |elements: &[Element], stroke: Stroke| {

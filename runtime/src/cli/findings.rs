@@ -38,13 +38,13 @@ const NOT_IN_A_PATH: &AsciiSet = &CONTROLS
 pub(super) struct FileFindings {
     /// Name of the file for display.
     pub file: String,
-    /// The text.
+    /// Text of the program.
     pub source: Arc<str>,
-    /// Ordered by position.
+    /// Findings in ascending order of position.
     pub diagnostics: Vec<Diagnostic>,
-    /// M codes that the program outputs, ascending.
+    /// M codes that the program outputs, in ascending order.
     pub m_codes: Vec<u16>,
-    /// Programs that the program calls, ascending.
+    /// Numbers of the programs that this program calls, in ascending order.
     pub programs: Vec<u16>,
 }
 
@@ -73,12 +73,12 @@ impl FileFindings {
         self.diagnostics.iter().any(Diagnostic::is_error)
     }
 
-    /// Returns the findings with lines and columns.
+    /// Returns the findings with their lines and columns.
     pub fn located(&self) -> Vec<ProgramDiagnostic> {
         locate(&self.source, &self.diagnostics)
     }
 
-    /// Returns the findings with lines and columns, each with its file.
+    /// Returns the findings with their lines and columns, each with the name of the file.
     pub fn with_file(&self) -> impl Iterator<Item = Value> {
         self.located().into_iter().map(|found| {
             let mut found = json!(found);
@@ -87,7 +87,7 @@ impl FileFindings {
         })
     }
 
-    /// Returns the findings with source line and underline.
+    /// Returns the findings as text, each with its source line, in which the location is underlined.
     pub fn text(&self) -> String {
         let file = SimpleFile::new(&self.file, self.source.as_ref());
         let config = term::Config::default();
@@ -111,7 +111,7 @@ impl FileFindings {
         text
     }
 
-    /// Prints the findings, and the M codes and programs that the program uses.
+    /// Prints the findings, and lists the M codes and programs that the program uses.
     pub fn print(&self) {
         if let Some(text) = self.text().strip_suffix('\n') {
             print_line(text);
@@ -225,7 +225,7 @@ pub(super) fn as_sarif(all: &[FileFindings], is_whole: bool, dialect: &Dialect) 
     })
 }
 
-/// Converts a file name into a URI reference.
+/// Converts a file name to a URI reference.
 pub(super) fn uri(file: &str) -> String {
     let path = if cfg!(windows) {
         file.replace('\\', "/")
@@ -236,7 +236,7 @@ pub(super) fn uri(file: &str) -> String {
     if Path::new(file).is_absolute() {
         return format!("file://{}{path}", if path.starts_with('/') { "" } else { "/" });
     }
-    // a colon in the first segment would be read as the end of a URI scheme
+    // A colon in the first segment would be read as the end of a URI scheme, so it is escaped.
     path.replace(':', "%3A")
 }
 

@@ -1,8 +1,9 @@
 //! `tandem fleet`: runs many simulated machines at one broker, to find the size of broker and computer that they need.
 //!
-//! Each machine is complete, with servo thread, data folder, REST and MQTT. Each has a handler that resets its M codes
-//! and an HMI that reads all its topics, both with their own connection to the broker. Everything runs in this process,
-//! so the load of a machine is the load of the process, divided by the number of machines.
+//! Each machine is complete, with servo thread, data folder, REST and MQTT. In addition, it has a handler
+//! that resets its M codes and an HMI that reads all its topics, each with a separate connection to the
+//! broker. All machines run in this process, so the load of a machine is the load of the process divided by
+//! the number of machines.
 
 mod machine;
 
@@ -17,15 +18,15 @@ use tandem_gateway::Usage;
 use super::{CommandResult, EXIT_FOUND, EXIT_OK, complain, print_line};
 use machine::{FleetCounters, FleetMachine, Order};
 
-/// Largest number of machines.
+/// Maximum number of machines.
 const MACHINES_MAX: u64 = 1000;
 
 /// Number of files and sockets of one machine: three connections, a listener, its data folder, and the timers of its
 /// threads.
 const FILES_OF_MACHINE: u64 = 32;
 
-/// Number of machines that are started at once. Reason: a broker accepts this number of new connections without a
-/// backlog.
+/// Number of machines that are started at the same time. Reason: a broker accepts this number of new
+/// connections without a backlog.
 const AT_ONCE: usize = 8;
 
 #[derive(Args)]
@@ -60,7 +61,7 @@ pub(super) fn run(arguments: &FleetArguments) -> CommandResult {
         .and_then(|executor| executor.block_on(fleet(arguments)))
 }
 
-/// Raises the limit of open files as far as this user may.
+/// Raises the limit of open files to the wanted number, or to the maximum that this user may set.
 fn allow_files(wanted: u64) -> anyhow::Result<()> {
     let limit = getrlimit(Resource::Nofile);
     if limit.current.is_none_or(|current| current >= wanted) {
@@ -103,7 +104,7 @@ async fn fleet(arguments: &FleetArguments) -> anyhow::Result<u8> {
     Ok(measured.print_table(arguments))
 }
 
-/// Starts the machines, a few at a time, and prints the progress.
+/// Starts the machines, [`AT_ONCE`] at a time, and prints the progress.
 async fn start(order: &Order<'_>, count: u64) -> anyhow::Result<Vec<FleetMachine>> {
     let numbers: Vec<u64> = (1..=count).collect();
     let mut machines = Vec::new();
@@ -118,8 +119,8 @@ async fn start(order: &Order<'_>, count: u64) -> anyhow::Result<Vec<FleetMachine
     Ok(machines)
 }
 
-/// Starts the programs at different times within the period of one M code, so that they do not run in step, and counts
-/// from then on.
+/// Starts the programs at different times within the interval of the M codes, so that the machines do not run
+/// in step. Then measures for the ordered duration.
 async fn measure(machines: &[FleetMachine], order: &Order<'_>) -> anyhow::Result<FleetMeasurement> {
     let count = machines.len();
     let step = order.interval / u32::try_from(count)?;
@@ -158,7 +159,7 @@ struct FleetMeasurement {
 }
 
 impl FleetMeasurement {
-    /// Prints the table. Returns the exit code of an error if a machine did not complete its work.
+    /// Prints the table of results. Returns the exit code of an error if a machine did not complete its work.
     fn print_table(mut self, arguments: &FleetArguments) -> u8 {
         let (machines, took_s) = (self.machines as f64, self.took_s);
         let minutes = took_s / 60.0;

@@ -69,8 +69,8 @@ fn lay_out(path: &Path, arguments: &FmtArguments) -> CommandResult {
     Ok(code)
 }
 
-/// Replaces the text of a file atomically: after a failure, the file has the old or the new text. The file keeps its
-/// permissions, and a symbolic link stays one.
+/// Replaces the text of a file atomically: after a failure, the file contains the old or the new text. The
+/// file keeps its permissions. If the path is a symbolic link, the link stays and its target is replaced.
 fn replace(path: &Path, text: &str) -> io::Result<()> {
     let path = fs::canonicalize(path)?;
     let rights = fs::metadata(&path)?.permissions();

@@ -1,5 +1,4 @@
-//! `tandem init`: creates a folder with a configuration, an NC program and handlers with a test, ready to build and to
-//! pass.
+//! `tandem init`: creates a folder with a configuration, an NC program, and handlers with a test that passes.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -9,7 +8,7 @@ use clap::Args;
 
 use super::{CommandResult, EXIT_OK, print_line};
 
-/// The files, by their path in the folder. `{{...}}` is replaced.
+/// Files to write, by their path in the folder, with their templates. `{{...}}` in a template is replaced.
 const FILES: [(&str, &str); 7] = [
     ("Cargo.toml", include_str!("init/Cargo.toml.txt")),
     (".gitignore", "/target\n/tandem-data\n"),
@@ -20,7 +19,7 @@ const FILES: [(&str, &str); 7] = [
     ("tests/program.rs", include_str!("init/program.rs.txt")),
 ];
 
-/// Name of the machine and package if the folder's name has no letter.
+/// Name of the machine and of the package if the name of the folder contains no letter.
 const NAME: &str = "my-machine";
 
 /// Largest number of characters of a name, as for an MQTT topic level.
@@ -108,7 +107,7 @@ const CONTENT: &str = "  \
   tests/program.rs  a unit test of machine, program and handlers
 ";
 
-/// Next steps for the user.
+/// Next steps that are printed for the user.
 const NEXT: &str = "Next, in this folder: cargo test; then tandem serve --config tandem.toml and, in a second shell, cargo \
      run.";
 
@@ -156,7 +155,7 @@ pub(super) fn run(arguments: &InitArguments) -> CommandResult {
         std::fs::write(&path, text).with_context(|| cannot(&path))?;
     }
     if let Some(checkout) = &checkout {
-        // these are the versions with which the checkout is tested
+        // The checkout is tested with the versions in its lock file.
         let lock = dir.join("Cargo.lock");
         std::fs::copy(checkout.join("Cargo.lock"), &lock).with_context(|| cannot(&lock))?;
     }
@@ -180,8 +179,8 @@ pub(super) fn run(arguments: &InitArguments) -> CommandResult {
     Ok(EXIT_OK)
 }
 
-/// Returns the checkout to depend on: the named one, otherwise the one around the current folder, otherwise the one
-/// around this executable.
+/// Returns the checkout on which the project depends: the named one, otherwise the one that contains the
+/// current folder, otherwise the one that contains this executable.
 fn find_checkout(named: Option<&Path>) -> anyhow::Result<Option<PathBuf>> {
     if let Some(named) = named {
         let there = named.canonicalize().ok().filter(|path| is_checkout(path));
@@ -199,7 +198,7 @@ fn is_checkout(folder: &Path) -> bool {
         .all(|file| folder.join(file).is_file())
 }
 
-/// Returns the name of the folder itself.
+/// Returns the last part of the folder's path.
 fn file_name_of(dir: &Path) -> String {
     let absolute = std::path::absolute(dir).unwrap_or_else(|_| dir.to_owned());
     absolute
@@ -209,10 +208,11 @@ fn file_name_of(dir: &Path) -> String {
         .into_owned()
 }
 
-/// Converts the folder's name into a name of a package and of a machine: `[a-z0-9-]`, beginning with a letter.
+/// Converts the name of a folder into a name for a package and a machine: `[a-z0-9-]`, beginning with a
+/// letter.
 ///
 /// # Errors
-/// Returns an error if cargo or Rust does not accept the name for a package.
+/// Returns an error if cargo or Rust rejects the name for a package.
 fn name_of(file_name: &str) -> anyhow::Result<String> {
     let name: String = file_name.to_lowercase().chars().map(plain).collect();
     let name = name.trim_start_matches(|letter: char| !letter.is_ascii_lowercase());
@@ -230,7 +230,7 @@ fn name_of(file_name: &str) -> anyhow::Result<String> {
     Ok(name.to_owned())
 }
 
-/// Returns the replacement of a letter; letters with diacritics lose them.
+/// Returns the replacement of a letter: letters with diacritics are replaced by letters without.
 fn plain(letter: char) -> &'static str {
     const PLAIN: &[(&str, &str)] = &[
         ("ä", "ae"),

@@ -1,4 +1,5 @@
-//! `tandem journal`: verifies and shows the journal of a machine, running or not, or of a copy of its folder.
+//! `tandem journal`: verifies and shows the journal of a machine, which may be running, or a copy of the
+//! journal folder.
 
 use std::path::PathBuf;
 use std::time::SystemTime;
@@ -11,13 +12,13 @@ use tandem_runtime::audit::{self, ChainVerification, LineFilter};
 
 use super::{CommandResult, EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, complain, print_line, read_config};
 
-/// Smallest number of digits to which a user may shorten a hash.
+/// Minimum number of digits to which a user may shorten a hash.
 const HASH_DIGITS_MIN: usize = 16;
 
 /// Number of digits of a complete hash.
 const HASH_DIGITS: usize = 64;
 
-/// Fields of a line that have their own column, or that do not describe the event.
+/// Fields of a line that have a separate column, or that do not describe the event.
 const NO_DETAILS: [&str; 7] = ["ts", "cs", "event", "boot_id", "n", "t_s", "hash"];
 
 #[derive(Args)]
@@ -205,10 +206,10 @@ fn show(folder: &std::path::Path, wanted: &JournalFilter, json: bool) -> Command
     })
 }
 
-/// Returns a line in columns.
+/// Returns a line of the journal as a row of columns.
 fn row(line: &Value) -> String {
     let text = |name: &str| line[name].as_str().unwrap_or_default();
-    // milliseconds are sufficient for display
+    // Milliseconds are sufficient for a display.
     let time = match text("ts").split_once('.') {
         Some((seconds, part)) => format!("{seconds}.{part:.3}Z"),
         None => text("ts").to_owned(),
@@ -223,7 +224,8 @@ fn row(line: &Value) -> String {
         .to_owned()
 }
 
-/// Returns the originator and the details: `user=anna from=10.0.0.7 request="POST /cs/1/start"`.
+/// Returns the originator and the details of an event, for example `user=anna from=10.0.0.7 request="POST
+/// /cs/1/start"`.
 fn details(line: &Map<String, Value>) -> String {
     let is_detail = |name: &str| !NO_DETAILS.contains(&name);
     let who = ["user", "from", "over"];
@@ -237,11 +239,11 @@ fn details(line: &Map<String, Value>) -> String {
     words.join(" ")
 }
 
-/// Returns a value; a text without spaces, quotes or control characters is not quoted.
+/// Returns a value as text; quotes are added only if a text contains spaces, quotes or control characters.
 fn word(value: &Value) -> String {
     match value.as_str() {
         Some(text) if !text.is_empty() && text.chars().all(is_plain) => text.to_owned(),
-        // control characters are escaped as in JSON: none reaches a terminal
+        // Escapes control characters as JSON does, so that none reaches a terminal.
         Some(text) => format!("\"{}\"", text.escape_debug()),
         None => {
             let escaped = |letter: char| match letter {

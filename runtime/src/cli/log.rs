@@ -1,14 +1,15 @@
-//! The log on standard error: one line for each event, even if clients have put line breaks into its text.
+//! The log on standard error: one line for each event, even if a client has put line breaks into the text of
+//! an event.
 
 use std::io::{self, IsTerminal, Write};
 
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::MakeWriter;
 
-/// Log filter if `RUST_LOG` is not set.
+/// Log filter that is used if `RUST_LOG` is not set.
 const FILTER: &str = "warn,journal=info,mqtt5=error";
 
-/// Starts the log.
+/// Starts the log with the default filter; `RUST_LOG` overrides it.
 pub(super) fn start() {
     start_with(FILTER);
 }
@@ -25,11 +26,12 @@ pub(super) fn start_with(filter: &str) {
         .init();
 }
 
-/// Writes each event as one line and escapes control characters in it: a line break in the id of a command must not
-/// begin a line that looks like one of the runtime. The subscriber passes each event in one `write`.
+/// Writes each event as one line, and escapes control characters in the event. Reason: a line break in the ID
+/// of a command must not begin a line that looks like a line of the runtime. The subscriber passes each event
+/// in one `write`.
 struct EscapingMakeWriter<M> {
     make: M,
-    /// The subscriber writes colours, so escape sequences for colours are kept.
+    /// True if the subscriber writes colours; escape sequences for colours are then not escaped.
     colours: bool,
 }
 
@@ -71,14 +73,15 @@ impl<W: Write> Write for EscapingWriter<W> {
     }
 }
 
-/// Returns true for control characters and for characters that end a line or reverse its direction in some viewers.
+/// Returns true for control characters, and for characters that some viewers treat as the end of a line or as
+/// a change of its direction.
 fn is_escaped(character: char) -> bool {
     let separates = matches!(character, '\u{2028}' | '\u{2029}');
     let turns = matches!(character, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
     character.is_control() || separates || turns
 }
 
-/// Returns true at the start of a sequence that only sets a colour: `ESC [ 3 1 m`.
+/// Returns true at the start of an escape sequence that only sets a colour, such as `ESC [ 3 1 m`.
 fn is_colour(character: char, rest: &str) -> bool {
     let of_numbers = |character: char| character.is_ascii_digit() || character == ';';
     let rest = rest
@@ -107,7 +110,7 @@ mod tests {
         }
     }
 
-    /// Returns the log text of an event with this text and field.
+    /// Returns the log text of an event with this text in its message and in a field.
     fn logged(text: &str, colours: bool) -> String {
         let kept = CapturedLog::default();
         let writer = kept.clone();

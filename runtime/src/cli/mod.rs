@@ -1,4 +1,4 @@
-//! The command line.
+//! The command line of `tandem`.
 
 mod cert;
 mod check;
@@ -37,14 +37,14 @@ use clap::{Parser, Subcommand};
 use tandem_runtime::program_store::{read_text, read_text_from};
 use tandem_runtime::{Config, ConfigError, Machine};
 
-/// Clean, completed, or shut down on request.
+/// Exit code: no finding, program completed, or shut down on request.
 const EXIT_OK: u8 = 0;
-/// Errors were found, or an alarm ended the program.
+/// Exit code: errors were found, or an alarm ended the program.
 const EXIT_FOUND: u8 = 1;
-/// Something could not be read, or the arguments cannot be used.
+/// Exit code: a file could not be read, or the arguments cannot be used.
 const EXIT_UNREADABLE: u8 = 2;
 
-/// The exit code of a command; an error is printed, and the code is [`EXIT_UNREADABLE`].
+/// The exit code of a command. An error is printed, and its exit code is [`EXIT_UNREADABLE`].
 type CommandResult = anyhow::Result<u8>;
 
 #[derive(Parser)]
@@ -52,7 +52,7 @@ type CommandResult = anyhow::Result<u8>;
     name = "tandem",
     version = concat!(env!("CARGO_PKG_VERSION"), " (", env!("TANDEM_BUILD"), ")"),
     about = "Runs NC programs and sequence programs in tandem",
-    // keeps the text independent of the features of clap that other crates of the build enable
+    // Without this, the text would depend on the features of clap that other crates in the build enable.
     term_width = 0,
     args_conflicts_with_subcommands = true
 )]
@@ -147,10 +147,11 @@ pub fn run() -> ExitCode {
     }))
 }
 
-/// True once something could not be written to standard output.
+/// True if a write to standard output has failed.
 static UNWRITTEN: AtomicBool = AtomicBool::new(false);
 
-/// Returns the exit code; an error if standard output could not be written, because the result is then incomplete.
+/// Returns the exit code. If standard output could not be written, it is that of an error, because the result
+/// is incomplete.
 fn exit_code(code: u8) -> ExitCode {
     match code {
         EXIT_OK if UNWRITTEN.load(Ordering::Relaxed) => EXIT_UNREADABLE.into(),
@@ -158,7 +159,8 @@ fn exit_code(code: u8) -> ExitCode {
     }
 }
 
-/// Prints a line on standard output. A closed reader is no error; a full disk is one ([`exit_code`]).
+/// Prints a line on standard output. A failed write is recorded for [`exit_code`], unless the reader has
+/// closed the pipe.
 fn print_line(line: impl std::fmt::Display) {
     notice_unwritten(writeln!(std::io::stdout().lock(), "{line}"));
 }
@@ -177,7 +179,7 @@ fn complain(line: impl std::fmt::Display) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
-/// Reads the configuration of a file, or that of the demo machine.
+/// Reads the configuration from a file; without a path, returns the configuration of the demo machine.
 fn read_config(path: Option<&Path>) -> anyhow::Result<(Config, Machine)> {
     let Some(path) = path else {
         let config = Config::demo();
@@ -195,10 +197,10 @@ fn read_config(path: Option<&Path>) -> anyhow::Result<(Config, Machine)> {
     })
 }
 
-/// Path that means standard input.
+/// File name that stands for standard input.
 const STANDARD_INPUT: &str = "-";
 
-/// True once standard input has been read to its end.
+/// True if standard input has been read to its end.
 static STANDARD_INPUT_READ: AtomicBool = AtomicBool::new(false);
 
 /// Reads the text of an NC program from a file or from standard input.
@@ -215,7 +217,7 @@ fn read_program(path: &Path) -> anyhow::Result<String> {
     read.with_context(|| format!("cannot read {}", shown(path)))
 }
 
-/// Returns the name of an NC program for display.
+/// Returns the name of an NC program's file for display.
 fn shown(path: &Path) -> String {
     if path == Path::new(STANDARD_INPUT) {
         "<stdin>".to_owned()
@@ -224,7 +226,8 @@ fn shown(path: &Path) -> String {
     }
 }
 
-/// Returns the file of a subprogram: in the folder of the calling program, otherwise in the folder of the store.
+/// Returns the path of a subprogram's file: in the folder of the calling program, otherwise in the program
+/// folder of the data folder.
 fn find_subprogram(number: u16, caller: &Path, data_dir: Option<&Path>) -> Option<PathBuf> {
     let folder = caller.parent().unwrap_or(Path::new("")).to_owned();
     let store = data_dir.map(|folder| folder.join("programs"));

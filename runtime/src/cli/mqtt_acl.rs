@@ -1,4 +1,4 @@
-//! `tandem mqtt-acl`: the access rules of the token file for an external Mosquitto.
+//! `tandem mqtt-acl`: prints the access rules of the token file for an external Mosquitto.
 
 use std::path::PathBuf;
 

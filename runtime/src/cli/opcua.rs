@@ -34,17 +34,17 @@ pub(super) fn run(arguments: &OpcuaArguments) -> CommandResult {
     }
 }
 
-/// Returns the program in the folder of this executable.
+/// Returns the path of `tandem-opcua` in the folder of this executable, if it exists there.
 fn find_in_own_folder() -> Option<PathBuf> {
     let beside = std::env::current_exe().ok()?.with_file_name(PROGRAM);
     let beside = beside.with_extension(std::env::consts::EXE_EXTENSION);
     beside.is_file().then_some(beside)
 }
 
-/// Replaces this process by the program, so that signals reach it.
+/// Replaces this process by `tandem-opcua`, so that signals reach that program directly.
 #[cfg(unix)]
 fn end_as(mut command: Command) -> io::Result<u8> {
-    // this returns only after an error
+    // `exec` returns only after an error.
     Err(std::os::unix::process::CommandExt::exec(&mut command))
 }
 

@@ -1,10 +1,10 @@
-//! The user of the operating system that gave a command.
+//! Finds the user of the operating system that has started a command.
 
 use std::fs;
 use std::os::unix::fs::MetadataExt as _;
 
-/// Returns the user name of this process, or `uid 1000` if it has none; with sudo, also the name of the user that
-/// called sudo.
+/// Returns the user name of this process, or for example `uid 1000` if the user has no name. With sudo, also
+/// contains the name of the user that called sudo.
 pub(super) fn os_user() -> Option<String> {
     let uid = fs::metadata("/proc/self").ok()?.uid();
     let users = fs::read_to_string("/etc/passwd").unwrap_or_default();

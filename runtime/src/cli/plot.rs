@@ -44,7 +44,7 @@ pub(super) enum PlotView {
 }
 
 impl PlotView {
-    /// Projects a machine position into the picture, mm to the right and up.
+    /// Projects a machine position into the picture; the result is in mm, to the right and up.
     pub fn project(self, at: AxisVector) -> Point {
         if let Some(axes) = self.axes() {
             return Point(axes.map(|axis| at[axis]));
@@ -54,7 +54,8 @@ impl PlotView {
         Point([(x - y) * cos, (x + y) * sin + z])
     }
 
-    /// Returns the axes to the right and up; `None` if these are not axes of the machine.
+    /// Returns the axes of the machine that point to the right and up; `None` if the view is not along an
+    /// axis.
     pub fn axes(self) -> Option<[Axis; 2]> {
         match self {
             Self::Xy => Some([Axis::X, Axis::Y]),
@@ -99,7 +100,7 @@ pub(super) fn run(arguments: &PlotArguments) -> CommandResult {
     Ok(EXIT_FOUND)
 }
 
-/// A part of the tool path with one stroke.
+/// A part of the tool path that is drawn with one stroke.
 #[derive(Debug, PartialEq)]
 pub(super) struct ToolPathLine {
     pub stroke: Stroke,
@@ -111,11 +112,11 @@ pub(super) struct ToolPathLine {
 pub(super) enum Stroke {
     Feed,
     Rapid,
-    /// Path of both programs.
+    /// Part of the path that both programs have.
     Both,
-    /// Path of the old program only.
+    /// Part of the path that only the old program has.
     Old,
-    /// Path of the new program only.
+    /// Part of the path that only the new program has.
     New,
 }
 
@@ -135,7 +136,7 @@ impl Stroke {
     }
 }
 
-/// The tool path drawn so far.
+/// The tool path drawn up to now.
 struct Sketch {
     view: PlotView,
     rapid: bool,

@@ -43,15 +43,15 @@ impl ServeArguments {
             config.mqtt.listen = Some(listen.clone());
         }
         if let Some(folder) = &self.data_dir {
-            // relative to the current folder, not to the folder of the configuration
+            // The path is relative to the current folder, not to the folder of the configuration.
             config.machine.data_dir = std::path::absolute(folder)?;
         }
         config.is_demo |= self.demo;
         Ok(())
     }
 
-    /// Opens the server ends. If a default port of the built-in demo is in use, a free port replaces it; the addresses
-    /// are returned as well.
+    /// Opens the server ends. If a default port of the built-in demo is in use, a free port replaces it. Also
+    /// returns the addresses of the replaced listeners.
     async fn open(
         &self,
         port: Arc<dyn ServedPort>,
@@ -75,7 +75,7 @@ impl ServeArguments {
         }
     }
 
-    /// Returns true for a listener of the built-in demo without a given address.
+    /// Returns true for a listener of the built-in demo if the user has given no address for it.
     fn leaves_open(&self, setting: &str) -> bool {
         let named = if setting == HTTP_LISTEN {
             &self.listen
@@ -86,7 +86,7 @@ impl ServeArguments {
     }
 }
 
-/// Exit code after a stop because of an internal fault: a service manager starts the runtime again.
+/// Exit code after a stop because of an internal fault, so that a service manager starts the runtime again.
 const EXIT_FAULT: u8 = 70;
 
 pub(super) fn run(arguments: &ServeArguments) -> CommandResult {
@@ -101,7 +101,7 @@ pub(super) fn run(arguments: &ServeArguments) -> CommandResult {
     Ok(if is_in_order { EXIT_OK } else { EXIT_FAULT })
 }
 
-/// Returns false after a stop because of a fault.
+/// Serves the machine until it stops. Returns false if a fault has stopped it.
 async fn serve(servable: Servable, arguments: &ServeArguments) -> anyhow::Result<bool> {
     let mut signals = Signals::listen()?;
     let Servable { config, settings, .. } = servable;
@@ -136,7 +136,7 @@ async fn serve(servable: Servable, arguments: &ServeArguments) -> anyhow::Result
     Ok(failed.is_none())
 }
 
-/// Serves until a signal arrives, or until a fault requires a stop; returns the fault.
+/// Serves until a signal or a fault requires a stop. Returns the description of the fault.
 async fn until_stop(runtime: &Runtime, gateway: &Gateway, signals: &mut Signals) -> Option<String> {
     loop {
         let received = tokio::select! {
@@ -156,7 +156,7 @@ async fn until_stop(runtime: &Runtime, gateway: &Gateway, signals: &mut Signals)
     }
 }
 
-/// Runs the demo's handlers; the built-in machine starts with a program loaded.
+/// Runs the handlers of the demo. If the machine is the built-in one, also loads a program.
 async fn run_demo(plc: Plc, is_built_in: bool) {
     let opening = async {
         if is_built_in && let Err(error) = open_demo(&plc).await {
@@ -207,7 +207,8 @@ fn announce(settings: &GatewaySettings, gateway: &Gateway, is_demo: bool) {
     print_line("Ctrl-C stops it.");
 }
 
-/// Signals, received from the start: an early signal must not kill the process without an orderly stop.
+/// Signals that this process has received since its start. Without this, an early signal would kill the
+/// process without an orderly stop.
 pub(super) struct Signals {
     interrupt: Signal,
     terminate: Signal,
@@ -217,7 +218,8 @@ pub(super) struct Signals {
 pub(super) enum ProcessSignal {
     /// Ctrl-C or SIGTERM: an orderly stop.
     Stop,
-    /// SIGHUP: reads files again, as other servers do. A closed terminal sends it too, and must not stop a machine.
+    /// SIGHUP: the runtime reads files again, as other servers do. A closed terminal also sends it, which
+    /// must not stop a machine.
     HangUp,
 }
 

@@ -1,5 +1,5 @@
-//! `[http]` and `[mqtt]` of a configuration, with the files that they name. `check` and `serve` share this code, so a
-//! configuration that `check` accepts also starts.
+//! Reads the tables `[http]` and `[mqtt]` of a configuration, with the files that they name. `check` and
+//! `serve` share this code, so `serve` starts with each configuration that `check` accepts.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -25,11 +25,11 @@ pub(super) struct Servable {
 }
 
 impl Servable {
-    /// Reads the configuration of a file, or the demo machine, with all files that it names, and changes it. Nothing is
-    /// written and no port is opened.
+    /// Reads the configuration of a file, or of the demo machine, with all files that it names, and applies
+    /// `change` to it. Writes no file and opens no port.
     ///
     /// # Errors
-    /// Returns all problems as text for people.
+    /// Returns all problems as text for a person.
     pub(super) fn read(
         path: Option<&Path>,
         change: impl FnOnce(&mut Config) -> anyhow::Result<()>,
@@ -63,7 +63,7 @@ impl Servable {
     }
 }
 
-/// Returns the settings of the server ends and all their problems.
+/// Returns the settings of the server ends and all problems in them.
 pub(super) fn settings(config: &Config) -> (GatewaySettings, Vec<String>) {
     let mut problems = Vec::new();
     let file = &config.http.token_file;
@@ -95,7 +95,7 @@ pub(super) fn settings(config: &Config) -> (GatewaySettings, Vec<String>) {
         ..GatewaySettings::default()
     };
     let found = settings.problems();
-    // errors that only follow from an unreadable token file are omitted
+    // Errors that only follow from an unreadable token file are not reported.
     let found = found
         .iter()
         .filter(|problem| !(tokens_missing && matches!(problem, GatewayError::NotLoopback { .. })));
@@ -103,7 +103,7 @@ pub(super) fn settings(config: &Config) -> (GatewaySettings, Vec<String>) {
     (settings, problems)
 }
 
-/// Returns the additions to the HMI, and the files and folders that it must not serve.
+/// Returns the additions to the HMI, and the files and folders that the HMI server must not serve.
 fn hmi_settings(config: &Config) -> HmiSettings {
     let in_folder = |path: &PathBuf| config.base_dir.join(path);
     let secrets = [

@@ -37,10 +37,10 @@ use super::{
 use recorder::{CsvTrace, Recorder};
 pub(super) use report::Outcome;
 
-/// Program number for a file whose name is not a number.
+/// Number of the main program if the name of its file is not a number.
 const MAIN_PROGRAM: u16 = 1;
 
-/// Simulated time after which the run of a program is ended, s.
+/// Simulated time in s after which the simulation ends a program that still runs.
 const MAX_TIME_S: f64 = 86_400.0;
 
 #[derive(Args)]
@@ -123,34 +123,34 @@ fn parse_with(text: &str) -> Result<(CoordinateSystemNumber, PathBuf), String> {
     Ok((number, file.into()))
 }
 
-/// A program that one coordinate system runs.
+/// A program and the coordinate system that runs it.
 struct SimulationJob {
     cs: CoordinateSystemNumber,
     program: u16,
 }
 
-/// Called with each line of the journal.
+/// Callback that receives each line of the journal.
 pub(super) type JournalCallback = Box<dyn FnMut(&Line) + Send>;
 
-/// Called with the planned motion.
+/// Callback that receives each planned motion.
 pub(super) type Watcher = Box<dyn FnMut(PlannedMotion<'_>) + Send>;
 
-/// Output files and callbacks of a simulation.
+/// Output files and callbacks of one simulation.
 #[derive(Default)]
 pub(super) struct SimulationWatch<'a> {
-    /// File for the events, one JSON object a line.
+    /// File to write the events into, one JSON object per line.
     pub events: Option<&'a Path>,
-    /// File for the blocks, one JSON object a line.
+    /// File to write the blocks into, one JSON object per line.
     pub steps: Option<&'a Path>,
     pub on_cycle: Option<OnCycle>,
-    /// Calls `on_cycle` also for cycles in which the motors keep their speeds.
+    /// True if `on_cycle` is also called for cycles in which the motors keep their speeds.
     pub every_cycle: bool,
     pub on_plan: Option<Watcher>,
-    /// Called with each line of the journal.
+    /// Callback for each line of the journal.
     pub on_line: Option<JournalCallback>,
 }
 
-/// Programs to simulate, read and checked.
+/// Programs to simulate, which have been read and checked.
 pub(super) struct SimulationPlan {
     arguments: SimulationArguments,
     machine: Machine,
@@ -211,7 +211,8 @@ fn traced(arguments: &SimulateCommandArguments, plan: SimulationPlan) -> anyhow:
 }
 
 impl SimulationPlan {
-    /// Reads the configuration and the programs. With `json`, the errors of a program are only returned, not printed.
+    /// Reads the configuration and the programs. With `json`, errors in a program are returned without being
+    /// printed.
     pub fn read(arguments: &SimulationArguments, json: bool) -> anyhow::Result<Result<Self, Vec<Value>>> {
         let (mut config, mut machine) = read_config(arguments.config.as_deref())?;
         if let Some(dialect) = arguments.dialect {
@@ -252,10 +253,10 @@ impl SimulationPlan {
         })
     }
 
-    /// Runs the simulation to its end, an alarm or the time limit.
+    /// Runs the simulation until all programs end, an alarm occurs or the time limit is reached.
     ///
     /// # Errors
-    /// Fails if a file cannot be written or a command is rejected.
+    /// Returns an error if a file cannot be written or the machine rejects a command.
     pub fn simulate(self, watch: SimulationWatch<'_>) -> anyhow::Result<Outcome> {
         let recorder = Recorder::new(&self, watch.events, watch.steps)?;
         let on_line = watch.on_line;
@@ -271,14 +272,14 @@ impl SimulationPlan {
         simulation::run(simulate(self, recorder, options, on_line))?
     }
 
-    /// Returns the coordinate systems that run a program, with their indices in the servo.
+    /// Returns the coordinate systems that run a program, each with its index in the servo.
     fn systems(&self) -> impl Iterator<Item = (usize, &ConfiguredSystem)> {
         let systems = self.machine.coordinate_systems.iter().enumerate();
         systems.filter(|(_, system)| self.jobs.iter().any(|job| job.cs == system.settings.number))
     }
 
-    /// Returns the M code of the dialect that changes tools by its word T, unless the stock sequence program selects
-    /// them.
+    /// Returns the M code that changes tools by its word T in this dialect. Returns `None` if the stock
+    /// sequence program selects the tools.
     fn tool_changer(&self, dialect: &Dialect) -> Option<u16> {
         let mut codes = dialect.m_codes.codes.iter();
         let m = codes.find(|code| code.word(Address::T).is_some())?.tenths() / 10;
@@ -288,7 +289,7 @@ impl SimulationPlan {
             .then_some(m)
     }
 
-    /// Returns the index in the servo and the settings of the first job's coordinate system.
+    /// Returns the index in the servo and the settings of the coordinate system that runs the first program.
     pub fn first_system(&self) -> (usize, &CoordinateSystemSettings) {
         let number = self.jobs[0].cs;
         let mut systems = self.machine.coordinate_systems.iter();
@@ -331,7 +332,8 @@ impl SimulationPlan {
                 ),
             }
             let program = StoredProgram::new(number, &text, rules);
-            // Loading makes the same checks; in addition, only a call can be wrong.
+            // Loading makes the same checks again; here, only a call of another program can still be an
+            // error.
             let here = program.check_in(&system.settings);
             let called = &program.check.programs;
             if path == *file && !(here.errors.is_empty() && called.is_empty()) {
@@ -420,7 +422,8 @@ async fn simulate(
     Ok(outcome)
 }
 
-/// Converts a rejection into its first finding. If an accepted command has no effect, the journal contains the reason.
+/// Converts the rejection of a command into an error with its first finding. If an accepted command has no
+/// effect, the journal contains the reason.
 fn accepted(result: plc_api::Result<()>) -> anyhow::Result<()> {
     match result {
         Ok(()) | Err(Error::CommandFailed { .. }) => Ok(()),
@@ -434,7 +437,7 @@ fn accepted(result: plc_api::Result<()>) -> anyhow::Result<()> {
     }
 }
 
-/// Runs until all programs have ended. Returns the reason if the simulation was ended before that.
+/// Runs until all programs have ended. Returns the reason if the simulation ended earlier.
 async fn run_to_end(
     runtime: &Runtime,
     systems: &[CoordinateSystem],
@@ -442,7 +445,7 @@ async fn run_to_end(
     let Some(simulation) = runtime.simulation() else {
         return Ok(None);
     };
-    // A stall before the start is not caused by the programs.
+    // Discards a stall before the start, which the programs have not caused.
     let _ = simulation.stalled().now_or_never();
     tokio::select! {
         biased;
@@ -453,7 +456,7 @@ async fn run_to_end(
     }
 }
 
-/// Resumes after each program stop, until the program has ended.
+/// Resumes the program after each program stop until the program has ended.
 async fn resume_to_end(system: &CoordinateSystem) -> anyhow::Result<()> {
     loop {
         let state = system

@@ -1,4 +1,4 @@
-//! `tandem st`: sequence programs in Structured Text.
+//! `tandem st`: checks and runs sequence programs in Structured Text.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -80,7 +80,7 @@ pub(super) fn run(arguments: &StArguments) -> CommandResult {
     Ok(if is_right { EXIT_OK } else { EXIT_FOUND })
 }
 
-/// Returns the program, if it has no errors, and the findings.
+/// Returns the findings of a program, and the compiled program if it has no errors.
 fn compiled(path: &Path, source: String) -> (Option<Program>, FileFindings) {
     let file = shown(path);
     let (program, diagnostics) = match Program::compile(&file, &source) {
@@ -151,7 +151,7 @@ async fn serve(address: &str, options: MqttOptions, sequence: SequenceProgram) -
             received = signals.received() => match (received, stop.take()) {
                 (ProcessSignal::HangUp, kept) => stop = kept,
                 (ProcessSignal::Stop, Some(first)) => {
-                    // the receiver is the program, which is running
+                    // The receiver is the sequence program, which is still running.
                     let _ = first.send(());
                     print_line(
                         "The program accepts no further M code and ends after the pending ones. Ctrl-C ends \

@@ -83,7 +83,7 @@ fn open(machine: &MachineArguments) -> anyhow::Result<DataFolder> {
     Ok(DataFolder::open(machine)?)
 }
 
-/// Records the user and the command in the journal. A journal that cannot be written does not prevent a repair.
+/// Records the user and the command in the journal. If the journal cannot be written, the repair continues.
 fn record(folder: &DataFolder, command: &str) {
     if let Err(error) = folder.record(os_user(), command) {
         complain(format!("the journal does not record this command: {error}"));

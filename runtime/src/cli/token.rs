@@ -15,10 +15,10 @@ use tandem_runtime::data_folder::DataFolder;
 use super::os_user::os_user;
 use super::{CommandResult, EXIT_FOUND, EXIT_OK, complain, print_line, read_config};
 
-/// Largest size of the line with a PIN, bytes.
+/// Maximum size of the line with a PIN, bytes.
 const PIN_LINE_MAX: u64 = 1024;
 
-/// Seconds of a day.
+/// Number of seconds in a day.
 pub(super) const DAY_S: u64 = 24 * 60 * 60;
 
 #[derive(Args)]
@@ -80,7 +80,7 @@ pub(super) fn run(arguments: &TokenArguments) -> CommandResult {
     Ok(EXIT_OK)
 }
 
-/// Creates the entry of a person; the PIN is the first line of standard input.
+/// Creates the entry of a person in the token file; the PIN is the first line of standard input.
 fn of_person(arguments: &TokenArguments, role: Role, until: Option<SystemTime>) -> CommandResult {
     let name = &arguments.name;
     if let Some(path) = arguments.file.as_ref().filter(|_| io::stdin().is_terminal()) {
@@ -116,14 +116,14 @@ fn of_person(arguments: &TokenArguments, role: Role, until: Option<SystemTime>) 
     Ok(EXIT_OK)
 }
 
-/// Returns the command as shown in the journal.
+/// Returns the command in the form in which the journal records it.
 fn command(arguments: &TokenArguments) -> String {
     let TokenArguments { name, role, pin, .. } = arguments;
     let pin = if *pin { " --pin" } else { "" };
     format!("tandem token {name} --role {role}{pin}")
 }
 
-/// Records a command that grants access in the journal of a machine, or prints why it was not recorded.
+/// Records a command that grants access in the journal of a machine. If this fails, prints the reason.
 pub(super) fn record_in_journal(config: Option<&Path>, command: &str) {
     let Some(path) = config else {
         complain("This command is in no journal: --config names the machine whose journal records it.");
@@ -138,7 +138,7 @@ pub(super) fn record_in_journal(config: Option<&Path>, command: &str) {
     }
 }
 
-/// Returns true if the token file has an entry with this name.
+/// Returns true if the token file contains an entry with this name.
 pub(super) fn is_known(path: &Path, name: &str) -> anyhow::Result<bool> {
     if !path.exists() {
         return Ok(false);

@@ -1,9 +1,10 @@
-//! A model of an MQTT broker and of the network to it. It guarantees only the properties that MQTT guarantees.
+//! A model of an MQTT broker and of the network between the broker and its clients. The model guarantees only
+//! what MQTT guarantees.
 //!
-//! Messages of one connection arrive in order, those of several connections in any order; with quality of service 1 at
-//! least once. When a connection breaks, messages in transit in either direction are lost from some message on. A will
-//! is published when the broker notices the loss, and retained messages are sent at each subscription. A broker that
-//! dies forgets sessions, and possibly retained messages.
+//! Messages of one connection arrive in order; the order between connections is random. Messages with quality
+//! of service 1 arrive at least once. When a connection breaks, the last messages in transit in each
+//! direction are lost. The broker publishes a will when it notices the loss, and sends retained messages at
+//! each subscription. A broker that ends forgets all sessions, and possibly the retained messages.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -20,7 +21,7 @@ use super::random::Random;
 use super::trace::Trace;
 use crate::disk::simulated::memory::Mount;
 
-/// Random behaviour of the model.
+/// Random delays and duplicates of the network.
 #[derive(Debug, Clone)]
 pub(super) struct Network {
     /// Longest delay of a message, ms.
@@ -32,9 +33,9 @@ pub(super) struct Network {
 #[derive(Debug)]
 enum DeliveryStep {
     Connected(u64),
-    /// The broker received a message from this client.
+    /// A message from this client arrives at the broker.
     Arrived(u64, ModelMessage),
-    /// The broker delivers an event to this client.
+    /// An event arrives at this client.
     Delivered(u64, Event),
     Will(ModelMessage),
 }
@@ -53,7 +54,7 @@ struct Connection {
     filters: Vec<String>,
     will: Option<ModelMessage>,
     events: mpsc::UnboundedSender<Result<Event, ConnectionLoss>>,
-    // arrival of the newest message in each direction
+    // Arrival times of the newest message: from the client (`up`) and to the client (`down`).
     up: Instant,
     down: Instant,
     is_up: bool,
@@ -71,7 +72,7 @@ struct State {
     count: u64,
 }
 
-/// The broker as used by its clients and the faults.
+/// The broker, as its clients and the faults use it.
 #[derive(Debug, Clone)]
 pub(super) struct ModelBroker {
     state: Arc<Mutex<State>>,
@@ -80,7 +81,7 @@ pub(super) struct ModelBroker {
 }
 
 impl ModelBroker {
-    /// Starts the delivery.
+    /// Starts the broker, and the task that delivers messages.
     pub fn start(random: Random, network: Network, trace: Trace) -> Self {
         let broker = Self {
             state: Arc::new(Mutex::new(State {
@@ -118,7 +119,7 @@ impl ModelBroker {
                     if let Some((_, step)) = step {
                         self.execute_step(step);
                     }
-                    // the recipient of this message runs first
+                    // Lets the recipient of this message run before the next delivery.
                     tokio::task::yield_now().await;
                 }
             }
@@ -142,14 +143,14 @@ impl ModelBroker {
                             without_instance(&text)
                         ));
                     }
-                    // the client may have disconnected
+                    // The client may have disconnected, so a failure is ignored.
                     let _ = connection.events.send(Ok(event));
                 }
             }
         }
     }
 
-    /// Cuts the connections of a client, or of all.
+    /// Cuts all connections of a client, or of all clients if `client_id` is `None`.
     pub fn cut(&self, client_id: Option<&str>) {
         let mut state = self.state.lock();
         let cut = state
@@ -164,7 +165,7 @@ impl ModelBroker {
         self.wake.notify_one();
     }
 
-    /// Ends the broker, which stays offline for some time.
+    /// Ends the broker, and starts it again after this time.
     pub async fn die(&self, time: Duration) {
         {
             let mut state = self.state.lock();
@@ -182,7 +183,7 @@ impl ModelBroker {
         self.state.lock().is_up = true;
     }
 
-    /// Stops all faults from now on.
+    /// Ends all faults, so that none occurs from now on.
     pub fn calm(&self) {
         let mut state = self.state.lock();
         (state.is_up, state.is_calm) = (true, true);
@@ -190,7 +191,7 @@ impl ModelBroker {
         state.network.delay_ms = 5;
     }
 
-    /// Returns true when all faults have stopped.
+    /// Returns true if all faults have been ended.
     pub fn is_calm(&self) -> bool {
         self.state.lock().is_calm
     }
@@ -222,13 +223,14 @@ impl ModelBroker {
             broker: self.clone(),
             number,
             inbox,
-            // only the runtime's own process ends with its disk
+            // Only connections of the runtime's process end when its disk ends.
             is_mortal: false,
         }
     }
 }
 
-/// Removes the random instance that a program in the process has in its name; it is not part of a history.
+/// Removes the random instance of a sequence program from a text, because it differs between runs of one
+/// seed.
 fn without_instance(text: &str) -> String {
     let mut parts = text.split(r#""instance":"i-"#);
     let first = parts.next().unwrap_or_default().to_owned();
@@ -265,7 +267,7 @@ impl State {
         self.steps.insert((at, self.count), step);
     }
 
-    /// Sends an event to a client, in order.
+    /// Schedules an event for a client; events of one connection keep their order.
     fn send(&mut self, number: u64, event: Event) {
         let delay = self.delay();
         if let Some(connection) = self.connections.get_mut(&number) {
@@ -281,7 +283,7 @@ impl State {
         };
         connection.is_up = true;
         let client_id = connection.client_id.clone();
-        // a second connection of a client ends the first
+        // The broker ends an earlier connection of the same client.
         let same = |(other, connection): (&u64, &Connection)| {
             (*other < number && connection.client_id == client_id).then_some(*other)
         };
@@ -337,7 +339,8 @@ impl State {
         }
     }
 
-    /// Breaks a connection: messages in transit arrive up to some random message.
+    /// Breaks a connection. Messages from the client that arrive until a random time are delivered, all
+    /// others are lost.
     fn cut(&mut self, number: u64, is_noticed: bool) {
         let Some(connection) = self.connections.remove(&number) else {
             return;
@@ -352,10 +355,11 @@ impl State {
                 _ => true,
             })
             .collect();
-        // a client that has disconnected receives nothing
+        // The client may have disconnected, so a failure is ignored.
         let _ = connection.events.send(Err(lost("the connection was reset")));
         if let Some(will) = connection.will.filter(|_| is_noticed && connection.is_up) {
-            // at once, or when the keep-alive has expired; after the messages that have arrived
+            // The will is published immediately or when the keep-alive has expired, but after the messages
+            // that have arrived.
             let noticed = last
                 + if self.random.percent(60) {
                     self.delay()
@@ -376,7 +380,7 @@ fn published(message: &ModelMessage, retain: bool) -> Event {
     }
 }
 
-/// A client's connection.
+/// The connection of one client to the broker.
 pub(super) struct ModelWire {
     broker: ModelBroker,
     number: u64,
@@ -444,7 +448,7 @@ impl Drop for ModelWire {
     }
 }
 
-/// Creates the connections of the runtime and other clients.
+/// Creates the connection of the runtime to the broker.
 #[derive(Debug, Clone)]
 pub(super) struct Connector {
     pub broker: ModelBroker,
@@ -472,7 +476,7 @@ impl Connect for Connector {
 }
 
 impl ModelBroker {
-    /// Creates the connection of another client.
+    /// Creates the connection of a client other than the runtime.
     pub fn connect(&self, client_id: &str, will: Option<(String, String)>) -> ModelWire {
         let will = will.map(|(topic, payload)| ModelMessage {
             topic,

@@ -1,5 +1,5 @@
-//! A handler over MQTT that uses only the documented topics. It loses its connection, dies, reconnects, sends every
-//! message twice, and occasionally resets outputs of other handlers.
+//! A handler over MQTT that uses only the documented topics. It loses its connection, ends without notice,
+//! reconnects, sends messages twice, and resets outputs without claiming them.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -21,10 +21,10 @@ use super::broker::{ModelBroker, ModelWire};
 use super::oracle::SharedOracle;
 use super::random::Random;
 
-/// An output of a boot: boot, coordinate system, number.
+/// Key of an output: boot identifier, coordinate system and sequence number.
 type Key = (BootId, u8, u64);
 
-/// Progress of an output.
+/// State of an output in the handler.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum OutputProgress {
     Claiming,
@@ -39,9 +39,10 @@ pub(super) struct Handler {
     pub truth: SharedOracle,
     pub random: Random,
     jobs: BTreeMap<Key, (u16, OutputProgress, Instant)>,
-    /// Number of its processes so far.
+    /// Number of processes of this handler so far, including the current one.
     processes: u32,
-    /// When it publishes its presence again, because another process was online.
+    /// Time when the handler publishes its presence again, because another process of this handler was
+    /// online.
     announces_at: Option<Instant>,
 }
 
@@ -63,7 +64,7 @@ impl Handler {
         format!("{}-{}", self.id, self.processes)
     }
 
-    /// Connects again and again.
+    /// Connects to the broker repeatedly, without an end.
     pub async fn run(mut self) {
         loop {
             let gone = presence(false, &[], self.instance());
@@ -72,7 +73,7 @@ impl Handler {
                 .connect(&self.id, Some((self.topic("presence"), gone)));
             self.serve(wire).await;
             if self.random.percent(30) {
-                // a new process
+                // A new process of the handler begins; it does not know the outputs of the previous one.
                 self.jobs.clear();
                 self.processes += 1;
             }
@@ -227,7 +228,7 @@ impl Handler {
         }
     }
 
-    /// Sends due messages, and repeats them until they are answered.
+    /// Sends the claims and resets that are due, and repeats each until the machine answers.
     fn work(&mut self, wire: &ModelWire) {
         let now = Instant::now();
         let due: Vec<Key> = (self.jobs.iter())
@@ -253,7 +254,7 @@ impl Handler {
 
     fn send(&mut self, wire: &ModelWire, (boot_id, cs, seq): &Key, m: u16, job: OutputProgress) {
         let (boot_id, seq) = (boot_id.clone(), *seq);
-        // the name of another handler: the request must be rejected
+        // Identifies the handler to the machine, which must reject requests for outputs of other handlers.
         let (handler_id, instance) = (self.id.clone(), Some(self.instance()));
         let request = match job {
             OutputProgress::Claiming if self.random.percent(97) => Request::Claim(
@@ -266,7 +267,7 @@ impl Handler {
                     instance,
                 },
             ),
-            // also without a claim, as a simple handler does
+            // A reset may also come without a claim, as from a simple handler.
             _ => Request::Reset(
                 *cs,
                 Some(m),

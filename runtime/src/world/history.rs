@@ -1,4 +1,4 @@
-//! A history: several starts of one machine, with the faults in each.
+//! A history: several starts of one machine, and the faults during each start.
 
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
@@ -25,43 +25,43 @@ use super::trace::Trace;
 use crate::config::{Config, Machine, ProgramSource};
 use crate::disk::simulated::memory::{Disk, Faults, Mount};
 
-/// Clients whose connections break, the machine among them.
+/// Clients whose connections break; `tandem-mill` is the machine.
 const CLIENTS: [&str; 3] = ["gripper", "loader", "tandem-mill"];
 
 /// Interval at which the world checks its machine.
 const STEP: Duration = Duration::from_millis(5);
 
-/// A variable that is never written.
+/// A variable that no client ever writes.
 const UNTOUCHED: &str = "P1500";
 
-/// Values acknowledged within this time before the end may be missing, if they are acknowledged before they are on
-/// disk, s.
+/// Time in s before the end of a start: a value acknowledged in this time may be missing, if the machine
+/// acknowledges it before it is on disk.
 const BEHIND_S: f64 = 0.2;
 
-/// A defect built into a world, so that a test proves that the rule detects it.
+/// A defect built into a world, so that a test proves that a rule of the oracle detects it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Mutation {
-    /// Syncs of the disk do nothing.
+    /// Syncs of the disk have no effect.
     ForgetsSyncs,
-    /// The disk has the content of the previous start.
+    /// The disk is reset to its content at the previous start.
     GoesBack,
-    /// The ring of the journal is not written.
+    /// Lines in the ring of the journal are not written.
     ForgetsAhead,
-    /// A handler takes a refused claim for an accepted one.
+    /// A handler treats a rejected claim as accepted.
     TakesAllClaims,
     /// A motor moves without a command.
     Moves,
-    /// A program of the configuration is missing.
+    /// A program that the configuration names does not exist.
     NoProgram,
 }
 
-/// Result of a seed.
+/// Result of the history of one seed.
 #[derive(Debug)]
 pub(super) struct HistoryOutcome {
     pub broken: Vec<BrokenRule>,
-    /// A number that depends on all events.
+    /// A checksum of all events.
     pub sum: u32,
-    /// Number of completed programs.
+    /// Number of programs that were completed.
     pub completed: u32,
 }
 
@@ -84,13 +84,13 @@ enum Fault {
     Cut(Option<&'static str>),
     BrokerDies(Duration),
     DiskRefuses(std::io::ErrorKind, Duration),
-    /// During a write.
+    /// The process ends at an operation on the disk.
     Dies(u64),
-    /// In a task or thread of the runtime.
+    /// A task or thread of the runtime panics.
     Panics(&'static str),
 }
 
-/// Tasks and threads that panic.
+/// Tasks and threads in which a fault causes a panic.
 const TASKS: [&str; 9] = [
     "coordinate system 1",
     "coordinate system 1",
@@ -115,7 +115,7 @@ pub(super) struct History {
     random: Random,
 }
 
-/// The parts of the world that outlive the starts of the machine.
+/// The parts of the world that continue to exist between the starts of the machine.
 struct World {
     machine: Machine,
     disk: Arc<Mutex<Disk>>,
@@ -125,10 +125,10 @@ struct World {
     current: Current,
     day: SystemTime,
     begun: Instant,
-    /// Outputs that the next start must report of the killed one.
+    /// Outputs of the killed start that the next start must report.
     at_kill: Option<AtKill>,
     ended_s: f64,
-    /// Time since which the disk has refused writes; `None` once it has accepted all.
+    /// Time since which the disk has rejected writes, s; `None` after it has accepted all values again.
     unkept_s: Option<f64>,
 }
 
@@ -188,7 +188,8 @@ impl History {
             delay_ms: *self.random.pick(&[1, 5, 30, 200]),
             duplicates: *self.random.pick(&[0, 5, 30]),
         };
-        // never written: whatever fails at the first start, no stored value could be lost
+        // No client writes this variable, so it must never be reported as lost, even if the first start
+        // fails.
         truth.lock().acknowledge(UNTOUCHED, "0");
         truth.lock().takes_all_claims = self.mutation == Some(Mutation::TakesAllClaims);
         let broker = ModelBroker::start(self.random.fork(), network, trace.clone());
@@ -228,7 +229,7 @@ impl History {
         world
     }
 
-    /// Returns the faults of a start, each with its time.
+    /// Returns the faults during a start, each with its time from the start.
     fn faults(&mut self, length: Duration) -> Vec<(Duration, Fault)> {
         let mut faults = Vec::new();
         let count = self.random.below(5);
@@ -254,7 +255,7 @@ impl History {
         faults
     }
 
-    /// Sets the wall clock in some cases.
+    /// Moves the wall clock forwards or back in 40 percent of the starts.
     fn set_day(&mut self, world: &mut World) {
         if self.random.percent(40) {
             let by = Duration::from_secs(self.random.below(200_000));
@@ -302,7 +303,7 @@ impl History {
     }
 
     fn damage(&mut self, world: &mut World) {
-        // two flips together may hide each other: in the checksum of a program and in the program
+        // A second flip could hide the first: one in the checksum of a program and one in the program.
         if !self.random.percent(15) || world.truth.lock().may_lose {
             return;
         }
@@ -312,7 +313,7 @@ impl History {
         world.at_kill = None;
     }
 
-    /// Checks that the machine works without further faults.
+    /// Checks that the machine works after all faults have ended.
     async fn check_recovery(&mut self, world: &mut World) {
         world.broker.calm();
         world.disk.lock().faults = Faults::default();
@@ -321,7 +322,7 @@ impl History {
         };
         world.settle(&process).await;
         world.current.set(None);
-        // handlers may stay disconnected for 6 s, and their broker notices it within 8 s
+        // Handlers may stay disconnected for 6 s, and the broker notices a loss within 8 s.
         tokio::time::sleep(Duration::from_secs(15)).await;
         if self.mutation == Some(Mutation::Moves) {
             world.truth.lock().moved(1);
@@ -363,7 +364,7 @@ impl World {
         }
     }
 
-    /// Checks that the stored values are those acknowledged, then stores programs that can run.
+    /// Checks that the stored values are the acknowledged ones, then stores the programs that operators run.
     async fn settle(&mut self, process: &Process) {
         self.check_stored_values(process).await;
         if Mount::is_dead() {
@@ -390,7 +391,8 @@ impl World {
         let names = self.truth.lock().names();
         for name in names {
             let value = read(&*process.witness, &name).await;
-            // variables are stored soon after they were written, all other values before they are acknowledged
+            // Variables are stored within [`BEHIND_S`] after their acknowledgement, all other values before
+            // it.
             let sure_s = if name.starts_with('P') {
                 let unkept_s = self.unkept_s.unwrap_or(f64::INFINITY);
                 unkept_s.min(self.ended_s) - BEHIND_S
@@ -415,7 +417,7 @@ impl World {
         }
     }
 
-    /// Lets time pass and applies the faults. Returns true if a fault demands an orderly end of the machine.
+    /// Lets time pass and applies the faults. Returns true if a fault requires an orderly end of the machine.
     async fn run(&mut self, process: &Process, length: Duration, faults: Vec<(Duration, Fault)>) -> bool {
         let supervisor = process.witness.supervisor();
         let begun = Instant::now();
@@ -458,7 +460,7 @@ impl World {
         must_end()
     }
 
-    /// Waits for a limited time until a client has just received an output.
+    /// Waits until a client receives an output, for 4 s at most.
     async fn wait_for_receipt(&mut self) {
         let before = self.truth.lock().heard;
         for _ in 0..4000 {
@@ -486,7 +488,8 @@ impl World {
         }
         if end == ProcessEnd::Kill {
             let boot = process.witness.boot_id().0;
-            // a disk that refuses writes does not accept the ring either
+            // While the disk rejects writes, the ring of the journal is not written, so the report may be
+            // incomplete.
             self.at_kill = (self.unkept_s.is_none()).then(|| self.truth.lock().at_kill(boot));
             self.disk.lock().kill();
         } else {
@@ -494,11 +497,11 @@ impl World {
         }
         self.current.set(None);
         drop(process);
-        // remaining tasks run to their end without effect
+        // The remaining tasks end here; their operations have no effect.
         tokio::time::sleep(STEP).await;
     }
 
-    /// Runs a program to its end.
+    /// Runs a program, and checks that it reaches its end.
     async fn works(&mut self, process: &Process) {
         let command = async |name: &str, command: Command| {
             let meta = CommandMeta {
@@ -517,7 +520,7 @@ impl World {
             self.trace.line(format_args!("at the end {name}: {answer:?}"));
         };
         command("reset", Command::Reset).await;
-        // after a lost position, the first motion is refused, and the following reset homes the motor
+        // If the position was lost, the machine rejects this motion, and the following reset homes the motor.
         let lost = "G91 G01 X0 F1000".to_owned();
         let lost = Command::Mdi {
             text: lost,

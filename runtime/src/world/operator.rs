@@ -1,4 +1,4 @@
-//! Operators that change stored data, run programs, move axes manually and stop, at any moment.
+//! Operators that change stored data, run programs, move axes manually and stop programs, at random times.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -20,7 +20,7 @@ use super::random::Random;
 use super::trace::Trace;
 use crate::disk::simulated::memory::Mount;
 
-/// Current access to the machine: the number of its start, and its port.
+/// Access to the machine that runs at present: the number of its start, and its port.
 #[derive(Clone, Default)]
 pub(super) struct Current(Arc<Mutex<(u32, Option<Arc<PortObserver>>)>>);
 
@@ -36,7 +36,8 @@ impl Current {
         Some((current.0, current.1.clone()?))
     }
 
-    /// Sends a request to the machine; returns `None` if its outcome is unknown.
+    /// Sends a request to the machine. Returns `None` if the result is unknown, because the machine ended or
+    /// did not answer within 20 s.
     pub async fn ask(&self, request: Request) -> Option<Result<Answer, Refusal>> {
         let (start, witness) = self.get()?;
         let origin = Origin {
@@ -59,11 +60,11 @@ pub(super) struct Operator {
     pub random: Random,
     pub trace: Trace,
     pub count: u64,
-    /// Maximum pause between two actions, ms.
+    /// Longest pause between two actions, ms.
     pub pace_ms: u64,
 }
 
-/// Programs that are run.
+/// Programs that operators run, by number.
 pub(super) const PROGRAMS: [(u16, &str); 4] = [
     (80, "G91\nG01 X4 F6000\nM100\nG01 X-4\nM30\n"),
     (
@@ -92,7 +93,7 @@ impl Operator {
         }
     }
 
-    /// Changes stored data.
+    /// Writes a random variable, tool, work offset or program.
     async fn change(&mut self) {
         let (name, value, request) = match self.random.below(4) {
             0 => {
@@ -123,7 +124,7 @@ impl Operator {
         change(&self.current, &self.truth, &self.trace, (name, value, request)).await;
     }
 
-    /// Runs a program as an operator would.
+    /// Runs a random program: resets, loads and starts it.
     async fn run_a_program(&mut self) {
         let program = self.random.pick(&PROGRAMS).0;
         for command in [Command::Reset, Command::Load { program }, Command::Start] {
@@ -132,7 +133,7 @@ impl Operator {
         }
     }
 
-    /// Repeats the work of a lost handler.
+    /// Decides that outputs of a lost handler are repeated.
     async fn decide(&mut self) {
         let Some((_, witness)) = self.current.get() else {
             return;
@@ -251,7 +252,7 @@ pub(super) async fn change(
     trace.line(format_args!("operator: {name} = {value:.30?}: {answer:?}"));
     match answer {
         Some(Ok(_)) => truth.lock().acknowledge(&name, &value),
-        // the disk may or may not have stored it
+        // It is unknown whether the disk has stored the value.
         Some(Err(refusal)) if refusal.code == RefusalCode::Unavailable => {}
         Some(Err(refusal)) if refusal.code == RefusalCode::NotFound && value == "none" => {
             truth.lock().refused(&name, &value);
@@ -261,7 +262,7 @@ pub(super) async fn change(
     }
 }
 
-/// Returns the current value on the machine.
+/// Returns the current value of a variable, tool, work offset or program on the machine.
 pub(super) async fn read(port: &dyn Port, name: &str) -> String {
     let (kind, number) = name.split_at(1);
     let number: u16 = number.parse().unwrap();
@@ -291,7 +292,7 @@ pub(super) async fn read(port: &dyn Port, name: &str) -> String {
         }
         Ok(Answer::WorkOffsets(table)) => {
             let axes = table.work_offsets.get(name);
-            // a lost axis is missing from the table
+            // If the offset of an axis is lost, the axis is missing from the table.
             axes.and_then(|axes| axes.get("X"))
                 .map_or(LOST.to_owned(), |x| shown(*x))
         }

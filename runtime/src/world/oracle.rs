@@ -1,5 +1,5 @@
-//! Oracle of the simulated world: records requests and answers of a machine, and derives the conditions that must hold.
-//! It never looks into the machine.
+//! Oracle of the simulated world. It records the requests to a machine and the answers, and derives the rules
+//! that must hold. It does not use the internal state of the machine.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use tandem_model::alarm::{FAULT_LASTS, RUNTIME_FAULT};
 
 use super::trace::Trace;
 
-/// A rule that was broken.
+/// A rule that the machine has broken.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct BrokenRule {
     pub rule: Rule,
@@ -24,69 +24,69 @@ pub(super) struct BrokenRule {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Rule {
-    /// Each output is answered once.
+    /// Each output is answered only once.
     Once,
-    /// Only its owner answers an output.
+    /// Only the owner of an output answers it.
     Owner,
-    /// Acknowledged data are kept.
+    /// Acknowledged data are stored.
     Kept,
-    /// Damaged data are rejected.
+    /// Damaged data are rejected, not used.
     Believed,
-    /// Nothing moves without a command.
+    /// No axis moves without a command.
     Motion,
-    /// Outputs pending at a kill are reported, and no others.
+    /// After a kill, the machine reports all outputs that were pending, and no answered ones.
     Told,
-    /// The machine asks about stored files only if a file was exchanged.
+    /// The machine asks a question about stored files only if a file was exchanged.
     Asks,
     /// The machine starts.
     Starts,
-    /// In the end, the machine works.
+    /// After the last fault, the machine works.
     Works,
-    /// No part of the machine has failed.
+    /// No task or thread of the machine has failed, except by an injected fault.
     Whole,
 }
 
-/// Identifies an output of a boot.
+/// Key of an output: boot identifier, coordinate system and sequence number.
 type OutputKey = (String, CoordinateSystemNumber, u64);
 
 #[derive(Debug, Default)]
 struct ObservedOutput {
     notices: u32,
-    /// Accepted claims, each with its time.
+    /// Accepted claims: the time and the handler of each.
     claims: Vec<(f64, String)>,
     resets: u32,
-    /// Times of the first publication and of the answer or cancellation.
+    /// Time of the first publication, and time of the reset or cancellation.
     said_s: Option<f64>,
     closed_s: Option<f64>,
-    /// A client has received it.
+    /// True if a client has received the output.
     is_heard: bool,
 }
 
-/// Outputs as clients know them when their machine is killed.
+/// State of the outputs, as clients know it, at the time of a kill.
 #[derive(Debug)]
 pub(super) struct AtKill {
     boot: String,
     /// Pending outputs that a client has received.
     open: BTreeSet<(CoordinateSystemNumber, u64)>,
-    /// Outputs answered before a pending one was first published.
+    /// Outputs that were answered before a pending output was first published.
     answered: BTreeSet<(CoordinateSystemNumber, u64)>,
 }
 
 #[derive(Debug, Default)]
 struct Channel {
-    /// A command that may cause motion was sent in this boot.
+    /// True if a command that may cause motion was sent in this boot.
     is_commanded: bool,
-    /// Time of the last such command, and the time at which the run was then seen to have ended.
+    /// Time of the last such command, and time when the run was observed to have ended.
     commanded_s: f64,
     ended_s: Option<f64>,
 }
 
-/// A stored value: acknowledged or attempted values.
+/// Acknowledged and attempted values of a stored item.
 #[derive(Debug, Clone, Default)]
 struct Value {
-    /// Acknowledged values with their times, the newest last.
+    /// Acknowledged values with the times of acknowledgement, the newest last.
     acknowledged: Vec<(f64, String)>,
-    /// Requested values without an answer.
+    /// Values that were requested but neither acknowledged nor rejected.
     attempted: Vec<String>,
 }
 
@@ -99,21 +99,22 @@ pub(super) struct Oracle {
     gone: BTreeMap<String, f64>,
     channels: BTreeMap<CoordinateSystemNumber, Channel>,
     values: BTreeMap<String, Value>,
-    /// The disk was damaged since the last check, so that values may be lost, but must not be wrong.
+    /// True if the disk was damaged since the last check; values may then be lost, but must not be wrong.
     pub may_lose: bool,
-    /// The disk was damaged at least once.
+    /// True if the disk was damaged at least once.
     was_damaged: bool,
     /// Number of completed programs.
     pub completed: u32,
     /// Number of outputs that a client has received.
     pub heard: u64,
-    /// Mutation that the rules must detect: a client treats a claim refused as not its own as accepted.
+    /// Mutation that the rules must detect: a client treats a claim that was rejected as `not_owner` as
+    /// accepted.
     pub takes_all_claims: bool,
 }
 
 pub(super) type SharedOracle = Arc<Mutex<Oracle>>;
 
-/// Value of a variable that the machine reports as lost.
+/// Text for a value that the machine reports as lost.
 pub(super) const LOST: &str = "lost";
 
 impl Oracle {
@@ -143,7 +144,7 @@ impl Oracle {
         self.boot.clone_from(&boot.0);
         self.channels.clear();
         self.gone.clear();
-        // clients receive no outputs of earlier boots
+        // Clients no longer receive outputs of earlier boots.
         self.outputs.clear();
     }
 
@@ -281,7 +282,7 @@ impl Oracle {
 
     // stored values
 
-    /// Records that a bit on the disk has flipped.
+    /// Records that a bit on the disk was flipped.
     pub fn damaged(&mut self) {
         self.may_lose = true;
         self.was_damaged = true;
@@ -299,7 +300,7 @@ impl Oracle {
         kept.acknowledged.push((now_s, value.to_owned()));
     }
 
-    /// Records a definite refusal by the machine.
+    /// Records that the machine has rejected a value, so it is certain that it was not stored.
     pub fn refused(&mut self, name: &str, value: &str) {
         let kept = self.values.entry(name.to_owned()).or_default();
         kept.attempted.retain(|attempted| attempted != value);
@@ -309,7 +310,7 @@ impl Oracle {
         self.values.keys().cloned().collect()
     }
 
-    /// Checks a value read after a start. `since_s`: values acknowledged after this time may be missing.
+    /// Checks a value that was read after a start. Values acknowledged after `since_s` may be missing.
     pub fn read(&mut self, name: &str, value: &str, since_s: f64) {
         let may_lose = self.may_lose;
         let Some(kept) = self.values.get_mut(name) else {
@@ -324,9 +325,10 @@ impl Oracle {
                 .map(|(_, value)| value.as_str()),
         );
         let is_unset = sure.is_none() && (value == "0" || value == "none");
-        // a lost tool is missing from the table
+        // A lost tool is missing from the table of tools.
         let is_lost = value == LOST || (name.starts_with('T') && value == "none");
-        // a variable never requested before its page was lost stays lost until it is written
+        // If no client wrote a variable before its page was lost, the variable stays lost until it is
+        // written.
         let was_lost = self.was_damaged && kept.acknowledged.is_empty();
         let is_right = right.contains(value) || is_unset || ((may_lose || was_lost) && is_lost);
         if !is_right {
@@ -339,7 +341,7 @@ impl Oracle {
         kept.acknowledged = vec![(self.trace.now_s(), value.to_owned())];
     }
 
-    /// Returns the outputs that a machine killed now must report after its next start.
+    /// Returns the outputs that the machine must report after its next start, if it is killed now.
     pub fn at_kill(&self, boot: String) -> AtKill {
         let mut at_kill = AtKill {
             boot,
@@ -365,7 +367,7 @@ impl Oracle {
         at_kill
     }
 
-    /// Checks the machine's report after a start about the run that was cut short.
+    /// Checks the report of the machine about the run that was cut short by a kill.
     pub fn check_last_run(
         &mut self,
         at_kill: &AtKill,

@@ -1,4 +1,5 @@
-//! Observer between the machine's port and all its clients: it reports requests and answers to the oracle.
+//! Observer between the port of the machine and all its clients. It reports requests and answers to the
+//! oracle.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -22,7 +23,7 @@ pub(super) struct PortObserver {
     pub boot: BootId,
 }
 
-/// Data of a request that the oracle needs when the request is answered.
+/// Data of a request that the oracle needs when the machine answers the request.
 enum ObservedRequest {
     Claim(u8, u64, String),
     Reset(u8, u64, String, bool),

@@ -1,4 +1,4 @@
-//! A start of the runtime in the world: all its parts, until it ends or is killed.
+//! One start of the runtime in the world: all parts of the process, until it ends or is killed.
 
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
@@ -26,7 +26,7 @@ use crate::shared::SharedState;
 use crate::threads;
 use plc_api::types::BootId;
 
-/// Time between two bursts of servo cycles. Reason: shorter than any wait of a part of the machine.
+/// Time between two bursts of servo cycles. Reason: no part of the machine waits for a shorter time.
 const BURST: Duration = Duration::from_millis(5);
 
 pub(super) struct Process {
@@ -79,7 +79,7 @@ impl Process {
         })
     }
 
-    /// Ends in order.
+    /// Ends the process in an orderly way.
     pub async fn shutdown(mut self) {
         if let Some(mqtt) = self.mqtt.take() {
             mqtt.stop().await;
@@ -91,7 +91,7 @@ impl Process {
 }
 
 impl Drop for Process {
-    /// Ends as after a kill: the disk has already ended.
+    /// Ends the process as a kill does; its disk has already ended.
     fn drop(&mut self) {
         if let Some(mqtt) = self.mqtt.take() {
             mqtt.crash();
@@ -102,7 +102,7 @@ impl Drop for Process {
     }
 }
 
-/// Passes all messages of the machine to the oracle, independently of the speed of the broker.
+/// Passes all messages of the machine to the oracle without delay, independently of the model of the broker.
 async fn observe_messages(port: Arc<dyn Port>, truth: SharedOracle) {
     let mut messages = port.subscribe(Filter::All);
     while let Some(message) = messages.next().await {
@@ -112,7 +112,7 @@ async fn observe_messages(port: Arc<dyn Port>, truth: SharedOracle) {
     }
 }
 
-/// Runs the servo cycles that are due.
+/// Runs the servo cycles in bursts, and reports each motion of an axis to the oracle.
 async fn cycle(mut servo: Servo, shared: Arc<SharedState>, truth: SharedOracle) {
     let numbers: Vec<_> = shared.machine.coordinate_systems.iter().collect();
     let numbers: Vec<_> = numbers.iter().map(|system| system.settings.number).collect();
@@ -147,7 +147,7 @@ async fn cycle(mut servo: Servo, shared: Arc<SharedState>, truth: SharedOracle) 
     }
 }
 
-/// A sequence program in the process of the machine.
+/// Runs a sequence program in the process of the machine.
 async fn serve(port: Arc<dyn Port>) {
     async fn work(_output: AuxOutput, plc: Plc) -> Result<(), plc_api::Alarm> {
         plc.sleep(Duration::from_millis(120)).await;
@@ -157,6 +157,6 @@ async fn serve(port: Arc<dyn Port>) {
     let program = SequenceProgram::new()
         .in_coordinate_system(1, |program| program.on(102, work))
         .handler_id("built-in");
-    // the program ends with the machine
+    // The sequence program ends when the machine ends.
     let _ = program.run(&plc).await;
 }

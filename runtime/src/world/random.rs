@@ -1,8 +1,8 @@
-//! Random numbers of a seed.
+//! Random numbers that depend only on a seed.
 
 use std::time::Duration;
 
-/// A generator: splitmix64.
+/// A random number generator (splitmix64).
 #[derive(Debug, Clone)]
 pub(crate) struct Random(u64);
 
@@ -19,17 +19,17 @@ impl Random {
         mixed ^ (mixed >> 31)
     }
 
-    /// Returns an independent generator.
+    /// Returns an independent generator, seeded by this one.
     pub fn fork(&mut self) -> Self {
         Self(self.next())
     }
 
-    /// Returns a number from 0 to `end` - 1.
+    /// Returns a random number from 0 to `end` - 1.
     pub fn below(&mut self, end: u64) -> u64 {
         self.next() % end
     }
 
-    /// Returns true with this probability, in percent.
+    /// Returns true with a probability of `percent` percent.
     pub fn percent(&mut self, percent: u64) -> bool {
         self.below(100) < percent
     }

@@ -1,5 +1,4 @@
-//! Trace of a world: a number that depends on all lines of events. If `TANDEM_TRACE` is set, the lines are
-//! printed, too.
+//! Trace of a world: a checksum of all event lines. If `TANDEM_TRACE` is set, the lines are printed, too.
 
 use std::fmt::{Arguments, Write as _};
 use std::sync::Arc;
@@ -55,7 +54,7 @@ impl Trace {
         }
     }
 
-    /// Returns a number that depends on all lines so far.
+    /// Returns the checksum of all lines up to now.
     pub fn checksum(&self) -> u32 {
         self.kept.lock().hasher.clone().finalize()
     }

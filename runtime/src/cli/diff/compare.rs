@@ -1,4 +1,4 @@
-//! Finds the differences between two lists of elements.
+//! Finds the differences between the actions (elements) of two programs.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -10,8 +10,8 @@ use tandem_model::flow::Path;
 
 use super::recorded::{Does, Element};
 
-/// Number of elements of both programs together that are searched for the next match. Reason: the time of the search
-/// grows with its square.
+/// Maximum number of elements, of both programs together, in which the next match is searched. Reason: the
+/// time of the search grows with the square of this number.
 const SEARCH_MAX: usize = 4000;
 
 /// Differences between two programs.
@@ -22,11 +22,11 @@ pub struct Comparison {
 /// A difference between two programs.
 #[derive(Debug, Serialize)]
 pub struct Difference {
-    /// `path`, `m_codes`, `time`.
+    /// Kinds of the difference: `path`, `m_codes`, `time`.
     what: Vec<&'static str>,
-    /// Lines of the old program; null if only the new one has these elements.
+    /// Part of the old program; null if only the new program has these elements.
     pub old: Option<ProgramPart>,
-    /// Lines of the new program; null if only the old one has these elements.
+    /// Part of the new program; null if only the old program has these elements.
     pub new: Option<ProgramPart>,
 }
 
@@ -36,9 +36,9 @@ pub struct ProgramPart {
     program: u16,
     from_line: u32,
     to_line: u32,
-    /// Time of its blocks, s.
+    /// Time of the part's blocks, s.
     time_s: f64,
-    /// M codes that it outputs or stops at.
+    /// M codes that the part outputs, or at which it stops.
     m_codes: Vec<String>,
     #[serde(skip)]
     pub elements: Range<usize>,
@@ -116,7 +116,8 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Compares the elements of two programs, within tolerances of positions and of times of elements.
+/// Compares the elements of two programs, with a tolerance for positions in mm or degrees and one for times
+/// in s.
 pub fn compare(programs: [&[Element]; 2], [tolerance, time_tolerance]: [f64; 2]) -> Comparison {
     let [old, new] = programs;
     let same = |i: usize, j: usize| match (old.get(i), new.get(j)) {
@@ -160,7 +161,7 @@ pub fn compare(programs: [&[Element]; 2], [tolerance, time_tolerance]: [f64; 2])
     Comparison { differences }
 }
 
-/// Removes differences of the ramps next to a different path, because they only follow from it.
+/// Removes time differences in the ramps next to a different path, because that path causes them.
 fn forget_ramps(differences: &mut Vec<Difference>) {
     let range = |difference: &Difference| difference.old.as_ref().map(|part| part.elements.clone());
     let ways = differences.iter().filter(|difference| difference.moves());
@@ -173,7 +174,7 @@ fn forget_ramps(differences: &mut Vec<Difference>) {
     });
 }
 
-/// Returns the number of elements of each program until both match again.
+/// Returns the number of elements of each program up to the next match of both programs.
 fn again(
     [i, j]: [usize; 2],
     same: &impl Fn(usize, usize) -> bool,
@@ -181,7 +182,7 @@ fn again(
 ) -> Option<(usize, usize)> {
     (1..SEARCH_MAX).find_map(|sum| {
         let both = (0..=sum).map(|more| (more, sum - more));
-        // elements without motion match at many positions
+        // Elements without motion match at many positions, so one of them is not a reliable match.
         let mut found = both.filter(|(a, b)| {
             let (i, j) = (i + a, j + b);
             same(i, j) && (moves(i) || same(i + 1, j + 1))
@@ -190,10 +191,10 @@ fn again(
     })
 }
 
-/// Returns true for elements of one kind.
+/// Function that returns true for elements of one kind.
 type IsOf = fn(&Does) -> bool;
 
-/// Returns the kinds of differences between two parts.
+/// Returns the kinds of differences between two parts of the programs.
 fn kinds(old: &[Element], new: &[Element], tolerance: f64) -> Vec<&'static str> {
     let differ = |is_of: IsOf| {
         let of = |part: &[Element]| -> Vec<Does> {
@@ -218,7 +219,7 @@ fn kinds(old: &[Element], new: &[Element], tolerance: f64) -> Vec<&'static str> 
         .map(|(kind, _)| kind)
         .collect();
     if found.is_empty() {
-        // the same M codes in another order
+        // Both parts have the same M codes, in a different order.
         found.push("m_codes");
     }
     found

@@ -1,4 +1,4 @@
-//! The sequence of paths, dwells, outputs and stops of a program.
+//! Records the actions of a program in order: paths, dwells, outputs and stops.
 
 use std::sync::Arc;
 
@@ -18,7 +18,7 @@ const LINES_OF_ARC: u32 = 64;
 #[derive(Debug, Clone)]
 pub struct Element {
     pub program: u16,
-    /// First and last line.
+    /// First and last line of the program that belong to the action.
     pub lines: (u32, u32),
     pub time_s: f64,
     pub does: Does,
@@ -27,15 +27,15 @@ pub struct Element {
 /// Kind of the action.
 #[derive(Debug, Clone)]
 pub enum Does {
-    /// Motion along a path at feedrate.
+    /// Motion along a path at the feedrate.
     Feed(Path),
-    /// Independent motion of the motors: a rapid, or a motion that a signal may end.
+    /// Motion in which the motors move independently: a rapid, or a motion that a signal may end.
     Alone {
         skips: bool,
         from: AxisVector,
         to: AxisVector,
     },
-    /// Motion in a thread.
+    /// Motion of an axis in phase with the spindle, in a thread.
     Tap {
         from: AxisVector,
         to: AxisVector,
@@ -52,7 +52,7 @@ pub enum Does {
 }
 
 impl Does {
-    /// Returns true for a motion.
+    /// Returns true if the action is a motion.
     pub fn moves(&self) -> bool {
         matches!(self, Self::Feed(_) | Self::Alone { .. } | Self::Tap { .. })
     }
@@ -101,7 +101,7 @@ impl Element {
         }
     }
 
-    /// Returns the points of its path for the drawing.
+    /// Returns the points of the element's path for the drawing; `None` if it has no path.
     pub fn path_points(&self) -> Option<Vec<AxisVector>> {
         match &self.does {
             Does::Feed(Path::Line { from, to, .. })
@@ -119,7 +119,8 @@ impl Element {
         }
     }
 
-    /// Extends a line if the next one continues in the same direction.
+    /// Extends a straight path by the next element, if it continues in the same direction. Returns true if it
+    /// does.
     fn extend_line(&mut self, next: &Self) -> bool {
         let (
             Does::Feed(Path::Line { from, to, length }),
@@ -149,7 +150,7 @@ fn alone(skips: bool, from: AxisVector, to: AxisVector) -> Does {
     Does::Alone { skips, from, to }
 }
 
-/// Elements during the recording, with the segment numbers of those that move.
+/// Elements recorded up to now, with the segment number of each motion.
 #[derive(Default)]
 struct Recording(Vec<(u64, Element)>);
 
@@ -202,10 +203,10 @@ impl Recording {
     }
 }
 
-/// Runs a program in simulated time.
+/// Runs a program in simulated time and records its elements.
 ///
 /// # Errors
-/// Fails if a command is rejected.
+/// Returns an error if the machine rejects a command.
 pub fn record(plan: SimulationPlan) -> anyhow::Result<(Vec<Element>, Outcome)> {
     let recording = Arc::new(Mutex::new(Recording::default()));
     let (planned, heard) = (Arc::clone(&recording), Arc::clone(&recording));

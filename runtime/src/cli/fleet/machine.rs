@@ -20,31 +20,31 @@ use tokio_util::task::AbortOnDropHandle;
 
 use super::super::server_ends::settings;
 
-/// Program of each machine, with placeholders for the number and duration of its waits.
+/// Program of each machine, with placeholders for the number of loops and the duration of the waits.
 const PROGRAM: &str = include_str!("fleet.nc");
 
-/// Time of its motion between two M codes.
+/// Time for the motion of the program between two M codes.
 const WAY: Duration = Duration::from_millis(200);
 
-/// The M code of the programs.
+/// M code that the programs output.
 const M_CODE: u16 = 100;
 
-/// Time limit until the handler of a machine is registered.
+/// Maximum time until the handler of a machine is registered.
 const PATIENCE: Duration = Duration::from_mins(2);
 
-/// Common settings of all machines of a fleet.
+/// Settings that all machines of a fleet share.
 pub(super) struct Order<'a> {
     pub(super) broker: &'a str,
     pub(super) folder: &'a Path,
     pub(super) servo_period_us: u64,
     pub(super) servo_late_ms: u64,
-    /// Time from one M code to the next.
+    /// Time from one M code to the next of a machine.
     pub(super) interval: Duration,
     pub(super) run_s: u32,
 }
 
 impl Order<'_> {
-    /// Returns a configuration with three linear axes.
+    /// Returns the text of a configuration for a machine with three linear axes.
     fn config(&self, name: &str) -> String {
         let motor = |number| {
             format!(
@@ -70,8 +70,8 @@ impl Order<'_> {
         )
     }
 
-    /// Returns the program. Its loops have two M codes each, and last for the measurement and the preceding starts of
-    /// the other machines.
+    /// Returns the text of the NC program. Each of its loops has two M codes. The loops last for the
+    /// measurement and for the time in which the other machines start.
     fn program(&self) -> String {
         let dwell = self.interval.saturating_sub(WAY);
         let rounds = f64::from(self.run_s) / self.interval.as_secs_f64() / 2.0;
@@ -81,16 +81,16 @@ impl Order<'_> {
     }
 }
 
-/// Counters of one machine, or of all.
+/// Counters of one machine, or the sums of all machines.
 #[derive(Debug, Default)]
 pub(super) struct FleetCounters {
     /// Time from each output to its reset, s.
     pub(super) m_code_s: Vec<f64>,
-    /// Messages that the HMI has read.
+    /// Number of messages that the HMI has received.
     pub(super) messages: u64,
     pub(super) cycles: u64,
     pub(super) missed_cycles: u64,
-    /// Machines whose program is not running.
+    /// Number of machines whose program is not running.
     pub(super) stopped: u64,
     pub(super) handlers_lost: u64,
 }
@@ -106,7 +106,7 @@ impl FleetCounters {
     }
 }
 
-/// Counters since the beginning of the measurement.
+/// Counters of one machine since the beginning of the measurement.
 #[derive(Debug, Default)]
 struct Counts {
     messages: AtomicU64,
@@ -128,7 +128,7 @@ async fn at_once(_output: AuxOutput) -> Result<(), Alarm> {
 }
 
 impl FleetMachine {
-    /// Starts the machine, and waits until its handler is registered and its HMI has read the states.
+    /// Starts the machine. Waits until the handler is registered and the HMI has received the states.
     pub(super) async fn start(order: &Order<'_>, number: u64) -> anyhow::Result<Self> {
         let name = format!("fleet-{number}");
         let config = Config::from_toml(&order.config(&name), order.folder)?;
@@ -166,7 +166,7 @@ impl FleetMachine {
         })
     }
 
-    /// Starts its program.
+    /// Starts the program of the machine.
     pub(super) async fn run(&self) -> anyhow::Result<()> {
         Ok(self.plc.coordinate_system(1).start().await?)
     }
@@ -178,7 +178,7 @@ impl FleetMachine {
         *self.before.lock() = self.servo();
     }
 
-    /// Returns the number of servo cycles, and of missed ones.
+    /// Returns the number of servo cycles, and the number of missed ones.
     fn servo(&self) -> (u64, u64) {
         let timing = self.runtime.served_port().servo_timing();
         timing.map_or((0, 0), |timing| {
@@ -207,7 +207,7 @@ impl FleetMachine {
     }
 }
 
-/// Connects to the machine, which may itself need some time to reach its broker.
+/// Connects to the machine, which may need some time to connect to its broker.
 async fn connect(address: &str) -> anyhow::Result<Plc> {
     let end = Instant::now() + PATIENCE;
     loop {
@@ -229,14 +229,14 @@ async fn until_served(plc: &Plc) -> anyhow::Result<()> {
     }
 }
 
-/// Reads all topics like an HMI.
+/// Reads all topics as an HMI does, and counts the messages.
 async fn read(mut topics: Subscription, counts: Arc<Counts>, _connection: Plc) {
     while topics.next().await.is_some() {
         counts.messages.fetch_add(1, Ordering::Relaxed);
     }
 }
 
-/// Measures the time of each output from the time stamps of the runtime's messages.
+/// Measures the time from each output to its reset, from the time stamps in the runtime's messages.
 async fn time(mut topics: Subscription, counts: Arc<Counts>) {
     let mut open: Option<(u64, SystemTime)> = None;
     while let Some(message) = topics.next().await {

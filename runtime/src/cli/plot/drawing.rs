@@ -1,4 +1,4 @@
-//! The picture of a path: SVG in mm, with a grid to read distances from.
+//! Draws the picture of a path: SVG in mm, with a grid from which distances can be read.
 
 use std::fmt::{self, Write as _};
 
@@ -6,32 +6,33 @@ use tandem_model::Axis;
 
 use super::{Stroke, ToolPathLine};
 
-/// Longer side of the picture, in the unit of its text.
+/// Length of the longer side of the picture, in SVG units.
 const SIDE: f64 = 1000.0;
-/// Margin around the path for the labels.
+/// Margin around the path for the labels, in SVG units.
 const MARGIN: f64 = 60.0;
 /// Approximate number of grid lines along the longer side.
 const GRID_LINES: f64 = 10.0;
 
-/// Content of the picture.
+/// Content of the picture of a tool path.
 pub struct Drawing<'a> {
-    /// Name of the program.
+    /// Name of the program, as a title.
     pub title: &'a str,
     /// Cycle time, s.
     pub cycle_time_s: f64,
-    /// Axes to the right and up; without them there is no grid, because no distance can be read.
+    /// Axes that point to the right and up. If `None`, the picture has no grid, because distances cannot be
+    /// read from it.
     pub axes: Option<[Axis; 2]>,
-    /// Strokes explained below the picture.
+    /// Strokes that the legend below the picture explains.
     pub legend: &'a [Stroke],
-    /// The tool path.
+    /// The tool path, in parts with one stroke each.
     pub lines: &'a [ToolPathLine],
 }
 
 impl Drawing<'_> {
-    /// Returns the picture as text.
+    /// Returns the picture as SVG text.
     pub fn to_svg(&self) -> String {
         let mut svg = String::new();
-        // Writing into a String never fails.
+        // Writing into a `String` never fails.
         let _ = self.write(&mut svg);
         svg
     }
@@ -88,7 +89,7 @@ impl Drawing<'_> {
 }
 
 impl Drawing<'_> {
-    /// Returns the strokes of the legend with their names; there is space for three.
+    /// Returns the strokes of the legend with their names; the space is sufficient for three.
     fn strokes(&self, y: f64) -> String {
         let line = y - 5.0;
         let each = self.legend.iter().zip([14, 100, 300]).map(|(stroke, x)| {
@@ -115,7 +116,7 @@ const STYLE: &str = "\
 text { fill: #38414c }
 ";
 
-/// Converts machine positions into positions in the picture.
+/// Converts positions in mm to positions in the picture.
 struct Frame {
     lowest: [f64; 2],
     highest: [f64; 2],
@@ -130,7 +131,7 @@ impl Frame {
         let lowest = [0, 1].map(|axis| values(axis).reduce(f64::min).unwrap_or_default());
         let highest = [0, 1].map(|axis| values(axis).reduce(f64::max).unwrap_or_default());
         let longer = (highest[0] - lowest[0]).max(highest[1] - lowest[1]);
-        // A path of one point is drawn with a length of 1 mm.
+        // A path of one point is drawn as if it had a length of 1 mm.
         let longer = if longer > 0.0 { longer } else { 1.0 };
         Self {
             lowest,
@@ -139,10 +140,10 @@ impl Frame {
         }
     }
 
-    /// Returns width and height of the picture.
+    /// Returns the width and the height of the picture, in SVG units.
     fn size(&self) -> [f64; 2] {
         let side = |axis: usize| (self.highest[axis] - self.lowest[axis]) * self.scale + 2.0 * MARGIN;
-        // The legend needs this width.
+        // The legend needs a width of 400 units.
         [side(0).max(400.0), side(1)]
     }
 
@@ -153,7 +154,7 @@ impl Frame {
         ]
     }
 
-    /// Returns the distance of the grid lines, mm: 1, 2 or 5 times a power of ten.
+    /// Returns the distance between grid lines in mm: 1, 2 or 5 times a power of ten.
     fn step(&self) -> f64 {
         let wished = SIDE / self.scale / GRID_LINES;
         let power = 10_f64.powf(wished.log10().floor());
@@ -167,7 +168,7 @@ impl Frame {
         let step = self.step();
         let digits = if step >= 1.0 { 0 } else { 3 };
         let [low, high] = [self.lowest, self.highest];
-        // For the axis to the right and the axis up: position of the labels of its values, and of its letter.
+        // For each of the two axes: position of the labels of its values, and position of its letter.
         let places = [
             (
                 "dy=\"18\" text-anchor=\"middle\"",
@@ -189,7 +190,7 @@ impl Frame {
                     self.at(end)
                 });
                 let [[x1, y1], [x2, y2]] = ends;
-                // The addition removes the sign of a negative zero.
+                // Adding zero removes the sign of a negative zero.
                 let shown = value + 0.0;
                 writeln!(
                     svg,
@@ -231,7 +232,8 @@ mod tests {
 
     #[test]
     fn x_goes_to_the_right_and_y_up_in_one_scale() {
-        // 200 mm are 1000 units: X 50 is 250 to the right, Y 100 is 500 up, the lowest point at the bottom left.
+        // 200 mm are 1000 units. So X 50 is 250 units to the right and Y 100 is 500 units up; the lowest
+        // point is at the bottom left.
         let svg = picture(&[[0.0, 0.0], [200.0, 0.0], [50.0, 100.0]], false);
         assert!(
             svg.contains("points=\"60.00,560.00 1060.00,560.00 310.00,60.00\""),

@@ -1,25 +1,25 @@
-//! A line through many points, reduced to the points that a picture needs.
+//! A line through many points, reduced to the points that are needed to draw it.
 
 /// A position in the picture, mm to the right and up.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point(pub [f64; 2]);
 
-/// Greatest distance of an omitted point from the drawn line, mm.
+/// Maximum distance of an omitted point from the drawn line, mm.
 const TOLERANCE_MM: f64 = 0.001;
 
-/// Points in order. A point is omitted if the straight line between its neighbours passes within [`TOLERANCE_MM`]: a
-/// cone of directions from the last kept point narrows with each added point, and a point outside it begins the next
-/// line (the sleeve algorithm of Zhao and Saalfeld).
+/// Points of a line, in order. A point is omitted if the drawn line passes it within [`TOLERANCE_MM`]. A cone
+/// of directions starts at the last kept point and narrows with each added point. A point outside the cone
+/// begins the next line. This is the sleeve algorithm of Zhao and Saalfeld.
 #[derive(Debug)]
 pub struct Polyline {
-    /// At least one point.
+    /// The kept points, at least one.
     kept: Vec<Point>,
     end: Point,
     cone: Option<DirectionCone>,
 }
 
-/// Directions from the last kept point that pass each later point, in radians about `middle`, and the distance of the
-/// farthest.
+/// Range of directions from the last kept point in which a line passes all later points, in radians relative
+/// to `middle`. Also contains the distance of the farthest of these points.
 #[derive(Debug, Clone, Copy)]
 struct DirectionCone {
     middle: f64,
@@ -29,7 +29,7 @@ struct DirectionCone {
 }
 
 impl Polyline {
-    /// Begins a line at a point.
+    /// Begins a line at this point.
     pub fn new(start: Point) -> Self {
         Self {
             kept: vec![start],
@@ -43,7 +43,7 @@ impl Polyline {
         self.end
     }
 
-    /// Continues the line to a point.
+    /// Continues the line to this point.
     pub fn push(&mut self, point: Point) {
         if point == self.end {
             return;
@@ -63,7 +63,7 @@ impl Polyline {
         self.kept[self.kept.len() - 1]
     }
 
-    /// Returns the kept points; only one if nothing moved.
+    /// Returns the kept points; there is only one if all points are at the same position.
     pub fn into_points(mut self) -> Vec<Point> {
         if self.end != self.anchor() {
             self.kept.push(self.end);
@@ -84,7 +84,8 @@ impl DirectionCone {
         }
     }
 
-    /// Returns the cone with one more point; `None` if no straight line passes all of them, or if the path turns back.
+    /// Returns the cone narrowed by one more point. Returns `None` if no straight line passes all points, or
+    /// if the path turns back.
     fn narrowed(self, anchor: Point, point: Point) -> Option<Self> {
         let (direction, reach) = polar(anchor, point);
         let off = (direction - self.middle + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU)
@@ -107,7 +108,7 @@ fn polar(Point([x, y]): Point, Point([to_x, to_y]): Point) -> (f64, f64) {
     (dy.atan2(dx), dx.hypot(dy))
 }
 
-/// Returns the angle by which a direction may differ and still pass a point at this distance.
+/// Returns the angle by which a line may deviate from the direction to a point at this distance, radians.
 fn half_angle(reach: f64) -> f64 {
     if reach <= TOLERANCE_MM {
         std::f64::consts::PI
@@ -161,7 +162,7 @@ mod tests {
         }
     }
 
-    /// Returns the distance from a point to the straight line between two others.
+    /// Returns the distance of a point from the straight line between two other points.
     fn distance(Point([x, y]): Point, Point([ax, ay]): Point, Point([bx, by]): Point) -> f64 {
         let (dx, dy) = (bx - ax, by - ay);
         let along = (((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy)).clamp(0.0, 1.0);
