@@ -224,8 +224,8 @@ fn row(line: &Value) -> String {
         .to_owned()
 }
 
-/// Returns the originator and the details of an event, for example `user=anna from=10.0.0.7 request="POST
-/// /cs/1/start"`.
+/// Returns the originator and the details of an event, for example:
+/// `user=anna from=10.0.0.7 request="POST /cs/1/start"`.
 fn details(line: &Map<String, Value>) -> String {
     let is_detail = |name: &str| !NO_DETAILS.contains(&name);
     let who = ["user", "from", "over"];

@@ -1,4 +1,4 @@
-//! `[alarm.N]`: texts and remedies for alarms of sequence programs.
+//! `[alarm.N]`: texts and remedies for the alarms of sequence programs.
 
 use std::collections::BTreeMap;
 
@@ -10,12 +10,12 @@ use serde::Deserialize;
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AlarmConfig {
-    /// Text of the alarm for lists of alarms, 1 to 1000 characters. A raised alarm shows the text given by the program
-    /// that raised it.
+    /// Text of the alarm in lists of alarms, 1 to 1000 characters. A raised alarm shows the text from the
+    /// program that raised it.
     pub text: String,
     /// Remedy, shown with the alarm, 1 to 1000 characters.
     pub remedy: Option<String>,
-    /// `text` and `remedy` in other languages, by language tag, such as `language.de = { text = ".." }`; up to 8. A
-    /// panel shows those of its own language.
+    /// `text` and `remedy` in other languages, by language tag, such as `language.de = { text = ".." }`; at
+    /// most 8 languages. Each panel shows the texts in its own language.
     pub language: BTreeMap<String, AlarmWords>,
 }

@@ -6,10 +6,10 @@ use std::net::Ipv6Addr;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Value for the embedded broker.
+/// Value of the key for the embedded broker.
 const EMBEDDED: &str = "embedded";
 
-/// Largest number of addresses of one broker.
+/// Maximum number of addresses of one broker.
 const NODES_MAX: usize = 16;
 
 /// Port of a broker if the address contains none.
@@ -21,11 +21,11 @@ const TLS_PORT_DEFAULT: u16 = 8883;
 /// Address of an external broker: `mqtt://host:1883`, or with TLS `mqtts://host:8883`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ExternalBroker {
-    /// The connection uses TLS.
+    /// True if the connection uses TLS.
     pub tls: bool,
-    /// Name or address of the host; an IPv6 address without its brackets.
+    /// Name or address of the host; an IPv6 address is stored without brackets.
     pub host: String,
-    /// 1 to 65535.
+    /// Port of the broker, 1 to 65535.
     pub port: u16,
 }
 
@@ -40,7 +40,7 @@ impl fmt::Display for ExternalBroker {
     }
 }
 
-/// Broker for the MQTT topics.
+/// Broker through which the MQTT topics are published.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[serde(try_from = "Text", into = "Text")]
 pub enum Broker {
@@ -51,7 +51,7 @@ pub enum Broker {
     External(Vec<ExternalBroker>),
 }
 
-/// The value as written: one address, or those of several nodes.
+/// The value of the key as written: one address, or the addresses of several nodes.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Text {

@@ -6,7 +6,7 @@ use super::Config;
 
 const DEMO_TOML: &str = include_str!("demo/demo.toml");
 
-/// The demo's NC programs, by their path in its configuration.
+/// NC programs of the demo machine: path in its configuration, and text.
 const DEMO_PROGRAMS: [(&str, &str); 7] = [
     ("../nc/plate.nc", include_str!("demo/nc/plate.nc")),
     ("../nc/holes.nc", include_str!("demo/nc/holes.nc")),
@@ -18,11 +18,12 @@ const DEMO_PROGRAMS: [(&str, &str); 7] = [
 ];
 
 impl Config {
-    /// The built-in demo machine: a mill with three linear axes, a spindle and a tool magazine in coordinate system
-    /// 1, and a loader with two axes in coordinate system 2. Its text is `examples/config/demo.toml`.
+    /// Returns the built-in demo machine. Coordinate system 1 is a mill with three linear axes, a spindle and
+    /// a tool magazine; coordinate system 2 is a loader with two axes. The text is
+    /// `examples/config/demo.toml`.
     ///
     /// # Panics
-    /// Never panics: the text is part of the program and checked by its tests.
+    /// Never panics, because the text is part of the executable and its tests check it.
     #[allow(
         clippy::expect_used,
         reason = "the text is part of the program; a test reads it"

@@ -1,4 +1,4 @@
-//! Problems of a configuration, described for its author.
+//! Errors of a configuration, described for the author of the configuration.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ pub enum ConfigError {
         /// Error of the operating system.
         error: std::io::Error,
     },
-    /// The text contains one error.
+    /// The text contains exactly one error.
     #[error("{place}: {message}")]
     Text {
         /// File, line and column, as far as known.
@@ -21,7 +21,8 @@ pub enum ConfigError {
         /// Description of the error and the correct form.
         message: String,
     },
-    /// Values that do not fit together, or several errors of any kind: each with its line and column if they are known.
+    /// Values that do not fit together, or several errors of any kind; each with its line and column if these
+    /// are known.
     #[error("the configuration does not fit together:\n  {}", .0.join("\n  "))]
     Values(Vec<String>),
 }
@@ -38,7 +39,8 @@ impl ConfigError {
     }
 }
 
-// serde names an unknown key and all known ones; users need the nearest one. For a wrong word they need its key.
+// serde lists the unknown key and all known keys; users need only the nearest known key. For a wrong word,
+// users need to know its key.
 pub(super) fn explain(before: &str, message: &str) -> String {
     let found = quoted(message).next().unwrap_or_default();
     if message.starts_with("unknown variant `") {
@@ -60,18 +62,18 @@ pub(super) fn explain(before: &str, message: &str) -> String {
     }
 }
 
-/// Returns the quoted parts of a message of serde; the first is the value found.
+/// Returns the quoted parts of an error message of serde; the first is the value that serde found.
 pub(super) fn quoted(message: &str) -> impl Iterator<Item = &str> {
     message.split('`').skip(1).step_by(2)
 }
 
-/// Returns the keys or words that a message of serde expects.
+/// Returns the keys or words that serde expected, from its error message.
 pub(super) fn known(message: &str) -> impl Iterator<Item = &str> {
     let expected = message.rsplit_once("expected");
     quoted(expected.map_or("", |(_, known)| known))
 }
 
-/// Returns the known word that is nearest to `word`.
+/// Returns the known word that is most similar to `word`.
 pub(super) fn nearest<'a>(word: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     known.min_by_key(|candidate| strsim::damerau_levenshtein(word, candidate))
 }

@@ -15,7 +15,7 @@ pub struct IdentificationConfig {
     pub serial_number: Option<String>,
     /// A URI that identifies the machine worldwide, such as `urn:example.com:mill:4711`.
     pub product_instance_uri: Option<String>,
-    /// Its location, such as `hall 2, cell 4`.
+    /// Location of the machine, such as `hall 2, cell 4`.
     pub location: Option<String>,
     /// Year of construction.
     #[schemars(range(min = 1900, max = 2999))]

@@ -22,7 +22,7 @@ pub struct IoConfig {
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct IoPointConfig {
-    /// Kind of its value.
+    /// Kind of the value.
     pub kind: IoKind,
     /// Safe value: applies from every start until a handler writes the point, and after its owner is lost; default
     /// `false`, or 0. For an output, `"keep"` retains the value that its owner wrote last.
@@ -32,7 +32,7 @@ pub struct IoPointConfig {
     /// Each write of an output with `"last"` is on disk before it takes effect.
     #[schemars(with = "IoStart")]
     pub at_start: Option<IoStart>,
-    /// Description, up to 100 characters; default its name.
+    /// Description, up to 100 characters; default: the name of the input or output.
     pub text: String,
     /// Unit of a number, up to 16 characters.
     pub unit: Option<String>,

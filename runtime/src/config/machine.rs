@@ -1,4 +1,4 @@
-//! A machine as configured: the settings for the stages.
+//! A machine as its configuration describes it: the settings for the stages.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -22,10 +22,10 @@ use tandem_model::settings::{CoordinateSystemSettings, MotorSettings, NcOptions,
 use crate::declared::SourcedDeclaration;
 use crate::program_store::{ProgramStore, Signers, TextRules};
 
-/// M codes that the stock sequence program serves if there is a spindle.
+/// M codes that the stock sequence program serves in a coordinate system with a spindle.
 const SPINDLE_M_CODES: [u16; 4] = [3, 4, 5, 19];
 
-/// A machine as configured.
+/// A machine as its configuration describes it.
 #[derive(Debug, Clone)]
 pub struct Machine {
     /// Name of the machine, used as MQTT topic level.
@@ -34,17 +34,17 @@ pub struct Machine {
     pub identification: Identification,
     /// Servo period, microseconds.
     pub servo_period_us: u64,
-    /// Greatest delay of the start of a servo cycle in motion, ms.
+    /// Maximum delay of the start of a servo cycle while motors move, ms.
     pub servo_late_ms: u64,
     /// Age at which a presence of the runtime expires, ms.
     pub presence_expires_ms: u64,
-    /// Address under which other computers reach its HMI.
+    /// Address under which other computers reach the HMI of the machine.
     pub public_url: Option<String>,
-    /// Folder for persistent data; without it, no data are stored.
+    /// Folder for persistent data; `None` if no data are stored.
     pub data_dir: Option<PathBuf>,
-    /// Motors, ascending by number.
+    /// Motors in ascending order of their numbers.
     pub motors: Vec<MotorSettings>,
-    /// Coordinate systems, ascending by number.
+    /// Coordinate systems in ascending order of their numbers.
     pub coordinate_systems: Vec<ConfiguredSystem>,
     /// Tools by number (D17).
     pub tools: BTreeMap<u16, Tool>,
@@ -54,48 +54,49 @@ pub struct Machine {
     pub alarms: BTreeMap<u16, AlarmText>,
     /// Inputs and outputs of the plant.
     pub io: IoDeclarations,
-    /// Time in which a handler that was lost without an announcement may return, s.
+    /// Time in which a handler may return after it was lost without an announcement, s.
     pub handler_grace_s: f64,
     /// Variables that are published when they change, as ranges (first, length); at most 1024 variables for each area.
     pub published: BTreeMap<VariableArea, Vec<(u32, u32)>>,
-    /// Content of the file of the sequence side, if there is one.
+    /// Content of the file that describes the M codes of the sequence programs; `None` if the configuration
+    /// names no file.
     pub served: Option<ServedMCodesFile>,
     /// Reaction to an output of an M code without settings if no handler is registered for it.
     pub unhandled: UnhandledReaction,
-    /// A program that waits for an output is held while the connection to the MQTT broker is lost.
+    /// True if a program that waits for an output is held while the connection to the MQTT broker is lost.
     pub hold_on_bus_loss: bool,
-    /// Signers whose programs may be loaded and called; empty: no signature is needed. A simulation does not check
-    /// signatures.
+    /// Signers whose programs may be loaded and called; if there are none, programs need no signature. A
+    /// simulation does not check signatures.
     pub signers: Signers,
-    /// Largest size of the texts of all programs together, bytes.
+    /// Maximum size of the texts of all programs together, bytes.
     pub programs_bytes_max: usize,
-    /// Manual data input is accepted.
+    /// True if the machine accepts manual data input (MDI).
     pub takes_mdi: bool,
-    /// The longest jog that needs no refresh, mm or degrees.
+    /// Maximum length of a jog that needs no refresh, mm or degrees.
     pub jog_step_max: f64,
 }
 
-/// A coordinate system as configured.
+/// A coordinate system as the configuration describes it.
 #[derive(Debug, Clone)]
 pub struct ConfiguredSystem {
     /// Settings for the stages.
     pub settings: CoordinateSystemSettings,
-    /// NC dialect of the programs that it runs.
+    /// NC dialect of the programs that this coordinate system runs.
     pub dialect: &'static Dialect,
-    /// G54 to G59.
+    /// Work offsets G54 to G59.
     pub work_offsets: WorkOffsets,
-    /// Programs to load into the store.
+    /// Programs to load into the program store, by number.
     pub programs: BTreeMap<u16, ProgramSource>,
-    /// Largest number of profiles that wait for the servo cycle.
+    /// Maximum number of profiles that wait for the servo cycle.
     pub pre_read_blocks: usize,
-    /// Largest number of outputs that are pending at the same time.
+    /// Maximum number of outputs that are pending at the same time.
     pub open_outputs_max: usize,
     /// Values of the interlock and the start lock while the owners of their sources are offline.
     pub locks: [LockRules; 2],
 }
 
 impl ConfiguredSystem {
-    /// Returns the time at which an output is issued if its M code has no setting.
+    /// Returns the time at which an output is issued, relative to the motion, if its M code has no setting.
     pub fn default_timing(&self) -> Timing {
         match self.dialect.policy.output {
             OutputDefault::AfterMotion => Timing::AfterMotion,
@@ -103,8 +104,9 @@ impl ConfiguredSystem {
         }
     }
 
-    /// Returns the time at which an output is issued: from the settings of its M code, `after_motion` if it has
-    /// parameters (D30), otherwise from the dialect.
+    /// Returns the time at which an output is issued, relative to the motion. In a dialect with the default
+    /// `after_motion`, outputs with parameters use it (D30). Otherwise the M code's setting applies, or the
+    /// dialect's default.
     pub fn timing(&self, output: &Output, settings: Option<&MCodeSettings>) -> Timing {
         let default = self.default_timing();
         match default {
@@ -113,9 +115,9 @@ impl ConfiguredSystem {
         }
     }
 
-    /// Returns true for an output that is issued when its block is interpreted. In a dialect whose M codes act before
-    /// the motion of their block, this happens when the motion has reached the block; outputs in cutter compensation
-    /// cannot wait for that.
+    /// Returns true if an output is issued when its block is interpreted. If the dialect issues M codes
+    /// before the motion of their block, the output waits until the motion reaches the block. In cutter
+    /// compensation this is not possible, so the output does not wait.
     pub fn is_issued_at_once(
         &self,
         output: &Output,
@@ -126,7 +128,7 @@ impl ConfiguredSystem {
         self.timing(output, settings) == Timing::WithMotion && (!waits || is_compensating)
     }
 
-    /// Returns the rules for checking a text for this coordinate system.
+    /// Returns the rules for checking a program text for this coordinate system.
     pub fn text_rules(&self) -> TextRules {
         TextRules {
             dialect: self.dialect,
@@ -139,34 +141,36 @@ impl ConfiguredSystem {
 /// Source of a program.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ProgramSource {
-    /// A file.
+    /// A file with the text.
     File(PathBuf),
-    /// Text that is part of the configuration.
+    /// A text that is part of the configuration.
     Text(&'static str),
 }
 
 /// Settings of one M code.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct MCodeSettings {
-    /// Time of the output; default: that of the dialect.
+    /// Time at which the output is issued, relative to the motion; default: the time of the dialect.
     pub timing: Option<Timing>,
-    /// Reaction if no handler is registered; default: that of M codes without settings.
+    /// Reaction if no handler is registered; default: the reaction for M codes without settings.
     pub unhandled: Option<UnhandledReaction>,
-    /// Time limit of the reset, ms.
+    /// Time limit from the output to the reset, ms.
     pub timeout_ms: Option<u64>,
     /// Action for an output that was claimed when its handler was lost.
     pub redelivery: Option<Redelivery>,
-    /// State shown while the program waits for it.
+    /// State that is shown while the program waits for this M code.
     pub wait_state: Option<String>,
-    /// Action of the stock sequence program.
+    /// Action of the stock sequence program for this M code.
     pub stock: Option<Stock>,
-    /// Time that the stock sequence program takes, s.
+    /// Time that the stock sequence program needs for this M code, s.
     pub simulated_s: f64,
-    /// Group of which a start from a line issues the newest M code; the configuration page describes the default.
+    /// Group of M codes; a start from a line issues the newest one of each group. The configuration page
+    /// describes the default.
     pub restore_group: Option<String>,
-    /// Position among these outputs; the configuration page describes the default.
+    /// Order in which a start from a line issues these M codes, lowest first. The configuration page
+    /// describes the default.
     pub restore_order: Option<u16>,
-    /// Its name and its parameters.
+    /// Declared name and parameters of the M code.
     pub declared: Option<MCodeDeclaration>,
 }
 
@@ -179,7 +183,7 @@ pub enum UnhandledReaction {
     Alarm,
     /// Makes the program wait.
     Wait,
-    /// Lets the stock sequence program reset it.
+    /// Lets the stock sequence program reset the output.
     AutoReset,
 }
 
@@ -197,19 +201,19 @@ impl Machine {
         Duration::from_micros(self.servo_period_us)
     }
 
-    /// Turns all interlocks and start locks off, because no sequence program is running that could set them.
+    /// Turns off all interlocks and start locks, because no sequence program runs that could set them.
     pub fn forget_locks(&mut self) {
         for system in &mut self.coordinate_systems {
             system.locks = Default::default();
         }
     }
 
-    /// Returns the number of servo cycles that may be missed in motion.
+    /// Returns the maximum number of consecutive servo cycles that may be missed while motors move.
     pub(crate) fn missed_cycles_max(&self) -> u64 {
         (self.servo_late_ms * 1000).div_ceil(self.servo_period_us) - 1
     }
 
-    /// Returns notes on motor settings that have less effect than expected, as text for people.
+    /// Returns notes on motor settings that have less effect than a user may expect, as text.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         for motor in &self.motors {
@@ -239,8 +243,8 @@ impl Machine {
         notes
     }
 
-    /// Returns the declarations of M codes of a coordinate system, from the configuration and the file of the sequence
-    /// side.
+    /// Returns the declarations of M codes for a coordinate system, from the configuration and from the file
+    /// that describes the sequence programs.
     pub fn declared(&self, cs: CoordinateSystemNumber) -> Vec<SourcedDeclaration> {
         let declared = self
             .m_codes
@@ -270,7 +274,8 @@ impl Machine {
         all
     }
 
-    /// Returns one line for each M code that is known without an online handler: its declaration and its origin.
+    /// Returns one line for each M code that is known while no handler is online: its declaration and the
+    /// origin of the declaration.
     pub fn served_text(&self) -> Vec<String> {
         let served = self.served.iter().flat_map(|served| &served.serves);
         let served = served.map(|one| format!("{}: served by {}", one.declaration().text(), one.by()));
@@ -283,8 +288,8 @@ impl Machine {
         declared.chain(served).collect()
     }
 
-    /// Returns true for an M code that raises an alarm according to the file of the sequence side; false without this
-    /// file.
+    /// Returns true if the file that describes the sequence programs shows that an M code raises an alarm.
+    /// Returns false if the configuration names no such file.
     pub fn is_unserved(&self, system: &ConfiguredSystem, m: u16) -> bool {
         let settings = self.m_codes.get(&m);
         let unhandled = settings.and_then(|settings| settings.unhandled);
@@ -299,8 +304,8 @@ impl Machine {
         })
     }
 
-    /// Returns the M codes that the stock sequence program serves without settings: those of the spindle, if there is
-    /// one.
+    /// Returns the M codes that the stock sequence program serves without settings: those of the spindle if
+    /// the coordinate system has one, otherwise none.
     pub fn stock_m_codes(settings: &CoordinateSystemSettings) -> &'static [u16] {
         if settings.spindle.is_some() {
             &SPINDLE_M_CODES
@@ -309,12 +314,13 @@ impl Machine {
         }
     }
 
-    /// Returns the rules for checking programs before their coordinate system is known.
+    /// Returns the rules for checking programs whose coordinate system is not known yet.
     pub fn text_rules(&self) -> TextRules {
         self.text_rules_of(self.dialect())
     }
 
-    /// Returns these rules for a dialect, with the widest limits of its coordinate systems.
+    /// Returns the rules for checking programs of a dialect, with the widest limits of the coordinate systems
+    /// with this dialect.
     pub fn text_rules_of(&self, dialect: &'static Dialect) -> TextRules {
         let systems = || {
             let systems = self.coordinate_systems.iter();
@@ -338,20 +344,21 @@ impl Machine {
         store.for_dialects(rules, self.is_mixed(), self.signers.clone())
     }
 
-    /// Returns true if coordinate systems have different dialects.
+    /// Returns true if the coordinate systems have different dialects.
     pub fn is_mixed(&self) -> bool {
         let mut systems = self.coordinate_systems.iter();
         systems.any(|system| system.dialect.name != self.dialect().name)
     }
 
-    /// Returns true for a motor that is an axis or the spindle of a coordinate system.
+    /// Returns true if a motor is an axis or the spindle of a coordinate system.
     fn moves(&self, motor: u16) -> bool {
         let systems = self.coordinate_systems.iter().map(|system| &system.settings);
         let motors = systems.flat_map(|settings| settings.motors.iter().chain([&settings.spindle]));
         motors.flatten().any(|of_system| of_system.number == motor)
     }
 
-    /// Returns the coordinate system whose `programs` name this file, or `None`.
+    /// Returns the coordinate system whose `programs` name this file; `None` if no coordinate system names
+    /// it.
     pub fn system_of_program(&self, file: &Path) -> Option<&ConfiguredSystem> {
         let file = file.canonicalize().ok()?;
         let is_file = |source: &ProgramSource| match source {
@@ -362,7 +369,8 @@ impl Machine {
         systems.find(|system| system.programs.values().any(is_file))
     }
 
-    /// Returns the NC dialect of the lowest coordinate system: the default for programs without other information.
+    /// Returns the NC dialect of the coordinate system with the lowest number, which is the default for
+    /// programs.
     pub fn dialect(&self) -> &'static Dialect {
         self.coordinate_systems
             .first()

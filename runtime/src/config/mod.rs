@@ -1,8 +1,8 @@
 //! The configuration: `tandem.toml` as a user writes it.
 //!
-//! The doc comments, ranges and units of the keys are the reference that `tandem explain` and the book show. An unknown
-//! key is an error that names the key and the nearest known one. [`Config::resolve`] converts the values of the text
-//! into the settings of the stages.
+//! The doc comments, ranges and units of the keys are the reference that `tandem explain` and the book show.
+//! A key that does not exist is an error that names the key and the nearest existing one. [`Config::resolve`]
+//! converts the values into the settings of the stages.
 
 mod alarm;
 mod broker;
@@ -49,16 +49,17 @@ pub use variables::{PublishedConfig, VariablesConfig};
 use words::{CompensationFeedWord, MotorKindWord, OvercutWord, ShortBlockWord, UnitWord};
 pub use words::{EncoderKind, OnBusLoss, RoundKind};
 
-/// Smallest rate and window. Reason: with smaller values nothing moves.
+/// Minimum of rates and of the position window. Reason: with smaller values no axis would move.
 const RATE_MIN: f64 = 1e-9;
 
-/// Largest velocity, acceleration and jerk, units per second, squared, cubed. Reason: their squares are still finite.
+/// Maximum velocity, acceleration and jerk, units per s, s² and s³. Reason: their squares are still finite.
 const RATE_MAX: f64 = 1e12;
 
-/// Largest position, length or offset, units. Reason: beyond it a number of 64 bits has no digits left for the path.
+/// Maximum position, length or offset, units. Reason: above it, a 64-bit number has no digits left for the
+/// path.
 const POSITION_MAX: f64 = 1e9;
 
-/// Largest time, ms: a day.
+/// Maximum time, ms (one day).
 const TIME_MAX_MS: f64 = 86_400_000.0;
 
 /// A whole configuration.
@@ -123,7 +124,7 @@ pub struct Config {
     /// Folder to which relative paths refer.
     #[serde(skip)]
     pub base_dir: PathBuf,
-    /// Programs that are part of the configuration itself, by their path in it.
+    /// Texts of programs that are part of the executable, by their path in the configuration.
     #[serde(skip)]
     pub embedded_programs: BTreeMap<&'static str, &'static str>,
     /// True for the built-in demo machine, which has its own sequence program.
@@ -142,7 +143,8 @@ pub struct MachineConfig {
     /// Servo period.
     #[schemars(range(min = 125, max = 10_000), extend("x-unit" = "us"))]
     pub servo_period_us: u64,
-    /// A servo cycle that begins this late, or later, while motors move holds the motion (`FEED_HOLD`, reason `SERVO_LATE`).
+    /// Delay of a servo cycle, while motors move, from which the motion is held (`FEED_HOLD`, reason
+    /// `SERVO_LATE`).
     #[schemars(range(min = 25, max = 60_000), extend("x-unit" = "ms"))]
     pub servo_late_ms: u64,
     /// Age at which a presence of the runtime expires. The presence is published again every third of this time; a
@@ -151,9 +153,9 @@ pub struct MachineConfig {
     pub presence_expires_ms: u64,
     /// Folder for programs and all other persistent data.
     pub data_dir: PathBuf,
-    /// File that describes the M codes of the sequence program and their parameters, for `tandem check`, `tandem explain` and editors
-    /// while no handler is online. `SequenceProgram::served` writes it, or `curl` of `/api/v1/machine`. A running machine asks its
-    /// handlers instead.
+    /// File that describes the M codes of the sequence programs and their parameters. While no handler is online,
+    /// `tandem check`, `tandem explain` and editors read this file. `SequenceProgram::served` writes it, or
+    /// `curl` of `/api/v1/machine`. A running machine asks its handlers instead.
     pub served: Option<PathBuf>,
 }
 
@@ -202,7 +204,7 @@ pub struct MotorConfig {
     #[serde(default = "hundredth")]
     #[schemars(range(min = RATE_MIN, max = POSITION_MAX), extend("x-unit" = "units"))]
     pub in_position: f64,
-    /// Lowest and highest machine position; without them there is no limit.
+    /// Lowest and highest machine position; without this key, the motor has no soft limits.
     #[serde(default, deserialize_with = "soft_limits")]
     #[schemars(inner(range(min = -POSITION_MAX, max = POSITION_MAX)), extend("x-unit" = "units"))]
     pub soft_limits: Option<[f64; 2]>,
@@ -240,7 +242,7 @@ pub struct MotorConfig {
     pub at_speed_percent: f64,
 }
 
-/// Reads exactly `N` numbers. Reason: an array alone would ignore any further numbers.
+/// Reads exactly `N` numbers. Reason: without this check, an array would ignore further numbers.
 fn exactly<'de, const N: usize, D: Deserializer<'de>>(
     deserializer: D,
     what: &str,
@@ -262,7 +264,7 @@ fn reference_points<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 
     )
 }
 
-/// Returns a default value that is a whole number.
+/// Returns a default value that is an integer.
 fn number<const VALUE: u32>() -> f64 {
     f64::from(VALUE)
 }
@@ -412,7 +414,8 @@ pub struct MCodeConfig {
     /// Parameters of the M code, `VA` to `VH`, each a table; `{}` means no parameters. A program with other parameters,
     /// or with numbers outside their ranges, is not loaded. Without this key, only the declarations of handlers apply.
     pub params: Option<BTreeMap<String, ParamDeclaration>>,
-    /// Time of the output; default `after_motion`, in dialect dgshape `with_motion`.
+    /// Time at which the output is issued, relative to earlier motion; default `after_motion`, in dialect
+    /// dgshape `with_motion`.
     pub timing: Option<plc_api::types::output::Timing>,
     /// Reaction if no handler is registered; default `alarm`.
     pub unhandled: Option<UnhandledReaction>,
@@ -460,14 +463,15 @@ pub struct SimulatedSkipConfig {
 #[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SimulatedRoundConfig {
-    /// Coordinate system whose X and Y axes touch it in G31; at most one object for each coordinate system.
+    /// Coordinate system whose X and Y axes touch the object in G31; at most one object for each coordinate
+    /// system.
     pub coordinate_system: u8,
     /// Kind of the object.
     pub kind: RoundKind,
-    /// Machine position of its centre.
+    /// Machine position of the object's centre in X.
     #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "mm"))]
     pub x: f64,
-    /// Machine position of its centre.
+    /// Machine position of the object's centre in Y.
     #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "mm"))]
     pub y: f64,
     /// Diameter of the object.
@@ -501,15 +505,15 @@ pub struct MqttConfig {
     pub username: Option<String>,
     /// File with the password at an external broker.
     pub password_file: Option<PathBuf>,
-    /// TLS: certificate authority.
+    /// File with the certificate authority for TLS to an external broker.
     pub ca_file: Option<PathBuf>,
-    /// TLS: client certificate.
+    /// File with the client certificate for TLS to an external broker.
     pub client_cert_file: Option<PathBuf>,
-    /// TLS: key of the client certificate.
+    /// File with the key of the client certificate.
     pub client_key_file: Option<PathBuf>,
     /// Topic levels before `tandem/`.
     pub prefix: String,
-    /// Behaviour of a program that waits for a reset while the broker is lost.
+    /// Behaviour of a program that waits for a reset while the connection to the broker is lost.
     pub on_bus_loss: OnBusLoss,
 }
 
@@ -519,15 +523,16 @@ pub struct MqttConfig {
 pub struct TlsConfig {
     /// Certificate of the machine in PEM, followed by any intermediate certificates; read again when the file changes.
     pub cert_file: PathBuf,
-    /// Its private key in PEM, with mode 0600.
+    /// Private key of the certificate in PEM, with mode 0600.
     pub key_file: PathBuf,
 }
 
-/// `[mtconnect]`: MTConnect (read only) below `/mtconnect` of the HTTP address. Without this table it is off.
+/// `[mtconnect]`: MTConnect (read only) below `/mtconnect` of the HTTP address. Without this table, MTConnect
+/// is off.
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MtconnectConfig {
-    /// Version of the standard that its documents follow.
+    /// Version of the standard that the MTConnect documents follow.
     pub version: MtconnectVersion,
     /// Input of `[io.in.NAME]` that is on while the emergency stop is not pressed; without it, `EMERGENCY_STOP` is
     /// unavailable.
@@ -572,7 +577,7 @@ impl Config {
     /// Reads a configuration file.
     ///
     /// # Errors
-    /// Fails if the file cannot be read, or if [`Config::from_toml`] rejects it.
+    /// Returns an error if the file cannot be read, or if [`Config::from_toml`] rejects its text.
     pub fn read(path: &Path) -> Result<Config, ConfigError> {
         let text = std::fs::read_to_string(path).map_err(|error| ConfigError::Unreadable {
             path: path.to_owned(),
@@ -582,11 +587,11 @@ impl Config {
         Self::from_toml(&text, base_dir).map_err(|error| error.in_file(path))
     }
 
-    /// Reads a configuration text; relative paths in it start from `base_dir`.
+    /// Reads a configuration text; relative paths in the text start from `base_dir`.
     ///
     /// # Errors
-    /// Fails if the text is not TOML, a key is unknown (the error names the nearest known one) or missing, or a value
-    /// has the wrong type. The error then also lists the findings of [`Config::resolve`] that do not follow from these.
+    /// Returns an error if the text is not TOML, a key is unknown or missing, or a value has the wrong type.
+    /// The error then also lists the findings of [`Config::resolve`] that do not follow from these errors.
     pub fn from_toml(text: &str, base_dir: impl Into<PathBuf>) -> Result<Config, ConfigError> {
         let base_dir = base_dir.into();
         text::read(text).map(|config| Config { base_dir, ..config })

@@ -9,8 +9,8 @@ use crate::program_store::PROGRAMS_BYTES_MAX;
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ProgramsConfig {
-    /// Largest size of the texts of all programs together, MiB. In memory a program takes about four times its text, at
-    /// worst twelve times.
+    /// Maximum size of the texts of all programs together, MiB. In memory, a program takes about four times
+    /// the size of its text, at most twelve times.
     #[schemars(range(min = 1, max = 16384))]
     pub total_max_mib: usize,
     /// Public keys of Ed25519, each in Base64 or as the name of a PEM file. Only programs with a signature by one of

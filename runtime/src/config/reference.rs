@@ -1,4 +1,4 @@
-//! The reference of the configuration, from the declarations of its types.
+//! The reference of the configuration, generated from the declarations of its types.
 
 use plc_api::types::m_code::ParamDeclaration;
 use plc_api::wire::hmi::{HmiButton, HmiCard};
@@ -23,17 +23,17 @@ pub struct ConfigKey {
     pub path: String,
     /// Description in Markdown.
     pub text: String,
-    /// Type of its value in words.
+    /// Type of the value, described in words.
     pub kind: String,
-    /// Unit of its number; empty if it has none.
+    /// Unit of the value; empty if the value has no unit.
     pub unit: String,
     /// Lowest and highest value of a number or of each number of a list; infinite without a limit.
     pub range: (f64, f64),
-    /// All accepted words.
+    /// All words that the key accepts as its value.
     pub words: Vec<ConfigWord>,
-    /// Default value, as written in a configuration; empty if there is none.
+    /// Default value as written in a configuration; empty if the key has no default.
     pub default: String,
-    /// True for a mandatory key.
+    /// True if the key is mandatory.
     pub is_needed: bool,
 }
 
@@ -47,7 +47,7 @@ pub struct ConfigWord {
 }
 
 impl ConfigKey {
-    /// Returns the range in words; empty without limits.
+    /// Returns the range in words; empty if the value has no limits.
     pub fn range_text(&self) -> String {
         let number = |value: f64| match value.abs() {
             size if size == 0.0 || (1e-3..1e6).contains(&size) => value.to_string(),
@@ -83,7 +83,8 @@ impl ConfigKey {
 }
 
 impl Config {
-    /// Returns all keys, table by table in the order of their types; the mandatory keys of a table come first.
+    /// Returns all keys, table by table in the order of their types. The mandatory keys of each table come
+    /// first.
     pub fn keys() -> Vec<ConfigKey> {
         let settings = SchemaSettings::draft2020_12().with(|settings| settings.inline_subschemas = true);
         let config = settings.into_generator().into_root_schema_for::<Self>();
@@ -120,7 +121,7 @@ impl Config {
             let (mut schema, mut table) = (config.as_value(), config.as_value());
             for step in name.split('.') {
                 schema = &table["properties"][step];
-                // an optional table has the forms table and null
+                // The schema of an optional table has two forms: the table, and null.
                 let mut forms = schema["anyOf"].as_array().into_iter().flatten();
                 schema = forms
                     .find(|form| form["properties"].is_object())
@@ -129,7 +130,7 @@ impl Config {
                 let many = of_many.into_iter().find(|table| table.is_object());
                 table = many.unwrap_or(schema);
             }
-            // a table nested in another table has no name of its own
+            // The schema of a table within another table has no title.
             let title = match text(schema) {
                 named if named.starts_with('`') => named.to_owned(),
                 _ => format!(
@@ -149,15 +150,15 @@ impl Config {
     }
 }
 
-/// Returns the keys of a table in the order of its type; serde lists them in this order when it rejects an unknown key.
+/// Returns the keys of a table in the order of its type, from the error message of serde for an unknown key.
 fn order_of<T: DeserializeOwned>() -> Vec<String> {
     let refused = toml::from_str::<T>("'' = 0").err();
     let message = refused.as_ref().map_or("", toml::de::Error::message);
     known(message).map(str::to_owned).collect()
 }
 
-/// Returns the lowest and highest value of a number, or of each number of a list of fixed length; infinite without a
-/// limit.
+/// Returns the lowest and highest value of a number, or of each number of a list of fixed length. A missing
+/// limit is infinite.
 pub(super) fn range(schema: &Value) -> (f64, f64) {
     let items = Some(&schema["items"]).filter(|_| schema["minItems"].is_number());
     let bound = |name: &str| schema[name].as_f64().or_else(|| items?[name].as_f64());
@@ -171,7 +172,7 @@ fn text(schema: &Value) -> &str {
     schema["description"].as_str().unwrap_or_default()
 }
 
-/// Collects the words of all forms of a value, each with its meaning.
+/// Collects the words that a value accepts in all its forms, each with its meaning.
 fn collect_words(schema: &Value, words: &mut Vec<ConfigWord>) {
     let of_value = |value: &Value, text: &str| {
         let (word, text) = (value.as_str()?.to_owned(), text.to_owned());
@@ -219,7 +220,7 @@ mod tests {
                          [[simulated_round]]\ncoordinate_system = 1\nkind = \"boss\"\nx = 0\ny = 0\ndiameter = 9\nball = 2\n[[hmi.button]]\ntext = \"a\"\nm_code = 1\n\
                          [[hmi.card]]\ntext = \"a\"\nm_code = 1\n";
 
-    /// Returns the error for a configuration whose key has this value.
+    /// Returns the error of a configuration in which this key has this value.
     #[allow(
         clippy::cast_possible_truncation,
         reason = "ranges of whole numbers have few digits"

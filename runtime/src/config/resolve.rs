@@ -1,4 +1,4 @@
-//! Converts configuration values into the settings of the stages; all errors are reported together.
+//! Converts configuration values into the settings of the stages, and reports all errors together.
 
 mod alarm;
 mod coordinate_system;
@@ -31,26 +31,26 @@ use super::{Config, ConfigError, CoordinateSystemConfig, MachineConfig, OnBusLos
 use crate::program_store::{Signers, read_text};
 use crate::tables::TOOLS_MAX;
 
-/// Largest number of characters of a `wait_state`.
+/// Maximum number of characters of a `wait_state`.
 const WAIT_STATE_MAX: usize = 64;
 
-/// A table of the configuration with its problems.
+/// A table of the configuration that is being checked, and the list of problems.
 struct TableCheck<'a, 'b> {
     problems: &'a mut Problems<'b>,
-    /// Its path, such as `motor.0`.
+    /// Path of the table, such as `motor.0`.
     path: String,
-    /// Beginning of the texts of its problems.
+    /// Name of the table, with which the text of each problem begins.
     name: String,
 }
 
 impl TableCheck<'_, '_> {
-    /// Adds a problem of a key.
+    /// Adds a problem of a key in this table.
     fn problem(&mut self, key: &str, text: impl Display) {
         let path = format!("{}.{key}", self.path);
         self.problems.add(&path, format!("{}{text}", self.name));
     }
 
-    /// Adds all numbers outside the ranges of their keys, except for keys that are checked elsewhere.
+    /// Adds a problem for each number outside the range of its key, except for the keys in `elsewhere`.
     fn check_ranges<T: JsonSchema + Serialize>(&mut self, table: &T, elsewhere: &[&str]) {
         let schema = schema_for!(T);
         let keys = toml::Table::try_from(table).unwrap_or_else(|error| {
@@ -84,7 +84,7 @@ impl TableCheck<'_, '_> {
 }
 
 impl TableCheck<'_, '_> {
-    /// Returns the parameters of an M code by their letters.
+    /// Returns the parameters of an M code by their letters, and adds the problems in them.
     fn params(&mut self, params: &BTreeMap<String, ParamDeclaration>) -> DeclaredParams {
         let mut declared = DeclaredParams::new();
         for (name, param) in params {
@@ -112,10 +112,10 @@ impl<'b> Problems<'b> {
 }
 
 impl Config {
-    /// Returns the machine of this configuration.
+    /// Returns the machine that this configuration describes.
     ///
     /// # Errors
-    /// Returns an error that lists all values that do not fit together.
+    /// Returns an error that lists all invalid values and all values that do not fit together.
     pub fn resolve(&self) -> Result<Machine, ConfigError> {
         let mut problems = Problems::new(&self.places);
         let machine = self.resolve_into(&mut problems);
@@ -126,7 +126,8 @@ impl Config {
         }
     }
 
-    /// Returns the machine, which is valid only if there are no problems.
+    /// Returns the machine that this configuration describes. The machine is only valid if no problems were
+    /// added.
     pub(super) fn resolve_into(&self, problems: &mut Problems<'_>) -> Machine {
         self.machine
             .check(&mut problems.check_table("machine", "[machine] "));
@@ -194,7 +195,7 @@ impl Config {
         }
     }
 
-    /// Reads the file of the sequence side.
+    /// Reads the file that describes the M codes of the sequence programs.
     fn served(&self, problems: &mut Problems<'_>) -> Option<ServedMCodesFile> {
         let path = self.base_dir.join(self.machine.served.as_ref()?);
         let read = read_served(&path);

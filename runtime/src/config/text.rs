@@ -1,5 +1,5 @@
-//! Converts the text of a configuration into its tables. All problems are found, not only the first: each is recorded
-//! and removed, and the tables are read again.
+//! Converts the text of a configuration into its tables, and finds all problems in it. After each problem,
+//! the value is corrected or removed, and the tables are read again.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -12,14 +12,14 @@ use toml::de::{DeArray, DeTable, DeValue, Error, ValueDeserializer};
 use super::error::{explain, known, quoted};
 use super::{Config, ConfigError};
 
-/// Largest number of problems that are searched for in one configuration. Reason: the text is read again for each
-/// problem.
+/// Maximum number of problems that are searched for in one configuration. Reason: each problem requires
+/// another pass over the tables.
 const PROBLEMS_MAX: usize = 100;
 
-/// Line and column, from 1, of keys and tables by their paths, such as `motor.0.kind`.
+/// Line and column (from 1) of each key and table, by paths such as `motor.0.kind`.
 pub(super) type KeyPositions = BTreeMap<String, (u32, u32)>;
 
-/// Problems of a configuration, each with its position if that is known.
+/// Problems of a configuration, each with its position if the position is known.
 pub(super) struct Problems<'a> {
     places: &'a KeyPositions,
     found: Vec<(Option<(u32, u32)>, String)>,
@@ -31,7 +31,8 @@ impl<'a> Problems<'a> {
         Self { places, found }
     }
 
-    /// Adds a problem of the key or table at a path. A key that is not written has the position of its table.
+    /// Adds a problem of the key or table at a path. A key that is not in the text gets the position of its
+    /// table.
     pub fn add(&mut self, path: &str, text: String) {
         let mut paths = std::iter::successors(Some(path), |path| Some(path.rsplit_once('.')?.0));
         let place = paths.find_map(|path| self.places.get(path).copied());
@@ -42,7 +43,7 @@ impl<'a> Problems<'a> {
         self.found.is_empty()
     }
 
-    /// Returns the error with the problems in the order of the text.
+    /// Returns the error that lists the problems in the order of the text.
     pub fn into_error(mut self) -> ConfigError {
         self.found.sort_by_key(|(place, _)| (place.is_none(), *place));
         let lines = self.found.into_iter().map(|(place, text)| match place {
@@ -57,10 +58,10 @@ fn words((line, column): (u32, u32)) -> String {
     format!("line {line}, column {column}")
 }
 
-/// Reads a text.
+/// Reads a configuration text.
 ///
 /// # Errors
-/// Returns all problems, except those that may only follow from a value that is missing or cannot be read.
+/// Returns all problems, except those that may only follow from a missing or unreadable value.
 pub(super) fn read(text: &str) -> Result<Config, ConfigError> {
     let index = LineIndex::new(text);
     let locate = |offset: usize| index.locate(u32::try_from(offset).unwrap_or(u32::MAX));
@@ -143,8 +144,8 @@ fn collect_positions(
     }
 }
 
-/// Replaces the value at a span by a word. Without a replacement, removes the key, the value with its key, or the table
-/// at that span. Returns the span of the table that contained it, and its key.
+/// Replaces the value at a span of the text by a word. If `word` is `None`, removes the key, the value with
+/// its key, or the table at that span. Returns the span of the enclosing table, and the key in it.
 fn mend(
     within: &mut Spanned<DeValue<'_>>,
     span: &Range<usize>,

@@ -6,7 +6,7 @@ use tandem_model::settings::{
     Calculator, CompensationFeed, CompensationStart, MotorKind, Overcut, ShortBlock, Unit,
 };
 
-/// Behaviour of a program that waits for a reset while the MQTT broker is lost.
+/// Behaviour of a program that waits for a reset while the connection to the MQTT broker is lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OnBusLoss {
@@ -52,10 +52,10 @@ pub(super) enum MotorKindWord {
 #[derive(Deserialize, Serialize, JsonSchema)]
 #[serde(remote = "Unit")]
 pub(super) enum UnitWord {
-    /// G21.
+    /// Millimetres, as after G21.
     #[serde(rename = "mm")]
     Millimetre,
-    /// G20.
+    /// Inches, as after G20.
     #[serde(rename = "inch")]
     Inch,
 }
@@ -72,16 +72,16 @@ pub(super) enum ShortBlockWord {
 #[derive(Deserialize, Serialize, JsonSchema)]
 #[serde(remote = "Calculator")]
 pub(super) enum CalculatorWord {
-    /// No numbers: all count increments.
+    /// No numbers: all numbers count increments.
     #[serde(rename = "none")]
     None,
     /// All numbers.
     #[serde(rename = "all")]
     All,
-    /// F.
+    /// Numbers of F only.
     #[serde(rename = "f")]
     F,
-    /// I, J, K, R, X, Y, Z and A.
+    /// Numbers of I, J, K, R, X, Y, Z and A only.
     #[serde(rename = "ijkrxyza")]
     Dimensions,
 }
@@ -89,18 +89,18 @@ pub(super) enum CalculatorWord {
 #[derive(Deserialize, Serialize, JsonSchema)]
 #[serde(remote = "CompensationStart", rename_all = "lowercase")]
 pub(super) enum CompensationStartWord {
-    /// Straight to the offset point at the corner.
+    /// The tool moves straight to the offset point at the corner.
     A,
-    /// Through the intersection of the offset paths.
+    /// The tool moves through the intersection of the offset paths.
     B,
 }
 
 #[derive(Deserialize, Serialize, JsonSchema)]
 #[serde(remote = "CompensationFeed", rename_all = "lowercase")]
 pub(super) enum CompensationFeedWord {
-    /// Path of the tool's centre.
+    /// F applies on the path of the tool's centre.
     Centre,
-    /// Path of the tool's edge, on the programmed arc.
+    /// F applies on the path of the tool's edge, that is, on the programmed arc.
     Edge,
 }
 
@@ -109,6 +109,6 @@ pub(super) enum CompensationFeedWord {
 pub(super) enum OvercutWord {
     /// Raises an alarm before the first affected block moves.
     Detect,
-    /// Omits the blocks between which the tool does not fit; raises an alarm if that does not help.
+    /// Omits the blocks between which the tool does not fit. If this does not help, raises an alarm.
     Prevent,
 }

@@ -1,5 +1,5 @@
-//! Pages of the language: codes, addresses, functions, keywords and variables of a dialect, and the form of its
-//! programs.
+//! Pages about the language: codes, addresses, functions, keywords and variables of a dialect, and the form
+//! of its programs.
 
 pub(super) mod elsewhere;
 mod form;
@@ -14,7 +14,7 @@ use tandem_syntax::{Address, Function, Keyword, VariableKind};
 
 use super::{indented, page};
 
-/// Returns the pages of everything in the language with this name.
+/// Returns the pages of all language elements with this name.
 pub(super) fn pages(what: &str, dialect: &Dialect) -> Vec<String> {
     let of_code = code(what, dialect).map(|code| of_code(code, what, dialect));
     let of_address = (Address::ALL.iter())
@@ -36,7 +36,7 @@ pub(super) fn pages(what: &str, dialect: &Dialect) -> Vec<String> {
     pages
 }
 
-/// Returns all names of the language that have a page.
+/// Returns the names of all language elements that have a page.
 pub(super) fn names(dialect: &Dialect) -> Vec<String> {
     let codes = dialect.g_codes.codes.iter().chain(dialect.m_codes.codes);
     let mut names: Vec<String> = codes.map(|code| code.code.to_owned()).collect();
@@ -53,7 +53,7 @@ pub(super) fn names(dialect: &Dialect) -> Vec<String> {
     names
 }
 
-/// Returns the code of `G2`, `g 02` or `M100`.
+/// Returns the code that a user names, for example as `G2`, `g 02` or `M100`.
 pub(super) fn code(what: &str, dialect: &Dialect) -> Option<&'static Code> {
     let (letter, number) = what.split_at_checked(1)?;
     let number = number.trim();
@@ -78,7 +78,7 @@ pub(super) fn code(what: &str, dialect: &Dialect) -> Option<&'static Code> {
     listed.or_else(|| is_output().then_some(dialect.auxiliary))
 }
 
-/// Returns the number of `M12` or `m 12`.
+/// Returns the M number that a user names as `M12` or `m 12`.
 pub(super) fn m_number(what: &str) -> Option<u16> {
     let (letter, number) = what.trim().split_at_checked(1)?;
     letter.eq_ignore_ascii_case("m").then_some(())?;
@@ -123,7 +123,7 @@ fn of_code(code: &Code, what: &str, dialect: &Dialect) -> String {
     )
 }
 
-/// Returns an example program for a code, and the command that shows it.
+/// Returns an example program for a code, and the command that shows the effect of the program.
 fn example(code: &Code, dialect: &Dialect) -> String {
     let Some(program) = dialect.example(code) else {
         return String::new();
@@ -158,7 +158,7 @@ fn in_force(code: &Code) -> String {
     }
 }
 
-/// Returns the words with meaning and range, one a line.
+/// Returns a table of words with meaning and range, one word per line.
 fn table<'a>(rows: impl Iterator<Item = (&'a str, &'a WordSpec)>, dialect: &Dialect) -> String {
     let rows = rows.map(|(name, word)| {
         let whole = if word.integer { ", whole" } else { "" };
@@ -205,7 +205,7 @@ fn of_keyword(keyword: Keyword) -> String {
     )
 }
 
-/// Returns true for the name before the index, without an index or with a valid one.
+/// Returns true if `what` is a variable with this name, either without an index or with a valid index.
 fn is_variable(what: &str, prefix: &str, index_max: u16) -> bool {
     let Some((head, index)) = what.split_at_checked(prefix.len()) else {
         return false;

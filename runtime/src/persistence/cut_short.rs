@@ -38,8 +38,8 @@ pub(crate) fn cut_short_between_parts(run: &Run) -> AlarmRecord {
     }
 }
 
-/// Describes the state of a run, for example `run 1-3 was in WAIT; open: M100 VA3 (line 7, CLAIMED by
-/// gripper)`.
+/// Describes the state of a run, for example:
+/// `run 1-3 was in WAIT; open: M100 VA3 (line 7, CLAIMED by gripper)`.
 fn what_was_open(last_run: &LastRun) -> String {
     let one = |open: &PendingOutput| {
         let output = &open.output;

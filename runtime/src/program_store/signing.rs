@@ -1,5 +1,5 @@
-//! Signed programs: an Ed25519 signature over the bytes of a program's file, in the format of `openssl
-//! pkeyutl -sign -rawin`.
+//! Signed programs: an Ed25519 signature over the bytes of a program's file. The format is that of
+//! `openssl pkeyutl -sign -rawin`.
 
 use std::io;
 use std::path::Path;

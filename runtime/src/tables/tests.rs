@@ -1,7 +1,7 @@
 use super::*;
 use crate::Config;
 
-/// The demo machine: coordinate system 1 with X, Y, Z, coordinate system 2 with X, Z.
+/// Returns the tables of a machine with X, Y, Z in coordinate system 1 and X, Z in coordinate system 2.
 fn tables() -> Tables {
     Tables::new(&Config::demo().resolve().unwrap())
 }

@@ -1,4 +1,4 @@
-//! Completion at a position of a program.
+//! Completion at a position in a program.
 
 use lsp_types::{CompletionItem, CompletionItemKind, Documentation, Position};
 use tandem_interp::Dialect;
@@ -9,20 +9,20 @@ use tandem_syntax::{Address, Function, Keyword, Token, TokenKind, VariableKind};
 use super::document::Document;
 use super::features::codes;
 
-/// Words without a code of their own that are allowed in every block except a dwell.
+/// Words without a code that are allowed in every block except a dwell.
 const OF_EVERY_BLOCK: [Address; 5] = [Address::F, Address::S, Address::Ta, Address::Td, Address::Ts];
 
-/// Context of a position.
+/// Kind of the place at which the user completes text.
 enum CompletionPlace {
-    /// The words of a block, or nothing.
+    /// Between the words of a block, or in an empty block.
     Block,
-    /// A part of an expression or of a condition.
+    /// Within an expression or a condition.
     Expression,
-    /// A bracket that encloses the variable of an indirection.
+    /// Within the bracket of an indirect variable.
     Brackets,
 }
 
-/// Returns the items at a position: words of the preceding codes, codes, and program codes.
+/// Returns the completion items at a position: words of the preceding codes, codes, and program codes.
 pub(super) fn completion(document: &Document, at: Position) -> Vec<CompletionItem> {
     let byte = document.offset(at);
     let mut line = document.line_at(byte);
@@ -65,7 +65,7 @@ fn completion_place(document: &Document, line: &[Token]) -> CompletionPlace {
     }
 }
 
-/// Returns words and codes.
+/// Returns the words and codes that a block allows.
 fn block(document: &Document, line: &[Token]) -> Vec<CompletionItem> {
     let dialect = document.target.dialect;
     let mut items = words(&codes(document, line), dialect);
@@ -108,7 +108,7 @@ fn variables() -> impl Iterator<Item = CompletionItem> {
         let name = kind.prefix();
         let detail = format!("{name}0 to {name}{}", kind.index_max());
         CompletionItem {
-            // sorts before the functions
+            // Sorts the variables before the functions.
             sort_text: Some(format!("!{name}")),
             ..item(name, CompletionItemKind::VARIABLE, &detail, kind.meaning())
         }
@@ -131,13 +131,13 @@ fn item(label: &str, kind: CompletionItemKind, detail: &str, docs: &str) -> Comp
     }
 }
 
-/// Returns the words of the codes; if none has any, the words that need no code.
+/// Returns the words of the codes; if no code has words, returns the words that need no code.
 fn words(codes: &[&Code], dialect: &Dialect) -> Vec<CompletionItem> {
     let of_word = |word: &WordSpec| {
         let needed = if word.required { ", needed" } else { "" };
         let detail = format!("{}: {}{needed}", word.meaning, dialect.range_text(word));
         CompletionItem {
-            // sorts before the codes
+            // Sorts the words before the codes.
             sort_text: Some(format!("!{}", word.address.text())),
             ..item(word.address.text(), CompletionItemKind::PROPERTY, &detail, "")
         }
@@ -159,7 +159,7 @@ fn words(codes: &[&Code], dialect: &Dialect) -> Vec<CompletionItem> {
     modal.map(of_word).collect()
 }
 
-/// Returns the M codes of the manual, and those of the configuration.
+/// Returns the M codes of the manual and those of the configuration.
 fn outputs(document: &Document) -> Vec<CompletionItem> {
     let target = &document.target;
     let known = target.machine.as_ref().map(|machine| &machine.m_codes);

@@ -1,4 +1,4 @@
-//! An open text, with positions by line and UTF-16 column as editors count, and its diagnostics.
+//! An open text and its diagnostics. Positions are a line and a UTF-16 column, as editors count.
 
 use std::path::{Path, PathBuf};
 
@@ -9,17 +9,17 @@ use tandem_syntax::{Token, TokenKind, tokens};
 
 use super::setup::Target;
 
-/// An open text.
+/// A text that is open in the editor.
 pub(super) struct Document {
     pub uri: Uri,
-    /// File of the text, or a substitute name for a text without a file.
+    /// Path of the text's file, or a substitute name for a text without a file.
     pub path: PathBuf,
     pub version: i32,
     pub target: Target,
     /// Findings of the last check; their positions refer to the text at that time.
     pub found: Vec<Diagnostic>,
     text: String,
-    /// First byte of each line.
+    /// Byte offset of the beginning of each line.
     starts: Vec<u32>,
 }
 
@@ -40,7 +40,7 @@ impl Document {
         &self.text
     }
 
-    /// Applies a change by the editor.
+    /// Applies a change that the editor reports.
     pub fn change(&mut self, change: TextDocumentContentChangeEvent) {
         match change.range {
             Some(range) => {
@@ -52,7 +52,8 @@ impl Document {
         self.starts = starts(&self.text);
     }
 
-    /// Returns the byte offset of a position; positions after the end of a line or of the text are set to that end.
+    /// Returns the byte offset of a position. Positions after the end of a line or of the text become that
+    /// end.
     pub fn offset(&self, at: Position) -> usize {
         let line = at.line as usize;
         let Some(start) = self.starts.get(line) else {
@@ -92,7 +93,7 @@ impl Document {
         Range::new(self.position(span.start), self.position(span.end))
     }
 
-    /// Returns the text of a line without its line end; lines start at 0.
+    /// Returns the text of a line without its line end; the first line is line 0.
     pub fn line_text(&self, line: usize) -> &str {
         let start = self
             .starts
@@ -115,7 +116,7 @@ impl Document {
         tokens(&self.text, (self.target.dialect.grammar)())
     }
 
-    /// Returns the tokens of the line at a byte offset, without comments and line ends.
+    /// Returns the tokens of the line that contains a byte offset, without comments and line ends.
     pub fn line_at(&self, byte: usize) -> Vec<Token> {
         let mut line = Vec::new();
         for token in self.tokens() {
@@ -140,7 +141,7 @@ fn starts(text: &str) -> Vec<u32> {
     std::iter::once(0).chain(ends.map(|(_, next)| next)).collect()
 }
 
-/// Returns the path of a URI; the URI itself if it is not a file URI.
+/// Returns the path of a file URI; for any other URI, returns the URI as a path.
 pub(super) fn path_of(uri: &Uri) -> PathBuf {
     let text = uri.as_str();
     let path = text
@@ -149,7 +150,7 @@ pub(super) fn path_of(uri: &Uri) -> PathBuf {
     path.map_or_else(|| Path::new(text).to_owned(), |path| PathBuf::from(path.as_ref()))
 }
 
-/// Converts a line or column number; texts have at most 64 MiB.
+/// Converts a line or column number to 32 bits; it fits, because texts have at most 64 MiB.
 pub(super) fn small(number: usize) -> u32 {
     u32::try_from(number).unwrap_or(u32::MAX)
 }

@@ -1,4 +1,4 @@
-//! Answers to the editor's requests about a position: hover text, definition, diagnostics and formatting.
+//! Answers requests of the editor about a position: hover text, definition, diagnostics and formatting.
 
 use std::str::FromStr as _;
 
@@ -17,7 +17,7 @@ use super::super::find_subprogram;
 use super::super::findings::uri;
 use super::document::{Document, small};
 
-/// Returns the diagnostics as the editor shows them.
+/// Returns the diagnostics of a document in the form that the editor shows.
 pub(super) fn diagnostics(document: &Document) -> Vec<lsp_types::Diagnostic> {
     let shown = |found: &Diagnostic| lsp_types::Diagnostic {
         range: document.range(found.span),
@@ -33,7 +33,7 @@ pub(super) fn diagnostics(document: &Document) -> Vec<lsp_types::Diagnostic> {
     document.found.iter().map(shown).collect()
 }
 
-/// Returns the explanation of the token and of the diagnostics at a position.
+/// Returns the explanations of the token and of the diagnostics at a position.
 pub(super) fn hover(document: &Document, at: Position) -> Option<Hover> {
     let byte = document.offset(at);
     let line = document.line_at(byte);
@@ -59,7 +59,8 @@ pub(super) fn hover(document: &Document, at: Position) -> Option<Hover> {
     })
 }
 
-/// Returns the name under which a token has a page: a code, an address, a variable, a keyword or a function.
+/// Returns the name under which `explain` has a page for a token: a code, address, variable, keyword or
+/// function.
 fn name_of(document: &Document, line: &[Token], index: usize) -> Option<String> {
     let token = line.get(index)?;
     let text = document.text_at(token.span);
@@ -81,7 +82,7 @@ fn name_of(document: &Document, line: &[Token], index: usize) -> Option<String> 
     }
 }
 
-/// Returns the codes of a line.
+/// Returns the G and M codes in a line.
 pub(super) fn codes(document: &Document, line: &[Token]) -> Vec<&'static Code> {
     let dialect = document.target.dialect;
     let pairs = line.windows(2).filter_map(|pair| {
@@ -94,7 +95,7 @@ pub(super) fn codes(document: &Document, line: &[Token]) -> Vec<&'static Code> {
     pairs.collect()
 }
 
-/// Returns the file of the subprogram that the block at a position calls.
+/// Returns the location of the file of the subprogram that the block at a position calls.
 pub(super) fn definition(document: &Document, at: Position) -> Option<Location> {
     let line = document.line_at(document.offset(at));
     if !codes(document, &line).iter().any(|code| code.role == Role::Call) {
@@ -117,7 +118,7 @@ pub(super) fn definition(document: &Document, at: Position) -> Option<Location> 
     })
 }
 
-/// Returns the lines that formatting changes as one edit; empty for a program with errors.
+/// Returns the lines that formatting changes, as one edit; empty if the program has errors.
 pub(super) fn formatting(document: &Document) -> Vec<TextEdit> {
     let Ok(new) = tandem_syntax::format(document.text(), (document.target.dialect.grammar)()) else {
         return Vec::new();

@@ -1,4 +1,4 @@
-//! Structure of the text: sections, foldable ranges, and the type of each token.
+//! Structure of a program text: sections, foldable ranges, and the type of each token.
 
 use lsp_types::{
     DocumentSymbol, FoldingRange, FoldingRangeKind, Position, Range, SemanticToken, SemanticTokenType,
@@ -8,10 +8,11 @@ use tandem_syntax::{Address, Token, TokenKind};
 
 use super::document::{Document, small};
 
-/// Largest number of numbered blocks that are listed; for a text with more of them, only the sections are listed.
+/// Maximum number of numbered blocks that are listed. For a text with more numbered blocks, only the sections
+/// are listed.
 const NUMBERED_MAX: usize = 2000;
 
-/// The types of tokens, in the order of their numbers.
+/// Types of tokens; a token refers to its type by the index in this list.
 pub(super) const TOKEN_TYPES: [SemanticTokenType; 9] = [
     SemanticTokenType::COMMENT,
     SemanticTokenType::KEYWORD,
@@ -24,7 +25,8 @@ pub(super) const TOKEN_TYPES: [SemanticTokenType; 9] = [
     SemanticTokenType::OPERATOR,
 ];
 
-/// Returns the index of a token's type in [`TOKEN_TYPES`]. A number has the type of the G or M before it.
+/// Returns the index of a token's type in [`TOKEN_TYPES`]. A number has the type of the G or M that precedes
+/// it.
 fn type_of(kind: TokenKind, before: Option<TokenKind>) -> Option<u32> {
     Some(match kind {
         TokenKind::Comment | TokenKind::Rest => 0,
@@ -44,8 +46,8 @@ fn type_of(kind: TokenKind, before: Option<TokenKind>) -> Option<u32> {
     })
 }
 
-/// Returns the tokens of the lines from `first` to `last`, each by its distance from the previous one. A token of
-/// several lines is split into one for each line.
+/// Returns the tokens of the lines from `first` to `last`. The position of each token is its distance from
+/// the previous token. A token that spans several lines is split into one token for each line.
 pub(super) fn semantic_tokens(document: &Document, first: u32, last: u32) -> Vec<SemanticToken> {
     let mut tokens = Vec::new();
     let (mut before, mut at) = (None, Position::default());
@@ -98,7 +100,7 @@ fn sections(document: &Document) -> Vec<(u32, String)> {
                 open = Some(token);
                 line_begins = false;
             }
-            // a line with only the mark and the number of a program is no block
+            // A line that contains only the start mark or the program number is not a block.
             TokenKind::Mark | TokenKind::ProgramNumber => line_begins = false,
             _ => {
                 open = None;
@@ -110,7 +112,7 @@ fn sections(document: &Document) -> Vec<(u32, String)> {
     titles
 }
 
-/// Returns the first line of a comment without its delimiters.
+/// Returns the first line of a comment without the comment's delimiters.
 fn title(comment: &str) -> String {
     let inside = |c: char| !"/*()-=#".contains(c) && !c.is_whitespace();
     let line = comment
@@ -120,7 +122,7 @@ fn title(comment: &str) -> String {
     line.trim_matches(|c| !inside(c)).to_owned()
 }
 
-/// Returns the program number, the sections, and their numbered blocks.
+/// Returns the symbols of a text: the program number, the sections, and the numbered blocks of each section.
 pub(super) fn symbols(document: &Document) -> Vec<DocumentSymbol> {
     let end = document.position(u32::MAX);
     let mut symbols: Vec<DocumentSymbol> = document
@@ -197,7 +199,7 @@ pub(super) fn folding(document: &Document) -> Vec<FoldingRange> {
         let line = document.position(token.span.start).line;
         match token.kind {
             TokenKind::Punctuation(b'{') => open.push(line),
-            // the line of the closing brace stays visible
+            // The folded range ends before the line of the closing brace, so that line stays visible.
             TokenKind::Punctuation(b'}') => {
                 let begin = open.pop();
                 folds.extend(

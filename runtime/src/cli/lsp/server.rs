@@ -1,4 +1,4 @@
-//! Processes the messages of the editor in order. Typed text is checked after a short pause.
+//! Processes the messages of the editor in order. Checks typed text after a short pause in typing.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -28,40 +28,40 @@ use super::timing::Timing;
 use super::transport::MALFORMED;
 use super::{completion, features, outline};
 
-/// Shortest pause in typing before a check. Reason: one key often causes several messages.
+/// Minimum pause in typing before a check. Reason: one key often causes several messages.
 const QUIET_MIN: Duration = Duration::from_millis(10);
 
-/// Longest pause before a check, used if a check takes long.
+/// Maximum pause in typing before a check; the pause increases with the duration of checks.
 const QUIET_MAX: Duration = Duration::from_millis(150);
 
-/// Pause in typing before the program is simulated.
+/// Pause in typing after which the server simulates the program.
 const SETTLED: Duration = Duration::from_millis(400);
 
-/// Time limit for the editor from its shutdown request to its exit.
+/// Maximum time from the editor's shutdown request to its exit notification.
 const EXIT_MAX: Duration = Duration::from_secs(30);
 
 struct Server<'a> {
     connection: &'a Connection,
     setup: Setup,
-    /// Open documents by their URIs.
+    /// Open documents by URI.
     documents: BTreeMap<String, Document>,
-    /// Documents to be checked.
+    /// URIs of the documents that must be checked.
     due: BTreeSet<String>,
     /// Duration of the last check.
     check_took: Duration,
-    /// Document to be simulated after the pause in typing.
+    /// URI of the document to simulate after the pause in typing.
     untimed: Option<String>,
     timing: Timing,
-    /// The editor requests times again when the server reports new ones.
+    /// True if the editor requests times again when the server reports new ones.
     refreshes: bool,
     requests: i32,
 }
 
-/// Serves an editor until it ends. `command` is the path of this executable. Returns true if the editor announced its
-/// end.
+/// Serves an editor until the connection ends. `command` is the path of this executable. Returns true if the
+/// editor announced the end.
 ///
 /// # Errors
-/// Fails if the editor does not speak the protocol, or if the connection is closed.
+/// Returns an error if the editor does not follow the protocol, or if the connection is closed.
 pub(super) fn serve(connection: &Connection, setup: Setup, command: PathBuf) -> anyhow::Result<bool> {
     let begun = connection.initialize_start();
     let (id, params) = begun.context("no editor has sent the request initialize on standard input")?;
@@ -143,16 +143,18 @@ fn capabilities() -> ServerCapabilities {
 }
 
 impl Server<'_> {
-    /// Returns the pause in typing after which the next pending job starts.
+    /// Returns the pause in typing after which the next pending job starts; `None` if no job is pending.
     fn quiet(&self) -> Option<Duration> {
         if !self.due.is_empty() {
-            // the user may continue to type while a long program is checked
+            // The pause grows with the duration of checks, because the user may continue to type during a
+            // check.
             return Some((self.check_took / 2).clamp(QUIET_MIN, QUIET_MAX));
         }
         self.untimed.as_ref().map(|_| SETTLED)
     }
 
-    /// Returns true if the editor ends with the announced exit. Other messages received meanwhile are ignored.
+    /// Waits for the exit notification of the editor and returns true if it arrives. Ignores other messages
+    /// meanwhile.
     fn ends(&self) -> bool {
         loop {
             match self.connection.receiver.recv_timeout(EXIT_MAX) {
@@ -174,7 +176,7 @@ impl Server<'_> {
     }
 
     fn send(&self, message: impl Into<Message>) {
-        // if the connection is closed, receiving the next message reports it
+        // If the connection is closed, the next receive operation reports that.
         let _ = self.connection.sender.send(message.into());
     }
 
@@ -254,7 +256,7 @@ impl Server<'_> {
         }
     }
 
-    /// Answers a request; the answer is empty if its document is not open.
+    /// Answers a request with the result of `answer`, or with an error if the parameters are invalid.
     fn answer<R: request::Request>(
         &self,
         request: Request,
@@ -274,7 +276,7 @@ impl Server<'_> {
         self.documents.get(uri.as_str())
     }
 
-    /// Handles a notification; unknown or malformed ones are ignored.
+    /// Handles a notification; ignores unknown or malformed notifications.
     fn notice(&mut self, notice: Notification) {
         match notice.method.as_str() {
             notification::DidOpenTextDocument::METHOD => {
@@ -298,7 +300,7 @@ impl Server<'_> {
                     self.due.insert(uri);
                 }
             }
-            // other programs may call the saved program, or be called by it
+            // The saved program may call other open programs, or they may call it, so all are checked.
             notification::DidSaveTextDocument::METHOD => self.due.extend(self.documents.keys().cloned()),
             notification::DidCloseTextDocument::METHOD => {
                 let Some(params) = params::<notification::DidCloseTextDocument>(notice) else {
@@ -340,7 +342,7 @@ impl Server<'_> {
         }
     }
 
-    /// Starts the next pending job.
+    /// Starts the next pending job: first a check, then a simulation.
     fn start_next_job(&mut self) {
         if self.due.is_empty() {
             self.start_timing();
@@ -349,7 +351,7 @@ impl Server<'_> {
         }
     }
 
-    /// Checks the changed documents and publishes the diagnostics.
+    /// Checks the changed documents, and publishes their diagnostics.
     fn check_due(&mut self) {
         let begun = Instant::now();
         for uri in std::mem::take(&mut self.due) {
@@ -369,7 +371,8 @@ impl Server<'_> {
                 machine.as_deref(),
                 assigned,
             );
-            // diagnostics of called programs are shown in their own documents, if those are open
+            // Diagnostics of called programs are only shown in the documents of those programs, if these are
+            // open.
             document.found = all
                 .into_iter()
                 .next()
@@ -391,7 +394,7 @@ impl Server<'_> {
         self.refresh_times();
     }
 
-    /// Starts the simulation of the program that was checked last.
+    /// Starts the simulation of the program that was checked last without errors.
     fn start_timing(&mut self) {
         let uri = self.untimed.take();
         if let Some(document) = uri.and_then(|uri| self.documents.get(&uri)) {

@@ -1,4 +1,4 @@
-//! Selects the machine and the dialect of a program.
+//! Selects the machine and the dialect for a program.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -13,25 +13,26 @@ use super::super::read_config;
 /// File name of a configuration that is found automatically.
 const CONFIG_NAME: &str = "tandem.toml";
 
-/// Options of the command line, and the configurations that have been read.
+/// Options of the command line, and the configurations that have already been read.
 pub(super) struct Setup {
     config: Option<PathBuf>,
     dialect: Option<&'static Dialect>,
     known: BTreeMap<PathBuf, CachedConfig>,
 }
 
-/// A configuration with the time of its last change; `None` if it cannot be read.
+/// The machine of a configuration file (`None` if the file cannot be read), and the time of the file's last
+/// change.
 struct CachedConfig {
     changed: Option<SystemTime>,
     machine: Option<Arc<Machine>>,
 }
 
-/// Machine and dialect of a program.
+/// Machine and dialect for which a program is checked.
 #[derive(Clone)]
 pub(super) struct Target {
     pub dialect: &'static Dialect,
     pub machine: Option<Arc<Machine>>,
-    /// The configuration of the machine.
+    /// Path of the machine's configuration.
     pub config: Option<PathBuf>,
 }
 
@@ -44,8 +45,8 @@ impl Setup {
         }
     }
 
-    /// Returns the target of the program at this path, and the problems of its configuration unless they were already
-    /// reported.
+    /// Returns the target of the program at this path. Also returns the problems of its configuration, if
+    /// these were not reported before.
     pub fn target(&mut self, program: &Path) -> (Target, Option<String>) {
         let config = self.config.clone().or_else(|| {
             let folders = program.ancestors().skip(1);

@@ -12,7 +12,7 @@ use tempfile::TempDir;
 use super::server::serve;
 use super::setup::Setup;
 
-/// An editor with a folder of programs.
+/// A simulated editor with a folder of programs.
 struct Editor {
     connection: Connection,
     server: JoinHandle<anyhow::Result<bool>>,
@@ -21,14 +21,14 @@ struct Editor {
 }
 
 impl Editor {
-    /// Files of the folder: names and texts.
+    /// Starts an editor; `files` are the names and texts of the files in its folder.
     fn new(files: &[(&str, &str)], dialect: Option<&'static Dialect>) -> Self {
         let folder = tempfile::tempdir().unwrap();
         for (name, text) in files {
             fs::write(folder.path().join(name), text).unwrap();
         }
         let (connection, other) = Connection::memory();
-        // the command does not exist, so that nothing is simulated here
+        // The command does not exist, so the server simulates no program.
         let setup = Setup::new(None, dialect);
         let server = std::thread::spawn(move || serve(&other, setup, PathBuf::from("/no/such/command")));
         let mut editor = Self {
@@ -88,7 +88,7 @@ impl Editor {
         );
     }
 
-    /// Returns the next diagnostics: their version, and the codes and ranges.
+    /// Returns the next diagnostics: the document version, and the codes with their ranges.
     fn diagnostics(&self) -> (Value, Vec<(String, [u64; 4])>) {
         loop {
             if let Message::Notification(notice) = self.next()
@@ -153,7 +153,7 @@ fn findings_come_while_typing_with_the_version_and_utf_16_columns() {
         editor.diagnostics(),
         (json!(1), vec![("E0105".to_owned(), [1, 16, 1, 18])])
     );
-    // the second X becomes a Y, then one line is removed and one inserted
+    // The change replaces the second X by a Y, then removes one line and inserts one.
     let y = json!({"range": {"start": {"line": 1, "character": 16}, "end": {"line": 1, "character": 17}}, "text": "Y"});
     let cut = json!({"range": {"start": {"line": 0, "character": 0}, "end": {"line": 1, "character": 0}}, "text": ""});
     let more = json!({"range": {"start": {"line": 1, "character": 99}, "end": {"line": 1, "character": 99}}, "text": "\nG01"});

@@ -1,4 +1,5 @@
-//! Run time of a program: `tandem simulate` in a separate process, which the next change ends.
+//! Determines the run time of a program: `tandem simulate` runs in a separate process, which the next change
+//! ends.
 
 use std::collections::BTreeMap;
 use std::io::{Read as _, Write as _};
@@ -12,20 +13,20 @@ use serde::Deserialize;
 
 use super::document::Document;
 
-/// Time after which a simulation is ended.
+/// Time limit of a simulation; the server then ends the process.
 const LIMIT: Duration = Duration::from_secs(20);
 
-/// The times of the open programs.
+/// Run times of the open programs.
 pub(super) struct Timing {
     /// Path of this executable.
     command: PathBuf,
-    /// Known time or state of each program, by its URI.
+    /// Text for each program, by URI: its run time, or the reason why the run time is unknown.
     titles: BTreeMap<String, String>,
     running: Option<Running>,
-    /// Results of ended simulations: number and printed text.
+    /// Receives results of ended simulations: the number of the simulation, and the printed text.
     pub ended: Receiver<(u64, String)>,
     tell: Sender<(u64, String)>,
-    /// Reports that the running simulation has exceeded its time limit.
+    /// Reports when the running simulation has exceeded its time limit.
     pub late: Receiver<Instant>,
     started: u64,
 }
@@ -35,7 +36,7 @@ struct Running {
     uri: String,
 }
 
-/// Part of the simulation result that is used.
+/// Part of the simulation result that the server uses.
 #[derive(Deserialize)]
 struct SimulationSummary {
     outcome: String,
@@ -50,7 +51,7 @@ struct Alarm {
     line: Option<u32>,
 }
 
-/// Part of the result that is used if a called program has errors.
+/// Part of the result that the server uses if a called program has errors.
 #[derive(Deserialize)]
 struct RefusedSimulation {
     diagnostics: Vec<ReportedDiagnostic>,
@@ -77,7 +78,7 @@ impl Timing {
         }
     }
 
-    /// Discards the result of a program that has changed.
+    /// Discards the run time of a program that has changed, and ends its simulation.
     pub fn forget(&mut self, uri: &str) {
         self.titles.remove(uri);
         if self.running.as_ref().is_some_and(|running| running.uri == uri) {
@@ -85,13 +86,13 @@ impl Timing {
         }
     }
 
-    /// Records that a program with errors is not simulated.
+    /// Records that a program is not simulated because it has errors.
     pub fn refuse(&mut self, uri: &str) {
         let title = "no time: correct the errors first".to_owned();
         self.titles.insert(uri.to_owned(), title);
     }
 
-    /// Simulates a program without errors; ends the simulation that is running.
+    /// Starts the simulation of a program without errors; ends a simulation that is still running.
     pub fn start(&mut self, document: &Document) {
         let uri = document.uri.as_str().to_owned();
         self.stop_simulation();
@@ -126,21 +127,23 @@ impl Timing {
         );
         std::thread::spawn(move || {
             if let Some(mut stdin) = stdin {
-                // a simulation that is ended does not read its whole input
+                // The write fails if the simulation is ended before it has read all input; this error is
+                // ignored.
                 let _ = stdin.write_all(text.as_bytes());
             }
             let mut printed = String::new();
             if let Some(mut stdout) = stdout {
                 let _ = stdout.read_to_string(&mut printed);
             }
-            // the receiver no longer exists after the server has ended
+            // If the server has ended, the receiver no longer exists.
             let _ = tell.send((number, printed));
         });
         self.running = Some(Running { child, uri });
         self.late = after(LIMIT);
     }
 
-    /// Handles the end of a simulation. Returns true if it is the current one, so that there is a new time.
+    /// Handles the end of a simulation. Returns true if the simulation is the current one, so that a new time
+    /// is known.
     pub fn accept_result(&mut self, (number, printed): (u64, String)) -> bool {
         if number != self.started {
             return false;
@@ -153,7 +156,7 @@ impl Timing {
         true
     }
 
-    /// Ends the running simulation because it has exceeded its time limit.
+    /// Ends the running simulation, because it has exceeded its time limit.
     pub fn give_up(&mut self) {
         if let Some(running) = &self.running {
             let title = format!("no time: the simulation takes longer than {} s", LIMIT.as_secs());
@@ -165,13 +168,13 @@ impl Timing {
     fn stop_simulation(&mut self) {
         self.late = never();
         if let Some(mut running) = self.running.take() {
-            // the process may already have ended
+            // The process may already have ended.
             let _ = running.child.kill();
             let _ = running.child.wait();
         }
     }
 
-    /// Returns the lens with the time of a program, shown above its first line.
+    /// Returns the code lens with the time of a program; the editor shows it above the first line.
     pub fn lens(&self, document: &Document) -> CodeLens {
         let title = self.titles.get(document.uri.as_str());
         CodeLens {

@@ -1,5 +1,5 @@
-//! Messages of the editor over standard input and output. A message that cannot be read is reported and skipped; the
-//! messages after it are read normally.
+//! Reads and writes the messages of the editor over standard input and output. A message that cannot be
+//! parsed is reported and skipped; later messages are read normally.
 
 use std::io::{self, BufRead, Read};
 use std::thread::JoinHandle;
@@ -9,24 +9,26 @@ use lsp_server::{Connection, Message, Notification};
 use lsp_types::notification::{self, Notification as _};
 use tandem_model::limits::PROGRAM_BYTES_MAX;
 
-/// Largest size of a message, reached with the largest program: some characters take several bytes in JSON.
+/// Maximum size of a message, in bytes. Reason: some characters of the largest program take several bytes in
+/// JSON.
 const MESSAGE_BYTES_MAX: u64 = 4 * PROGRAM_BYTES_MAX as u64;
 
-/// Largest size of a header line before a message, bytes.
+/// Maximum size of a header line before a message, bytes.
 const HEADER_BYTES_MAX: u64 = 4096;
 
-/// Method by which the server is notified of a message that cannot be read.
+/// Method of the notification that the server receives instead of a message that cannot be parsed.
 pub(super) const MALFORMED: &str = "$/tandem/malformed";
 
-/// Next input.
+/// Next input from the editor.
 enum NextInput {
     Message(Message),
-    /// Input that is not a valid message, with the reason.
+    /// Input that is not a valid message; contains the reason.
     Malformed(String),
     End,
 }
 
-/// Opens the connection over standard input and output; the thread ends when everything is written.
+/// Opens the connection over standard input and output. The returned thread ends after it has written all
+/// messages.
 pub(super) fn stdio() -> (Connection, JoinHandle<io::Result<()>>) {
     let (to_editor, written) = bounded::<Message>(0);
     let (read, from_editor) = bounded::<Message>(0);
@@ -36,7 +38,7 @@ pub(super) fn stdio() -> (Connection, JoinHandle<io::Result<()>>) {
             .into_iter()
             .try_for_each(|message| message.write(&mut output))
     });
-    // this thread ends with its input and is not joined
+    // This thread ends when its input ends; no other thread joins it.
     std::thread::spawn(move || {
         let mut input = io::stdin().lock();
         while let Ok(Some(message)) = read_message(&mut input) {
@@ -53,7 +55,8 @@ pub(super) fn stdio() -> (Connection, JoinHandle<io::Result<()>>) {
     (connection, writer)
 }
 
-/// Reads the next message, or returns a notification that it cannot be read; `None` at the end of the input.
+/// Reads the next message. Returns a notification if the message cannot be parsed, and `None` at the end of
+/// the input.
 fn read_message(input: &mut impl BufRead) -> io::Result<Option<Message>> {
     Ok(match next(input)? {
         NextInput::Message(message) => Some(message),
@@ -112,7 +115,7 @@ fn next(input: &mut impl BufRead) -> io::Result<NextInput> {
 mod tests {
     use super::*;
 
-    /// Returns the methods of all valid messages, and the reasons why the others are invalid.
+    /// Returns the methods of all valid messages, and the reasons why other messages are invalid.
     fn all(input: &str) -> Vec<String> {
         let mut input = input.as_bytes();
         let mut all = Vec::new();

@@ -1,4 +1,5 @@
-//! Time that blocks at feedrate lose because they stop or slow down, calculated from the planned profiles.
+//! Calculates from the planned profiles the time that blocks at feedrate lose because motion stops or slows
+//! down between them.
 
 use std::collections::VecDeque;
 
@@ -7,21 +8,21 @@ use tandem_model::profile::{Law, Profile, RampedMotion};
 use tandem_model::{AxisVector, Origin, bisect};
 use tandem_runtime::simulation::PlannedMotion;
 
-/// Number of bisections of a profile's time, enough to reach the last significant bits.
+/// Number of bisections of a profile's time; after these, the result is exact to the last significant bits.
 const HALVINGS: u32 = 60;
 
-/// Time lost between two blocks.
+/// Time lost at the transitions between blocks.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub(super) struct TransitionLoss {
     /// Number of block transitions with a loss.
     places: u64,
     /// Sum of all losses, s.
     lost_s: f64,
-    /// Largest single loss, with program and line of the block that ends there.
+    /// Largest single loss, with the program and line of the block that ends at this transition.
     worst: Option<Worst>,
 }
 
-/// Block transition that loses time.
+/// A block transition that loses time.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 struct Worst {
     program: u16,
@@ -53,35 +54,38 @@ impl TransitionLoss {
     }
 }
 
-/// A segment that is planned and not yet passed.
+/// A segment that is planned and that the servo has not passed.
 #[derive(Debug)]
 struct Piece {
     segment: u64,
     origin: Origin,
-    /// F within the limits, path units per second, of a segment at feedrate.
+    /// Programmed feedrate within the limits of the axes, path units per second; `None` if the segment is not
+    /// at feedrate.
     speed_limit: Option<f64>,
-    /// The segment ends at rest.
+    /// True if the segment ends at rest.
     stops: bool,
-    /// Time of its profiles, s.
+    /// Duration of the segment's profiles, s.
     duration_s: f64,
-    /// Loss in the first half and in the second half of its length, s.
+    /// Losses in the first and in the second half of the segment's length, s.
     lost_s: [f64; 2],
-    /// End position; `None` if it is only known from the motors.
+    /// End position; `None` if a signal ends the segment, so that the position is not known in advance.
     target: Option<AxisVector>,
-    /// Start: whether it follows the previous segment directly, and how long the motors rested before it, s.
+    /// Set when the servo reaches the segment: whether it follows the previous segment directly, and the rest
+    /// time before it, s.
     begun: Option<(bool, f64)>,
 }
 
-/// Tracks the planned segments and the times at which they are passed.
+/// The planned segments, and the times at which the servo passes them.
 #[derive(Debug, Default)]
 pub(super) struct Losses {
     /// Feed override, 1 at 100 percent.
     feed_override: f64,
     planned: VecDeque<Piece>,
     before: Option<Piece>,
-    /// Start time of the first block of the chain, and the total time of its passed blocks, s.
+    /// Chain of segments without rest: start time of the first segment, and total time of the passed
+    /// segments, s.
     chain: (f64, f64),
-    /// The program has waited since the last block.
+    /// True if the program has waited since the last block.
     waited: bool,
     pub stops: TransitionLoss,
     pub corners: TransitionLoss,
@@ -123,7 +127,7 @@ impl Losses {
         };
         let next_limit = self.planned.get(index + 1).and_then(|next| next.speed_limit);
         let piece = &mut self.planned[index];
-        // a pace applies to plan time, which runs faster by this factor
+        // Durations with a pace are plan time; `of_pace` is the rate of plan time.
         let (block, of_pace) = match &profile.law {
             Law::Ramped { block, .. } => (Some(block), 1.0),
             Law::Paced { block, pace } => (Some(block), pace.feed_override),
@@ -142,12 +146,12 @@ impl Losses {
         }
     }
 
-    /// Records that the program waits for an output or pauses.
+    /// Records that the program waits for an output or is paused.
     pub fn wait(&mut self) {
         self.waited = true;
     }
 
-    /// Records that the servo has reached this segment at this time.
+    /// Records that the servo has reached this segment at the time `now_s`.
     pub fn reach(&mut self, segment: u64, now_s: f64) {
         while self.planned.front().is_some_and(|piece| piece.segment <= segment) {
             self.begin_piece(now_s);
@@ -167,7 +171,8 @@ impl Losses {
         self.before = None;
     }
 
-    /// Returns the end of the last passed block in machine coordinates; `None` if it is not known in advance.
+    /// Returns the end of the last passed block in machine coordinates; `None` if the end was not known in
+    /// advance.
     pub fn target(&self) -> Option<AxisVector> {
         self.before.as_ref()?.target
     }
@@ -207,8 +212,8 @@ impl Losses {
     }
 }
 
-/// Returns the time that a profile takes in addition to the time of its path at the limits of its own block and of the
-/// next one, for the first and the second half of the length of its own block.
+/// Returns the loss in the first and in the second half of a block's length. The loss is the time of the
+/// profile minus the time of the same path at the speed limits of this block and of the next one.
 fn lost(profile: &Profile, block: &RampedMotion, [own_limit, next_limit]: [f64; 2]) -> [f64; 2] {
     let at = |t_s: f64| {
         let (gone, next_s) = block.covered_distances(profile.plan_time(t_s));

@@ -13,10 +13,10 @@ use tandem_servo::Servo;
 use super::super::print_line;
 use super::losses::{Losses, TransitionLoss};
 
-/// Returns the transform in force.
+/// Function that returns the coordinate transform in force.
 pub(super) type Coordinates = Box<dyn Fn() -> Transform + Send>;
 
-/// Activity on which time is spent.
+/// Activity for which time is counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 enum Doing {
     Feed,
@@ -25,7 +25,7 @@ enum Doing {
     Wait,
 }
 
-/// Time and distance of a tool or a program.
+/// Times and distances of one tool or one program.
 #[derive(Debug, Clone, Default, Serialize)]
 pub(super) struct TimeShare {
     time_s: f64,
@@ -52,7 +52,7 @@ impl TimeShare {
         }
     }
 
-    /// Returns the cells of a row: time, shares in percent, distances.
+    /// Returns the cells of a table row: time, shares in percent, distances.
     pub fn cells(&self) -> String {
         let percent = |part_s: f64| {
             if self.time_s > 0.0 {
@@ -73,7 +73,7 @@ impl TimeShare {
     }
 }
 
-/// Lowest and highest position of an axis.
+/// Lowest and highest position of an axis, mm or degrees.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub(super) struct Range {
     pub lowest: f64,
@@ -82,7 +82,7 @@ pub(super) struct Range {
 
 impl Range {
     fn add(range: &mut Option<Self>, value: f64) {
-        // the addition removes the sign of a negative zero
+        // Adding zero removes the sign of a negative zero.
         let value = value + 0.0;
         *range = Some(range.map_or(
             Self {
@@ -97,14 +97,14 @@ impl Range {
     }
 }
 
-/// Range of an axis in machine and in program coordinates; `None` if nothing has moved.
+/// Range of an axis in machine and in program coordinates; `None` if the axis has not moved.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub(super) struct Ranges {
     pub machine: Option<Range>,
     pub program: Option<Range>,
 }
 
-/// A peak value, and the block that causes it.
+/// A peak value, and the block in which it occurs.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub(super) struct BlockPeak {
     pub value: f64,
@@ -112,7 +112,7 @@ pub(super) struct BlockPeak {
     pub line: u32,
 }
 
-/// Peak values of a motor.
+/// Peak values of velocity, acceleration and jerk of a motor.
 #[derive(Debug, Clone, Default, Serialize)]
 pub(super) struct MotorPeaks {
     pub axis: String,
@@ -128,7 +128,7 @@ impl MotorPeaks {
             .into_iter()
             .zip(values)
         {
-            // values that are equal except for rounding are assigned to the first block
+            // If values are equal except for rounding, the peak is assigned to the first block.
             if value.abs() > peak.value * (1.0 + 1e-6) {
                 *peak = BlockPeak {
                     value: value.abs(),
@@ -147,14 +147,14 @@ pub(super) struct TimeLost {
     pub corners: TransitionLoss,
 }
 
-/// Results of the measurement.
+/// Results of the measurement of one coordinate system.
 #[derive(Debug, Clone, Default, Serialize)]
 pub(super) struct SimulationMeasurements {
-    /// By tool number.
+    /// Times and distances by tool number.
     pub tools: BTreeMap<u16, TimeShare>,
-    /// By program number, without called programs.
+    /// Times and distances by program number; those of called programs are not included.
     pub programs: BTreeMap<u16, TimeShare>,
-    /// By axis letter.
+    /// Ranges by axis letter.
     pub ranges: BTreeMap<char, Ranges>,
     pub motors: Vec<MotorPeaks>,
     pub lost: TimeLost,
@@ -163,7 +163,7 @@ pub(super) struct SimulationMeasurements {
 const HEADING: &str = "     time s feed % rapid % wait %      feed mm     rapid mm";
 
 impl SimulationMeasurements {
-    /// Prints tables for people.
+    /// Prints the results as tables.
     pub fn print(&self) {
         for (name, shares) in [("tool", &self.tools), ("program", &self.programs)] {
             print_line(format!("  {name:<8}{HEADING}"));
@@ -199,7 +199,7 @@ impl SimulationMeasurements {
     }
 }
 
-/// Measures one coordinate system.
+/// Measures the run of one coordinate system.
 pub(super) struct Measure {
     index: usize,
     period_s: f64,
@@ -207,14 +207,15 @@ pub(super) struct Measure {
     coordinates: Option<Coordinates>,
     transform: Transform,
     running: bool,
-    /// End of the measured time, s.
+    /// Time up to which the run is measured, s.
     now_s: f64,
     doing: Doing,
     place: Origin,
     tool: u16,
-    /// Position, speed and acceleration of the last cycle.
+    /// Position, speed and acceleration in the last servo cycle.
     last: [AxisVector; 3],
-    /// Motion whose coordinates are not known yet, because the block may have changed them.
+    /// Motion of the last cycle (from, to). Its program coordinates are determined later, because its block
+    /// may change the transform.
     moved: Option<[AxisVector; 2]>,
     losses: Losses,
     measured: SimulationMeasurements,
@@ -265,19 +266,19 @@ impl Measure {
         self.place.program = program;
     }
 
-    /// Records the start of a block, whose changes are then in force.
+    /// Records the start of a block. The transform that the block has set is then in force.
     pub fn block(&mut self) {
         if let Some(coordinates) = &self.coordinates {
             self.transform = coordinates();
         }
     }
 
-    /// Records that the coordinate system works with this tool from now on.
+    /// Records that the coordinate system uses this tool from now on.
     pub fn select(&mut self, tool: u16) {
         self.tool = tool;
     }
 
-    /// Records that the program waits for an output or pauses.
+    /// Records that the program waits for an output or is paused.
     pub fn wait(&mut self) {
         self.losses.wait();
     }
@@ -289,7 +290,7 @@ impl Measure {
         self.running = false;
     }
 
-    /// Returns the commanded machine position and the end of the last passed block.
+    /// Returns the commanded machine position and the end position of the last passed block.
     pub fn position(&self) -> [AxisVector; 2] {
         let [at, ..] = self.last;
         [at, self.losses.target().unwrap_or(at)]
@@ -315,7 +316,7 @@ impl Measure {
         let [from, speed, acceleration] = self.last;
         let per_s = 1.0 / self.period_s;
         let mut moved_s = self.period_s;
-        // in the skipped cycles the motors kept their speeds
+        // The simulation may have skipped cycles in which the motors kept their speeds.
         let left_out_s = now_s - self.now_s - self.period_s;
         if left_out_s > self.period_s / 2.0 {
             self.spend(left_out_s, 0.0);

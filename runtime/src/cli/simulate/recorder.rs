@@ -1,4 +1,4 @@
-//! Records a simulation: the journal's lines and the trace of positions.
+//! Records a simulation: the lines of the journal and the trace of positions.
 
 use std::collections::BTreeMap;
 use std::fmt::{Display, Write as _};
@@ -27,7 +27,8 @@ use super::SimulationPlan;
 use super::measure::{Measure, SimulationMeasurements};
 use super::steps::{BlockEndState, UnfinishedBlocks, published};
 
-/// A file of lines. Write errors are reported at the end, because the servo cycle and the journal must not fail.
+/// A file of lines. A write error is only reported at the end, because the servo cycle and the journal must
+/// not fail.
 struct LineFile {
     file: BufWriter<File>,
     failed: Option<io::Error>,
@@ -45,7 +46,7 @@ impl LineFile {
         }
     }
 
-    /// Flushes the file and returns the first write error.
+    /// Flushes the file, and returns the first write error.
     fn finish(&mut self) -> io::Result<()> {
         self.failed.take().map_or(Ok(()), Err)?;
         self.file.flush()
@@ -60,7 +61,7 @@ pub(super) struct Record {
     #[serde(skip)]
     pub end_s: f64,
     pub blocks: u64,
-    /// Ordered by output; `reset_s` is null until the reset.
+    /// M codes in the order of their outputs; `reset_s` is null until the reset.
     pub m_codes: Vec<Value>,
     pub stops: Vec<Value>,
     pub warnings: Vec<Value>,
@@ -69,19 +70,19 @@ pub(super) struct Record {
     pub measured: SimulationMeasurements,
 }
 
-/// A simulated coordinate system.
+/// A simulated coordinate system and its record.
 struct System {
     record: Record,
     measure: Measure,
     steps: Option<UnfinishedBlocks>,
     axes: Vec<Axis>,
-    /// M number of the code that changes tools by its word T, where no sequence program selects the tool.
+    /// M number of the code that changes tools by its word T, if no sequence program selects the tool.
     tool_changer: Option<u16>,
-    /// Tool number that the machine has reported last.
+    /// Last tool number that the machine has reported.
     tool: u16,
 }
 
-/// Records the journal's lines, servo cycles and planned motion of a simulation.
+/// Records the journal lines, servo cycles and planned motion of a simulation.
 pub(super) struct Recorder {
     systems: BTreeMap<CoordinateSystemNumber, System>,
     port: Option<Arc<dyn Port>>,
@@ -113,7 +114,7 @@ impl Recorder {
         })
     }
 
-    /// Reads the values in force from this machine from now on.
+    /// Sets the machine from which the recorder reads values in force.
     pub fn look_at(&mut self, runtime: &Runtime) {
         self.port = Some(runtime.port());
         for (cs, system) in &mut self.systems {
@@ -136,7 +137,7 @@ impl Recorder {
     }
 
     pub fn on_line(&mut self, line: &Line) {
-        // Commands come from the simulation itself.
+        // Skips commands, because the simulation itself sends them.
         if matches!(line.event, Event::Command { .. }) {
             return;
         }
@@ -154,7 +155,7 @@ impl Recorder {
         }
     }
 
-    /// Flushes all files and returns the events of each coordinate system.
+    /// Flushes all files, and returns the record of each coordinate system.
     pub fn finish(&mut self) -> anyhow::Result<BTreeMap<CoordinateSystemNumber, Record>> {
         let files = [("--events", &mut self.events), ("--steps", &mut self.steps)];
         for (name, file) in files {
@@ -166,7 +167,7 @@ impl Recorder {
 }
 
 impl System {
-    /// Returns the lines of the blocks that have ended.
+    /// Returns the lines for `--steps` of the blocks that a journal line ends.
     fn on_line(&mut self, line: &Line, port: &dyn Port) -> Vec<Value> {
         let over = self.step(line, port);
         match &line.event {
@@ -267,7 +268,7 @@ impl Record {
     }
 }
 
-/// Positions of each servo period as CSV, and the progress on a terminal.
+/// Writes the positions of each servo period as CSV, and shows the progress on a terminal.
 pub(super) struct CsvTrace(Arc<Mutex<CsvTraceState>>);
 
 struct CsvTraceState {
@@ -307,7 +308,7 @@ impl CsvTrace {
         Ok(Self(Arc::new(Mutex::new(trace))))
     }
 
-    /// Returns the callback for each servo cycle; `None` if nothing has to be written or shown.
+    /// Returns the callback for each servo cycle; `None` if there is neither a file nor a terminal.
     pub fn on_cycle(&self) -> Option<OnCycle> {
         if self.0.lock().file.is_none() && !io::stderr().is_terminal() {
             return None;
@@ -324,12 +325,13 @@ impl CsvTrace {
         }))
     }
 
-    /// Returns true if each cycle has a row, also if the motors keep their speeds.
+    /// Returns true if the trace has a file. Each cycle then needs a row, also if the motors keep their
+    /// speeds.
     pub fn is_written(&self) -> bool {
         self.0.lock().file.is_some()
     }
 
-    /// Flushes the file.
+    /// Flushes the file, and returns its first write error.
     pub fn finish(&self) -> anyhow::Result<()> {
         let mut trace = self.0.lock();
         if trace.shown.is_some() {
@@ -345,7 +347,7 @@ impl CsvTraceState {
         let Some(file) = &mut self.file else { return };
         let mut line = format!("{time_s:.6},{},{}", self.program, self.line);
         for axis in &self.axes {
-            // The addition removes the sign of a negative zero. Writing into a String never fails.
+            // Adding zero removes the sign of a negative zero. Writing into a `String` never fails.
             let _ = write!(line, ",{:.9}", position[axis.index()] + 0.0);
         }
         if self.with_spindle {
@@ -354,7 +356,7 @@ impl CsvTraceState {
         file.write(line);
     }
 
-    /// Shows the progress on a terminal, five times a second after the first second.
+    /// Shows the progress on a terminal: first after one second, then at most five times per second.
     fn show(&mut self, time_s: f64) {
         self.cycles += 1;
         if !self.cycles.is_multiple_of(1024) || !std::io::stderr().is_terminal() {
@@ -369,7 +371,7 @@ impl CsvTraceState {
             self.shown = Some(now);
             let (program, line) = (self.program, self.line);
             let mut stderr = io::stderr().lock();
-            // A closed terminal is no error.
+            // A closed terminal is not treated as an error.
             let _ = write!(
                 stderr,
                 "\rsimulated {time_s:.1} s, program {program} line {line}   "

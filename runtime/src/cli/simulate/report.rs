@@ -1,4 +1,4 @@
-//! Results of a simulation, as text and as JSON.
+//! Results of a simulation as text and as JSON.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use tandem_runtime::Runtime;
 use super::super::print_line;
 use super::recorder::Record;
 
-/// Result of a simulation: the part of the first coordinate system, and the parts of the others.
+/// Result of a simulation: the result of the first coordinate system, and the results of the others.
 #[derive(Serialize)]
 pub(in crate::cli) struct Outcome {
     #[serde(flatten)]
@@ -58,12 +58,13 @@ impl Outcome {
         self.parts().all(|part| part.record.alarm.is_null())
     }
 
-    /// Returns the time from the start of the first program to its end, s.
+    /// Returns the time from the start of the first program to the end of that program, s.
     pub fn cycle_time_s(&self) -> f64 {
         self.first.cycle_time_s
     }
 
-    /// Returns the reason why the first incomplete program ended, as a sentence; empty if all programs completed.
+    /// Returns the reason why the first incomplete program ended, as a sentence; empty if all programs were
+    /// completed.
     pub fn alarm_text(&self) -> String {
         self.parts()
             .find_map(SystemResult::alarm_text)
@@ -181,7 +182,7 @@ impl SystemResult {
     }
 }
 
-/// Returns the variables that are not zero, by number; values that are not numbers become strings.
+/// Returns the variables that are not zero, by number. Values such as NaN become strings.
 fn non_zero(variables: &VariableArray) -> Map<String, Value> {
     (0..variables.len())
         .filter_map(|index| Some((index, variables.get(index)?)))
@@ -196,7 +197,7 @@ fn non_zero(variables: &VariableArray) -> Map<String, Value> {
         .collect()
 }
 
-/// Rounds to the printed digits and removes the sign of a zero.
+/// Rounds a value to the printed digits, and removes the sign of a zero.
 fn without_rounding(value: f64) -> f64 {
     (value * 1e4).round() / 1e4 + 0.0
 }

@@ -1,4 +1,5 @@
-//! `simulate --steps`: a line for each block that moves, dwells, outputs or stops, written when the block ends.
+//! `simulate --steps`: writes a line for each block that moves, dwells, outputs or stops, when the block
+//! ends.
 
 use futures_util::FutureExt;
 use plc_api::port::Port;
@@ -10,13 +11,13 @@ use serde_json::{Map, Value, json};
 use tandem_model::flow::Transform;
 use tandem_model::{Axis, AxisVector};
 
-/// Returns the message currently published on a topic of a coordinate system.
+/// Returns the latest message on a topic of a coordinate system.
 pub(super) fn published(port: &dyn Port, cs: CoordinateSystemNumber, topic: CsTopic) -> Option<Payload> {
     let message = port.read(&Topic::cs(cs, topic)).now_or_never()??;
     Some(message.payload.clone())
 }
 
-/// A block in execution.
+/// A block that has begun and not ended.
 #[derive(Debug)]
 struct ExecutingBlock {
     program: u16,
@@ -49,7 +50,7 @@ impl ExecutingBlock {
     }
 }
 
-/// End of a block.
+/// State of a coordinate system at the end of a block.
 pub(super) struct BlockEndState<'a> {
     pub at_s: f64,
     pub machine: AxisVector,
@@ -60,7 +61,7 @@ pub(super) struct BlockEndState<'a> {
 impl BlockEndState<'_> {
     fn by_letter(&self, values: AxisVector) -> Value {
         let values = self.axes.iter().map(|axis| {
-            // the addition removes the sign of a negative zero
+            // Adding zero removes the sign of a negative zero.
             (axis.letter().to_string(), json!(values[*axis] + 0.0))
         });
         Value::Object(values.collect::<Map<_, _>>())
@@ -82,12 +83,12 @@ impl BlockEndState<'_> {
     }
 }
 
-/// The blocks of a coordinate system that have not ended.
+/// Blocks of a coordinate system that have begun and not ended.
 #[derive(Debug)]
 pub(super) struct UnfinishedBlocks {
     cs: CoordinateSystemNumber,
     open: Option<ExecutingBlock>,
-    /// Outputs that the program does not wait for.
+    /// Outputs for which the program does not wait, each as a separate block.
     beside: Vec<ExecutingBlock>,
 }
 
@@ -118,14 +119,14 @@ impl UnfinishedBlocks {
         }
     }
 
-    /// Records the start of a motion; returns the line of the previous block.
+    /// Records the start of a motion; returns the line of the previous block, which has ended.
     pub fn block(&mut self, port: &dyn Port, at: (u16, u32), end: &BlockEndState<'_>) -> Option<Value> {
         let over = self.close(end);
         self.open = Some(self.step(port, at, end.at_s));
         over
     }
 
-    /// Records an output; returns the line of the previous block if that is another one.
+    /// Records an output; returns the line of the previous block if the output belongs to another block.
     pub fn output(
         &mut self,
         port: &dyn Port,
@@ -146,7 +147,8 @@ impl UnfinishedBlocks {
         over
     }
 
-    /// Records a pause of the program; returns the line of the previous block if that is another one.
+    /// Records a pause of the program; returns the line of the previous block if the pause belongs to another
+    /// block.
     pub fn stop(
         &mut self,
         port: &dyn Port,
@@ -161,7 +163,7 @@ impl UnfinishedBlocks {
         over
     }
 
-    /// Records the reset of an output; returns its line if it has one of its own.
+    /// Records the reset of an output; returns the output's line if the program did not wait for it.
     pub fn reset(&mut self, seq: u64, end: &BlockEndState<'_>) -> Option<Value> {
         let of_block = self.open.as_mut().is_some_and(|step| step.reset(seq, end.at_s));
         if of_block {
@@ -174,7 +176,7 @@ impl UnfinishedBlocks {
         Some(end.line(self.cs, &self.beside.remove(index)))
     }
 
-    /// Records the end of the run; returns the remaining lines.
+    /// Records the end of the run; returns the lines of all blocks that have not ended.
     pub fn end_run(&mut self, end: &BlockEndState<'_>) -> Vec<Value> {
         let beside = std::mem::take(&mut self.beside);
         let beside = beside.iter().map(|step| end.line(self.cs, step));
@@ -182,7 +184,8 @@ impl UnfinishedBlocks {
         self.close(end).into_iter().chain(beside).collect()
     }
 
-    /// Assigns an event to the block that moved to this line, unless that block already has its output or stop.
+    /// Assigns an event to the block at this line. Begins a new block, unless the current one is at this line
+    /// and has neither output nor stop.
     fn enter(&mut self, port: &dyn Port, at: (u16, u32), end: &BlockEndState<'_>) -> Option<Value> {
         let goes_on =
             |step: &ExecutingBlock| step.is_at(at.0, at.1) && step.outputs.is_empty() && step.stop.is_null();

@@ -1,4 +1,4 @@
-//! `[alarm.N]`.
+//! Checks and converts `[alarm.N]`.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use plc_api::types::alarm_text::{ALARM_TEXTS_MAX, AlarmText};
 use super::super::AlarmConfig;
 use super::super::text::Problems;
 
-/// Returns the alarms of a configuration by their codes.
+/// Returns the alarm texts of a configuration by their codes.
 pub(super) fn alarm_texts(
     config: &BTreeMap<String, AlarmConfig>,
     problems: &mut Problems<'_>,

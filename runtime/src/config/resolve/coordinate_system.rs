@@ -1,4 +1,4 @@
-//! `[[coordinate_system]]`.
+//! Checks and converts `[[coordinate_system]]`.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! `[hmi]`, `[[hmi.button]]` and `[[hmi.card]]`.
+//! Checks and converts `[hmi]`, `[[hmi.button]]` and `[[hmi.card]]`.
 
 use std::path::Path;
 
@@ -15,16 +15,16 @@ use super::super::{Config, HmiConfig};
 use super::TableCheck;
 use crate::program_store::StoredProgram;
 
-/// Largest number of buttons, and of cards. Reason: they are shown on one panel.
+/// Maximum number of buttons, and of cards. Reason: one panel shows all of them.
 const ADDED_MAX: usize = 32;
-/// Largest number of characters of a button's text or a card's title.
+/// Maximum number of characters of a button's text or a card's title.
 const TEXT_MAX: usize = 40;
-/// Largest number of characters of a question, and of a line of NC text.
+/// Maximum number of characters of a question, and of a line of NC text.
 const LINE_MAX: usize = 200;
-/// Largest number of characters of a unit.
+/// Maximum number of characters of a unit.
 const UNIT_MAX: usize = 12;
 
-/// Inputs that a button switches; a card can show these and the locks.
+/// Inputs that a button can switch. A card can show these inputs and the locks.
 const SWITCHES: [&str; 3] = ["optional_stop", "single_block", "dry_run"];
 const LOCKS: [&str; 2] = ["interlock", "start_lock"];
 
@@ -68,7 +68,7 @@ impl Config {
     }
 }
 
-/// A button or a card to be checked.
+/// A button or a card that is being checked.
 struct HmiElementCheck<'a, 'b, 'c> {
     checked: TableCheck<'a, 'b>,
     systems: &'c [ConfiguredSystem],
@@ -173,7 +173,7 @@ impl HmiElementCheck<'_, '_, '_> {
         }
     }
 
-    /// Checks a line of NC text for its coordinate system, or for all of them.
+    /// Checks a line of NC text for a coordinate system, or for all coordinate systems if `cs` is `None`.
     fn line(&mut self, line: &str, cs: Option<CoordinateSystemNumber>) {
         self.text("mdi", line, LINE_MAX);
         let systems = self.systems;
@@ -224,7 +224,7 @@ impl HmiElementCheck<'_, '_, '_> {
         }
     }
 
-    /// Checks a file of the folder.
+    /// Checks that a file exists in the folder of the HMI, and that its name has one of the endings.
     fn file(&mut self, key: &str, name: &str, endings: &[&str]) {
         let is_kind = name
             .rsplit_once('.')
@@ -263,7 +263,7 @@ mod tests {
     const SMALL: &str = "[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
                          [[coordinate_system]]\nnumber = 1\naxes = { X = 1 }\n";
 
-    /// Returns the error for a configuration with these tables; empty if there is none.
+    /// Returns the error of a configuration with these tables; empty if the configuration is valid.
     fn refusal(tables: &str) -> String {
         let folder = tempfile::tempdir().unwrap();
         std::fs::create_dir(folder.path().join("hmi")).unwrap();

@@ -1,11 +1,11 @@
-//! `[identification]`.
+//! Checks and converts `[identification]`.
 
 use plc_api::types::machine::Identification;
 
 use super::super::Config;
 use super::super::text::Problems;
 
-/// Largest number of characters of a text. Reason: it is shown on a nameplate.
+/// Maximum number of characters of a text. Reason: nameplates show the texts.
 const TEXT_MAX: usize = 200;
 
 impl Config {

@@ -1,4 +1,4 @@
-//! `[input.interlock]` and `[input.start_lock]`.
+//! Checks and converts `[input.interlock]` and `[input.start_lock]`.
 
 use std::collections::BTreeMap;
 
@@ -29,7 +29,7 @@ impl InputConfig {
         }
     }
 
-    /// Returns interlock and start lock of a coordinate system.
+    /// Returns the rules for the interlock and the start lock of a coordinate system.
     pub(super) fn rules(&self, cs: CoordinateSystemNumber) -> [LockRules; 2] {
         [&self.interlock, &self.start_lock].map(|lock| lock.rules(cs))
     }

@@ -1,4 +1,4 @@
-//! `[io.in]` and `[io.out]`.
+//! Checks and converts `[io.in]` and `[io.out]`.
 
 use plc_api::types::ids::is_client_id;
 use plc_api::types::io::{
@@ -9,10 +9,10 @@ use super::super::text::Problems;
 use super::super::{IoConfig, IoPointConfig};
 use super::TableCheck;
 
-/// Largest number of characters of a text. Reason: it is one line of a card.
+/// Maximum number of characters of a text. Reason: the text is one line of a card.
 const TEXT_MAX: usize = 100;
 
-/// Largest number of characters of a unit.
+/// Maximum number of characters of a unit.
 const UNIT_MAX: usize = 16;
 
 impl IoConfig {
@@ -46,7 +46,7 @@ impl IoConfig {
 }
 
 impl IoPointConfig {
-    /// Checks that `keep` is used only for outputs, and `at_start` only with it.
+    /// Checks that `keep` is used only for outputs, and `at_start` only together with `keep`.
     fn check_loss(&self, side: IoSide, checked: &mut TableCheck<'_, '_>) {
         let is_kept = self.on_loss == Some(IoLoss::KEEP);
         match (is_kept, self.at_start) {

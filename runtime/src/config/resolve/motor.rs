@@ -1,4 +1,4 @@
-//! `[[motor]]`, `[[simulated_skip]]` and `[[simulated_round]]`.
+//! Checks and converts `[[motor]]`, `[[simulated_skip]]` and `[[simulated_round]]`.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use super::super::text::Problems;
 use super::super::{Config, EncoderKind, MotorConfig, POSITION_MAX, RoundKind};
 
 impl Config {
-    /// Returns the motors by number.
+    /// Returns the settings of the motors by number.
     pub(super) fn motors(&self, problems: &mut Problems<'_>) -> BTreeMap<u16, MotorSettings> {
         let mut motors = BTreeMap::new();
         for (index, motor) in self.motor.iter().enumerate() {
@@ -41,7 +41,7 @@ impl Config {
         motors
     }
 
-    /// Returns the simulated skip input of each motor that has one.
+    /// Returns the simulated skip inputs by motor number; motors without a skip input have no entry.
     pub(super) fn simulated_skips(
         &self,
         motors: &BTreeMap<u16, MotorSettings>,
@@ -110,7 +110,7 @@ impl Config {
 }
 
 impl MotorConfig {
-    /// Returns 0, or the soft limit nearest to it.
+    /// Returns 0 if the soft limits allow that position, otherwise the nearest soft limit.
     fn position_near_zero(&self) -> f64 {
         match self.soft_limits {
             Some([low, high]) if low > 0.0 && low < high => low,

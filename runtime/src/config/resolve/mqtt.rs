@@ -1,11 +1,11 @@
-//! `[mqtt]`.
+//! Checks `[mqtt]`.
 
 use super::super::{Broker, MqttConfig};
 use super::TableCheck;
 
 impl MqttConfig {
-    /// Checks the values, and rejects keys that have no effect with this broker. The files are checked when they are
-    /// used.
+    /// Checks the values, and rejects keys that have no effect with the configured broker. Files are checked
+    /// later, when they are used.
     pub(super) fn check(&self, checked: &mut TableCheck<'_, '_>) {
         let users = [
             ("username", self.username.is_some()),

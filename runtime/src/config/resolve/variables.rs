@@ -1,4 +1,4 @@
-//! `[[variables.published]]`.
+//! Checks and converts `[[variables.published]]`.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use super::super::text::Problems;
 use super::super::{CoordinateSystemConfig, PublishedConfig, VariablesConfig};
 use super::TableCheck;
 
-/// Ranges of published variables (first, length).
+/// Ranges of published variables by area, each as first number and length.
 pub(crate) type PublishedRanges = BTreeMap<VariableArea, Vec<(u32, u32)>>;
 
 impl VariablesConfig {
@@ -48,7 +48,7 @@ impl PublishedConfig {
         self.from.starts_with('P')
     }
 
-    /// Returns the number of the first variable.
+    /// Returns the number of the first variable of the range; `None` if it is invalid.
     fn first(&self, checked: &mut TableCheck<'_, '_>) -> Option<u32> {
         let (letter, len) = if self.is_global() {
             ('P', GLOBAL_VARIABLES)

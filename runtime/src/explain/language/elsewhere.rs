@@ -1,14 +1,15 @@
-//! Pages for words of other controls, and for names that are similar to those of the dialect.
+//! Pages for words of other controls, and for names that resemble names of the dialect.
 
 use tandem_interp::Dialect;
 use tandem_syntax::{Address, DiagnosticEntry, Grammar, VariableKind, diagnostics};
 
 use super::super::{of_diagnostic, page};
 
-/// Number of digits of a diagnostic without its leading zero.
+/// Number of digits of a diagnostic's number that is written without its leading zero.
 const SHORTENED: usize = 3;
 
-/// Returns the page of a word that the dialect does not have: its replacement, or why it is an error.
+/// Returns the page for a word that the dialect does not have: the replacement, or the reason why the word is
+/// an error.
 pub(in super::super) fn page_of(what: &str, dialect: &Dialect) -> Option<String> {
     let grammar = (dialect.grammar)();
     let (letters, value) = parted(what);
@@ -34,7 +35,8 @@ pub(in super::super) fn page_of(what: &str, dialect: &Dialect) -> Option<String>
     }
 }
 
-/// Returns the intended name: `X10` is a word X, `_CNC_CapturedPosition(2)` the variable with this index.
+/// Returns the name that a user means: `X10` means the word X, `_CNC_CapturedPosition(2)` the variable with
+/// this index.
 pub(in super::super) fn meant(what: &str) -> Option<String> {
     if let Some((name, index)) = what.strip_suffix(')').and_then(|what| what.split_once('(')) {
         return Some(format!("{name}{index}"));
@@ -44,7 +46,7 @@ pub(in super::super) fn meant(what: &str) -> Option<String> {
     is_word.then(|| letters.to_owned())
 }
 
-/// Splits a name into its letters, or one other character, and the rest.
+/// Splits a name into its leading letters (or one other character) and the rest.
 fn parted(what: &str) -> (&str, &str) {
     let letters = what.find(|character: char| !character.is_ascii_alphabetic());
     let first = what.chars().next().map_or(0, char::len_utf8);
@@ -60,13 +62,13 @@ fn is_diagnostic(letters: &str) -> bool {
     ["E", "W"].iter().any(|kind| kind.eq_ignore_ascii_case(letters))
 }
 
-/// Returns the diagnostic of `E101`.
+/// Returns the diagnostic E0101 for the shortened number `E101`, for example.
 fn shortened(letters: &str, digits: &str) -> Option<&'static DiagnosticEntry> {
     let entry = DiagnosticEntry::find(&format!("{letters}0{digits}"));
     entry.filter(|_| digits.len() == SHORTENED)
 }
 
-/// Returns the error for a code or a variable that does not exist.
+/// Returns the diagnostic that reports a code or variable that does not exist.
 fn none_of_its_kind(letters: &str, value: &str, grammar: &Grammar) -> Option<&'static DiagnosticEntry> {
     value.parse::<f64>().ok()?;
     let is_variable = |kind: VariableKind| kind.prefix().eq_ignore_ascii_case(letters);
@@ -80,7 +82,7 @@ fn none_of_its_kind(letters: &str, value: &str, grammar: &Grammar) -> Option<&'s
     }
 }
 
-/// Returns the page about comments in parentheses, if the dialect has another form of comments.
+/// Returns the page about comments in parentheses, if comments of this dialect have another form.
 fn comment(grammar: &Grammar) -> Option<String> {
     let open = grammar.line_comment?;
     Some(format!("Write a comment after {open}."))

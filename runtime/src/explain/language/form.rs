@@ -1,10 +1,11 @@
-//! Pages of the form of a program: block numbers, block skip, comments, and the frame of dialects that require one.
+//! Pages about the form of a program: block numbers, block skip, comments, and the frame that some dialects
+//! require.
 
 use tandem_syntax::Grammar;
 
 use super::super::{indented, page};
 
-/// A form element that has a page.
+/// Form element of a program that has a page.
 enum Form {
     BlockNumber,
     BlockSkip,
@@ -25,7 +26,7 @@ pub(super) fn names(grammar: &Grammar) -> Vec<String> {
         .collect()
 }
 
-/// Returns the page of a form element, named as it is written.
+/// Returns the page of a form element; `what` is the element as a program contains it.
 pub(super) fn page_of(what: &str, grammar: &Grammar) -> Option<String> {
     let (form, name) = find(what, grammar)?;
     let (title, lines, text) = match form {

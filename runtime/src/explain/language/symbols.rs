@@ -1,8 +1,8 @@
-//! Pages of operators and brackets.
+//! Pages about operators and brackets.
 
 use super::super::{indented, page};
 
-/// Spellings, title, example and description of a symbol.
+/// A symbol: its spellings, title, example and description.
 type Symbol = (&'static [&'static str], &'static str, &'static str, &'static str);
 
 const COMPARED: &str = "Compares two numbers; a comparison with NaN (not a number) is false. The result is \
@@ -98,13 +98,13 @@ static ALL: &[Symbol] = &[
     ),
 ];
 
-/// Returns all symbols.
+/// Returns the names of all symbols.
 pub(super) fn names() -> impl Iterator<Item = String> {
     ALL.iter()
         .flat_map(|(names, ..)| names.iter().map(|name| (*name).to_owned()))
 }
 
-/// Returns the page of a symbol.
+/// Returns the page of the symbol `what`; `None` if it is not a symbol.
 pub(super) fn page_of(what: &str) -> Option<String> {
     let (names, title, form, text) = ALL.iter().find(|(names, ..)| names.contains(&what))?;
     let order = if matches!(*title, "and" | "or" | "not") {
