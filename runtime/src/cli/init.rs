@@ -25,8 +25,8 @@ const NAME: &str = "my-machine";
 /// Largest number of characters of a name, as for an MQTT topic level.
 const NAME_MAX: usize = 32;
 
-/// Names that a package cannot have: keywords and crates of Rust, folders that cargo creates, and packages that
-/// the project uses.
+/// Names that a package cannot have: keywords and crates of Rust, folders that cargo creates, and packages
+/// that the project uses.
 const TAKEN: &[&str] = &[
     "abstract",
     "alloc",

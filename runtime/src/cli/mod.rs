@@ -44,7 +44,7 @@ const EXIT_FOUND: u8 = 1;
 /// Exit code: a file could not be read, or the arguments cannot be used.
 const EXIT_UNREADABLE: u8 = 2;
 
-/// The exit code of a command. An error is printed, and its exit code is [`EXIT_UNREADABLE`].
+/// The exit code of a command. An error is printed, and the process ends with [`EXIT_UNREADABLE`].
 type CommandResult = anyhow::Result<u8>;
 
 #[derive(Parser)]

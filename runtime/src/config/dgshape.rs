@@ -13,8 +13,8 @@ use super::{POSITION_MAX, RATE_MAX, RATE_MIN};
 #[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DgshapeConfig {
-    /// Numbers without a decimal point that are in mm, inches, degrees, mm/min or seconds. All others count increments:
-    /// 0.001 mm, 0.0001 inch, `angle_increment`, 0.001 mm/min, ms.
+    /// Numbers without a decimal point whose unit is mm, inch, degree, mm/min or second. All other numbers
+    /// without a decimal point count increments: 0.001 mm, 0.0001 inch, `angle_increment`, 0.001 mm/min, ms.
     #[serde(with = "CalculatorWord")]
     pub calculator: Calculator,
     /// Increment of an angle without a decimal point, in degrees.

@@ -16,7 +16,8 @@ pub struct HmiConfig {
     /// Addresses of further machines for the page that shows several machines, such as `http://mill-2:8080`; at most
     /// 31.
     pub machines: Vec<String>,
-    /// Longest jog that needs no refresh, on every transport. It moves its whole distance unless it is stopped.
+    /// Longest jog that needs no refresh, on every transport. Such a jog moves its whole distance unless it
+    /// is stopped.
     #[schemars(range(min = 0, max = 1000), extend("x-unit" = "mm or deg"))]
     pub jog_step_max: f64,
     /// Every client that reaches the HMI may hold, stop and abort without a login, at most 5 times per second and host.

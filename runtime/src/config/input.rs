@@ -31,8 +31,8 @@ pub struct LockConfig {
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LockSourceConfig {
-    /// Value of this source from every start until its handler sets it, and while the handler is offline; default that
-    /// of the input, otherwise `on`.
+    /// Value of this source from every start until its handler sets the source, and while the handler is
+    /// offline. Default: `on_loss` of the input, otherwise `on`.
     pub on_loss: Option<OnLoss>,
     /// Coordinate systems that have this source; default all.
     pub coordinate_systems: Vec<u8>,

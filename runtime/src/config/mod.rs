@@ -153,9 +153,9 @@ pub struct MachineConfig {
     pub presence_expires_ms: u64,
     /// Folder for programs and all other persistent data.
     pub data_dir: PathBuf,
-    /// File that describes the M codes of the sequence programs and their parameters. While no handler is online,
-    /// `tandem check`, `tandem explain` and editors read this file. `SequenceProgram::served` writes it, or
-    /// `curl` of `/api/v1/machine`. A running machine asks its handlers instead.
+    /// File that describes the M codes of the sequence programs and their parameters. While no handler is
+    /// online, `tandem check`, `tandem explain` and editors read this file. `SequenceProgram::served` writes
+    /// the file, or `curl` of `/api/v1/machine`. A running machine asks its handlers instead.
     pub served: Option<PathBuf>,
 }
 
@@ -294,7 +294,7 @@ pub struct CoordinateSystemConfig {
     pub dialect: &'static Dialect,
     /// Axis letter to motor number.
     pub axes: BTreeMap<String, u16>,
-    /// Motor number of the spindle, if it has one.
+    /// Motor number of the spindle; without this key, the coordinate system has no spindle.
     pub spindle: Option<u16>,
     /// Highest feedrate. In G20 the unit of the value is inch/min (manual, G20 and G21). The limits of the motors apply
     /// as well.
@@ -408,8 +408,8 @@ pub struct ToolConfig {
 #[derive(Debug, Clone, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MCodeConfig {
-    /// Name of its function, such as `clamp`, for alarms, `birth` and panels; 1 to 40 characters. A handler can declare
-    /// it as well.
+    /// Name of the M code's function, such as `clamp`, for alarms, `birth` and panels; 1 to 40 characters. A
+    /// handler can also declare this name.
     pub name: Option<String>,
     /// Parameters of the M code, `VA` to `VH`, each a table; `{}` means no parameters. A program with other parameters,
     /// or with numbers outside their ranges, is not loaded. Without this key, only the declarations of handlers apply.
@@ -422,22 +422,22 @@ pub struct MCodeConfig {
     /// Time limit from the output to the reset; when it expires, an alarm is raised.
     #[schemars(range(min = 1, max = TIME_MAX_MS), extend("x-unit" = "ms"))]
     pub timeout_ms: Option<u64>,
-    /// Action for an output that was claimed when its handler was lost: `ask` leaves it to an operator, `verify` and
-    /// `redo` deliver it to a handler again. A handler may declare it as well; the strictest applies (`ask`, then
-    /// `verify`, then `redo`). The default is `ask`.
+    /// Action for an output that was claimed when its handler was lost: `ask` leaves it to an operator,
+    /// `verify` and `redo` deliver it to a handler again. A handler may also declare an action; the strictest
+    /// applies (`ask`, then `verify`, then `redo`). The default is `ask`.
     pub redelivery: Option<plc_api::types::output::Redelivery>,
     /// State that is shown while the program waits for the M code.
     pub wait_state: Option<String>,
-    /// Action of the stock sequence program if no handler is registered. `select_tool` also declares that VA is the
-    /// tool that the M code brings into the spindle. Paths and times planned ahead rely on it, also if a handler
-    /// changes the tool.
+    /// Action of the stock sequence program if no handler is registered. `select_tool` also declares that VA
+    /// is the tool that the M code brings into the spindle. Paths and times planned ahead rely on this
+    /// declaration, also if a handler changes the tool.
     pub stock: Option<Stock>,
     /// Group for a start from a line: the last M code of each group before that line is issued again. M codes of a
     /// group replace each other, such as those of the coolant. Default `spindle` for M03, M04, M05 and M19, `tool`
     /// where `stock` is `select_tool`, otherwise none; M codes without a group are not issued again.
     pub restore_group: Option<String>,
-    /// Order of these outputs, lowest first; equal ones keep the order of the program. Default 10 in `tool`, 30 in
-    /// `spindle`, otherwise 20.
+    /// Order of the outputs of a start from a line, lowest first; outputs with equal values keep the order of
+    /// the program. Default 10 in group `tool`, 30 in group `spindle`, otherwise 20.
     #[schemars(range(min = 0, max = 1000))]
     pub restore_order: Option<u16>,
     /// Time that the stock sequence program takes.

@@ -2,12 +2,12 @@
 //!
 //! Each value in the store has a checksum, and the structure of the store has its own checksums. The separate
 //! checksum file records the number of the last change and the checksum of each value. Three cases:
-//! - The structure is intact and not older than the checksum file: all values are trusted. If the checksum file cannot be
-//!   used, an intact structure is still trusted, and reported as not verified.
-//! - The structure is damaged or older: a value is trusted if its checksum matches the recorded one, at any offset in the
-//!   file, because it is then the last value written. All other values are lost.
-//! - The structure is damaged and no checksums are recorded: the last value cannot be distinguished from an older one, so
-//!   all values are lost.
+//! - The structure is intact and not older than the checksum file: all values are trusted. If the checksum
+//!   file cannot be used, an intact structure is still trusted, and reported as not verified.
+//! - The structure is damaged or older: a value is trusted if its checksum matches the recorded one, at any
+//!   offset in the file, because it is then the last value written. All other values are lost.
+//! - The structure is damaged and no checksums are recorded: the last value cannot be distinguished from an
+//!   older one, so all values are lost.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;

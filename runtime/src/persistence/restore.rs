@@ -294,8 +294,8 @@ mod tests {
 
     #[test]
     fn a_kept_value_counts_until_the_configuration_says_another() {
-        // In order: measured; measured, then edited in the configuration; removed from the table; removed from the
-        // configuration; added to the table; added to the configuration.
+        // In order: measured; measured, then edited in the configuration; removed from the table; removed
+        // from the configuration; added to the table; added to the configuration.
         for (then, kept, configured, now) in [
             (Some(10), Some(11), Some(10), Some(11)),
             (Some(20), Some(22), Some(25), Some(25)),

@@ -206,8 +206,7 @@ impl Source {
         change
     }
 
-    /// Adds active runs, and runs that have ended since the last check. Of the latter, only the newest that
-    /// are not stored are added.
+    /// Adds the active runs, and the ended runs that are not stored yet.
     fn changed_runs(&self, kept: &Image, all: &mut Image) {
         let runs = self.runs.lock();
         let mut change = Image::default();
@@ -229,7 +228,7 @@ impl Source {
             keep(&mut change.values, PRODUCTION_KEY.to_owned(), &production);
         }
         let mut change = change.beyond(kept);
-        // The same commit stores the numbers of the journal lines that these values include.
+        // This commit also stores the numbers of the journal lines that these values include.
         if !change.is_empty() {
             keep(&mut change.values, RUN_LINES_KEY.to_owned(), runs.lines());
         }
@@ -356,7 +355,7 @@ impl threads::Work for StateWriterWork {
 
     fn round(&mut self, mut patience: Duration) -> bool {
         let (mut values, mut waiting, mut open) = (KeptValues::new(), Vec::new(), true);
-        // The same commit writes all values that callers have sent in the meantime.
+        // One commit writes all values that callers have sent in the meantime.
         while open {
             match self.inbox.recv_timeout(std::mem::take(&mut patience)) {
                 Ok(StateWriterMessage::Write(more, done)) => {

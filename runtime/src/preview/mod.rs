@@ -475,7 +475,7 @@ impl Inner {
         }
     }
 
-    /// Orders plans for runs and loaded programs whose plan is missing or was made for other conditions.
+    /// Orders missing plans for runs and loaded programs, and plans for changed conditions.
     fn want_loaded(&self) {
         for (configured, view) in &self.systems {
             let cs = configured.settings.number;

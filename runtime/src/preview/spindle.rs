@@ -10,8 +10,7 @@ pub(super) struct PlannedSpindle {
     /// Acceleration, r/min per second.
     acceleration: f64,
     max_rpm: f64,
-    /// Maximum difference from the commanded speed at which the speed counts as reached, as a share of that
-    /// speed.
+    /// Largest difference from the commanded speed, as a share of it, at which the speed is treated as reached.
     within: f64,
     /// Signed speed at the time `at_s`, and the target speed, r/min.
     rpm: f64,

@@ -25,7 +25,7 @@ pub enum EditKind {
     Upload,
     /// A different program replaced the previous one.
     Replace,
-    /// The same program was stored again.
+    /// An identical program was stored again.
     Unchanged,
     /// The program was removed.
     Delete,
@@ -36,7 +36,7 @@ pub enum EditKind {
 }
 
 impl Edit {
-    /// Creates the record of a program whose file was changed outside of the runtime.
+    /// Creates the record for a change of a program's file outside of the runtime.
     pub(super) fn outside(program: u16, old: Option<String>, new: Option<&str>) -> Self {
         Self {
             program,

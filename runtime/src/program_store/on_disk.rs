@@ -1,5 +1,5 @@
-//! The folder of a program store. It is read when it is opened, and again if files change outside of the
-//! running runtime.
+//! The folder of a program store. The store reads the folder when it opens the folder, and again if files
+//! change outside of the runtime.
 
 use std::io;
 use std::path::{Path, PathBuf};

@@ -73,7 +73,7 @@ impl Handler {
                 .connect(&self.id, Some((self.topic("presence"), gone)));
             self.serve(wire).await;
             if self.random.percent(30) {
-                // A new process of the handler begins; it does not know the outputs of the previous one.
+                // A new process of the handler begins, without the outputs of the previous process.
                 self.jobs.clear();
                 self.processes += 1;
             }

@@ -127,7 +127,7 @@ impl Losses {
         };
         let next_limit = self.planned.get(index + 1).and_then(|next| next.speed_limit);
         let piece = &mut self.planned[index];
-        // Durations with a pace are plan time; `of_pace` is the rate of plan time.
+        // The duration of a profile with a pace is plan time, which runs faster by the factor `of_pace`.
         let (block, of_pace) = match &profile.law {
             Law::Ramped { block, .. } => (Some(block), 1.0),
             Law::Paced { block, pace } => (Some(block), pace.feed_override),
