@@ -153,8 +153,8 @@ impl Server<'_> {
         self.untimed.as_ref().map(|_| SETTLED)
     }
 
-    /// Waits for the exit notification of the editor and returns true if it arrives. Ignores other messages
-    /// meanwhile.
+    /// Waits for the exit notification of the editor, and returns true if it arrives. Rejects requests
+    /// meanwhile, and ignores other messages.
     fn ends(&self) -> bool {
         loop {
             match self.connection.receiver.recv_timeout(EXIT_MAX) {
