@@ -1,8 +1,8 @@
-//! Results of operators and functions (manual 4-1; D07 to D10).
+//! Evaluation of the operators and functions of the NC language (manual 4-1; D07 to D10).
 
 use tandem_syntax::{Function, Operator};
 
-/// Returns the result of an arithmetic operator; NaN for other operators.
+/// Returns the result of an arithmetic operator, or NaN if `operator` is not arithmetic.
 pub(crate) fn binary(operator: Operator, left: f64, right: f64) -> f64 {
     match operator {
         Operator::Add => left + right,
@@ -10,12 +10,12 @@ pub(crate) fn binary(operator: Operator, left: f64, right: f64) -> f64 {
         Operator::Multiply => left * right,
         Operator::Divide => left / right,
         Operator::Modulo => left % right,
-        // a condition, which the parser never accepts as a number
+        // an operator of conditions; the parser rejects a condition that is used as a number
         _ => f64::NAN,
     }
 }
 
-/// Returns the result of a comparison; `None` for operators that do not compare.
+/// Returns the result of a comparison, or `None` if `operator` does not compare.
 #[expect(clippy::float_cmp, reason = "the language compares exactly")]
 pub(crate) fn compare(operator: Operator, left: f64, right: f64) -> Option<bool> {
     Some(match operator {
@@ -29,16 +29,16 @@ pub(crate) fn compare(operator: Operator, left: f64, right: f64) -> Option<bool>
     })
 }
 
-/// Returns the label that a `switch` selects: truncated toward zero (D10). `None` for NaN and for values that are too
-/// large.
+/// Returns the `case` label that a `switch` selects: `value` truncated toward zero (D10). Returns `None` if
+/// `value` is NaN or its magnitude exceeds 2^53.
 #[expect(clippy::cast_possible_truncation, reason = "the range is tested")]
 pub(crate) fn label(value: f64) -> Option<i64> {
     const LARGEST: f64 = 9_007_199_254_740_992.0;
     (value.abs() <= LARGEST).then_some(value as i64)
 }
 
-/// Returns the value of a function; outside its domain (manual 4-1-3) it is not a number, for log(0) minus
-/// infinity.
+/// Returns the value of a function. Outside the domain of the function (manual 4-1-3), the value is NaN;
+/// log(0) is minus infinity.
 pub(crate) fn call(function: Function, x: f64, y: f64) -> f64 {
     match function {
         Function::Abs => x.abs(),
@@ -80,7 +80,8 @@ pub(crate) fn call(function: Function, x: f64, y: f64) -> f64 {
     }
 }
 
-/// Returns the sine of degrees, exact at quarter turns.
+/// Returns the sine of an angle in degrees: exact at multiples of 90 degrees, `otherwise` at all other
+/// angles.
 fn sine_of_degrees(degrees: f64, otherwise: f64) -> f64 {
     let turn = degrees.rem_euclid(360.0);
     if turn.rem_euclid(180.0).abs() <= 0.0 {
@@ -94,8 +95,8 @@ fn sine_of_degrees(degrees: f64, otherwise: f64) -> f64 {
     }
 }
 
-/// Returns the tangent of degrees, exact at half turns; not a number at odd quarter turns, which are outside
-/// its domain.
+/// Returns the tangent of an angle in degrees: exactly 0 at multiples of 180 degrees, and NaN at odd
+/// multiples of 90 degrees, which are outside the domain.
 fn tangent_of_degrees(degrees: f64) -> f64 {
     let half_turn = degrees.rem_euclid(180.0);
     if half_turn.abs() <= 0.0 {
@@ -107,8 +108,8 @@ fn tangent_of_degrees(degrees: f64) -> f64 {
     }
 }
 
-/// Returns the angle of (x, y) for `atan2(y, x)`; not a number when both are zero, which is outside its
-/// domain.
+/// Returns the angle of the point (x, y) in radians, or NaN if both are zero, which is outside the domain of
+/// `atan2(y, x)`.
 fn arc_tangent(y: f64, x: f64) -> f64 {
     if x.abs() <= 0.0 && y.abs() <= 0.0 {
         f64::NAN
@@ -117,7 +118,7 @@ fn arc_tangent(y: f64, x: f64) -> f64 {
     }
 }
 
-/// Returns -1, 0 or 1 (D08).
+/// Returns the sign of `x`: -1, 0 or 1 (D08); NaN for NaN.
 fn sign(x: f64) -> f64 {
     if x.abs() > 0.0 { x.signum() } else { x.abs() }
 }

@@ -1,5 +1,5 @@
-//! A block's words, sorted: its codes, which code takes which word, and the values. The rules of a single block are
-//! written here once; the checker lists violations, and the interpreter raises an alarm.
+//! Words of one block, sorted: the codes, the code that takes each word, and the values. The rules of a
+//! single block are checked only here: the checker lists violations, and the interpreter raises an alarm.
 
 use tandem_model::limits::M_CODE_MAX;
 use tandem_model::settings::{MCodeSet, NcOptions};
@@ -15,14 +15,14 @@ use crate::modal::Modal;
 use crate::text_position::TextPosition;
 use crate::{numbers, restrictions};
 
-/// The words of arcs and fixed cycles.
+/// Addresses other than axes whose words arcs and fixed cycles take.
 const MOTION_WORDS: AddressSet =
     AddressSet::from_addresses(&[Address::I, Address::J, Address::K, Address::R, Address::P]);
 
-/// G codes of one block: one of each modal group, G09, and one more that is not modal.
+/// Maximum number of G codes in a block: one of each modal group, G09, and one other code that is not modal.
 const G_CODES_MAX: usize = ModalGroup::COUNT + 1;
 
-/// The words of VA to VH.
+/// Addresses VA to VH: the parameters of M codes.
 const PARAMETERS: AddressSet = AddressSet::from_addresses(&[
     Address::Va,
     Address::Vb,
@@ -34,56 +34,58 @@ const PARAMETERS: AddressSet = AddressSet::from_addresses(&[
     Address::Vh,
 ]);
 
-/// The words of one block.
+/// Words of one block, with the codes that take them.
 #[derive(Debug)]
 pub struct BlockWords {
-    /// The addresses of the block, except G, M and N.
+    /// Addresses of the words in the block, except G, M and N.
     pub present: AddressSet,
     values: [f64; Address::COUNT],
     g_codes: [(&'static Code, usize); G_CODES_MAX],
     g_count: usize,
     m_code: Option<(&'static Code, u16)>,
-    /// The words that codes of the block have as their own, except the active motion.
+    /// Addresses that the codes of the block take, motions and fixed cycles excepted.
     pub own: AddressSet,
-    /// The axis words that the active motion or fixed cycle takes.
+    /// Addresses of the axis words that the active motion or fixed cycle takes.
     pub axis_words: AddressSet,
-    /// Place of the first axis word among the words of the block.
+    /// Index of the first axis word among the words of the block.
     pub first_axis_place: Option<usize>,
-    /// The motion or fixed cycle that takes words of the block. `None` if it is unknown, or if another code has its own
-    /// axis words.
+    /// The motion or fixed cycle that takes words of the block. `None` if it is unknown, or if another code
+    /// of the block takes axis words.
     pub(crate) taker: Option<&'static Code>,
-    /// The addresses of `taker`, kept from block to block because it rarely changes.
+    /// Addresses that `taker` can take, kept from block to block because `taker` rarely changes.
     taker_addresses: AddressSet,
-    /// The words that the motion or fixed cycle takes.
+    /// Addresses of the words of the block that `taker` takes.
     pub(crate) taken: AddressSet,
-    /// Malformed words, which have no value.
+    /// Addresses of malformed words, whose value is NaN.
     refused: AddressSet,
-    /// Words with variables in place of numbers.
+    /// Addresses of words with a variable in place of a number.
     pub(crate) indirect: AddressSet,
-    /// Words whose variables have a value that the text does not show.
+    /// Addresses of words with a variable whose value the text does not show.
     unknown: AddressSet,
-    /// Words whose value is the one that the program wrote, unless another writer changed it meanwhile.
+    /// Addresses of words with a variable that another writer may have changed after the program wrote it.
     pub(crate) doubtful: AddressSet,
-    /// True if a code could not be read; words that no other code takes may belong to it.
+    /// True if a code of the block is unknown; a word that no other code takes may belong to the unknown
+    /// code.
     unknown_code: bool,
-    /// True if the block has a word other than its number.
+    /// True if the block has a word other than its block number (N).
     pub any: bool,
 }
 
-/// Data with which a block is read.
+/// Data that the reading of a block needs, in addition to the block.
 #[derive(Clone, Copy)]
 pub(crate) struct Reading<'a> {
     /// The dialect.
     pub(crate) dialect: &'static Dialect,
-    /// The modal state before the block. If it has no motion, the code that takes the words is unknown.
+    /// Modal state before the block. If this state has no motion code, the code that takes axis words is
+    /// unknown.
     pub(crate) modal: &'a Modal,
-    /// The variables of indirections.
+    /// Source of the values of variables in words such as `X[L12]`.
     pub(crate) known: VariableSource<'a>,
-    /// Position at the start of the block, as far as the text shows.
+    /// Position at the start of the block; NaN for each axis whose position the text does not show.
     pub(crate) position: &'a TextPosition,
-    /// Amount by which a radius may be smaller than half the chord, mm (D26).
+    /// Amount by which the radius R of an arc may be smaller than half the chord, mm (D26).
     pub(crate) arc_radius_tolerance_mm: f64,
-    /// Options for the reading of numbers.
+    /// Settings that select how numbers are read.
     pub(crate) options: &'a NcOptions,
 }
 
@@ -110,39 +112,40 @@ impl BlockWords {
         }
     }
 
-    /// Returns the value of a word; not a number for an indirection.
+    /// Returns the value of a word, or `None` if the block has no such word. A variable of unknown value
+    /// gives NaN.
     pub fn get(&self, address: Address) -> Option<f64> {
         self.present
             .contains(address)
             .then(|| self.values[address as usize])
     }
 
-    /// Returns the G codes in the order of the text, each with its place among the words.
+    /// Returns the G codes in the order of the text, each with the index of its word in the block.
     pub fn g_codes(&self) -> &[(&'static Code, usize)] {
         &self.g_codes[..self.g_count]
     }
 
-    /// Returns the G codes without places.
+    /// Returns the G codes without the indices of their words.
     pub(crate) fn codes(&self) -> impl Iterator<Item = &'static Code> {
         self.g_codes().iter().map(|(code, _)| *code)
     }
 
-    /// Returns the M code.
+    /// Returns the M code of the block.
     pub fn m_code(&self) -> Option<&'static Code> {
         self.m_code.map(|(code, _)| code)
     }
 
-    /// Returns the number of the M code; 0 without one.
+    /// Returns the number of the M code; 0 if the block has no M code.
     pub fn m_number(&self) -> u16 {
         self.m_code.map_or(0, |(_, number)| number)
     }
 
-    /// Returns true if the block has one of VA to VH.
+    /// Returns true if the block has a word with one of the addresses VA to VH.
     pub(crate) fn has_parameters(&self) -> bool {
         !self.present.intersection(PARAMETERS).is_empty()
     }
 
-    /// Returns the values that G codes of the block set.
+    /// Returns the modal values that the G codes and the M code of the block set.
     pub(crate) fn sets(&self) -> InForce {
         let mut sets = InForce::default();
         for value in self.codes().chain(self.m_code()).filter_map(|code| code.sets) {
@@ -326,7 +329,8 @@ impl BlockWords {
         };
     }
 
-    /// Returns the value of a variable that is used as a number; NaN, which is recorded, if the text does not show it.
+    /// Returns the value of the variable in a word. If the text does not show the value, records that and
+    /// returns NaN.
     #[inline(never)]
     fn variable_value(&mut self, address: Address, variable: Variable, known: &VariableSource<'_>) -> f64 {
         let (range, trust) = match known {
@@ -345,7 +349,8 @@ impl BlockWords {
         })
     }
 
-    /// Converts written numbers to values, and checks their form. A wrong number has no value.
+    /// Converts numbers that count increments to values, and checks their form. A malformed number becomes
+    /// NaN.
     #[inline(never)]
     fn count_increments(&mut self, words: &[Word], with: &Reading<'_>, fault: &mut dyn FnMut(Diagnostic)) {
         let unit = self.sets().unit.or(with.modal.in_force.unit).unwrap_or_default();
@@ -372,7 +377,7 @@ impl BlockWords {
         }
     }
 
-    /// Determines which code takes which words.
+    /// Assigns the words of the block to the codes that take them, and reports a word that two codes take.
     fn take_words(
         &mut self,
         program: &NcProgram,
@@ -399,7 +404,8 @@ impl BlockWords {
         }
     }
 
-    /// Returns the words that codes of the block have as their own, and those that more than one of them has.
+    /// Returns the addresses that the codes of the block take, without motion and fixed cycle, and those that
+    /// two codes take.
     #[inline(never)]
     fn own_words(&self) -> (AddressSet, AddressSet) {
         let mut own = AddressSet::EMPTY;
@@ -422,7 +428,8 @@ impl BlockWords {
         }
     }
 
-    /// Returns the code that takes axis words: a motion of the block ends a fixed cycle.
+    /// Returns the motion or fixed cycle that takes axis words. A motion code in the block ends a fixed
+    /// cycle.
     fn taker_in_force(&self, modal: &Modal) -> Option<&'static Code> {
         let of = |group| self.codes().find(|code| code.group == group);
         of(ModalGroup::Motion).or_else(|| match of(ModalGroup::FixedCycle) {
@@ -432,7 +439,7 @@ impl BlockWords {
         })
     }
 
-    /// Returns the description of a word of this block: by the code that takes it.
+    /// Returns the description of a word of this block, from the code that takes the word.
     #[inline]
     pub(crate) fn spec(&self, address: Address, dialect: &Dialect) -> Option<&'static WordSpec> {
         if self.taken.contains(address) {
@@ -442,7 +449,7 @@ impl BlockWords {
         }
     }
 
-    /// Returns the description of a word that the motion or fixed cycle does not take.
+    /// Returns the description of a word that neither a motion nor a fixed cycle takes.
     #[inline(never)]
     fn spec_of_rest(&self, address: Address, dialect: &Dialect) -> Option<&'static WordSpec> {
         if self.own.contains(address) {
@@ -454,7 +461,7 @@ impl BlockWords {
         dialect.modal_words.get(address)
     }
 
-    /// Checks whether a word is taken, and its value.
+    /// Checks that a code takes the word, and that the value of the word is in its range.
     fn validate_word(&self, word: &Word, with: &Reading<'_>, fault: &mut dyn FnMut(Diagnostic)) {
         let dialect = with.dialect;
         let Some(spec) = self.spec(word.address, dialect) else {
@@ -473,7 +480,8 @@ impl BlockWords {
         let may_differ = self.unknown_code && !dialect.modal_words.is_feed_word(word.address);
         let has_least = word.address == Address::F && dialect.policy.least_feedrate(with.options) > 0.0;
         if may_differ || has_least || self.refused.contains(word.address) {
-            // a code that is not known may read it differently; a feedrate is never less than the least one
+            // an unknown code may give the word another range; an F below the least feedrate is raised, not
+            // rejected
             return;
         }
         validate_value(spec, value, word.span(), fault);
@@ -498,20 +506,21 @@ impl BlockWords {
         }
     }
 
-    /// Returns true if a motion or fixed cycle that the text does not show may take the word.
+    /// Returns true if a motion or fixed cycle that the text does not show may take a word with this address.
     fn may_be_taken(&self, address: Address) -> bool {
         self.taker.is_none()
             && self.own.intersection(AXIS_ADDRESSES).is_empty()
             && MOTION_WORDS.contains(address)
     }
 
-    /// Returns true if a word is not checked because the code that takes it is unknown.
+    /// Returns true if a word of the block cannot be checked, because the code that takes the word is
+    /// unknown.
     pub(crate) fn is_taking_unclear(&self) -> bool {
         let rest = self.present.without(self.own).intersection(MOTION_WORDS);
         rest.iter().any(|address| self.may_be_taken(address))
     }
 
-    /// Checks requirements on combinations of codes.
+    /// Checks the words that each code requires, and the combinations of codes that are not allowed.
     fn validate_codes(
         &self,
         program: &NcProgram,
@@ -527,7 +536,7 @@ impl BlockWords {
         }
     }
 
-    /// Checks each code's requirements on its words.
+    /// Checks that the words of each code are complete, and runs the own check of each code.
     #[inline(never)]
     fn validate_own_words(&self, program: &NcProgram, block: &Block, fault: &mut dyn FnMut(Diagnostic)) {
         for code in self.codes_with_words() {
@@ -552,7 +561,7 @@ impl BlockWords {
         self.g_count > 0 || self.m_code.is_some()
     }
 
-    /// Returns the codes of the block that have their own words, except the active motion.
+    /// Returns the codes of the block that take words, motions and fixed cycles excepted.
     fn codes_with_words(&self) -> impl Iterator<Item = &'static Code> {
         self.codes().chain(self.m_code()).filter(|code| {
             !code.words.is_empty() && !matches!(code.group, ModalGroup::Motion | ModalGroup::FixedCycle)
@@ -579,7 +588,7 @@ fn shared_word(span: Span, address: Address) -> Diagnostic {
     )
 }
 
-/// Returns a refusal at its word, or at the block when it has no such word.
+/// Converts a refusal to a diagnostic at the refused word, or at the block if the block has no such word.
 fn at_word(program: &NcProgram, block: &Block, refusal: Refusal) -> Diagnostic {
     let span = program.span_of(block, refusal.address);
     refusal.entry.at(span, refusal.message, refusal.help)

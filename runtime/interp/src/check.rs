@@ -1,8 +1,10 @@
-//! Checks a program before anything moves: every block in every state that a run can reach it with.
+//! Checks a program before any motion. Each block is checked in every state in which a run can reach the
+//! block.
 //!
-//! A state is the modal state, the programmed point and the values of variables, as far as the text shows them. States
-//! are followed through branches, loops and calls until no new one is found ([`explore`]). A fault in all states of a
-//! block is an error; a fault in some of them is a warning that names the path ([`verdict`]).
+//! A state consists of the modal state, the programmed point and the values of variables, as far as the text
+//! shows them. The checker follows states through branches, loops and calls until it finds no new state
+//! ([`explore`]). A fault in all states of a block is an error. A fault in only some of them is a warning
+//! that names the path ([`verdict`]).
 
 mod block;
 mod codes;
@@ -24,7 +26,7 @@ use tandem_syntax::{DIAGNOSTICS_MAX, Grammar, NcProgram, diagnostics, parse};
 use crate::dialect::Dialect;
 use explore::Explorer;
 
-/// The programs that calls can find.
+/// The programs that a call (M98) can find.
 pub trait Programs: std::fmt::Debug {
     /// Returns the program with this number, or `None` if it does not exist.
     fn find(&self, number: u16) -> Option<Arc<NcProgram>>;
@@ -36,38 +38,40 @@ impl Programs for BTreeMap<u16, Arc<NcProgram>> {
     }
 }
 
-/// Machine data for the checker; a check that needs a `None` field is skipped.
+/// Machine data for the checker. If a field is `None`, the checker skips the checks that need this field.
 ///
-/// Build it with `..CheckContext::default()`: later versions add fields.
+/// Build a context with `..CheckContext::default()`, because later versions add fields.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct CheckContext<'a> {
     /// The axes of the coordinate system.
     pub axes: Option<AxisSet>,
     /// The existing programs. Called programs are also checked, in the states of their calls.
     pub programs: Option<&'a dyn Programs>,
-    /// M codes that have settings.
+    /// M codes for which the configuration has settings.
     pub m_codes_with_settings: Option<&'a BTreeSet<u16>>,
     /// The unit at the start of the program.
     pub unit: Unit,
-    /// F above it is clipped with a warning, mm/min.
+    /// Maximum feedrate, mm/min; a larger F is clipped with a warning.
     pub max_feedrate_mm_min: Option<f64>,
-    /// F if none is programmed, mm/min; 0 for none. If the field is `None`, a missing F is a warning.
+    /// Feedrate before the first F, mm/min; 0 for no default. If this field is `None`, a missing F is a
+    /// warning.
     pub default_feedrate_mm_min: Option<f64>,
-    /// Whether the coordinate system has a spindle: without one, fixed cycles output other M codes.
+    /// True if the coordinate system has a spindle. Without a spindle, fixed cycles output other M codes.
     pub has_spindle: Option<bool>,
-    /// S above it is an error, r/min.
+    /// Maximum spindle speed, r/min; a larger S is an error.
     pub max_spindle_speed_r_min: Option<f64>,
-    /// Amount by which a radius may be smaller than half the chord, mm (D26). `None` selects the default.
+    /// Amount by which the radius R of an arc may be smaller than half the chord, mm (D26). `None` selects
+    /// the default.
     pub arc_radius_tolerance_mm: Option<f64>,
     /// Options that the dialect leaves to the machine.
     pub options: NcOptions,
     /// True if the program continues manual data input: its initial modal state is not the start-up state.
     pub goes_on: bool,
-    /// True for manual data input, which has no marks around it.
+    /// True for manual data input, whose text does not begin with the mark of the dialect (`%`).
     pub manual: bool,
-    /// True to report each fault that would be an alarm in a run as an error: wrong calculated values (D11),
-    /// a wrong modal state after branches and calls, a missing feedrate or spindle speed. Otherwise these are
-    /// warnings or are not reported.
+    /// True to report each fault that would be an alarm in a run as an error. Such faults are wrong
+    /// calculated values (D11), a wrong modal state after branches and calls, and a missing feedrate or
+    /// spindle speed. If false, these faults are warnings or are not reported.
     pub calculates: bool,
 }
 
@@ -90,31 +94,32 @@ impl CheckContext<'_> {
 
 /// Result of checking a program.
 ///
-/// The findings exclude everything that depends on external events and unknown data: resets of M codes, values that
-/// sequence programs and operators write, captured positions, and machine properties (limits, offsets, tools, drives)
-/// that the context does not contain.
+/// The findings exclude everything that depends on external events and unknown data: resets of M codes,
+/// values that sequence programs and operators write, and captured positions. They also exclude machine
+/// properties (limits, offsets, tools, drives) that the context does not contain.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Check {
     /// All findings in the order of the text.
     pub diagnostics: Vec<Diagnostic>,
-    /// M codes that are output to the sequence program, ascending, each once.
+    /// M codes that the program outputs to the sequence program, ascending and without duplicates.
     pub m_codes: Vec<u16>,
-    /// Programs that the program calls, ascending, each once.
+    /// Numbers of the programs that the program calls, ascending and without duplicates.
     pub programs: Vec<u16>,
     /// True if the program calls programs whose numbers the text does not show.
     pub calls_any: bool,
-    /// Results of the programs that are called, directly or not, by their numbers.
+    /// Results of the programs that are called directly or indirectly, by program number.
     pub called: BTreeMap<u16, Check>,
 }
 
 impl Check {
-    /// Returns true if the program cannot run.
+    /// Returns true if the program has an error and therefore cannot run.
     pub fn has_errors(&self) -> bool {
         self.diagnostics.iter().any(Diagnostic::is_error)
     }
 }
 
-/// Parses and checks a text; the findings of both come in the order of the text.
+/// Parses and checks a text. The result lists the findings of the parser and of the checker in the order of
+/// the text.
 pub fn check_source(
     source: impl Into<Arc<str>>,
     dialect: &'static Dialect,
@@ -135,7 +140,7 @@ pub fn check(program: &NcProgram, dialect: &'static Dialect, context: &CheckCont
     explorer.finish()
 }
 
-/// A bounded list of findings.
+/// A list of findings with at most [`DIAGNOSTICS_MAX`] errors and as many warnings.
 struct Findings {
     grammar: &'static Grammar,
     list: Vec<Diagnostic>,

@@ -1,4 +1,4 @@
-//! A dialect: a grammar, a list of codes, words, and defaults.
+//! Definition of a dialect: a grammar, a list of codes, words, and defaults.
 
 use tandem_model::settings::{NcOptions, PathRules};
 use tandem_syntax::{Address, AddressSet, CodeRole, Codes, Grammar};
@@ -9,55 +9,56 @@ use crate::dialects::texts::Texts;
 use crate::meaning::{ModalValue, Role};
 use crate::restrictions::Restriction;
 
-/// Differences between dialects (D50).
+/// A dialect of the NC language: all properties in which dialects differ (D50).
 #[derive(Debug, Clone)]
 pub struct Dialect {
-    /// Its name in the configuration.
+    /// Name of the dialect in the configuration.
     pub name: &'static str,
-    /// Grammar of its text.
+    /// Grammar with which the parser reads programs of the dialect.
     pub grammar: fn() -> &'static Grammar,
     /// G codes.
     pub g_codes: CodeTable,
     /// M codes that the runtime handles itself.
     pub m_codes: CodeTable,
-    /// All other M codes.
+    /// The code for all M codes that are not in `m_codes`.
     pub auxiliary: &'static Code,
-    /// Words that need no code of their own in the block.
+    /// Words that need no code in their block.
     pub modal_words: ModalWords,
     /// The codes that are active at start-up.
     pub start_up: &'static [&'static Code],
-    /// The code that ends a fixed cycle, and that is active after a motion code has ended one. `None` in a dialect
-    /// without fixed cycles.
+    /// The code that ends a fixed cycle, such as G80. It also becomes active if a motion code ends the cycle.
+    /// `None` in a dialect without fixed cycles.
     pub cycle_cancel: Option<&'static Code>,
-    /// The codes before the axis words of a block that moves these axes from their present positions to their
-    /// first reference points.
+    /// Codes of a block that moves axes from their present positions to their first reference points. The
+    /// axis words follow these codes.
     pub home: &'static str,
     /// The word that ends each block of the intermediate code (D43).
     pub block_end: &'static str,
-    /// Its interpretation of programs that controls read differently.
+    /// Choices for programs that different controls interpret differently.
     pub policy: Policy,
-    /// Rules for the path.
+    /// Rules of the dialect for the path stage.
     pub path: PathRules,
-    /// Combinations that are not allowed; only the first restriction that a block violates is reported.
+    /// Combinations that are not allowed in a block. Only the first restriction that a block violates is
+    /// reported.
     pub restrictions: &'static [Restriction],
-    /// Its own texts for codes and diagnostics that it shares with other dialects.
+    /// Texts of this dialect for codes and diagnostics that several dialects share.
     pub texts: &'static Texts,
 }
 
-/// A dialect's interpretation of programs that controls read differently.
+/// Choices of a dialect for programs that different controls interpret differently.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Policy {
-    /// Two codes of one modal group in a block.
+    /// Handling of two codes of one modal group in a block.
     pub rivals: GroupConflict,
     /// Time at which the M code of a block takes effect.
     pub m_code: MCodeTime,
-    /// Meaning of numbers.
+    /// Meaning of the numbers in words.
     pub numbers: Numbers,
-    /// Meaning of S.
+    /// Meaning of the S word.
     pub spindle_word: SpindleWord,
-    /// M codes that the dialect does not list.
+    /// Handling of M codes that the dialect does not list.
     pub other_m_codes: OtherMCodes,
-    /// Time of an output whose M code has no setting.
+    /// Time of an output if the configuration has no setting for its M code.
     pub output: OutputDefault,
     /// Meaning of an arc whose end is not on its circle.
     pub spiral: Spiral,
@@ -66,7 +67,7 @@ pub struct Policy {
 }
 
 impl Policy {
-    /// Properties of dialect nj.
+    /// Choices of dialect nj.
     pub const NJ: Self = Self {
         rivals: GroupConflict::Refused,
         m_code: MCodeTime::BehindMotion,
@@ -78,7 +79,7 @@ impl Policy {
         has_least_feedrate: false,
     };
 
-    /// Returns the lowest feedrate, mm/min; 0 for none.
+    /// Returns the least feedrate, mm/min; 0 if the dialect has no least feedrate.
     pub(crate) fn least_feedrate(self, options: &NcOptions) -> f64 {
         if self.has_least_feedrate {
             options.min_feedrate_mm_min
@@ -88,48 +89,49 @@ impl Policy {
     }
 }
 
-/// Meaning of S.
+/// Meaning of the S word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SpindleWord {
-    /// Revolutions per minute; S above the maximum is an alarm.
+    /// Spindle speed, r/min; a value above the maximum speed is an alarm.
     Speed,
-    /// Below 100 the number of a speed; speeds are limited to those of the spindle.
+    /// Number of a speed code if below 100, otherwise a spindle speed; the speed is limited to the range of
+    /// the spindle.
     SpeedOrCode,
 }
 
-/// M codes that the dialect does not list.
+/// Handling of M codes that the dialect does not list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OtherMCodes {
-    /// Outputs.
+    /// Each such M code is an output.
     Output,
-    /// Outputs if the configuration has settings for them; otherwise an error.
+    /// An M code with settings in the configuration is an output; an M code without settings is an error.
     Declared,
 }
 
-/// Time of an output whose M code has no setting.
+/// Time of an output if the configuration has no setting for its M code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OutputDefault {
-    /// After the motion, and the program waits for its reset.
+    /// The output is issued after the motion, and the program waits for the reset of the output.
     AfterMotion,
-    /// With the motion of its block, also with parameters; the program continues.
+    /// The output is issued with the motion of its block, also if it has parameters; the program continues.
     WithMotion,
 }
 
-/// Meaning of an arc whose end is not on its circle. It always moves as a spiral (D26).
+/// Meaning of an arc whose end is not on its circle. The motion is always a spiral (D26).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Spiral {
-    /// The program intends the spiral.
+    /// The program intends the spiral: the check reports nothing.
     Meant,
-    /// A fault of the program, of which a check warns.
+    /// The arc is a fault of the program: the check reports a warning.
     Doubted,
 }
 
-/// Meaning of two codes of one modal group in a block.
+/// Handling of two codes of one modal group in a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GroupConflict {
-    /// An error.
+    /// The second code is an error.
     Refused,
-    /// The last one is used.
+    /// The last code applies.
     LastHolds,
 }
 
@@ -143,18 +145,19 @@ pub enum MCodeTime {
     BeforeMotion,
 }
 
-/// Meaning of numbers.
+/// Meaning of the numbers in words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Numbers {
-    /// The written value.
+    /// A number has its written value.
     AsWritten,
     /// A number without a decimal point counts least increments, unless a setting selects another reading.
-    /// The written numbers have ranges of their own (manual dgshape, 1-5 and 2-1).
+    /// The numbers in the text have their own ranges (manual dgshape, 1-5 and 2-1).
     Counted,
 }
 
 impl Dialect {
-    /// Returns the code of this letter, G or M, and number: that of the dialect's table, or an output.
+    /// Returns the code with this letter (G or M) and number. An M code outside of the dialect's table is an
+    /// output.
     pub fn code(&self, letter: Address, number: f64) -> Option<&'static Code> {
         let listed = |table: &CodeTable| tenths(number).and_then(|tenths| table.find(tenths));
         match letter {
@@ -164,12 +167,13 @@ impl Dialect {
         }
     }
 
-    /// Returns the manual's description of an M code that is output although the dialect does not list it.
+    /// Returns the description of an M code that the manual names as a usual output, but that the dialect
+    /// does not list.
     pub fn usual_output(&self, m: u16) -> Option<&'static UsualOutput> {
         self.usual_outputs().iter().find(|usual| usual.m == m)
     }
 
-    /// Returns the outputs that the manual names without listing them as codes of their own.
+    /// Returns the M codes that the manual names as usual outputs, but that the dialect does not list.
     pub fn usual_outputs(&self) -> &'static [UsualOutput] {
         match self.policy.other_m_codes {
             OtherMCodes::Output => USUAL_OUTPUTS,
@@ -177,7 +181,7 @@ impl Dialect {
         }
     }
 
-    /// Returns the first G code that sets a value.
+    /// Returns the first G code of the dialect that sets a modal value.
     pub fn that_sets(&self, value: ModalValue) -> Option<&'static Code> {
         let mut codes = self.g_codes.codes.iter().copied();
         codes.find(|code| code.sets == Some(value))
@@ -195,7 +199,7 @@ impl Dialect {
         self.modal_words.get(Address::Ta).is_some()
     }
 
-    /// Returns the last of its M codes with a role.
+    /// Returns the last M code of the dialect that has this role.
     pub fn m_code(&self, role: Role) -> Option<&'static Code> {
         let mut codes = self.m_codes.codes.iter().rev().copied();
         codes.find(|code| code.role == role)
@@ -218,7 +222,7 @@ impl Dialect {
         }
     }
 
-    /// Returns the names of some codes as a [`list`]: `G01, G02 or G03`.
+    /// Returns the names of the codes for which `is_meant` returns true, as a [`list`]: `G01, G02 or G03`.
     pub(crate) fn names(&self, last: &str, is_meant: impl Fn(&Code) -> bool) -> String {
         let codes = self.g_codes.codes.iter().chain(self.m_codes.codes);
         let names: Vec<&str> = codes
@@ -272,7 +276,7 @@ pub struct ModalWords {
 }
 
 impl ModalWords {
-    /// Creates rules from these axis words and feed words.
+    /// Creates modal words from these axis words and feed words.
     pub const fn new(axis_words: &'static [WordSpec], feed_words: &'static [WordSpec]) -> Self {
         let mut specs = [None; Address::COUNT];
         let lists = [axis_words, feed_words];
@@ -291,12 +295,12 @@ impl ModalWords {
         }
     }
 
-    /// Returns the description of a word.
+    /// Returns the description of a modal word with this address.
     pub fn get(&self, address: Address) -> Option<&'static WordSpec> {
         self.specs[address as usize]
     }
 
-    /// Returns true for F, S, ta, td and ts.
+    /// Returns true for the feed words F, S, ta, td and ts.
     pub fn is_feed_word(&self, address: Address) -> bool {
         self.feed_words.contains(address)
     }

@@ -1,4 +1,4 @@
-//! The value of expressions and conditions (manual 4-1; D07 to D10).
+//! Evaluation of expressions and conditions (manual 4-1; D07 to D10).
 
 use std::cell::Cell;
 
@@ -10,7 +10,7 @@ use tandem_syntax::{Expression, ExpressionId, NcProgram, Operator, Variable, Var
 use crate::arithmetic::{binary, call, compare};
 use crate::text_values::Values;
 
-/// L0 to L255 of one call.
+/// Values of L0 to L255 in one call.
 pub(crate) type Locals = [f64; LOCAL_VARIABLES];
 
 /// The variables that a block reads.
@@ -18,34 +18,37 @@ pub(crate) type Locals = [f64; LOCAL_VARIABLES];
 pub(crate) struct Scope<'a> {
     pub(crate) locals: &'a Locals,
     pub(crate) variables: &'a Variables,
-    /// `None` while a G31 is unfinished: no block reads them in this time (D15).
+    /// Captured positions; `None` while a G31 is unfinished. No block reads captured positions in this time
+    /// (D15).
     pub(crate) captured: Option<&'a [f64; AXES_MAX]>,
-    /// Receives a variable that was read and has a lost value: results calculated with it are invalid.
+    /// The last variable that was read and has lost its value. Results calculated with such a variable are
+    /// invalid.
     pub(crate) lost: &'a Cell<Option<Variable>>,
 }
 
-/// The variables of indirections.
+/// Source of the values of variables in words.
 #[derive(Clone, Copy)]
 pub(crate) enum VariableSource<'a> {
-    /// The variables of a run.
+    /// The variables of a running program.
     Run(Scope<'a>),
-    /// Values that the text shows.
+    /// The values that the text shows, and the trust in these values.
     Text { values: &'a Values, trust: Trust },
 }
 
-/// Values of variables that are trusted, among those that the text shows.
+/// Trust in the values of variables that the text shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Trust {
-    /// None.
+    /// No value is trusted.
     None,
-    /// Values that no other writer can have changed.
+    /// Only values that no other writer can have changed are trusted.
     Own,
-    /// All.
+    /// All values are trusted.
     Believed,
 }
 
 impl Scope<'_> {
-    /// Returns the value of a variable; NaN if it does not exist, which the parser rejects.
+    /// Returns the value of a variable, or NaN if the variable does not exist; the parser rejects such
+    /// variables.
     pub(crate) fn variable(&self, variable: Variable) -> f64 {
         let index = usize::from(variable.index);
         let value = match variable.kind {
@@ -60,8 +63,8 @@ impl Scope<'_> {
         value.unwrap_or(f64::NAN)
     }
 
-    /// Returns the value of an expression. It may be infinite or not a number (D07). Its depth is bounded by
-    /// the length of a block.
+    /// Returns the value of an expression, which may be infinite or NaN (D07). The length of a block limits
+    /// the depth of the recursion.
     pub(crate) fn number(&self, program: &NcProgram, id: ExpressionId) -> f64 {
         match program.expression(id).copied() {
             Some(Expression::Number(value)) => value,
@@ -84,7 +87,7 @@ impl Scope<'_> {
         }
     }
 
-    /// Returns whether a condition is true. A comparison with a NaN is false, except `!=`.
+    /// Returns whether a condition is true. A comparison with NaN is false, except `!=`, which is true.
     pub(crate) fn condition(&self, program: &NcProgram, id: ExpressionId) -> bool {
         let isnan = || compare(Operator::Equal, self.number(program, id), 1.0) == Some(true);
         match program.expression(id).copied() {
@@ -107,7 +110,7 @@ impl Scope<'_> {
     }
 }
 
-/// Returns true if an expression reads a variable of such a kind.
+/// Returns true if an expression reads a variable for whose kind `is_such` returns true.
 pub(crate) fn reads(program: &NcProgram, id: ExpressionId, is_such: fn(VariableKind) -> bool) -> bool {
     let reads = |id| reads(program, id, is_such);
     match program.expression(id).copied() {

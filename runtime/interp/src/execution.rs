@@ -1,4 +1,4 @@
-//! State that a code's effect reads and changes while its block is interpreted.
+//! State that the effects of codes read and change while a block is interpreted.
 
 use std::sync::Arc;
 
@@ -17,18 +17,18 @@ use crate::inputs::Inputs;
 use crate::meaning::ModalValue;
 use crate::modal::{Modal, NOTHING_KEPT, RetainedData};
 
-/// Limits of the coordinate system for words (D11).
+/// Limits of the coordinate system that apply to words (D11).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// F above it is clipped, mm/min, in G20 inch/min (D25).
+    /// Maximum feedrate, mm/min, in G20 inch/min (D25); a larger F is clipped.
     pub max_feedrate_mm_min: f64,
-    /// F before one is programmed, in the same unit.
+    /// Feedrate before the first F, mm/min, in G20 inch/min.
     pub default_feedrate_mm_min: f64,
-    /// S above it is an alarm, r/min; `None` without a spindle.
+    /// Maximum spindle speed, r/min; a larger S is an alarm. `None` without a spindle.
     pub max_spindle_speed_r_min: Option<f64>,
     /// True if the coordinate system has a spindle.
     pub has_spindle: bool,
-    /// Amount by which a radius may be smaller than half the chord, mm (D26).
+    /// Amount by which the radius R of an arc may be smaller than half the chord, mm (D26).
     pub arc_radius_tolerance_mm: f64,
     /// Maximum number of blocks in a row without motion or output.
     pub blocks_without_motion_max: u32,
@@ -50,57 +50,57 @@ impl Limits {
     }
 }
 
-/// How the program continues after a block.
+/// Continuation of the program after a block.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Flow {
-    /// It continues with the next block.
+    /// The program continues with the next block.
     #[default]
     Next,
-    /// It makes an output to the sequence program.
+    /// The block makes an output to the sequence program.
     Output {
-        /// M number.
+        /// M number of the output.
         m: u16,
-        /// VA to VH.
+        /// Values of VA to VH; `None` for a parameter that is not programmed.
         params: [Option<f64>; 8],
     },
-    /// It stops by M00, or by M01 if `optional`.
+    /// The program stops by M00, or by M01 if `optional`.
     Stop {
         /// True for M01.
         optional: bool,
     },
-    /// It ends.
+    /// The program ends.
     End,
-    /// It calls a subprogram.
+    /// The block calls a subprogram.
     Call {
         /// Number of the subprogram.
         program: u16,
-        /// Number of calls.
+        /// Number of times that the subprogram runs.
         times: u16,
     },
-    /// It returns to the caller.
+    /// The subprogram returns to its caller.
     Return,
 }
 
-/// The parts of a block collected so far.
+/// Result of a block, collected while its codes take effect.
 #[derive(Debug, Default)]
 pub struct Draft {
     pub(crate) action: Option<Action>,
-    /// True if the transform has changed.
+    /// True if the block has changed the transform.
     pub(crate) transforms: bool,
-    /// True if the transform takes effect after the motion of the block.
+    /// True if the changed transform takes effect after the motion of the block.
     pub transform_after: bool,
     pub(crate) cycle: Option<Box<Expansion>>,
-    /// Exact stops before and after the block's motion.
+    /// Exact stop before the motion of the block, and exact stop after it.
     pub exact_stops: [bool; 2],
-    /// How the program continues.
+    /// Continuation of the program after the block.
     pub flow: Flow,
     pub(crate) warnings: Vec<String>,
     pub(crate) alarm: Option<Alarm>,
-    /// True if the block needs the position, which is not yet known.
+    /// True if the block needs the machine position, which is not yet known.
     pub(crate) needs_position: bool,
 }
 
-/// A block while it is interpreted.
+/// A block while it is interpreted, with the data that its codes read and change.
 #[derive(Debug)]
 pub struct Execution<'a> {
     /// The dialect of the program.
@@ -109,40 +109,42 @@ pub struct Execution<'a> {
     pub words: &'a BlockWords,
     /// The modal state, which codes change.
     pub modal: &'a mut Modal,
-    /// Data kept by codes that set data. `None` if none have been set.
+    /// Data that G10, G28 or G92 has set. `None` before the first such code.
     pub(crate) kept: &'a mut Option<Arc<RetainedData>>,
-    /// Values from outside.
+    /// External values that the block reads.
     pub inputs: &'a Inputs<'a>,
     /// Limits of the coordinate system.
     pub limits: &'a Limits,
-    /// Place of the code among the words of the block.
+    /// Index of the current code among the words of the block.
     pub place: usize,
-    /// True for the first block in the start-up state.
+    /// True for the first block of words after a reset, which selects the work coordinate system of the
+    /// start-up state.
     pub(crate) opens: bool,
     /// The result of the block.
     pub draft: &'a mut Draft,
 }
 
 impl Execution<'_> {
-    /// Returns the data kept by codes that set data.
+    /// Returns the data that G10, G28 and G92 have set.
     pub(crate) fn retained(&self) -> &RetainedData {
         self.kept.as_deref().unwrap_or(&NOTHING_KEPT)
     }
 
-    /// Returns the kept data for a change.
+    /// Returns the data that G10, G28 and G92 have set, so that a code can change them.
     pub(crate) fn retained_mut(&mut self) -> &mut RetainedData {
         Arc::make_mut(self.kept.get_or_insert_with(|| Arc::new(NOTHING_KEPT.clone())))
     }
 
-    /// Returns the value of a word that no code of the block has as its own.
+    /// Returns the value of a word, unless a code of the block other than the motion or fixed cycle takes the
+    /// word.
     pub fn free_word(&self, address: Address) -> Option<f64> {
         self.words
             .get(address)
             .filter(|_| !self.words.own.contains(address))
     }
 
-    /// Returns the selected tool (D17). Without one, its radius or length (`what`) is 0, and the active code of the
-    /// group issues a warning.
+    /// Returns the selected tool (D17). Without a selected tool, issues a warning and returns a tool of
+    /// length and radius 0. The warning names the active code of `group` and `what` (radius or length).
     pub fn selected_tool(&mut self, group: ModalGroup, what: &str) -> Tool {
         if self.inputs.tool.is_some_and(|tool| tool.is_lost()) {
             let text =
@@ -159,8 +161,8 @@ impl Execution<'_> {
         })
     }
 
-    /// Returns the entry of the tool table that a word of the block names. For number 0, and for a number
-    /// that is not in the table, the entry is zero.
+    /// Returns the entry of the tool table whose number the word with this address gives. For number 0, and
+    /// for a number that is not in the table, the entry is zero.
     pub(crate) fn offset_entry(&mut self, address: Address) -> (u16, Tool) {
         #[expect(
             clippy::cast_possible_truncation,
@@ -183,31 +185,31 @@ impl Execution<'_> {
         (number, tool.unwrap_or_default())
     }
 
-    /// Returns the position from which the next block is measured, in machine coordinates. While the end of a
-    /// G31 is unknown, the result of this block is discarded, and the block is interpreted again after the
-    /// G31.
+    /// Returns the machine position from which the next block is measured. While the end of a G31 is unknown,
+    /// the interpreter discards the result of this block, and interprets the block again after the G31.
     pub fn position(&mut self) -> AxisVector {
         self.draft.needs_position |= self.inputs.position.is_none();
         self.inputs.position.unwrap_or_default()
     }
 
-    /// Returns a length in mm, whatever the unit in force (D25).
+    /// Returns the length in a word, converted from the active unit to mm (D25).
     pub fn length(&self, address: Address) -> Option<f64> {
         Some(self.words.get(address)? * self.modal.unit())
     }
 
-    /// Returns the axis words that the motion or fixed cycle in force takes.
+    /// Returns the axis words that the active motion or fixed cycle takes.
     pub fn axis_words(&self) -> AxisWords {
         self.axes_of(self.words.axis_words)
     }
 
-    /// Returns the axis words that a code of the block has as its own.
+    /// Returns the axis words of the block for a code that takes axis words instead of the motion.
     pub fn own_axis_words(&self) -> AxisWords {
         self.axes_of(self.words.present.intersection(AXIS_ADDRESSES))
     }
 
-    /// Returns a centre on these axes, absolute: from the axis words that a code of the block has as its own. An axis
-    /// that has none takes the tool's position, which `seen` computes from the transform and the machine position.
+    /// Returns a centre on the axes `of`, absolute. An axis with an axis word takes the value of this word.
+    /// Any other axis takes the tool's position, which `seen` computes from the transform and the machine
+    /// position.
     pub fn centre(&mut self, of: &[Axis], seen: fn(&Transform, AxisVector) -> AxisVector) -> AxisVector {
         let words = self.own_axis_words();
         let mut centre = AxisVector::ZERO;
@@ -243,7 +245,7 @@ impl Execution<'_> {
         }
     }
 
-    /// Ends scaling, mirroring and rotation. Returns true if this changes the transform.
+    /// Switches scaling, mirroring and rotation off. Returns true if this changes the transform.
     pub fn release_shape(&mut self) -> bool {
         for code in self.dialect.start_up {
             if matches!(code.sets, Some(ModalValue::Shape(_, false))) {
@@ -260,29 +262,29 @@ impl Execution<'_> {
         any
     }
 
-    /// Sets the action of the block.
+    /// Sets the action of the block, such as a motion.
     pub fn act(&mut self, action: Action) {
         self.draft.action = Some(action);
     }
 
-    /// Changes the transform; the change applies from this block's motion on.
+    /// Changes the transform with `change`; the change applies from the motion of this block on.
     pub fn transform(&mut self, change: impl FnOnce(&mut Transform)) {
         change(&mut self.modal.transform);
         self.draft.transforms = true;
     }
 
-    /// Rejects the block with an alarm; the first one is reported.
+    /// Rejects the block with an alarm. If a block causes several alarms, the first is reported.
     pub fn refuse(&mut self, alarm: Alarm) {
         self.draft.alarm.get_or_insert(alarm);
     }
 
-    /// Publishes an event; the program continues.
+    /// Adds a warning, which is published as an event; the program continues.
     pub fn warn(&mut self, text: String) {
         self.draft.warnings.push(text);
     }
 }
 
-/// Returns the axis of an address.
+/// Returns the axis of an address, or `None` if the address is not an axis.
 pub(crate) const fn axis_of(address: Address) -> Option<Axis> {
     match address {
         Address::X => Some(Axis::X),

@@ -1,5 +1,5 @@
-//! Fixed cycles: one block becomes many items. A cycle is a list of steps; the items of a block are created
-//! one by one, because it may have thousands of repetitions.
+//! Fixed cycles: one block becomes many items. A cycle is a list of steps. The interpreter creates the items
+//! of a block one by one, because a block may have thousands of repetitions.
 
 use std::collections::BTreeSet;
 
@@ -12,9 +12,9 @@ use tandem_syntax::Address;
 /// A fixed cycle.
 #[derive(Debug)]
 pub struct FixedCycle {
-    /// Its name in messages, with its article.
+    /// Name of the cycle in messages, with its article.
     pub name: &'static str,
-    /// The words that its first block needs.
+    /// Words that the first block of the cycle needs.
     pub needed: &'static [Address],
     /// Steps of a block in a coordinate system with a spindle.
     pub with_spindle: Steps,
@@ -22,7 +22,7 @@ pub struct FixedCycle {
     pub without_spindle: Steps,
 }
 
-/// The steps of one block of a cycle.
+/// Steps of one block of a fixed cycle.
 #[derive(Debug, Clone, Copy)]
 pub struct Steps {
     head: &'static [CycleStep],
@@ -30,12 +30,12 @@ pub struct Steps {
     tail: &'static [CycleStep],
 }
 
-/// A step of a cycle.
+/// A step of a fixed cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum CycleStep {
-    /// The rapid to the position: all axis words but Z. In G91 each repetition adds the distance.
+    /// A rapid to the programmed position of all axes except Z. In G91 each repetition adds the distance.
     Position,
-    /// The rapid to the R point; if the cycle ends at the R point, in the first repetition only.
+    /// A rapid to the R point. If the cycle ends at the R point, only the first repetition has this rapid.
     Approach,
     /// A rapid to a level.
     Rapid(Level),
@@ -43,23 +43,24 @@ pub enum CycleStep {
     Linear(Level),
     /// A pass in the thread, to the Z point or back to the R point, with this direction of the spindle.
     Thread(TapLeg, Turn),
-    /// Cuts to the Z point, each deeper by the depth of cut than the one before, with a retraction to the R
-    /// point in between.
+    /// Cuts to the Z point. Each cut is deeper than the previous cut by the depth of cut, and the tool
+    /// retracts to the R point between two cuts.
     Peck,
-    /// Rest for the time of P.
+    /// A dwell for the time in word P.
     Dwell,
-    /// An M code without parameters; its setting selects whether the cycle waits for its reset.
+    /// Output of an M code without parameters; its setting selects whether the cycle waits for the reset of
+    /// the output.
     Output(u16),
 }
 
-/// A level of Z.
+/// A level on the Z axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Level {
     /// The R point.
     RPoint,
     /// The Z point.
     ZPoint,
-    /// The initial level; no motion if the cycle ends at the R point.
+    /// The initial level. If the cycle ends at the R point, the step has no motion.
     Initial,
     /// The level at which the cycle ends: the initial level or the R point.
     Return,
@@ -72,8 +73,8 @@ impl PartialEq for FixedCycle {
 }
 
 impl FixedCycle {
-    /// Returns the M codes that a block outputs, ascending. If it is unknown whether there is a spindle, returns those
-    /// of both cases.
+    /// Returns the M codes that a block of the cycle outputs, ascending. If `has_spindle` is `None`, returns
+    /// the M codes with and without a spindle.
     pub fn outputs(&self, has_spindle: Option<bool>) -> BTreeSet<u16> {
         let forms = [(true, &self.with_spindle), (false, &self.without_spindle)];
         let forms = forms
@@ -87,7 +88,7 @@ impl FixedCycle {
         outputs.collect()
     }
 
-    /// Returns the direction of the spindle on the way in for a cycle that cuts a thread; otherwise `None`.
+    /// Returns the direction of the spindle on the pass into a thread, or `None` if the cycle cuts no thread.
     pub fn threads(&self) -> Option<Turn> {
         self.with_spindle.repetition.iter().find_map(|step| match step {
             CycleStep::Thread(TapLeg::In, turn) => Some(*turn),
@@ -97,10 +98,11 @@ impl FixedCycle {
 }
 
 impl Steps {
-    /// Steps before the first repetition, of each repetition, and after the last one.
+    /// Creates steps: `head` before the first repetition, `repetition` in each one, `tail` after the last
+    /// one.
     ///
     /// # Panics
-    /// With an M code above [`M_CODE_MAX`]; in a `static` that is an error of the compiler.
+    /// Panics if a step outputs an M code above [`M_CODE_MAX`]; in a `static`, the compiler reports an error.
     pub const fn new(
         head: &'static [CycleStep],
         repetition: &'static [CycleStep],
@@ -126,70 +128,70 @@ impl Steps {
     }
 }
 
-/// The words of a block in a cycle: all levels are programmed positions, mm.
+/// Data of one block in a fixed cycle; all levels are programmed positions of Z, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Hole {
-    /// The axis words; Z is ignored here.
+    /// Axis words of the block; Z is ignored.
     pub(crate) position: AxisWords,
     pub(crate) r_point: f64,
     pub(crate) z_point: f64,
-    /// The initial level, if the cycle returns to it.
+    /// Initial level, if the cycle returns to it.
     pub(crate) initial: Option<f64>,
     pub(crate) dwell_s: f64,
-    /// S, r/min; `None` without a spindle.
+    /// Spindle speed S, r/min; `None` without a spindle.
     pub(crate) spindle_speed_r_min: Option<f64>,
     pub(crate) repetitions: u16,
-    /// Cuts to a depth. `None` for one cut to the Z point.
+    /// Division of the hole into cuts. `None` for one cut to the Z point.
     pub(crate) peck: Option<Peck>,
 }
 
-/// Cuts of a depth, mm.
+/// Division of a hole into cuts, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Peck {
     /// Increase of the depth with each cut; above 0.
     pub(crate) depth: f64,
-    /// Distance above the last depth at which the next cut begins.
+    /// Distance above the bottom of the last cut at which the next cut begins.
     pub(crate) clearance: f64,
 }
 
-/// Place of a step within pecks: each cut is followed by a retraction and a return.
+/// Place of the tool in a pecking step: a retraction and a return follow each cut except the last.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum PeckPlace {
     /// Above the next cut, after this number of cuts.
     Above(u32),
-    /// At the last depth, after this number of cuts.
+    /// At the bottom of the last cut, after this number of cuts.
     AtDepth(u32),
     /// At the R point, after this number of cuts.
     Out(u32),
 }
 
-/// Result of a step.
+/// Item that a step gives.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum StepResult {
     Motion(Action),
     Output(u16),
 }
 
-/// The part of the steps that is being returned.
+/// Part of the steps that is being expanded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Part {
-    /// The thread that follows.
+    /// Before the first step: the announcement of the thread that the block cuts.
     Ahead,
     Head,
     Repetition,
     Tail,
 }
 
-/// One block of a cycle whose steps are being returned.
+/// A block of a fixed cycle that is being expanded to items.
 #[derive(Debug)]
 pub(crate) struct Expansion {
     cycle: &'static FixedCycle,
     hole: Hole,
     part: Part,
-    /// The next step of the part.
+    /// Index of the next step in the part.
     at: usize,
     repetition: u16,
-    /// Place within the step of pecks.
+    /// Place of the tool in a pecking step; `None` outside of such a step.
     pecks: Option<PeckPlace>,
 }
 
@@ -208,7 +210,7 @@ impl Expansion {
         }
     }
 
-    /// Returns the next result; `None` at the end.
+    /// Returns the next result, or `None` after the last result.
     pub(crate) fn advance(&mut self) -> Option<StepResult> {
         if self.hole.repetitions == 0 {
             return None;
@@ -232,7 +234,7 @@ impl Expansion {
         }
     }
 
-    /// Returns the next move of the pecks.
+    /// Returns the next move of a pecking step.
     fn peck(&mut self, place: PeckPlace) -> Action {
         let (r, z) = (self.hole.r_point, self.hole.z_point);
         let Peck { depth, clearance } = self.hole.peck.unwrap_or(Peck {
@@ -286,7 +288,7 @@ impl Expansion {
         }
     }
 
-    /// Returns the result of a step, or `None` if the step is empty in this repetition.
+    /// Returns the result of a step, or `None` if the step gives no item in this repetition.
     fn expand_step(&self, step: CycleStep) -> Option<StepResult> {
         let hole = &self.hole;
         let action = match step {

@@ -8,10 +8,10 @@ use crate::arithmetic::label;
 use crate::evaluation::{Locals, Scope, reads};
 use crate::inputs::Inputs;
 
-/// Executes a program code. `next` is the block after it; a jump changes `next`.
+/// Executes a program code. `next` is the index of the block after the program code; a jump changes `next`.
 ///
 /// # Errors
-/// Fails if a variable that it reads has lost its value; the program code then has no effect.
+/// Fails if the program code reads a variable that has lost its value; the program code then has no effect.
 pub(crate) fn run(
     program: &NcProgram,
     block: &Block,
@@ -55,7 +55,7 @@ pub(crate) fn run(
                 VariableKind::Global => {
                     inputs.variables.global.set(index, value);
                 }
-                // read only; the parser makes no such target
+                // read only: the parser rejects an assignment to a captured position
                 VariableKind::CapturedPosition => {}
             }
             None
@@ -79,7 +79,7 @@ pub(crate) fn run(
     Ok(())
 }
 
-/// Returns true if a program code reads a variable that other writers may change.
+/// Returns true if the program code of a block reads P or Q, which other writers may change.
 pub(crate) fn reads_shared(program: &NcProgram, block: &Block) -> bool {
     let code = program.program_code(block);
     let expression = code.and_then(|code| code.expression);

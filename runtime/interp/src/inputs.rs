@@ -11,27 +11,28 @@ use tandem_syntax::NcProgram;
 /// An empty tool table.
 pub static NO_TOOLS: BTreeMap<u16, Tool> = BTreeMap::new();
 
-/// Values from outside, read when a block is interpreted (D16).
+/// External values that the interpreter reads when it interprets a block (D16).
 #[derive(Debug, Clone, Copy)]
 pub struct Inputs<'a> {
     /// The programs that M98 may call.
     pub programs: &'a BTreeMap<u16, Arc<NcProgram>>,
     /// Block skip inputs: bit `n - 1` for number `n` (D13).
     pub optional_skip: u32,
-    /// G54 to G59.
+    /// Work offsets of G54 to G59.
     pub work_offsets: &'a WorkOffsets,
-    /// P and Q.
+    /// The variables P and Q.
     pub variables: &'a Variables,
-    /// The selected tool (D17); `None` if no tool is selected, or one that is not in the table: G41 to G44
-    /// then warn.
+    /// The selected tool (D17). `None` if no tool is selected, or if the selected tool is not in the table;
+    /// G41 to G44 then warn.
     pub tool: Option<Tool>,
-    /// The tool table by number, for dialects whose words name an offset.
+    /// The tool table by number, for dialects in which a word names the number of an offset.
     pub tools: &'a BTreeMap<u16, Tool>,
-    /// `_CNC_CapturedPosition<n>` of the last G31, in command units (D41). `None` while a returned G31 is
-    /// unfinished: a block that reads a captured position returns `Item::NeedsStandstill` (D15).
+    /// Values of `_CNC_CapturedPosition<n>` after the last G31, in command units (D41). `None` while a G31
+    /// that was returned is unfinished; a block that reads a captured position then returns
+    /// `Item::NeedsStandstill` (D15).
     pub captured: Option<[f64; AXES_MAX]>,
-    /// Position from which the next block is measured, machine coordinates: the end of all items returned so
-    /// far, with a change of tool length that no motion has applied yet (D22). `None` while the end of a G31
-    /// is unknown: a block that needs the position returns `Item::NeedsStandstill`.
+    /// Machine position from which the next block is measured: the end of all items returned so far,
+    /// including a change of tool length that no motion has applied yet (D22). `None` while the end of a G31
+    /// is unknown; a block that needs the position then returns `Item::NeedsStandstill`.
     pub position: Option<AxisVector>,
 }

@@ -1,4 +1,5 @@
-//! Converts the program tree to items, which the coordinator requests one by one. Has no side effects.
+//! Converts the program tree to items, which the coordinator requests one by one. Changes nothing outside
+//! except P and Q.
 
 mod alarms;
 mod modal_state;
@@ -30,16 +31,16 @@ use crate::{flow, restrictions};
 
 pub use modal_state::ModalState;
 
-/// A program on the call stack, and its place.
+/// A program on the call stack, with the place that the interpretation has reached.
 #[derive(Debug)]
 struct Frame {
     program: Arc<NcProgram>,
     number: u16,
-    /// Index of the next block.
+    /// Index of the block to interpret next.
     next: usize,
-    /// Number of further runs of the program after its M99.
+    /// Number of times that the program runs again after its M99.
     repeats_left: u16,
-    /// The block interpreted last.
+    /// Place of the block interpreted last.
     origin: Origin,
 }
 
@@ -54,10 +55,10 @@ enum InterpreterState {
 /// Interprets the program of one coordinate system.
 ///
 /// The items of a block come in this order: warnings, the transform, the motion (or [`Action::None`]), and
-/// the items of its M code. An auxiliary output thus follows the motion of its block; in a dialect whose M
-/// codes take effect before the motion, an output or a stop comes first. By the setting of the M code, the
-/// coordinator decides when the output is made (D31, D32). In a block without motion, M00, M01, M02 and M30
-/// have only their own item; M98 and M99 have [`Action::None`], which ends a chain (M1c).
+/// the items of its M code. An auxiliary output thus follows the motion of its block. In a dialect whose M
+/// codes take effect before the motion, an output or a stop comes first. The setting of the M code determines
+/// when the coordinator issues the output (D31, D32). In a block without motion, M00, M01, M02 and M30 have
+/// only their own item; M98 and M99 have [`Action::None`], which ends a chain of blocks (M1c).
 /// [`STEPS_IN_CHAIN_MAX`] blocks without an item also end a chain.
 #[derive(Debug)]
 pub struct Interpreter {
@@ -65,26 +66,26 @@ pub struct Interpreter {
     limits: Limits,
     start_up: Modal,
     modal: Modal,
-    /// Data kept by codes that set data. `None` if none have been set.
+    /// Data that G10, G28 or G92 has set. `None` before the first such code.
     kept: Option<Arc<RetainedData>>,
     stack: Vec<Frame>,
     words: BlockWords,
     queue: VecDeque<Item>,
-    /// A fixed cycle that is being expanded, with its block.
+    /// The fixed cycle that is being expanded, with the place of its block.
     cycle: Option<(Box<Expansion>, Origin)>,
-    /// L0 to L255 of each program of the nesting.
+    /// L0 to L255 of each program on the call stack.
     locals: Vec<Locals>,
     /// Number of blocks since the last item that moves, waits or outputs.
     idle_steps: u32,
-    /// True if a loop without an item reads P or Q: the program waits until another writer changes them.
+    /// True if a loop without an item reads P or Q: the program waits until another writer changes P or Q.
     is_waiting: bool,
-    /// Programs called since the start.
+    /// Numbers of the programs called since the start.
     called: BTreeSet<u16>,
-    /// Blocks since the start.
+    /// Number of blocks interpreted since the start.
     steps: u64,
     /// The first block that was read for the last item; `None` if no block was read for it.
     began: Option<Origin>,
-    /// True if the program begins in the start-up state, whose work coordinate system is not yet selected.
+    /// True before the first block in the start-up state, which selects the work coordinate system.
     opens: bool,
     state: InterpreterState,
 }
@@ -125,8 +126,8 @@ impl Interpreter {
         self.start_in_modal(program, number);
     }
 
-    /// Starts a program at its first block, in the current modal state: manual data input continues after its last
-    /// line. The caller must pass the transform to the path stage.
+    /// Starts a program at its first block, in the current modal state: each text of manual data input
+    /// continues from the state after the last one. The caller must pass the transform to the path stage.
     pub fn start_in_modal(&mut self, program: Arc<NcProgram>, number: u16) {
         self.forget_program();
         self.stack.push(Frame::new(program, number, 1));
@@ -168,18 +169,19 @@ impl Interpreter {
     /// [`Interpreter::start`].
     ///
     /// # Errors
-    /// Returns an alarm that stops the coordinate system, before any item of its block: for a value out of
-    /// its range (D11) or not finite (D07), a missing program (D12), a missing end, a program with errors, or
-    /// `blocks_without_motion_max` blocks without an item that read neither P nor Q.
+    /// Returns an alarm that stops the coordinate system, before any item of the faulty block. Causes are a
+    /// value out of its range (D11) or not finite (D07), a lost variable, a missing program (D12), a missing
+    /// end, a program with errors, or more than `blocks_without_motion_max` blocks in a row that give no item
+    /// and read neither P nor Q.
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Result<Item, Alarm> {
         let item = self.next_unless(inputs, |_, _| false)?;
         Ok(item.unwrap_or_else(|| Item::End(self.origin())))
     }
 
-    /// Returns the next item like [`Interpreter::next`], but `None` before a block for which `is_awaited`
-    /// returns true, given the number of its program and its index there. This block has then not been
-    /// interpreted, and all preceding items have been returned. `is_awaited` is called once for each block
-    /// that is interpreted.
+    /// Returns the next item like [`Interpreter::next`], but returns `None` before a block for which
+    /// `is_awaited` returns true. The arguments of `is_awaited` are the number of the block's program and the
+    /// index of the block in it. If the result is `None`, the block has not been interpreted, and all
+    /// preceding items have been returned. `is_awaited` is called once for each block that is interpreted.
     ///
     /// # Errors
     /// Fails like [`Interpreter::next`].
@@ -195,7 +197,7 @@ impl Interpreter {
                 self.queue_cycle();
             }
             if let Some(item) = self.queue.pop_front() {
-                // An item that moves, waits or outputs resets the count.
+                // an item that moves, waits or outputs resets the count of idle blocks
                 if has_effect(&item) {
                     self.idle_steps = 0;
                     self.is_waiting = false;
@@ -240,8 +242,9 @@ impl Interpreter {
         &self.modal
     }
 
-    /// Returns the place in each program on the call stack, the main program first: for a caller the calling block, for
-    /// the last one the block interpreted last. It remains after the end until the next start.
+    /// Returns the place reached in each program on the call stack, the main program first. For a caller,
+    /// this place is the calling block; for the last program, the block interpreted last. The places remain
+    /// after the end until the next start.
     pub fn call_stack(&self) -> impl Iterator<Item = Origin> {
         self.stack.iter().map(|frame| frame.origin)
     }
@@ -252,12 +255,12 @@ impl Interpreter {
         self.began
     }
 
-    /// Returns the block interpreted last.
+    /// Returns the place of the block interpreted last.
     fn origin(&self) -> Origin {
         self.stack.last().map(|frame| frame.origin).unwrap_or_default()
     }
 
-    /// Interprets one block; its items are in the queue afterwards.
+    /// Interprets one block and puts its items into the queue.
     fn step(&mut self, inputs: &Inputs<'_>) -> Result<(), Alarm> {
         let Some(frame) = self.stack.last_mut() else {
             self.state = InterpreterState::Ended(Origin::default());
@@ -313,7 +316,7 @@ impl Interpreter {
             return Ok(());
         };
         let (mut fault, lost) = (None, Cell::new(None));
-        // the path stage knows the position
+        // the position is unknown here: only the path stage calculates it
         let position = TextPosition::unknown();
         let reading = Reading {
             dialect: self.dialect,
@@ -395,12 +398,12 @@ impl Interpreter {
         }
     }
 
-    /// Queues warnings, transform and motion of a block.
+    /// Queues the warnings, the transform and the motion of a block.
     fn queue_block(&mut self, draft: &mut Draft, origin: Origin) {
         for text in draft.warnings.drain(..) {
             self.queue.push_back(Item::Warning(origin, text));
         }
-        // each of these items ends a chain of motions
+        // the item of a stop or an end also ends a chain of motions
         let own_item = match draft.flow {
             Flow::Stop { .. } | Flow::End => true,
             Flow::Return => self.stack.len() == 1,
@@ -413,7 +416,7 @@ impl Interpreter {
             .transforms
             .then(|| Action::Transform(Box::new(self.modal.transform)));
         let stops = draft.exact_stops;
-        // G09 acts on the motion; without one, on the transform.
+        // G09 acts on the motion of the block, or on the transform if the block has no motion.
         let stops_of_transform = if action.is_some() { [false; 2] } else { stops };
         if draft.transform_after {
             self.queue_action(action, stops, origin);
@@ -425,7 +428,7 @@ impl Interpreter {
         self.cycle = cycle.map(|cycle| (cycle, origin));
     }
 
-    /// Queues a block with the modal state, and with exact stops before and after it.
+    /// Queues a block with the modal state. `stops` are the exact stops before and after the block.
     fn queue_action(&mut self, action: Option<Action>, stops: [bool; 2], origin: Origin) {
         let Some(action) = action else { return };
         let [exact_stop_before, exact_stop_after] = stops;
@@ -460,7 +463,7 @@ impl Interpreter {
         if times == 0 {
             return Ok(());
         }
-        // the main program is not a call
+        // the main program is on the stack, but is not a call
         if self.stack.len() > CALL_DEPTH_MAX {
             let text =
                 format!("the call of program {number} is nested deeper than {CALL_DEPTH_MAX} and is skipped");
@@ -477,8 +480,7 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Executes M99: continues with the next repetition of the call or with the caller, or ends the main
-    /// program.
+    /// Executes M99: repeats the called program, continues with the caller, or ends the main program.
     fn leave(&mut self, origin: Origin) {
         let called = self.stack.len() > 1;
         match self.stack.last_mut() {
@@ -514,7 +516,8 @@ impl Frame {
     }
 }
 
-/// Runs the effects of a block: modal codes, feed words, codes that are not modal, motion, M code.
+/// Applies the effects of a block in order: modal codes, feed words, codes that are not modal, motion, M
+/// code.
 fn execute(execution: &mut Execution<'_>) {
     let words = execution.words;
     let modal_codes = || {
@@ -527,7 +530,7 @@ fn execute(execution: &mut Execution<'_>) {
     if execution.opens {
         select_start_up_offset(execution);
     }
-    // all codes are active before the first takes effect: words may be in any order (D02)
+    // all modal codes become active before the first of them takes effect: words may be in any order (D02)
     for (code, _) in modal_codes() {
         if code.group == ModalGroup::Motion {
             execution.modal.end_cycle(execution.dialect);

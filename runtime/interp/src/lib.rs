@@ -1,11 +1,12 @@
-//! NC program tree to blocks: modal state, codes, control flow, subprograms.
+//! Converts an NC program tree to blocks: modal state, codes, control flow, subprograms.
 //!
-//! [`check`] finds faults before anything moves; [`Interpreter`] returns the next [`Item`] on request. Both read the
-//! same tables: a code is one file of [`codes`], a dialect one file of [`dialects`]. This crate calls nothing outside:
-//! external values are passed as [`Inputs`].
+//! [`check`] finds faults before any motion; [`Interpreter`] returns the next [`Item`] on request. Both read
+//! the same tables: each code is a file in [`codes`], each dialect a file in [`dialects`]. This crate calls
+//! no other component: callers pass external values as [`Inputs`].
 //!
-//! Decisions where the manual is silent: G09 between axis words acts as if after them (D27); a word that two codes of a
-//! block could take is an error; G04 takes one time only; M30 in a subprogram ends the whole run.
+//! Decisions where the manual is silent: G09 between axis words acts like G09 after them (D27); a word that
+//! two codes of a block could take is an error; G04 takes only one time; M30 in a subprogram ends the whole
+//! run.
 //!
 //! [`Item`]: tandem_model::flow::Item
 

@@ -1,5 +1,5 @@
-//! Meaning of codes, independent of the number in a dialect: the values that modal codes set, and a code's role in its
-//! block. The checker and the interpreter decide by these alone.
+//! Meaning of codes, independent of their numbers in a dialect: the values that modal codes set, and the role
+//! of a code in its block. The decisions of checker and interpreter depend only on these meanings.
 
 use tandem_model::flow::{Distance, MultiBlock, PathControl};
 use tandem_model::plane::Plane;
@@ -7,10 +7,10 @@ use tandem_model::settings::Unit;
 
 use crate::fixed_cycles::FixedCycle;
 
-/// Side of the path that the tool's centre is on: cutter compensation.
+/// Side of the path on which cutter compensation guides the tool's centre.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Side {
-    /// On the path: no compensation.
+    /// The tool's centre moves on the path: no compensation.
     #[default]
     Off,
     /// Left of the path, seen along the motion.
@@ -19,10 +19,10 @@ pub enum Side {
     Right,
 }
 
-/// Effect of the selected tool's length.
+/// Effect of the selected tool's length on Z.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum LengthOffset {
-    /// No effect.
+    /// The length has no effect.
     #[default]
     Off,
     /// The length is added to Z.
@@ -34,21 +34,21 @@ pub enum LengthOffset {
 /// The level at which a fixed cycle ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ReturnLevel {
-    /// Z where the cycle began.
+    /// The initial level: Z where the cycle began.
     #[default]
     Initial,
     /// The R point.
     RPoint,
 }
 
-/// Elements that change the shape of a programmed path.
+/// Functions that change the shape of a programmed path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
-    /// Factors of the axes.
+    /// Scaling: a factor for each axis.
     Scaling,
-    /// Axes with reversed direction.
+    /// Mirroring: axes with reversed direction.
     Mirroring,
-    /// An angle in a plane.
+    /// Rotation: an angle in a plane.
     Rotation,
 }
 
@@ -57,23 +57,23 @@ pub enum Shape {
 pub enum ModalValue {
     /// The plane of arcs, cutter compensation and rotation.
     Plane(Plane),
-    /// Meaning of axis words.
+    /// Meaning of axis words: positions or distances.
     Distance(Distance),
     /// The unit of lengths.
     Unit(Unit),
-    /// Cutter compensation.
+    /// Side of cutter compensation.
     Side(Side),
-    /// The tool offset.
+    /// Effect of the tool length.
     Length(LengthOffset),
-    /// A fixed cycle. `None` for its end.
+    /// The active fixed cycle. `None` for the end of a cycle.
     Cycle(Option<&'static FixedCycle>),
     /// Level to which fixed cycles return.
     ReturnLevel(ReturnLevel),
     /// Selects whether blocks may blend.
     PathControl(PathControl),
-    /// Selects whether ramps span blocks.
+    /// Selects whether acceleration ramps span blocks.
     MultiBlock(MultiBlock),
-    /// A change of shape, on or off.
+    /// A function that changes the shape; true if it is on.
     Shape(Shape, bool),
     /// True if the spindle turns.
     Spindle(bool),
@@ -82,7 +82,7 @@ pub enum ModalValue {
 /// Kind of a modal motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MotionKind {
-    /// Each motor alone, in its shortest time.
+    /// Each motor moves alone, in its shortest time.
     Rapid,
     /// A straight line at the feedrate.
     Linear,
@@ -97,11 +97,11 @@ pub enum Role {
     Plain,
     /// A modal motion.
     Motion(MotionKind),
-    /// A motion of its block alone that a signal may end.
+    /// A motion, in its block only, that a signal may end.
     Skip,
-    /// A motion of its block alone whose target is a machine position.
+    /// A motion, in its block only, whose target is a machine position.
     ToMachine,
-    /// A motion of its block alone to a reference point, of the axes that it names.
+    /// A motion, in its block only, of the named axes to a reference point.
     ToReference,
     /// An arc about the corner between two motions in cutter compensation.
     Corner,
@@ -121,32 +121,32 @@ pub enum Role {
     Stop,
 }
 
-/// The modal values; `None` if unknown.
+/// Modal values in force; `None` if a value is unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct InForce {
-    /// The plane.
+    /// The plane of arcs, cutter compensation and rotation.
     pub plane: Option<Plane>,
-    /// Meaning of axis words.
+    /// Meaning of axis words: positions or distances.
     pub distance: Option<Distance>,
     /// The unit of lengths.
     pub unit: Option<Unit>,
-    /// Cutter compensation.
+    /// Side of cutter compensation.
     pub side: Option<Side>,
-    /// The number of the offset that cutter compensation uses, in dialects where it has one.
+    /// Number of the offset that cutter compensation uses, in dialects with offset numbers.
     pub offset_number: Option<f64>,
-    /// The tool offset.
+    /// Effect of the tool length.
     pub length: Option<LengthOffset>,
-    /// The number of the offset that the tool offset uses, in dialects where it has one.
+    /// Number of the offset that gives the tool length, in dialects with offset numbers.
     pub length_number: Option<f64>,
-    /// The fixed cycle, if one is active.
+    /// The fixed cycle; `Some(None)` if no cycle is active.
     pub cycle: Option<Option<&'static FixedCycle>>,
     /// Level to which fixed cycles return.
     pub return_level: Option<ReturnLevel>,
     /// Selects whether blocks may blend.
     pub path_control: Option<PathControl>,
-    /// Selects whether ramps span blocks.
+    /// Selects whether acceleration ramps span blocks.
     pub multi_block: Option<MultiBlock>,
-    /// The changes of shape that are on.
+    /// For each function of [`Shape`], true if it is on.
     pub shapes: [Option<bool>; 3],
     /// True if the spindle turns.
     pub spindle: Option<bool>,
@@ -170,7 +170,7 @@ impl InForce {
         spindle: Some(false),
     };
 
-    /// Sets a value.
+    /// Sets a modal value.
     pub(crate) fn set(&mut self, value: ModalValue) {
         match value {
             ModalValue::Plane(plane) => self.plane = Some(plane),
@@ -187,7 +187,7 @@ impl InForce {
         }
     }
 
-    /// Discards the values in which another state differs.
+    /// Sets each value that is different in `other` to unknown (`None`).
     pub(crate) fn join(&mut self, other: &Self) {
         fn both<T: PartialEq + Copy>(one: &mut Option<T>, other: Option<T>) {
             if *one != other {
@@ -200,7 +200,7 @@ impl InForce {
         both(&mut self.side, other.side);
         both(&mut self.offset_number, other.offset_number);
         if self.length_number != other.length_number {
-            // number 0 is no offset
+            // number 0 means no offset, so the effect of the length differs too
             (self.length, self.length_number) = (None, None);
         }
         both(&mut self.length, other.length);
@@ -214,7 +214,7 @@ impl InForce {
         both(&mut self.spindle, other.spindle);
     }
 
-    /// Returns true in cutter compensation.
+    /// Returns true if cutter compensation is on.
     pub(crate) fn compensates(&self) -> bool {
         matches!(self.side, Some(Side::Left | Side::Right))
     }

@@ -29,17 +29,17 @@ pub struct CycleWords {
     pub peck: Option<f64>,
 }
 
-/// A level of a fixed cycle with its original distance mode: a later G90 or G91 does not move it.
+/// A level of a fixed cycle with the distance mode of its block: a later G90 or G91 does not move the level.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CycleLevel {
     /// The value of the word, mm.
     pub value: f64,
-    /// Selects a position, or a distance from another level.
+    /// Selects whether `value` is a position or a distance from another level.
     pub distance: Distance,
 }
 
 impl CycleLevel {
-    /// Returns the level, mm; a distance is measured from `origin`.
+    /// Returns the level, mm. An incremental level is measured from `origin`.
     pub fn above(self, origin: f64) -> f64 {
         match self.distance {
             Distance::Absolute => self.value,
@@ -48,24 +48,24 @@ impl CycleLevel {
     }
 }
 
-/// Data that G10, G28 and G92 of dialect dgshape keep until the next program begins. mm or degrees.
+/// Data that G10, G28 and G92 of dialect dgshape keep until the next program begins; mm or degrees.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RetainedData {
-    /// EXOFS. `None` selects that of the settings.
+    /// External offset (EXOFS). `None` selects the offset of the settings.
     pub external_offset: Option<AxisVector>,
-    /// Work offsets of the six coordinate systems. `None` selects that of the table.
+    /// Work offsets of the six coordinate systems. `None` selects the offset of the table.
     pub work_offsets: [Option<AxisVector>; 6],
-    /// The work coordinate system that is selected.
+    /// Index of the selected work coordinate system.
     pub selected: usize,
     /// Shift of all work coordinate systems by G92.
     pub shift: AxisVector,
-    /// Tool-diameter offsets by number.
+    /// Tool-diameter offsets (as radius, mm) by number.
     pub radii: BTreeMap<u16, f64>,
     /// The middle point of G28, X, Y and Z; `None` for an axis that no G28 has named.
     pub middle: [Option<Middle>; 3],
 }
 
-/// Before any code has set data.
+/// Data before any code has set them.
 pub(crate) static NOTHING_KEPT: RetainedData = RetainedData {
     external_offset: None,
     work_offsets: [None; 6],
@@ -75,12 +75,12 @@ pub(crate) static NOTHING_KEPT: RetainedData = RetainedData {
     middle: [None; 3],
 };
 
-/// An axis of a remembered middle point.
+/// Middle point of G28 on one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Middle {
     /// A programmed position, mm.
     At(f64),
-    /// At the position of the axis: it was named by a distance.
+    /// The position of the axis: G28 named the axis by a distance (G91).
     Here,
 }
 
@@ -88,36 +88,38 @@ pub enum Middle {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Modal {
     codes: [Option<&'static Code>; ModalGroup::COUNT],
-    /// The values that these codes have set.
+    /// The values that the active codes have set.
     pub in_force: InForce,
-    /// F as written, mm/min, possibly above the maximum feedrate; 0: never programmed.
+    /// Feedrate F, mm/min, possibly above the maximum feedrate; 0 if neither F nor a default exists.
     pub feedrate_mm_min: f64,
     /// F for blocks that move rotary axes only, deg/min, independent of the unit of lengths.
     pub feedrate_deg_min: f64,
-    /// True if F has been programmed; until then the default feedrate applies, in the unit of lengths (D25).
+    /// True after the first F. Before it, the default feedrate applies, in the unit of lengths (D25).
     pub is_feed_programmed: bool,
-    /// S, r/min.
+    /// Spindle speed S, r/min.
     pub spindle_speed_r_min: f64,
-    /// ta, ms.
+    /// Acceleration time ta, ms.
     pub ta_ms: f64,
-    /// td, ms.
+    /// Deceleration time td, ms.
     pub td_ms: f64,
-    /// ts, ms.
+    /// S-curve time ts, ms.
     pub ts_ms: f64,
-    /// From the programmed point to the machine position.
+    /// Transform from the programmed point to the machine position.
     pub transform: Transform,
-    /// G40, G41 or G42 with the tool's radius and the plane.
+    /// Cutter compensation by G40, G41 or G42, with the tool's radius and the plane.
     pub compensation: Compensation,
-    /// True if cutter compensation was switched on or off, and no motion has led in or out since.
+    /// True if cutter compensation was switched on or off, and the motion that leads in or out is still
+    /// pending.
     pub lead_pending: bool,
-    /// Words that a fixed cycle keeps.
+    /// Words that a fixed cycle keeps from block to block.
     pub cycle: CycleWords,
-    /// True if the unit of lengths has been used, and must stay.
+    /// True if a block has used the unit of lengths, which must not change from then on.
     pub unit_settled: bool,
 }
 
 impl Modal {
-    /// Returns the state at start-up: the manual's initial codes, and feedrate and times of the settings.
+    /// Returns the modal state at start-up: the manual's initial codes, and the feedrate and ramp times of
+    /// the settings.
     pub(crate) fn start_up(dialect: &Dialect, settings: &CoordinateSystemSettings) -> Self {
         let of_text = Self::start_up_from_text(dialect, settings.unit);
         Self {
@@ -165,7 +167,7 @@ impl Modal {
         }
     }
 
-    /// Ends a fixed cycle.
+    /// Ends a fixed cycle and discards its words.
     pub(crate) fn end_cycle(&mut self, dialect: &Dialect) {
         if let Some(cancel) = dialect.cycle_cancel {
             self.remember(cancel);
@@ -173,14 +175,14 @@ impl Modal {
         self.cycle = CycleWords::default();
     }
 
-    /// Discards the active codes: the text alone does not show them from here on.
+    /// Discards the active codes and their values, because the text does not show them from here on.
     pub(crate) fn forget(&mut self) {
         self.codes = [None; ModalGroup::COUNT];
         self.in_force = InForce::default();
         self.lead_pending = false;
     }
 
-    /// Discards the values in which another state differs. Returns `true` if that loses knowledge.
+    /// Discards the values that are different in `other`. Returns `true` if a known value is discarded.
     pub(crate) fn join(&mut self, other: &Self) -> bool {
         let before = self.clone();
         for (code, other) in self.codes.iter_mut().zip(&other.codes) {
@@ -192,7 +194,7 @@ impl Modal {
         *self != before
     }
 
-    /// Returns the code that takes axis words: the active fixed cycle, or the motion.
+    /// Returns the code that takes axis words: the active fixed cycle, otherwise the active motion.
     pub(crate) fn taker(&self) -> Option<&'static Code> {
         let cycle = self
             .code(ModalGroup::FixedCycle)
@@ -205,7 +207,7 @@ impl Modal {
         self.in_force.plane.unwrap_or_default()
     }
 
-    /// Returns the millimetres of a programmed length of 1 (D25).
+    /// Returns the length of one programmed unit, mm (D25).
     pub fn unit(&self) -> f64 {
         self.in_force.unit.unwrap_or_default().mm()
     }
@@ -218,7 +220,7 @@ impl Modal {
         }
     }
 
-    /// Returns the meaning of axis words.
+    /// Returns whether axis words are positions or distances.
     pub fn distance(&self) -> Distance {
         self.in_force.distance.unwrap_or_default()
     }
@@ -228,7 +230,7 @@ impl Modal {
         self.in_force.path_control.unwrap_or_default()
     }
 
-    /// Returns whether ramps span blocks.
+    /// Returns whether acceleration ramps span blocks.
     pub fn multi_block(&self) -> MultiBlock {
         self.in_force.multi_block.unwrap_or_default()
     }
@@ -246,18 +248,18 @@ impl Modal {
             .filter_map(|group| self.code(*group).map(|code| (group.number(), code.code)))
     }
 
-    /// Returns `"G54"` to `"G59"`; `None` if no work coordinate system is selected (the start-up state).
+    /// Returns the selected work coordinate system, `"G54"` to `"G59"`; `None` in the start-up state.
     pub fn work_offset(&self) -> Option<&'static str> {
         self.code(ModalGroup::WorkCoordinates).map(|code| code.code)
     }
 
-    /// Returns true in cutter compensation, where the program cannot be stopped between blocks (manual, G41
-    /// and G42).
+    /// Returns true if cutter compensation is on. The program can then not be stopped between blocks (manual,
+    /// G41 and G42).
     pub fn compensates(&self) -> bool {
         self.in_force.compensates()
     }
 
-    /// Returns the active fixed cycle, from the code that begins it to its end.
+    /// Returns the active fixed cycle. A cycle is active from the code that begins it to its end.
     pub fn fixed_cycle(&self) -> Option<&'static FixedCycle> {
         self.in_force.cycle.flatten()
     }

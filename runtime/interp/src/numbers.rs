@@ -1,4 +1,5 @@
-//! Numbers as they are written: those of codes, and those of a dialect that counts increments (manual dgshape, 1-5 and 2-1).
+//! Numbers in the text: those of codes, and those of a dialect that counts increments (manual dgshape, 1-5
+//! and 2-1).
 
 use tandem_model::settings::{Calculator, NcOptions, Unit};
 use tandem_model::{Diagnostic, Span};
@@ -6,27 +7,27 @@ use tandem_syntax::{Address, AddressSet, Word, diagnostics};
 
 use crate::codes::WordSpec;
 
-/// Least increments of a mm, and of a mm/min.
+/// Number of least increments in a mm, and in a mm/min.
 const PER_MM: f64 = 1000.0;
 
-/// Least increments of an inch, and of an inch a minute.
+/// Number of least increments in an inch, and in an inch per minute.
 const PER_INCH: f64 = 10_000.0;
 
-/// Least increments of a second.
+/// Number of least increments in a second.
 const PER_S: f64 = 1000.0;
 
-/// Largest number without a decimal point, and of a word that never has one (ranges 1 and 2).
+/// Largest number without a decimal point, also in words that never have a decimal point (ranges 1 and 2).
 const WITHOUT_POINT_MAX: f64 = 99_999_999.0;
 
 /// Largest number with a decimal point (range 1).
 const WITH_POINT_MAX: f64 = 99_999.999;
 
-/// Limit of lengths and feedrates with a decimal point, in mm.
+/// Largest length (mm) and feedrate (mm/min) with a decimal point.
 const WITH_POINT_MM_MAX: f64 = 9_999.999;
 
 const ANGLES: AddressSet = AddressSet::from_addresses(&[Address::A, Address::B, Address::C]);
 
-/// The dimension words.
+/// Addresses of the dimension words, which a setting can exempt from counting increments.
 const DIMENSIONS: AddressSet = AddressSet::from_addresses(&[
     Address::I,
     Address::J,
@@ -44,7 +45,7 @@ enum QuantityKind {
     LengthOrFeedrate,
     Angle,
     Time,
-    /// The written value.
+    /// A quantity without increments: its value is the written number.
     Plain,
 }
 
@@ -58,7 +59,8 @@ fn quantity_kind(spec: &WordSpec) -> QuantityKind {
     }
 }
 
-/// Converts a value of a word from the current unit.
+/// Converts the number in a word to its value. A number without a decimal point counts increments unless a
+/// setting exempts it.
 pub(crate) fn convert_written_value(
     value: f64,
     spec: &WordSpec,
@@ -84,7 +86,7 @@ pub(crate) fn convert_written_value(
     }
 }
 
-/// Returns the range of numbers that may be written in a word, with their unit, in mm.
+/// Returns the range of the numbers that may be written in a word, with their unit; lengths in mm.
 pub(crate) fn written_range(spec: &WordSpec) -> String {
     let both = |with_point: f64, unit: &str| {
         format!(
@@ -104,7 +106,7 @@ pub(crate) fn written_range(spec: &WordSpec) -> String {
     }
 }
 
-/// Checks the form of a number. Returns `true` if it is valid.
+/// Checks the form and the range of a written number. Returns `true` if both are valid.
 pub(crate) fn validate_written_form(
     spec: &WordSpec,
     word: &Word,
@@ -132,7 +134,7 @@ pub(crate) fn validate_written_form(
     within
 }
 
-/// Checks N, which has no decimal point (manual dgshape, 2-6); the parser counts its digits.
+/// Checks a block number (N), which has no decimal point (manual dgshape, 2-6). The parser counts its digits.
 pub(crate) fn validate_block_number(word: &Word, fault: &mut dyn FnMut(Diagnostic)) {
     let number = word.number().unwrap_or_default();
     if !word.is_whole() || number < 0.0 {
@@ -151,19 +153,19 @@ fn out_of_range(name: &str, written: f64, meaning: &str, max: f64, how: &str, sp
     )
 }
 
-/// Returns the number of a G word: a constant that is not negative.
+/// Returns the number of a G word, or `None` if the word is negative or not a constant.
 pub(crate) fn code_number(word: &Word) -> Option<f64> {
     word.number().filter(|value| *value >= 0.0)
 }
 
-/// Checks a block number.
+/// Checks that a block number is a whole number.
 pub(crate) fn validate_whole_number(word: &Word, fault: &mut dyn FnMut(Diagnostic)) {
     if word.whole().is_none() {
         fault(constant_needed(word, "a whole number", "N10"));
     }
 }
 
-/// Returns the finding for a code that is not a constant.
+/// Returns the finding for a code whose number is not a valid constant.
 #[cold]
 pub(crate) fn constant_needed(word: &Word, kind: &str, example: &str) -> Diagnostic {
     let name = word.address.text();

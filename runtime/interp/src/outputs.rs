@@ -1,4 +1,4 @@
-//! The outputs of a program, as far as its text shows them.
+//! The auxiliary function outputs of a program, as far as its text shows them.
 
 use tandem_model::limits::M_CODE_MAX;
 use tandem_syntax::{Address, NcProgram, Word};
@@ -7,7 +7,7 @@ use crate::codes::m_auxiliary::parameter_index;
 use crate::dialect::Dialect;
 use crate::meaning::Role;
 
-/// An auxiliary function output by its words.
+/// An auxiliary function output, with the words of its block.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProgrammedOutput<'a> {
     /// M number.
@@ -20,12 +20,12 @@ pub struct ProgrammedOutput<'a> {
     pub line: u32,
 }
 
-/// An auxiliary function output as it is written.
+/// An auxiliary function output, with the numbers in the text.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WrittenOutput {
     /// M number.
     pub m: u16,
-    /// VA to VH.
+    /// Values of VA to VH; `None` for a parameter that is not programmed.
     pub params: [Option<f64>; 8],
     /// Line of the source file, from 1.
     pub line: u32,
@@ -60,8 +60,8 @@ pub fn programmed_outputs<'a>(
     })
 }
 
-/// Returns the outputs of a program whose parameters are all numbers, in the order of the text. A parameter that a
-/// variable holds (D04) is known only when its block runs, so its output is omitted.
+/// Returns the outputs of a program whose parameters are all numbers, in the order of the text. An output
+/// with a variable as a parameter (D04) is omitted, because the value is known only when its block runs.
 pub fn written_outputs(program: &NcProgram, dialect: &Dialect) -> impl Iterator<Item = WrittenOutput> {
     programmed_outputs(program, dialect).filter_map(|output| {
         let mut params = [None; 8];

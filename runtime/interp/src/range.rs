@@ -1,20 +1,20 @@
-//! Range of the values that a number may have before a program runs.
+//! Range of the values that a number can have in a run, calculated before the run.
 
 use tandem_syntax::{Function, Operator};
 
 use crate::arithmetic::{binary, call};
 
-/// The possible numbers of a value.
+/// Range of the values that a number can have.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Range {
-    /// The smallest possible number; above `high` if the value is certainly not a number.
+    /// Smallest possible number; above `high` if the value is certainly NaN.
     pub low: f64,
-    /// The largest possible number.
+    /// Largest possible number.
     pub high: f64,
-    /// True if the value may be not a number.
+    /// True if the value can be NaN.
     pub nan: bool,
-    /// True if only the program can have written its source values, or if no time has passed since it wrote
-    /// them.
+    /// True if only the program can have written the variables from which the value is calculated, or if no
+    /// time has passed since it wrote them.
     pub own: bool,
 }
 
@@ -34,7 +34,7 @@ impl Range {
         own: true,
     };
 
-    /// Returns the range of one value, which may be not a number.
+    /// Returns the range that contains only `value`, which may be NaN.
     pub fn from_value(value: f64) -> Self {
         if value.is_nan() {
             return Self {
@@ -59,7 +59,7 @@ impl Range {
         }
     }
 
-    /// Returns the value if the range has only one.
+    /// Returns the value if the range contains only one value.
     pub fn value(self) -> Option<f64> {
         if self.low > self.high {
             return Some(f64::NAN);
@@ -67,7 +67,8 @@ impl Range {
         (!self.nan && self.low.to_bits() == self.high.to_bits()).then_some(self.low)
     }
 
-    /// Returns a range that contains both. A side that grows becomes unbounded, so that loops terminate.
+    /// Returns a range that contains both ranges. A bound that moves becomes infinite, so that the analysis
+    /// of loops ends.
     pub fn widened(self, other: Self) -> Self {
         let low = if other.low < self.low {
             f64::NEG_INFINITY

@@ -1,14 +1,14 @@
-//! The restrictions that concern a code, in words.
+//! Texts of the restrictions that concern a code.
 
 use crate::codes::{Code, ModalGroup};
 use crate::dialect::Dialect;
 use crate::meaning::{LengthOffset, ModalValue, Role, Side};
 use crate::restrictions::{ForbiddenElement, RestrictionScope, written};
 
-/// Returns the restrictions of a code with the correction, from the dialect's table.
+/// Returns the texts of the restrictions of a code, each with its correction, from the dialect's table.
 pub fn restrictions_of(code: &Code, dialect: &Dialect) -> Vec<String> {
     let rows = dialect.restrictions.iter();
-    // a row that names the element found is useless without it
+    // a text with the mark `{code}` needs the element found in a block, which does not exist here
     let is_whole = |text: &str| !text.contains("{code}");
     let rows = rows.filter(|row| {
         concerns_code(row.what, code)
@@ -50,7 +50,7 @@ fn concerns_code(what: ForbiddenElement, code: &Code) -> bool {
     }
 }
 
-/// Returns true if a restriction applies because of this code.
+/// Returns true if the code creates the condition under which a restriction applies.
 fn holds_in(during: RestrictionScope, code: &Code) -> bool {
     match during {
         RestrictionScope::CycleBegin | RestrictionScope::Cycle | RestrictionScope::Drilling => {

@@ -1,5 +1,6 @@
-//! Combinations that are not allowed (D23, D26; manual, restrictions of G41 and G74): a table of the dialect. The
-//! checker applies it to the state that the text shows, the interpreter to the actual modal state.
+//! Combinations of codes and words that are not allowed (D23, D26; manual, restrictions of G41 and G74): a
+//! table of the dialect. The checker applies the table to the state that the text shows, the interpreter to
+//! the actual modal state.
 
 mod arc_shape;
 mod usual;
@@ -24,18 +25,18 @@ pub struct Restriction {
     pub during: RestrictionScope,
     /// The forbidden element.
     pub what: ForbiddenElement,
-    /// The diagnostic that reports it.
+    /// The diagnostic that reports a violation.
     pub entry: &'static DiagnosticEntry,
-    /// Error text. `{code}` is replaced by the element found, the other marks by codes of the dialect: `{linear}`,
-    /// `{cutting}`, `{compensation}`, `{no compensation}`, `{no cycle}`, `{no tool offset}`, and `{needed}` by the
-    /// words that the cycle of the block begins with.
+    /// Error text. `{code}` is replaced by the element found, `{needed}` by the words that the cycle of the
+    /// block needs in its first block. The other marks are replaced by codes of the dialect: `{linear}`,
+    /// `{cutting}`, `{compensation}`, `{no compensation}`, `{no cycle}`, `{no tool offset}`.
     pub message: &'static str,
-    /// Text on how to correct it, with the same marks.
+    /// Text on how to correct the block, with the same marks.
     pub help: &'static str,
 }
 
 impl Restriction {
-    /// Creates a row from its fields.
+    /// Creates a restriction from its fields.
     pub(crate) const fn new(
         entry: &'static DiagnosticEntry,
         during: RestrictionScope,
@@ -55,17 +56,18 @@ impl Restriction {
 
 /// Condition under which a restriction applies.
 ///
-/// The lead-out is pending from the block that switches cutter compensation off to the motion that leads out,
-/// both included.
+/// The lead-out of cutter compensation is pending from the block that switches compensation off to the motion
+/// that leads out, both included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RestrictionScope {
-    /// Always.
+    /// The restriction always applies.
     Always,
-    /// Distances are incremental in the block.
+    /// Axis words of the block are distances.
     Incremental,
-    /// An earlier block has a coordinate, a unit code or a work coordinate system, so that the unit stays.
+    /// An earlier block has a coordinate, a unit code or a work coordinate system, so that the unit must not
+    /// change.
     UnitSettled,
-    /// The block drills.
+    /// A fixed cycle takes words of the block, or the block begins a fixed cycle.
     Drilling,
     /// The block switches cutter compensation on or off.
     SideSwitch,
@@ -75,7 +77,7 @@ pub enum RestrictionScope {
     CycleBegin,
     /// A fixed cycle is active, and the block does not end it.
     Cycle,
-    /// The next motion in the plane, which may be that of the block, leads cutter compensation in or out.
+    /// The next motion in the plane, which may be in this block, leads cutter compensation in or out.
     Lead,
     /// Cutter compensation is on before and after the block, or its lead-out is pending.
     Compensation,
@@ -92,12 +94,12 @@ pub enum RestrictionScope {
     ToolOffset,
 }
 
-/// Forbidden elements of a block.
+/// Elements that a restriction can forbid in a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ForbiddenElement {
-    /// A block without one of the words that its fixed cycle begins with.
+    /// A missing word that the fixed cycle of the block needs in its first block.
     MissingOfCycle,
-    /// A code that sets neither a fixed cycle nor its return level.
+    /// A code that sets neither a fixed cycle nor the return level of fixed cycles.
     ForeignToCycles,
     /// Words that a motion of this kind takes.
     MovesBy(MotionKind),
@@ -105,29 +107,30 @@ pub enum ForbiddenElement {
     MovesByCycle,
     /// A code with this role.
     Has(Role),
-    /// The other side of cutter compensation.
+    /// A change to the other side of cutter compensation.
     OtherSide,
     /// A plane other than the current one.
     OtherPlane,
-    /// An output with parameters, for whose reset the program always waits.
+    /// An output with parameters; the program always waits for the reset of such an output.
     Parameters,
     /// An M code with this role that is not alone in its block.
     Accompanied(Role),
-    /// The current plane in the block is not XY.
+    /// A current plane other than XY.
     NotXy,
-    /// The current motion in the block is an arc.
+    /// An arc as the current motion.
     ArcInForce,
-    /// The number of another offset.
+    /// An offset number (D) other than the current number.
     OffsetNumber,
     /// A code that begins or ends a fixed cycle.
     CycleCode,
-    /// The spindle does not turn.
+    /// A spindle that does not turn.
     SpindleAtRest,
-    /// Another unit of lengths.
+    /// A unit of lengths other than the current unit.
     OtherUnit,
 }
 
-/// Returns the first violated restriction of a block. `with` contains the state before it and its position.
+/// Returns the first restriction that a block violates. `with` contains the modal state and the position
+/// before the block.
 #[inline]
 pub(crate) fn find(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
     if is_plain(words, with.modal) {
@@ -153,8 +156,8 @@ fn first(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
     broken.next().or_else(|| arc_shape::find(words, with))
 }
 
-/// Returns true for a block of a straight motion and its words only, which nothing restricts: most blocks of
-/// a program.
+/// Returns true for a block of a straight motion with its words only, to which no restriction applies. Most
+/// blocks of a program are of this kind.
 #[inline]
 fn is_plain(words: &BlockWords, modal: &Modal) -> bool {
     let straight = |code: &Code| matches!(code.role, Role::Motion(MotionKind::Rapid | MotionKind::Linear));
@@ -165,8 +168,8 @@ fn is_plain(words: &BlockWords, modal: &Modal) -> bool {
         && modal.in_force.side == Some(Side::Off)
 }
 
-/// Records whether a lead-in or lead-out is pending after a block, and its other modal values. The block must
-/// be free of errors.
+/// Records after a block whether a lead-in or lead-out is pending, and other modal values of the block. The
+/// block must be free of errors.
 #[inline]
 pub(crate) fn follow(words: &BlockWords, modal: &mut Modal) {
     if words.has_codes() || modal.lead_pending || !modal.unit_settled {
@@ -179,7 +182,7 @@ fn follow_closely(words: &BlockWords, modal: &mut Modal) {
     if let (Some(side), Some(before)) = (own_side(words), modal.in_force.side)
         && (before == Side::Off) != (side == Side::Off)
     {
-        // an offset that has not been led in needs no lead-out
+        // if compensation has not been led in yet, switching it off needs no lead-out
         modal.lead_pending = !modal.lead_pending;
     }
     if modal.lead_pending && moves_in_plane(words, modal) {
@@ -195,7 +198,7 @@ fn follow_closely(words: &BlockWords, modal: &mut Modal) {
     }
 }
 
-/// Updates the numbers of offsets, and the values that the M code sets.
+/// Updates the offset numbers (D and H), and the value that the M code sets.
 #[inline(never)]
 fn follow_codes(words: &BlockWords, modal: &mut Modal) {
     if words.present.contains(Address::D) && own_side(words).is_some() {
@@ -209,7 +212,7 @@ fn follow_codes(words: &BlockWords, modal: &mut Modal) {
     }
 }
 
-/// Returns true if the current motion takes a word that may move in the plane of the compensation.
+/// Returns true if the current motion takes a word that may move an axis in the plane of the compensation.
 pub(crate) fn moves_in_plane(words: &BlockWords, modal: &Modal) -> bool {
     let outside = match modal.in_force.plane {
         Some(Plane::Xy) => Address::Z,
@@ -223,7 +226,7 @@ pub(crate) fn moves_in_plane(words: &BlockWords, modal: &Modal) -> bool {
         .any(|address| address != outside && !matches!(address, Address::A | Address::B | Address::C))
 }
 
-/// Returns the block's own code of cutter compensation.
+/// Returns the side of cutter compensation that a code of the block sets.
 fn own_side(words: &BlockWords) -> Option<Side> {
     let mut values = words.codes().filter_map(|code| code.sets);
     values.find_map(|value| match value {
@@ -250,7 +253,7 @@ fn moves_by(words: &BlockWords, kind: MotionKind) -> bool {
     moves(words) && words.taker.is_some_and(|code| code.role == Role::Motion(kind))
 }
 
-/// Returns the address of the centre along an axis of the plane.
+/// Returns the address of the arc centre (I, J or K) along an axis.
 pub(crate) fn centre(axis: Axis) -> Address {
     match axis {
         Axis::X => Address::I,
@@ -259,7 +262,8 @@ pub(crate) fn centre(axis: Axis) -> Address {
     }
 }
 
-/// Returns which restrictions apply to a block, from the modal state before it and its own codes.
+/// Returns a function that decides whether a scope applies to a block, from the modal state before it and its
+/// own codes.
 fn state(words: &BlockWords, modal: &Modal) -> impl Fn(RestrictionScope) -> bool {
     let (in_force, own) = (modal.in_force, words.sets());
     let moves_anew = g_code(words, |code| matches!(code.role, Role::Motion(_))).is_some();
@@ -268,7 +272,7 @@ fn state(words: &BlockWords, modal: &Modal) -> impl Fn(RestrictionScope) -> bool
     let switches_on = own.compensates();
     let after = (before && own.side != Some(Side::Off)) || switches_on;
     let leads = modal.lead_pending != (after != before);
-    // until the lead-out, the position of the tool depends on that motion
+    // while the lead-out is pending, the position of the tool depends on the motion that leads out
     let way_out = leads && !after;
     let leads_out_here = way_out && moves_in_plane(words, modal);
     let pending = in_force.side.is_some() && modal.lead_pending;
@@ -302,7 +306,8 @@ fn state(words: &BlockWords, modal: &Modal) -> impl Fn(RestrictionScope) -> bool
     }
 }
 
-/// Returns the word at which a finding is shown, and the element found.
+/// Returns the address at which a finding is shown, and the forbidden element; `None` if the block has no
+/// such element.
 fn found(what: ForbiddenElement, words: &BlockWords, modal: &Modal) -> Option<(Address, String)> {
     let in_force = &modal.in_force;
     let shown = |code: &Code| (Address::G, code.code.to_owned());
@@ -371,12 +376,12 @@ fn found(what: ForbiddenElement, words: &BlockWords, modal: &Modal) -> Option<(A
     }
 }
 
-/// Returns the words that the cycle of the block begins with.
+/// Returns the words that a fixed cycle needs in its first block; none if the block begins no cycle.
 fn needed(words: &BlockWords) -> &'static [Address] {
     words.sets().cycle.flatten().map_or(&[][..], |cycle| cycle.needed)
 }
 
-/// Returns a text with its marks replaced.
+/// Returns a text with its marks (`{...}`) replaced.
 #[cold]
 pub(crate) fn written(text: &str, needed: &[Address], dialect: &Dialect, found: &str) -> String {
     let names = |last, is_meant: fn(&Code) -> bool| dialect.names(last, is_meant);

@@ -10,8 +10,8 @@ use crate::execution::axis_of;
 use crate::meaning::{ModalValue, Role};
 use crate::modal::Modal;
 
-/// Returns true for a code that does not change the coordinates or the unit, and that moves by the current
-/// motion alone.
+/// Returns true for a code that changes neither the coordinates nor the unit, and that moves axes only by the
+/// current motion.
 fn is_harmless(code: &Code) -> bool {
     match code.sets {
         Some(ModalValue::Unit(_) | ModalValue::Length(_) | ModalValue::Cycle(_) | ModalValue::Shape(..)) => {
@@ -21,7 +21,8 @@ fn is_harmless(code: &Code) -> bool {
     }
 }
 
-/// A programmed point in the current coordinates and unit; NaN for an axis that the text does not show.
+/// A programmed point in the current coordinates and unit; NaN for an axis whose position the text does not
+/// show.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct TextPosition(AxisVector);
 
@@ -34,7 +35,7 @@ impl PartialEq for TextPosition {
 }
 
 impl TextPosition {
-    /// Discards the axes in which another point differs. Returns `true` if there are some.
+    /// Sets each axis in which `other` differs to unknown. Returns `true` if the point changes.
     pub(crate) fn join(&mut self, other: &Self) -> bool {
         let before = *self;
         for axis in Axis::ALL {
@@ -45,7 +46,7 @@ impl TextPosition {
         *self != before
     }
 
-    /// Creates a point that the text does not show.
+    /// Creates a point with all axes unknown.
     pub(crate) fn unknown() -> Self {
         let mut position = AxisVector::ZERO;
         for axis in Axis::ALL {
@@ -54,7 +55,7 @@ impl TextPosition {
         Self(position)
     }
 
-    /// Follows a block without errors. `modal` is the modal state in it.
+    /// Moves the point by a block without errors. `modal` is the modal state in the block.
     pub(crate) fn follow(&mut self, words: &BlockWords, modal: &Modal) {
         let harmless = words.codes().all(is_harmless);
         let named = words.axis_words;
@@ -73,14 +74,14 @@ impl TextPosition {
         }
     }
 
-    /// Discards the axes of a block that may be skipped.
+    /// Sets the named axes to unknown, for example after a block that may be skipped.
     pub(crate) fn lose(&mut self, named: AddressSet) {
         for axis in named.iter().filter_map(axis_of) {
             self.0[axis] = f64::NAN;
         }
     }
 
-    /// Returns the distance that a block moves along an axis; NaN if the text does not show it.
+    /// Returns the distance that a block moves along an axis; NaN if the text does not show the distance.
     pub(crate) fn move_distance(&self, words: &BlockWords, distance: Option<Distance>, axis: Axis) -> f64 {
         let word = values(words, words.axis_words).find(|(named, _)| *named == axis);
         match (word, distance) {

@@ -1,4 +1,4 @@
-//! Known values of variables at a place of a program.
+//! Values of variables that the checker knows at a place of a program.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -7,23 +7,23 @@ use tandem_syntax::{Variable, VariableKind};
 
 use crate::range::Range;
 
-/// Limit of tracked variables of one kind: further ones are treated as unknown.
+/// Maximum number of P and Q variables that are tracked; further variables are treated as unknown.
 const FOLLOWED_MAX: usize = 1024;
 
-/// L of the current call, zero where they are not written (D12), and the values that the program has written into Q and
-/// P.
+/// Known values: L of the current call, zero until the program writes them (D12), and the values that the
+/// program has written into Q and P.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Values {
     locals: Arc<BTreeMap<u16, Range>>,
     shared: Arc<BTreeMap<(u8, u16), Range>>,
-    /// True if Q or P was written, and no time has passed since.
+    /// True if the program has written Q or P, and no time has passed since.
     fresh: bool,
-    /// True if no L is known, because the program was not followed from its start.
+    /// True if no L is known, because the checker has not followed the program from its start.
     unknown: bool,
 }
 
 impl Values {
-    /// Creates values of which none is known.
+    /// Creates values with all variables unknown.
     pub fn unknown() -> Self {
         Self {
             unknown: true,
@@ -31,7 +31,7 @@ impl Values {
         }
     }
 
-    /// Returns the known range of a variable.
+    /// Returns the range of a variable as far as it is known.
     pub fn get(&self, variable: Variable) -> Range {
         let shared = || self.shared.get(&(variable.kind as u8, variable.index));
         match variable.kind {
@@ -45,7 +45,7 @@ impl Values {
         }
     }
 
-    /// Writes a variable.
+    /// Sets the range of a variable.
     pub fn set(&mut self, variable: Variable, range: Range) {
         match variable.kind {
             VariableKind::Local => {
@@ -77,7 +77,7 @@ impl Values {
         self.shared = Arc::default();
     }
 
-    /// Starts a call: its own L are zero. Returns those of the caller.
+    /// Starts a call with all L zero. Returns the L of the caller.
     pub fn enter(&mut self) -> Locals {
         Locals {
             values: std::mem::take(&mut self.locals),
@@ -85,18 +85,18 @@ impl Values {
         }
     }
 
-    /// Returns to the L of a caller.
+    /// Restores the L of the caller.
     pub fn leave(&mut self, caller: &Locals) {
         self.locals = Arc::clone(&caller.values);
         self.unknown = caller.unknown;
     }
 
-    /// Sets L to zero, for a further repetition of a call.
+    /// Sets all L to zero, for a further repetition of a call.
     pub fn repeat(&mut self) {
         self.locals = Arc::default();
     }
 
-    /// Widens the values to include the other ones. Returns `true` if that loses knowledge.
+    /// Widens each range to include the range in `other`. Returns `true` if a range changes.
     pub fn widen(&mut self, other: &Self) -> bool {
         let before = self.clone();
         let kinds = |values: &Self| {
@@ -124,7 +124,7 @@ impl Values {
     }
 }
 
-/// L of a caller.
+/// L variables of a caller.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Locals {
     values: Arc<BTreeMap<u16, Range>>,
