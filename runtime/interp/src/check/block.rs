@@ -1,4 +1,4 @@
-//! Checks a block of words in a state: finds its faults and the state after it.
+//! Checks a block of words in one state: finds the faults of the block, and the state after the block.
 
 use tandem_model::Diagnostic;
 use tandem_model::limits::{BLOCK_BYTES_MAX, CALL_DEPTH_MAX};
@@ -18,15 +18,15 @@ use crate::evaluation::{Trust, VariableSource};
 use crate::meaning::{ModalValue, MotionKind, Role};
 use crate::restrictions;
 
-/// A shorter block cannot be too long in the intermediate code: there each word of two bytes or more has a blank, and
-/// numbers and operators of expressions have two.
+/// Length in bytes up to which a block cannot exceed the limit of the intermediate code. There, each word of
+/// two bytes or more has an extra blank, and numbers and operators of expressions have two.
 const LONG_BYTES: u32 = 300;
 
-/// Maximum number of repetitions of a call that are counted.
+/// Maximum number of repetitions of a call that are counted; a larger number is treated as unknown.
 const REPETITIONS_COUNTED: u16 = 16;
 
 impl Explorer<'_> {
-    /// Follows a block of words.
+    /// Checks a block of words, and updates the state.
     pub(super) fn block(&mut self, here: CurrentBlock<'_>, state: &mut CheckState) -> BlockOutcome {
         let CurrentBlock { block, .. } = here;
         let before = (block.skip_numbers() != 0).then(|| state.clone());
@@ -54,7 +54,7 @@ impl Explorer<'_> {
         self.skippable(here, step, before, state)
     }
 
-    /// Leaves two states for a block that may be skipped, if it changes the modal state or the path.
+    /// Returns two states for a block that may be skipped, if the block changes the modal state or the path.
     #[inline(never)]
     fn skippable(
         &self,
@@ -98,7 +98,8 @@ impl Explorer<'_> {
             way: Decision::Skip(true),
             kind: Reachability::Real,
         });
-        // the end of the program is also a path: it is not certain that a run reaches this block
+        // if the block ends the program, a run may also end here: the second part makes the next block
+        // uncertain
         if parts.len() == 1 {
             parts.push(Next {
                 place: on,
@@ -110,7 +111,7 @@ impl Explorer<'_> {
         BlockOutcome::Parts(parts)
     }
 
-    /// Reports a block whose line in the intermediate code is too long (D03).
+    /// Reports a block that is too long as a line of the intermediate code (D03).
     fn length(&mut self, here: CurrentBlock<'_>, state: &CheckState) {
         let CurrentBlock { tree, block, .. } = here;
         let span = tree.span(block);
@@ -139,7 +140,8 @@ impl Explorer<'_> {
         }
     }
 
-    /// Records the findings, and those of values that the text does not fully show.
+    /// Records the findings, including those that depend on values or modal states that the text does not
+    /// fully show.
     #[inline(never)]
     fn classify_findings(&mut self, here: CurrentBlock<'_>, state: &CheckState, mut found: Vec<Diagnostic>) {
         if state.is_open {
@@ -157,8 +159,8 @@ impl Explorer<'_> {
         }
     }
 
-    /// Separates findings that the text alone shows, those that depend on calculated values and on the path, and those
-    /// that depend on values that another writer may have changed.
+    /// Records the findings that depend on calculated values, on the path, or on values that another writer
+    /// may have changed. Leaves in `found` the findings that the text alone shows.
     fn read_by_trust(&mut self, here: CurrentBlock<'_>, state: &CheckState, found: &mut Vec<Diagnostic>) {
         if !self.words.doubtful.is_empty() {
             let mut believed = Vec::new();
@@ -214,7 +216,8 @@ impl Explorer<'_> {
             .read(tree, block, &reading, &mut |finding| found.push(finding));
     }
 
-    /// Records, if motion or plane is unknown, the faults that occur with every possible one.
+    /// If the motion or the plane is unknown, adds the faults that occur with every possible motion and
+    /// plane.
     fn read_in_all(&mut self, here: CurrentBlock<'_>, state: &CheckState, found: &mut Vec<Diagnostic>) {
         let is_arc = |code: &Code| code.role == Role::Motion(MotionKind::Arc);
         let no_plane = state.modal.in_force.plane.is_none() && self.words.taker.is_some_and(is_arc);
@@ -264,7 +267,7 @@ impl Explorer<'_> {
         self.read_with(here, state, Trust::Own, &mut Vec::new());
         let mut more = common.unwrap_or_default();
         if more.is_empty() && all_wrong {
-            // wrong with each of them, but for different reasons
+            // every motion or plane gives a fault, but not the same fault
             more = first.unwrap_or_default();
         }
         let known = |one: &Diagnostic, found: &[Diagnostic]| {
@@ -279,7 +282,7 @@ impl Explorer<'_> {
         }
     }
 
-    /// Reports values that are out of range for every possible value of the variable.
+    /// Reports words that are out of range for every possible value of their variable.
     fn report_ranges(&self, here: CurrentBlock<'_>, state: &CheckState, found: &mut Vec<Diagnostic>) {
         let CurrentBlock { tree, block, .. } = here;
         for word in tree.words(block) {
@@ -307,8 +310,8 @@ impl Explorer<'_> {
         }
     }
 
-    /// Warns of two consecutive blocks without motion in the plane in tool-diameter offset that does not check for
-    /// overcuts.
+    /// Warns of two consecutive blocks without motion in the plane, in tool-diameter offset without a check
+    /// for overcuts.
     fn rest_in_offset(&mut self, here: CurrentBlock<'_>, state: &mut CheckState) {
         let CurrentBlock { tree, block, .. } = here;
         let unchecked = self.dialect.path.compensation == CompensationRules::Unchecked;
@@ -396,7 +399,7 @@ impl Explorer<'_> {
         }
     }
 
-    /// The number and the repetitions of a call, as far as they are known.
+    /// Returns the program number and the number of runs of a call; `None` for a value that is unknown.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -438,12 +441,12 @@ impl Explorer<'_> {
         if span.start < call.span.start {
             call.span = span;
         }
-        // a program is also checked if it is not called in this state
+        // the called program is checked even if it is called 0 times
         let program = self.called(number);
         if times == Some(0) {
             return BlockOutcome::On;
         }
-        // a call is not allowed in a fixed cycle, which is reported: presumably a G80 is missing before it
+        // the checker reports a call in a fixed cycle, and assumes that a G80 is missing before the call
         if state.modal.fixed_cycle().is_some() {
             state.modal.end_cycle(self.dialect);
         }
@@ -486,7 +489,7 @@ impl Explorer<'_> {
     }
 }
 
-/// Updates the modal state.
+/// Updates the state after a block of words.
 #[inline]
 fn follow(dialect: &'static Dialect, words: &BlockWords, block: &Block, state: &mut CheckState) {
     restrictions::follow(words, &mut state.modal);

@@ -1,4 +1,4 @@
-//! Program codes: their assignments and possible jumps.
+//! Checks program codes: their assignments and possible jumps.
 
 use tandem_syntax::{Expression, ExpressionId, NcProgram, Operator, ProgramCode, Statement, diagnostics};
 
@@ -12,7 +12,7 @@ use crate::range::Range;
 use crate::text_values::Values;
 
 impl Explorer<'_> {
-    /// Follows a program code.
+    /// Checks a program code, and updates the state.
     pub(super) fn program_code(&mut self, here: CurrentBlock<'_>, state: &mut CheckState) -> BlockOutcome {
         let CurrentBlock {
             place, tree, block, ..
@@ -69,7 +69,7 @@ impl Explorer<'_> {
         }
     }
 
-    /// Reports a calculation that has no result.
+    /// Reports a calculation without a defined result.
     fn calculation(&mut self, here: CurrentBlock<'_>, code: &ProgramCode, state: &CheckState) {
         let CurrentBlock { tree, .. } = here;
         if let Some(id) = code.expression
@@ -86,7 +86,7 @@ impl Explorer<'_> {
     }
 }
 
-/// Returns the two paths of a condition: for true and for false.
+/// Returns the two continuations after a condition: for true and for false.
 fn branch(
     tree: &NcProgram,
     condition: ExpressionId,
@@ -166,8 +166,8 @@ fn switch(
     BlockOutcome::Parts(parts)
 }
 
-/// Finds the innermost operation without a defined result: a division by zero, a function outside of its domain (manual
-/// 4-1-3).
+/// Finds the innermost operation without a defined result: a division by zero, or a function outside of its
+/// domain (manual 4-1-3).
 fn undefined(program: &NcProgram, id: ExpressionId, values: &Values) -> Option<String> {
     let known = |id| {
         let range = number(program, id, values);

@@ -1,8 +1,8 @@
-//! Follows states from block to block until no new one is found.
+//! Follows states from block to block until no new state is found.
 //!
-//! A node is a state at the start of a run of blocks; the run ends where paths fork or join. States of one block are
-//! kept separate up to [`STATES_MAX`], so that related values stay together; further ones are merged, which limits the
-//! work.
+//! A node is a state at the start of a run of blocks; the run ends where paths fork or join. Up to
+//! [`STATES_MAX`] states of one block are kept separate, so that related values stay together. Further states
+//! are merged, which limits the work.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, HashMap, VecDeque};
@@ -22,15 +22,17 @@ use crate::block_words::BlockWords;
 use crate::dialect::Dialect;
 use crate::text_values::Values;
 
-/// States of one block that are kept separate. A loop with this number of turns is followed turn by turn.
+/// Maximum number of states of one block that are kept separate. A loop with this number of turns is followed
+/// turn by turn.
 const STATES_MAX: usize = 128;
-/// Steps from block to block for each block, and for each program: beyond them, states are joined at once.
+/// Number of steps from block to block for each block, and minimum number. After this number of steps, states
+/// are joined at once.
 const STEPS_PER_BLOCK: usize = 8;
 const STEPS_MIN: usize = 200_000;
-/// At this multiple of the steps, the remaining blocks are only checked one by one.
+/// Multiple of this number of steps after which the remaining blocks are only checked one by one.
 const STEPS_HARD: usize = 4;
 
-/// The place where a run continues, and the decision that leads there.
+/// A place where a run may continue, and the decision that leads to this place.
 pub(super) struct Next {
     pub place: BlockPosition,
     pub state: CheckState,
@@ -38,11 +40,11 @@ pub(super) struct Next {
     pub kind: Reachability,
 }
 
-/// Result of a block.
+/// Continuation of a run after a block.
 pub(super) enum BlockOutcome {
-    /// The next block.
+    /// The run continues with the next block.
     On,
-    /// These places; a run is certain to take one that is alone.
+    /// The run continues at one of these places; a single place is certain.
     Parts(Vec<Next>),
 }
 
@@ -53,8 +55,8 @@ pub(super) struct Explorer<'a> {
     pub nodes: Vec<Node>,
     pub groups: Groups,
     pub words: BlockWords,
-    /// If faults of calculated values are no errors: the state as the text shows it since paths have joined. `None` if
-    /// it equals the state.
+    /// The state as the text alone shows it since paths have joined, if faults of calculated values are not
+    /// errors. `None` if it equals the explored state.
     pub shown: Option<CheckState>,
     heads: HashMap<BlockPosition, Vec<usize>>,
     open: BinaryHeap<Reverse<(usize, usize)>>,
@@ -85,7 +87,7 @@ impl<'a> Explorer<'a> {
         explorer
     }
 
-    /// Checks all programs.
+    /// Checks all blocks of all programs.
     pub fn explore(&mut self) {
         let main = Arc::clone(self.programs[0].tree.source());
         if main.len() > PROGRAM_BYTES_MAX {
@@ -100,7 +102,7 @@ impl<'a> Explorer<'a> {
         } else if structure::may_be_called(&tree, self.dialect) {
             let mut called = start.clone();
             called.forget_all();
-            // the caller may have programmed F
+            // a program that calls this program may have programmed F
             start.has_feed |= self.context.default_feedrate_mm_min.is_none();
             is_certain = false;
             self.start_path(head, called, Reachability::Real, false);
@@ -120,7 +122,7 @@ impl<'a> Explorer<'a> {
         self.arrive(None, next, is_certain);
     }
 
-    /// Returns the index of a called program among those checked; `None` if its text is unknown.
+    /// Returns the index of a called program in `programs`; `None` if its text is unknown or too long.
     pub fn called(&mut self, number: u16) -> Option<usize> {
         let known = self.programs.iter().skip(1).position(|of| of.number == number);
         if let Some(at) = known {
@@ -176,7 +178,7 @@ impl<'a> Explorer<'a> {
     /// Checks blocks that no state has reached.
     fn check_unreached_blocks(&mut self) {
         let mut program = 0;
-        // checked blocks may call programs that no other block calls
+        // the blocks checked here may call programs that no other block calls
         while program < self.programs.len() {
             let blocks = self.programs[program].tree.blocks().len();
             for block in 0..blocks {
@@ -204,7 +206,7 @@ impl<'a> Explorer<'a> {
         }
     }
 
-    /// Follows a node to the next fork or join of paths.
+    /// Follows the blocks of a node to the next fork or join of paths.
     fn run(&mut self, node: usize) {
         let BlockPosition {
             program,
@@ -220,7 +222,7 @@ impl<'a> Explorer<'a> {
             let checked = &mut self.programs[program];
             let Some(block) = tree.blocks().get(at) else {
                 checked.set(at, reached);
-                // a missing M99 is reported; a called program is assumed to return
+                // the checker reports a missing M99, and assumes that the called program returns
                 let place = BlockPosition { program, block: at };
                 let parts = returned(&state, place).into_iter();
                 self.fork_path(
@@ -252,8 +254,8 @@ impl<'a> Explorer<'a> {
         self.nodes[node].end = at;
     }
 
-    /// Returns the state that the text alone shows before a node: none after a jump, a call or a block that may be
-    /// skipped.
+    /// Returns the state that the text alone shows before a node: unknown after a jump, a call or a block
+    /// that may be skipped. Returns `None` if this state equals `state`.
     fn shown_at(&self, node: usize, state: &CheckState) -> Option<CheckState> {
         let Node { place, before, .. } = &self.nodes[node];
         let (before, way) = before.filter(|_| !self.calculates(node))?;
@@ -267,8 +269,8 @@ impl<'a> Explorer<'a> {
         })
     }
 
-    /// Returns true if a fault that would be an alarm in a run is an error. Blocks that no run reaches are
-    /// checked as when loading.
+    /// Returns true if a fault that would be an alarm in a run is reported as an error. For blocks that no
+    /// run reaches, returns false, as when a program is loaded.
     pub fn calculates(&self, node: usize) -> bool {
         self.context.calculates && self.is_real(node)
     }
@@ -317,7 +319,7 @@ impl<'a> Explorer<'a> {
         }
     }
 
-    /// Records that a run may reach a place with a state.
+    /// Records that a run may reach a place in a state.
     fn arrive(&mut self, from: Option<usize>, next: Next, is_certain: bool) {
         let Next {
             place,
@@ -371,7 +373,7 @@ impl<'a> Explorer<'a> {
         self.open.push(Reverse((place.block, node)));
     }
 
-    /// Joins a state to that of a node, which is followed again when it has grown.
+    /// Joins a state to the state of a node. If the state of the node grows, the node is followed again.
     fn join(&mut self, node: usize, state: &CheckState) {
         let of = &mut self.nodes[node];
         of.is_certain = false;
@@ -383,7 +385,8 @@ impl<'a> Explorer<'a> {
         }
     }
 
-    /// Records a finding in a block that a node reaches. In blocks that no run reaches, no value is calculated.
+    /// Records a finding in a block that a node reaches. In blocks that no run reaches, ignores findings of
+    /// calculated values.
     pub fn record_finding(&mut self, here: CurrentBlock<'_>, finding: Diagnostic, weight: Weight) {
         if weight != Weight::Sure && !self.is_real(here.node) {
             return;
@@ -396,7 +399,7 @@ impl<'a> Explorer<'a> {
         });
     }
 
-    /// Returns all findings.
+    /// Returns the results of all programs.
     pub fn finish(self) -> Check {
         let Self {
             dialect,
@@ -439,7 +442,8 @@ impl<'a> Explorer<'a> {
     }
 }
 
-/// Returns the places after the called program has ended: another repetition, or the caller.
+/// Returns the places where a run continues after a called program has ended: another repetition, or the
+/// caller.
 pub(super) fn returned(state: &CheckState, place: BlockPosition) -> Vec<Next> {
     let mut outside = state.clone();
     let Some(caller) = outside.callers.pop() else {

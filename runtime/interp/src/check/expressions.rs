@@ -6,7 +6,7 @@ use crate::arithmetic::compare;
 use crate::range::Range;
 use crate::text_values::Values;
 
-/// Returns the value of an expression.
+/// Returns the range of the values of an expression.
 pub(super) fn number(program: &NcProgram, id: ExpressionId, values: &Values) -> Range {
     let of = |id| number(program, id, values);
     match program.expression(id).copied() {
@@ -35,8 +35,8 @@ pub(super) fn number(program: &NcProgram, id: ExpressionId, values: &Values) -> 
     }
 }
 
-/// Returns whether a condition holds. `None` if that is unknown, also if it depends on values that the
-/// program does not own.
+/// Returns whether a condition is true, or `None` if this is unknown or depends on values that another writer
+/// may have changed.
 pub(super) fn holds(program: &NcProgram, id: ExpressionId, values: &Values) -> Option<bool> {
     let of = |id| holds(program, id, values);
     let is_one = || {
@@ -76,7 +76,7 @@ pub(super) fn holds(program: &NcProgram, id: ExpressionId, values: &Values) -> O
     }
 }
 
-/// Compares two ranges, if that decides the comparison.
+/// Returns the result of a comparison if the ranges of both sides decide it, otherwise `None`.
 fn apart(operator: Operator, left: Range, right: Range) -> Option<bool> {
     let numbers = !left.nan && !right.nan;
     let below = left.high < right.low;
@@ -96,7 +96,7 @@ fn apart(operator: Operator, left: Range, right: Range) -> Option<bool> {
     }
 }
 
-/// Applies a condition, known to hold or not, to the ranges of the variables that it compares.
+/// Limits the ranges of the variables in a condition whose result is `is_so`.
 pub(super) fn suppose(program: &NcProgram, id: ExpressionId, is_so: bool, values: &mut Values) {
     match program.expression(id).copied() {
         Some(Expression::Not(condition)) => suppose(program, condition, !is_so, values),
@@ -125,7 +125,7 @@ pub(super) fn suppose(program: &NcProgram, id: ExpressionId, is_so: bool, values
     }
 }
 
-/// Returns the equivalent operator for exchanged sides.
+/// Returns the operator of the same comparison with exchanged sides.
 fn mirrored(operator: Operator) -> Operator {
     match operator {
         Operator::Less => Operator::Greater,
@@ -136,14 +136,14 @@ fn mirrored(operator: Operator) -> Operator {
     }
 }
 
-/// Limits a variable by a comparison with a range. A comparison that does not hold gives no limit if one side may be
-/// NaN.
+/// Limits the range of a variable by its comparison with another range. A comparison whose result is false
+/// gives no limit if one side may be NaN.
 fn bound(values: &mut Values, variable: Variable, operator: Operator, is_so: bool, other: Range) {
     let before = values.get(variable);
     if before.value().is_some() && before.own {
         return;
     }
-    // if another writer may have changed the value, only the condition limits it
+    // if another writer may have changed the value, only the condition limits its range
     let mut range = if before.own { before } else { Range::ANY };
     let numbers = !range.nan && !other.nan;
     let (above, below) = match (operator, is_so) {

@@ -1,4 +1,4 @@
-//! Nodes and programs that are followed.
+//! Data of the exploration: nodes, decisions, and the programs that are checked.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -10,22 +10,22 @@ use super::state::CheckState;
 use super::{CheckContext, Findings};
 use crate::dialect::{Dialect, OtherMCodes};
 
-/// A decision taken on a path.
+/// A decision that leads from one node to another.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Decision {
     /// No decision.
     On,
-    /// `if`: its commands are executed, or not.
+    /// `if`: true if the commands of the `if` are executed.
     If(bool),
-    /// `while`: another turn, or none.
+    /// `while`: true for another turn of the loop.
     Loop(bool),
     /// `do` with `while`: another turn.
     Again,
-    /// `switch`: the case of a label, or `default`.
+    /// `switch`: the label of the case that matches; `None` for `default`.
     Case(Option<i64>),
-    /// A block with block skip: skipped, or not.
+    /// A block with block skip: true if the block is skipped.
     Skip(bool),
-    /// The called program begins.
+    /// Start of a called program.
     Called,
 }
 
@@ -34,19 +34,19 @@ pub(super) enum Decision {
 pub(super) enum Reachability {
     /// A run may reach the node.
     Real,
-    /// No run reaches the node, because of compared values or because it follows the end; it is checked
-    /// anyway.
+    /// No run reaches the node, because of the values compared, or because the node follows an end. The node
+    /// is checked anyway.
     Supposed,
 }
 
-/// A place of a run.
+/// Place of a block: index of the program, and index of the block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) struct BlockPosition {
     pub program: usize,
     pub block: usize,
 }
 
-/// The block that is checked: its node, its place, and its text.
+/// The block that is checked, with its node, place and program.
 #[derive(Clone, Copy)]
 pub(super) struct CurrentBlock<'t> {
     pub node: usize,
@@ -68,17 +68,17 @@ impl CurrentBlock<'_> {
 pub(super) struct Node {
     pub place: BlockPosition,
     pub kind: Reachability,
-    /// True if a run reaches this node, independent of other writers.
+    /// True if a run certainly reaches this node, independent of other writers.
     pub is_certain: bool,
-    /// True if a modal value is unknown.
+    /// True if a modal value of the state is unknown.
     pub is_open: bool,
     /// The node from which this node was first reached, and the decision there.
     pub before: Option<(usize, Decision)>,
-    /// One past the last block of its run.
+    /// Index after the last block of the node's run.
     pub end: usize,
-    /// State after the last block of its run, where the path continues.
+    /// State before the first block of the node's run.
     pub state: Arc<CheckState>,
-    /// True if the node must be followed, or followed again.
+    /// True if the node must be followed, for the first time or again.
     pub waits: bool,
 }
 
@@ -86,34 +86,34 @@ pub(super) struct Node {
 pub(super) struct CheckedProgram<'a> {
     pub number: u16,
     pub tree: Tree<'a>,
-    /// Knowledge about each block, and about the place past the last one.
+    /// Marks of each block, and of the place after the last block.
     pub marks: Vec<u8>,
     pub m_codes: BTreeMap<u16, (Span, bool)>,
     pub programs: BTreeMap<u16, Call>,
     pub calls_any: bool,
 }
 
-/// The first call of a program.
+/// The first call of a program, in the order of the text.
 #[derive(Clone, Copy)]
 pub(super) struct Call {
     pub span: Span,
     pub is_missing: bool,
 }
 
-/// Paths join before the block.
+/// Mark of a block before which paths join.
 pub(super) const JOIN: u8 = 1;
-/// A run reaches the block.
+/// Mark of a block that a run reaches.
 pub(super) const REACHED: u8 = 2;
-/// The block has been checked.
+/// Mark of a block that has been checked.
 pub(super) const LOOKED_AT: u8 = 4;
 
 impl CheckedProgram<'_> {
-    /// Returns true for a block with this mark.
+    /// Returns true if the block has this mark.
     pub fn has(&self, block: usize, mark: u8) -> bool {
         self.marks.get(block).is_some_and(|marks| marks & mark != 0)
     }
 
-    /// Marks a block.
+    /// Adds a mark to a block.
     pub fn set(&mut self, block: usize, mark: u8) {
         if let Some(marks) = self.marks.get_mut(block) {
             *marks |= mark;
@@ -121,7 +121,7 @@ impl CheckedProgram<'_> {
     }
 }
 
-/// A tree, borrowed or shared.
+/// Tree of a program: borrowed for the main program, shared for a called program.
 #[derive(Clone)]
 pub(super) enum Tree<'a> {
     Main(&'a NcProgram),
@@ -140,7 +140,7 @@ impl std::ops::Deref for Tree<'_> {
 }
 
 impl CheckedProgram<'_> {
-    /// Reports M codes without settings and missing programs, each at its first place.
+    /// Reports M codes without settings and missing programs, each where it is first used.
     pub fn report_missing(&self, dialect: &Dialect, context: &CheckContext<'_>, findings: &mut Findings) {
         let warns = dialect.policy.other_m_codes == OtherMCodes::Output;
         if let Some(known) = context.m_codes_with_settings.filter(|_| warns) {

@@ -1,5 +1,5 @@
-//! Checks a block's words against the machine, as far as the context describes it, and words that a motion needs or
-//! does not use.
+//! Checks the words of a block against the machine data in the context, and finds words that a motion lacks
+//! or does not use.
 
 use tandem_syntax::{Address, AddressSet, diagnostics};
 
@@ -13,13 +13,14 @@ use crate::execution::axis_of;
 use crate::meaning::{ModalValue, MotionKind, Role};
 use crate::restrictions;
 
-/// The words of an arc's centre.
+/// Addresses of the centre of an arc.
 const CENTRES: AddressSet = AddressSet::from_addresses(&[Address::I, Address::J, Address::K]);
 
-/// Allowed distance of an arc's end from its circle, as a share of the radius.
+/// Allowed distance of the end of an arc from its circle, as a fraction of the radius.
 const BESIDE_MAX: f64 = 0.01;
 
-/// Allowed distance for small arcs, mm or inches: the error of rounding to three decimals.
+/// Allowed distance of the end of a small arc from its circle, mm or inches: the error of rounding to three
+/// decimals.
 const ROUNDING_MAX: f64 = 0.01;
 
 impl Explorer<'_> {
@@ -82,7 +83,7 @@ impl Explorer<'_> {
         }
     }
 
-    /// Warns of words of an arc that it does not use.
+    /// Warns of words that the arc of the block does not use.
     pub(super) fn arc_words(&mut self, here: CurrentBlock<'_>, state: &CheckState) {
         let CurrentBlock { tree, block, .. } = here;
         let words = &self.words;
@@ -99,7 +100,7 @@ impl Explorer<'_> {
             };
             let used = AddressSet::from_addresses(&plane.axes().map(restrictions::centre));
             if centres.intersection(used).is_empty() {
-                // that is reported as a separate error
+                // another check reports this case as an error
                 return;
             }
             let unused = centres.without(used);
@@ -120,7 +121,8 @@ impl Explorer<'_> {
         }
     }
 
-    /// Warns of an arc whose end is not on its circle, as far as the text shows. `state` is that before the block.
+    /// Warns of an arc whose end is not on its circle, if the text shows it. `state` is the state before the
+    /// block.
     pub(super) fn arc_end(&mut self, here: CurrentBlock<'_>, state: &CheckState) {
         let words = &self.words;
         let is_arc = |code: &Code| code.role == Role::Motion(MotionKind::Arc);
@@ -162,7 +164,7 @@ impl Explorer<'_> {
             && !has(Address::S)
             && !words.taken.is_empty()
             && words.taker.is_some_and(threads);
-        // once is enough
+        // a run reports this fault only once
         state.has_feed |= lacks_feed || has(Address::F);
         state.has_speed |= lacks_speed || has(Address::S);
         if lacks_feed {

@@ -9,12 +9,12 @@ use crate::text_values::{Locals, Values};
 
 use super::CheckContext;
 
-/// A program that waits for the end of one that it calls.
+/// A program that waits for the end of a program that it has called.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Caller {
-    /// Place of the program among those checked.
+    /// Index of the waiting program among the checked programs.
     pub program: usize,
-    /// The block at which it continues.
+    /// Index of the block at which the waiting program continues.
     pub block: usize,
     /// Remaining repetitions of the called program. `None` if unknown.
     pub repetitions: Option<u16>,
@@ -28,13 +28,13 @@ pub(super) struct CheckState {
     pub position: TextPosition,
     pub values: Values,
     pub callers: Vec<Caller>,
-    /// True if F has been programmed, or may have been.
+    /// True if the program has, or may have, programmed F.
     pub has_feed: bool,
-    /// True if S has been programmed, or may have been.
+    /// True if the program has, or may have, programmed S.
     pub has_speed: bool,
-    /// Blocks in a row that do not move in the plane of cutter compensation.
+    /// Number of blocks in a row that do not move in the plane of cutter compensation.
     pub at_rest: u8,
-    /// True if a modal value is unknown: the state represents many states.
+    /// True if a modal value is unknown: this state then represents several states.
     pub is_open: bool,
 }
 
@@ -58,7 +58,7 @@ impl CheckState {
         }
     }
 
-    /// Discards the modal state and the tool position.
+    /// Sets the modal state and the tool position to unknown.
     pub fn forget(&mut self) {
         self.modal.forget();
         self.position = TextPosition::unknown();
@@ -67,18 +67,18 @@ impl CheckState {
         self.is_open = true;
     }
 
-    /// Discards everything that an unknown subprogram may change.
+    /// Sets everything to unknown that an unknown subprogram may change.
     pub fn forget_all(&mut self) {
         self.forget();
         self.values.forget_shared();
     }
 
-    /// Discards the positions of the axes of a block that may be skipped.
+    /// Sets the positions of the named axes to unknown, because their block may be skipped.
     pub fn lose(&mut self, named: AddressSet) {
         self.position.lose(named);
     }
 
-    /// Merges another state of the same place. Returns `true` if that loses knowledge.
+    /// Merges another state of the same place. Returns `true` if known values are lost.
     pub fn widen(&mut self, other: &Self) -> bool {
         let mut changed = self.values.widen(&other.values);
         changed |= self.position.join(&other.position);

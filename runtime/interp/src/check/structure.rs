@@ -26,7 +26,7 @@ pub(super) fn report_flow_faults(of: &CheckedProgram<'_>, dialect: &Dialect, fin
     } else {
         (dead, dead.is_none())
     };
-    // an unreadable block may jump to that block
+    // a block that cannot be read may contain a jump to the unreached block
     let is_clear = !branches || !blocks.iter().any(Block::has_errors);
     if let Some(block) = dead.and_then(|dead| blocks.get(dead)).filter(|_| is_clear) {
         let (message, help) = if branches {
@@ -63,8 +63,8 @@ fn has_branches(program: &NcProgram) -> bool {
     program.has_program_codes() && program.blocks().iter().any(|block| is_mark(program, block))
 }
 
-/// Returns for each block whether a run may reach it, independent of conditions; the last entry is the place
-/// past the last block.
+/// Returns for each block whether a run may reach the block, independent of conditions. The last entry is for
+/// the place after the last block.
 fn reachable(program: &NcProgram, dialect: &Dialect) -> Vec<bool> {
     let blocks = program.blocks();
     let mut reached = vec![false; blocks.len() + 1];
@@ -89,7 +89,7 @@ fn reachable(program: &NcProgram, dialect: &Dialect) -> Vec<bool> {
     reached
 }
 
-/// Returns the blocks that a program code may jump to.
+/// Returns the indices of the blocks to which a program code may jump.
 fn targets(program: &NcProgram, code: &ProgramCode) -> impl Iterator<Item = usize> {
     let cases = match code.statement {
         Statement::Switch { first, count } => Some(program.case_blocks(first, count)),
@@ -99,7 +99,7 @@ fn targets(program: &NcProgram, code: &ProgramCode) -> impl Iterator<Item = usiz
     blocks.map(|block| block as usize)
 }
 
-/// Returns the blocks that a run may reach by a jump.
+/// Returns the indices of all blocks to which a program code of the program may jump.
 pub(super) fn joins(program: &NcProgram) -> Vec<usize> {
     if !program.has_program_codes() {
         return Vec::new();
@@ -109,13 +109,13 @@ pub(super) fn joins(program: &NcProgram) -> Vec<usize> {
     codes.flat_map(|code| targets(program, code)).collect()
 }
 
-/// Returns true for a block that always ends the program.
+/// Returns true for a block that always ends its program.
 fn ends(program: &NcProgram, block: &Block, dialect: &Dialect) -> bool {
     let ends = |word: &Word| m_code(word, dialect).is_some_and(Code::ends);
     block.skip_numbers() == 0 && program.words(block).iter().any(ends)
 }
 
-/// Returns true for a program that returns: its initial modal state may be that of its caller.
+/// Returns true for a program with a return: its initial modal state may be the state of a caller.
 pub(super) fn may_be_called(program: &NcProgram, dialect: &Dialect) -> bool {
     let returns = |word: &Word| m_code(word, dialect).is_some_and(|code| code.role == Role::Return);
     if !program.all_words().iter().any(returns) {
@@ -125,13 +125,14 @@ pub(super) fn may_be_called(program: &NcProgram, dialect: &Dialect) -> bool {
     blocks.any(|block| program.words(block).iter().any(returns))
 }
 
-/// Returns the M code of a word that the runtime handles itself.
+/// Returns the M code of a word if the runtime handles this M code itself.
 fn m_code(word: &Word, dialect: &Dialect) -> Option<&'static Code> {
     let number = word.number().filter(|_| word.address == Address::M)?;
     dialect.m_codes.find(tenths(number)?)
 }
 
-/// Returns true for parts of branches that need not be reached: the continuation after commands that end.
+/// Returns true for a program code that a run need not reach, such as the end of a branch whose commands end
+/// the program.
 fn is_mark(program: &NcProgram, block: &Block) -> bool {
     program
         .program_code(block)

@@ -1,5 +1,5 @@
-//! Combines the findings of single states into reports: an error if a finding occurs in all states, a warning
-//! with the path if it occurs in some.
+//! Combines the findings of single states into reports. A finding in all states is an error; a finding in
+//! only some states is a warning that names the path.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,7 +8,7 @@ use tandem_syntax::{Grammar, NcProgram, diagnostics};
 
 use super::graph::{BlockPosition, CheckedProgram, Decision, Node, Reachability};
 
-/// Beyond the number that can be listed, findings need not be distinguished.
+/// Maximum number of findings that are distinguished; further findings could not be listed anyway.
 const GROUPS_MAX: usize = 4 * tandem_syntax::DIAGNOSTICS_MAX;
 
 /// A finding in one state.
@@ -19,18 +19,18 @@ pub(super) struct StateFinding {
     pub weight: Weight,
 }
 
-/// Dependency of a finding.
+/// The data on which a finding depends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Weight {
-    /// It depends on the written text only.
+    /// The finding depends only on the written text.
     Sure,
-    /// It depends on a calculated value, and is an alarm in a run (D11).
+    /// The finding depends on a calculated value, and is an alarm in a run (D11).
     Calculated,
-    /// It depends on a variable that another writer may have changed.
+    /// The finding depends on a variable that another writer may have changed.
     Doubtful,
 }
 
-/// One fault, and the states that have it.
+/// One fault, and the nodes in whose states it occurs.
 struct Group {
     place: BlockPosition,
     finding: Diagnostic,
@@ -38,7 +38,7 @@ struct Group {
     weight: Weight,
 }
 
-/// The findings so far: by program, first byte, code and last byte.
+/// The findings so far, by index of the program, first byte, diagnostic code and last byte.
 #[derive(Default)]
 pub(super) struct Groups(BTreeMap<(usize, u32, &'static str, u32), Group>);
 
@@ -153,7 +153,7 @@ fn verdict(place: BlockPosition, found: &BTreeSet<usize>, nodes: &[Node]) -> Ver
     }
 }
 
-/// Returns true if the main program was checked both as a started and as a called program.
+/// Returns true if the main program was checked twice: as a started program and as a called program.
 fn is_root_of_two(nodes: &[Node]) -> bool {
     let roots = nodes
         .iter()
@@ -161,8 +161,8 @@ fn is_root_of_two(nodes: &[Node]) -> bool {
     roots.count() > 1
 }
 
-/// Returns the node and the decision at which the path to `with` leaves the path to `without`; if there is no
-/// other path, the last decision.
+/// Returns the node and the decision at which the path to `with` leaves the path to `without`. If the paths
+/// have no common node, returns the first decision on the path to `with`.
 fn parting(nodes: &[Node], with: usize, without: Option<usize>) -> Option<(usize, Decision)> {
     let mut others = BTreeSet::new();
     let mut at = without;
@@ -184,7 +184,7 @@ fn parting(nodes: &[Node], with: usize, without: Option<usize>) -> Option<(usize
     last
 }
 
-/// Describes a decision that was taken in the last block of a node's run.
+/// Returns a text that describes a decision in the last block of a node.
 fn describe_decision(
     programs: &[CheckedProgram<'_>],
     reader: usize,

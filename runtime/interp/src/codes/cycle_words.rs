@@ -1,4 +1,4 @@
-//! The words that fixed cycles have in common, and the effect of a block with them (D42).
+//! Words that fixed cycles have in common, and the effect of a block with these words (D42).
 //!
 //! All levels are programmed positions. The initial level is Z at the start of the cycle, not at the start of
 //! each block: in the manual's examples, the last hole returns with G98 to the level before the first hole,
@@ -25,7 +25,7 @@ pub static CYCLE_WORDS: [WordSpec; 6] = [
     WordSpec::new(Address::K, "number of repetitions", "", 0.0, 10_000.0).whole(),
 ];
 
-/// Stores the words of a block in the active fixed cycle, and starts its steps.
+/// Stores the words of a block in the active fixed cycle, and starts the steps of the cycle.
 pub fn run(execution: &mut Execution<'_>, words: AxisWords) {
     store_cycle_words(execution, words.distance);
     let kept = execution.modal.cycle;
@@ -40,7 +40,7 @@ pub fn run(execution: &mut Execution<'_>, words: AxisWords) {
     start_cycle(execution, words, cycle, HoleLevels { initial, r_point, z });
 }
 
-/// The levels of a hole, mm; the initial one and the R point are programmed positions.
+/// Levels of a hole, mm; the initial level and the R point are programmed positions.
 #[derive(Clone, Copy)]
 pub(super) struct HoleLevels {
     pub initial: f64,
@@ -48,7 +48,7 @@ pub(super) struct HoleLevels {
     pub z: CycleLevel,
 }
 
-/// Starts the steps of a block. Z in G91 is a distance from the R point.
+/// Starts the steps of the cycle for one block. In G91, Z is a distance from the R point.
 pub(super) fn start_cycle(
     execution: &mut Execution<'_>,
     position: AxisWords,
@@ -77,7 +77,7 @@ pub(super) fn start_cycle(
     execution.draft.cycle = Some(Box::new(Expansion::new(cycle, hole)));
 }
 
-/// Stores the modal words of a block.
+/// Stores the words of a block that the cycle keeps.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -101,7 +101,8 @@ pub(super) fn store_cycle_words(execution: &mut Execution<'_>, distance: Distanc
     kept.peck = peck.or(kept.peck);
 }
 
-/// Returns Z at the start of the cycle, as a programmed position: that of the tool, in the first block.
+/// Returns the initial level: Z at the start of the cycle, as a programmed position. The first block stores
+/// the tool's Z.
 pub(super) fn initial_level(execution: &mut Execution<'_>) -> f64 {
     let initial = execution.modal.cycle.initial.unwrap_or_else(|| {
         let position = execution.position();

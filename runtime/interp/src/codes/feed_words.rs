@@ -1,4 +1,4 @@
-//! The words that are modal without a code: F, S, ta, td, ts. No modal group belongs to them.
+//! Words that are modal without a code: F, S, ta, td, ts. They belong to no modal group.
 
 use tandem_model::Alarm;
 use tandem_model::alarm::VALUE_OUT_OF_RANGE;
@@ -8,10 +8,10 @@ use super::{WordSpec, speed_codes};
 use crate::dialect::SpindleWord;
 use crate::execution::Execution;
 
-/// Smallest feedrate (manual, table of instruction parameters).
+/// Smallest feedrate, mm/min (manual, table of instruction parameters).
 const FEEDRATE_MIN: f64 = 0.000_000_001;
 
-/// F, S, ta, td, ts with their ranges. F and S have their upper limits from the configuration (D11).
+/// F, S, ta, td and ts with their ranges. The configuration gives the upper limits of F and S (D11).
 pub static FEED_WORDS: [WordSpec; 5] = [
     WordSpec::new(Address::F, "feedrate", "mm/min", FEEDRATE_MIN, f64::INFINITY),
     WordSpec::new(Address::S, "spindle speed", "r/min", 0.0, f64::INFINITY),
@@ -20,7 +20,8 @@ pub static FEED_WORDS: [WordSpec; 5] = [
     WordSpec::new(Address::Ts, "jerk time", "ms", 0.0, 125_000.0),
 ];
 
-/// F and S of dialect dgshape. A value below the machine's least feedrate or speed is replaced by that (2-4, 2-5).
+/// F and S of dialect dgshape. The least feedrate or speed of the machine replaces a smaller value (2-4,
+/// 2-5).
 pub static FEED_AND_SPEED: [WordSpec; 2] = [
     WordSpec::new(Address::F, "feedrate", "mm/min", FEEDRATE_MIN, f64::INFINITY),
     WordSpec::new(
@@ -33,9 +34,9 @@ pub static FEED_AND_SPEED: [WordSpec; 2] = [
     .whole(),
 ];
 
-/// Stores the words of a block that no code has as its own. F above the maximum gives a warning, S above the spindle's
-/// maximum is an alarm (D11). F keeps its written value, since it determines the pitch of a thread (M1h); no motion is
-/// faster than the maximum.
+/// Stores F, S, ta, td and ts of a block, unless a code of the block takes the word. F above the maximum
+/// gives a warning, S above the spindle's maximum is an alarm (D11). F keeps its written value, since F
+/// determines the pitch of a thread (M1h); no motion is faster than the maximum.
 pub(crate) fn store_feed_words(execution: &mut Execution<'_>) {
     if let Some(programmed) = execution.free_word(Address::F) {
         let max = execution.limits.max_feedrate_mm_min;

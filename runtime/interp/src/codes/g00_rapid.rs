@@ -5,7 +5,7 @@ use tandem_model::flow::Action;
 use super::{AXIS_WORDS, Code, ModalGroup};
 use crate::meaning::{MotionKind, Role};
 
-/// G00: each motor alone, in its shortest time.
+/// G00: a rapid, in which each motor moves alone in its shortest time.
 pub static G00: Code = Code {
     code: "G00",
     name: "Rapid Positioning",

@@ -31,7 +31,7 @@ static WORDS: [WordSpec; 10] = [
     WordSpec::new(Address::R, "radius", "mm", -POSITION_MAX, POSITION_MAX),
 ];
 
-/// The words of dialect dgshape, whose arcs move no rotary axis.
+/// Words of arcs in dialect dgshape, whose arcs move no rotary axis.
 static WORDS_OF_ORTHOGONAL: [WordSpec; 7] = [
     axis_word(Address::X),
     axis_word(Address::Y),
@@ -42,19 +42,19 @@ static WORDS_OF_ORTHOGONAL: [WordSpec; 7] = [
     WordSpec::new(Address::R, "radius", "mm", -POSITION_MAX, POSITION_MAX),
 ];
 
-/// G02 of X, Y and Z.
+/// G02 of dialect dgshape, with X, Y and Z only.
 pub static G02_ORTHOGONAL: Code = Code {
     words: &WORDS_OF_ORTHOGONAL,
     ..G02
 };
 
-/// G03 of X, Y and Z.
+/// G03 of dialect dgshape, with X, Y and Z only.
 pub static G03_ORTHOGONAL: Code = Code {
     words: &WORDS_OF_ORTHOGONAL,
     ..G03
 };
 
-/// G02: clockwise.
+/// G02: a clockwise arc.
 pub static G02: Code = Code {
     code: "G02",
     name: "Circular Interpolation in CW direction",
@@ -69,7 +69,7 @@ pub static G02: Code = Code {
     ..Code::BASE
 };
 
-/// G03: counter-clockwise.
+/// G03: a counter-clockwise arc.
 pub static G03: Code = Code {
     code: "G03",
     name: "Circular Interpolation in CCW direction",

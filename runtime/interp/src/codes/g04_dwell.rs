@@ -1,4 +1,4 @@
-//! G04 Dwell. Its F, P and X are times: nothing moves, and the modal feedrate stays (D19).
+//! G04 Dwell. In its block, F, P and X are times: no axis moves, and the modal feedrate stays (D19).
 
 use tandem_model::flow::Action;
 use tandem_syntax::Address;
@@ -10,11 +10,11 @@ use crate::execution::Execution;
 use crate::meaning::Role;
 
 const SECONDS_MAX: f64 = 100_000.0;
-/// Longest dwell of dialect dgshape.
+/// Longest dwell of dialect dgshape, s.
 const DWELL_MAX_S: f64 = 3600.0;
 const MILLISECONDS_MAX: f64 = 100_000_000.0;
 
-/// G04: rest for a time.
+/// G04: a dwell.
 pub static G04: Code = Code {
     code: "G04",
     name: "Dwell",
@@ -32,7 +32,7 @@ pub static G04: Code = Code {
     ..Code::BASE
 };
 
-/// G04 of dialect dgshape.
+/// G04 of dialect dgshape, with X or P.
 pub static G04_X_P: Code = Code {
     words: &[
         WordSpec::new(Address::X, "dwell time", "s", 0.0, DWELL_MAX_S),

@@ -1,11 +1,11 @@
-//! G09 Exact Stop. Its position in the block selects the stop (D27): before the axis words, it stops before
-//! the block's motion; after the first axis word, at the end of the motion. A block without motion ends the
-//! chain before it.
+//! G09 Exact Stop. The position of G09 in the block selects the stop (D27): before the axis words, G09 stops
+//! before the block's motion; after the first axis word, at the end of the motion. A block without motion
+//! ends the chain of blocks before it.
 
 use super::Code;
 use crate::execution::Execution;
 
-/// G09: one stop in position, in continuous-path mode too.
+/// G09: one stop in position, also in continuous-path mode.
 pub static G09: Code = Code {
     code: "G09",
     name: "Exact Stop",

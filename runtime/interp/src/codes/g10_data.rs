@@ -1,5 +1,5 @@
-//! G10 of dialect dgshape: work offsets, EXOFS and tool-diameter offsets (2-2). Its values are valid until the next
-//! program begins; the machine's tables do not change.
+//! G10 of dialect dgshape: sets work offsets, EXOFS and tool-diameter offsets (2-2). The values are valid
+//! until the next program begins; the machine's tables do not change.
 
 use tandem_syntax::Address;
 use tandem_syntax::diagnostics::{OUT_OF_RANGE, WORD_MISSING, WORD_NOT_TAKEN};
@@ -10,15 +10,15 @@ use crate::block_words::BlockWords;
 use crate::execution::Execution;
 use crate::meaning::Role;
 
-/// The kind of data that L names.
+/// Value of L for work offsets.
 const WORK_OFFSETS: f64 = 2.0;
 
-/// Coordinate systems that P may name with L2; 0 is EXOFS.
+/// Largest P with L2, the number of a work coordinate system; P0 selects EXOFS.
 const COORDINATES_MAX: f64 = 6.0;
 
 const OFFSET_NUMBER_MAX: f64 = 65_535.0;
 
-/// G10.
+/// G10: sets data for the rest of the program.
 pub static G10: Code = Code {
     code: "G10",
     name: "Data Setting",

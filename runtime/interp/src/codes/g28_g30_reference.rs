@@ -1,4 +1,4 @@
-//! G28 and G30: to a reference point through a middle point (D23, D24).
+//! G28 and G30: motions to a reference point through a middle point (D23, D24).
 
 use tandem_model::Axis;
 use tandem_model::flow::{Action, AxisWords, Distance};
@@ -9,7 +9,7 @@ use crate::execution::Execution;
 use crate::meaning::Role;
 use crate::modal::Middle;
 
-/// G28: to the first reference point.
+/// G28: motion to the first reference point.
 pub static G28: Code = Code {
     code: "G28",
     name: "Return to Reference Point",
@@ -22,7 +22,7 @@ pub static G28: Code = Code {
     ..Code::BASE
 };
 
-/// G28 of dialect dgshape, whose middle point is remembered axis by axis.
+/// G28 of dialect dgshape, which remembers the middle point of each axis.
 pub static G28_REMEMBERED: Code = Code {
     role: Role::ToReference,
     words: &[
@@ -76,7 +76,7 @@ fn remembered(execution: &mut Execution<'_>) {
     }
 }
 
-/// G30: to the second, third or fourth one.
+/// G30: motion to the second, third or fourth reference point.
 pub static G30: Code = Code {
     code: "G30",
     name: "Return to 2nd, 3rd or 4th Reference Point",

@@ -6,7 +6,7 @@ use tandem_syntax::Address;
 use super::{Code, axis_word};
 use crate::meaning::Role;
 
-/// G39.
+/// G39: an arc about an outside corner.
 pub static G39: Code = Code {
     code: "G39",
     name: "Corner-offset Circular Interpolation",

@@ -1,4 +1,5 @@
-//! G40, G41 and G42 Cutter Compensation, with the tool that is selected when they are interpreted (D17).
+//! G40, G41 and G42 Cutter Compensation. G41 and G42 use the tool that is selected when they are interpreted
+//! (D17).
 
 use tandem_model::flow::Compensation;
 use tandem_syntax::Address;
@@ -7,7 +8,7 @@ use super::{Code, ModalGroup, WordSpec};
 use crate::execution::Execution;
 use crate::meaning::{ModalValue, Side};
 
-/// G40.
+/// G40: compensation off.
 pub static G40: Code = Code {
     select: compensate,
     ..Code::setting(
@@ -19,7 +20,7 @@ pub static G40: Code = Code {
          at start-up.",
     )
 };
-/// G41.
+/// G41: compensation to the left of the path.
 pub static G41: Code = Code {
     select: compensate,
     ..Code::setting(
@@ -36,7 +37,7 @@ pub static G41: Code = Code {
          between are left out. Without a tool of the tool table, a warning is given and the radius is 0.",
     )
 };
-/// G42.
+/// G42: compensation to the right of the path.
 pub static G42: Code = Code {
     select: compensate,
     ..Code::setting(
@@ -47,12 +48,12 @@ pub static G42: Code = Code {
     )
 };
 
-/// The words of G41 and G42 of dialect dgshape.
+/// Words of G41 and G42 in dialect dgshape.
 static OFFSET_NUMBER: [WordSpec; 1] = [WordSpec::new(Address::D, "offset number", "", 0.0, 65_535.0)
     .whole()
     .needed()];
 
-/// G41 with the offset of D.
+/// G41 of dialect dgshape, with the offset whose number D gives.
 pub static G41_D: Code = Code {
     words: &OFFSET_NUMBER,
     select: compensate_by_number,
@@ -63,7 +64,7 @@ pub static G41_D: Code = Code {
     ..G41
 };
 
-/// G42 with the offset of D.
+/// G42 of dialect dgshape, with the offset whose number D gives.
 pub static G42_D: Code = Code {
     words: &OFFSET_NUMBER,
     select: compensate_by_number,
@@ -71,14 +72,14 @@ pub static G42_D: Code = Code {
     ..G42
 };
 
-/// Activates the compensation on the current side, with the radius of the selected tool in the current plane.
+/// Switches compensation to the active side, with the radius of the selected tool, in the current plane.
 pub fn compensate(execution: &mut Execution<'_>) {
     compensate_with(execution, |execution| {
         execution.selected_tool(ModalGroup::ToolRadius, "radius").radius
     });
 }
 
-/// Starts compensation with the offset of D.
+/// Switches compensation to the active side, with the offset whose number D gives.
 fn compensate_by_number(execution: &mut Execution<'_>) {
     compensate_with(execution, |execution| {
         let (number, tool) = execution.offset_entry(Address::D);
@@ -88,7 +89,7 @@ fn compensate_by_number(execution: &mut Execution<'_>) {
             None => tool.radius,
         }
     });
-    // a negative offset shifts to the other side
+    // a negative offset shifts the tool to the other side
     let compensation = &mut execution.modal.compensation;
     *compensation = match *compensation {
         Compensation::Left { radius, plane } if radius < 0.0 => Compensation::Right {

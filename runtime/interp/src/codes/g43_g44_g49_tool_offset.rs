@@ -1,4 +1,5 @@
-//! G43, G44 and G49 Tool Offset along Z, with the tool that is selected when they are interpreted (D17, D22).
+//! G43, G44 and G49 Tool Offset along Z. G43 and G44 use the tool that is selected when they are interpreted
+//! (D17, D22).
 
 use tandem_model::flow::{Action, AxisWords, Distance, Frame};
 use tandem_model::{Axis, AxisVector};
@@ -8,7 +9,7 @@ use super::{Code, ModalGroup, WordSpec};
 use crate::execution::Execution;
 use crate::meaning::{LengthOffset, ModalValue, MotionKind, Role};
 
-/// G43.
+/// G43: adds the tool length to Z.
 pub static G43: Code = Code {
     select: offset,
     ..Code::setting(
@@ -20,7 +21,7 @@ pub static G43: Code = Code {
          and the length is 0.",
     )
 };
-/// G44.
+/// G44: subtracts the tool length from Z.
 pub static G44: Code = Code {
     select: offset,
     ..Code::setting(
@@ -30,7 +31,7 @@ pub static G44: Code = Code {
         "As G43, but subtracts the length from Z.",
     )
 };
-/// G49.
+/// G49: tool offset off.
 pub static G49: Code = Code {
     select: offset,
     ..Code::setting(
@@ -41,7 +42,7 @@ pub static G49: Code = Code {
     )
 };
 
-/// G43 with the offset of H.
+/// G43 of dialect dgshape, with the offset whose number H gives.
 pub static G43_H: Code = Code {
     words: &[WordSpec::new(Address::H, "offset number", "", 0.0, 65_535.0)
         .whole()
@@ -56,14 +57,14 @@ pub static G43_H: Code = Code {
     ..G43
 };
 
-/// G49 that moves.
+/// G49 of dialect dgshape, which moves Z if the block has no axis word.
 pub static G49_H: Code = Code {
     select: |execution| move_by(execution, 0.0),
     docs: "As G43 with number 0: the offset ends, and without axis words Z moves by the change. In force at start-up.",
     ..G49
 };
 
-/// Sets an offset, and moves Z by the change if the block has no axis word.
+/// Sets the tool length, and moves Z by the change of the length if the block has no axis word.
 fn move_by(execution: &mut Execution<'_>, length: f64) {
     if (length - execution.modal.transform.tool_length).abs() == 0.0 {
         return;
@@ -85,7 +86,7 @@ fn move_by(execution: &mut Execution<'_>, length: f64) {
     });
 }
 
-/// Activates the current tool offset, with the length of the selected tool.
+/// Applies the active tool offset (added, subtracted or off) with the length of the selected tool.
 pub fn offset(execution: &mut Execution<'_>) {
     let how = execution.modal.in_force.length.unwrap_or_default();
     let mut length = || execution.selected_tool(ModalGroup::ToolLength, "length").length;

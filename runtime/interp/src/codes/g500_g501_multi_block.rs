@@ -5,7 +5,7 @@ use tandem_model::flow::MultiBlock;
 use super::Code;
 use crate::meaning::ModalValue;
 
-/// G500.
+/// G500: acceleration over several blocks.
 pub static G500: Code = Code::setting(
     ModalValue::MultiBlock(MultiBlock::On),
     "G500",
@@ -13,7 +13,7 @@ pub static G500: Code = Code::setting(
     "Reads the path ahead and accelerates over several blocks within the limits of the motors.",
 );
 
-/// G501.
+/// G501: acceleration within each block.
 pub static G501: Code = Code::setting(
     ModalValue::MultiBlock(MultiBlock::Off),
     "G501",

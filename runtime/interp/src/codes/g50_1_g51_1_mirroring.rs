@@ -13,7 +13,7 @@ static CENTRE: [WordSpec; 3] = [
     axis_word(Address::Z),
 ];
 
-/// G50.1.
+/// G50.1: mirroring off.
 pub static G50_1: Code = Code {
     code: "G50.1",
     name: "Cancel Mirroring",
@@ -35,7 +35,7 @@ pub static G50_1: Code = Code {
     ..Code::BASE
 };
 
-/// G51.1.
+/// G51.1: mirroring on.
 pub static G51_1: Code = Code {
     code: "G51.1",
     name: "Mirroring",

@@ -1,4 +1,4 @@
-//! G50 and G51 Scaling. The factors have a gap about zero, which no range can express.
+//! G50 and G51 Scaling. Factors near zero are not allowed, which the range of a word cannot express.
 
 use tandem_model::axis::Axis;
 use tandem_model::flow::{Scaling, Transform};
@@ -13,20 +13,20 @@ use crate::meaning::{ModalValue, Role, Shape};
 const FACTOR_MIN: f64 = 0.000_01;
 const FACTOR_MAX: f64 = 10_000.0;
 
-/// Least factor of dialect dgshape.
+/// Smallest factor of dialect dgshape.
 pub(crate) const SAME_FACTOR_MIN: f64 = 0.001;
 
 /// Largest factor of dialect dgshape.
 pub(crate) const SAME_FACTOR_MAX: f64 = 999.999;
 
-/// Limit of P with a decimal point (range 1).
+/// Limit of P as written, in dialect dgshape (range 1).
 const POINT_MAX: f64 = 99_999_999.0;
 
 const fn factor(address: Address, meaning: &'static str) -> WordSpec {
     WordSpec::new(address, meaning, "", -FACTOR_MAX, FACTOR_MAX)
 }
 
-/// G50.
+/// G50: scaling off.
 pub static G50: Code = Code {
     code: "G50",
     name: "Cancel scaling",
@@ -42,7 +42,7 @@ pub static G50: Code = Code {
     ..Code::BASE
 };
 
-/// G51.
+/// G51: scaling on.
 pub static G51: Code = Code {
     code: "G51",
     name: "Scaling",
@@ -72,7 +72,7 @@ pub static G51: Code = Code {
     ..Code::BASE
 };
 
-/// G51 of dialect dgshape: one factor for all.
+/// G51 of dialect dgshape, with one factor for X, Y and Z.
 pub static G51_P: Code = Code {
     words: &[
         axis_word(Address::X),

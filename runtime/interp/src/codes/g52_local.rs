@@ -5,7 +5,7 @@ use tandem_model::AxisVector;
 use super::{AXIS_WORDS, Code};
 use crate::meaning::Role;
 
-/// G52: an offset on top of the work coordinates.
+/// G52: an offset that is added to the work coordinates.
 pub static G52: Code = Code {
     code: "G52",
     name: "Local Coordinate System Set",

@@ -7,7 +7,7 @@ use super::{AXIS_WORDS, Code};
 use crate::execution::Execution;
 use crate::meaning::Role;
 
-/// G53 of dialect dgshape, which ends no other code.
+/// G53 of dialect dgshape, which does not end scaling, mirroring, rotation and local coordinates.
 pub static G53_ALONE: Code = Code {
     select: to_machine,
     docs: "Moves the named axes, as G00, to machine positions, in this block only; allowed only in G90. \
@@ -23,7 +23,7 @@ fn to_machine(execution: &mut Execution<'_>) {
     }
 }
 
-/// G53: to a machine position.
+/// G53: rapid to a machine position.
 pub static G53: Code = Code {
     code: "G53",
     name: "Dimension Shift Cancel",

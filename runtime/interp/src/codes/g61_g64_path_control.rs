@@ -5,7 +5,7 @@ use tandem_model::flow::PathControl;
 use super::Code;
 use crate::meaning::ModalValue;
 
-/// G61: each block ends at rest and in position.
+/// G61: each cutting block ends at rest and in position.
 pub static G61: Code = Code::setting(
     ModalValue::PathControl(PathControl::ExactStop),
     "G61",
@@ -13,7 +13,7 @@ pub static G61: Code = Code::setting(
     "Each cutting block decelerates to its end and waits until the motors are in position, until G64.",
 );
 
-/// G64: blocks may blend.
+/// G64: cutting blocks may blend.
 pub static G64: Code = Code::setting(
     ModalValue::PathControl(PathControl::ContinuousPath),
     "G64",

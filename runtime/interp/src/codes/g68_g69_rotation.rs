@@ -6,14 +6,14 @@ use tandem_syntax::{Address, diagnostics};
 use super::{Code, ModalGroup, Refusal, WordSpec, axis_word};
 use crate::meaning::{ModalValue, Role, Shape};
 
-/// The largest angle in the manual's table of instruction parameters; the text on G68 knows no limit.
+/// Largest angle in the manual's table of instruction parameters; the manual's text on G68 gives no limit.
 const ANGLE_OF_TABLE_DEG: f64 = 300.0;
 
 fn is_beyond_table(angle_deg: f64) -> bool {
     angle_deg.abs() > ANGLE_OF_TABLE_DEG && angle_deg.abs() <= 360.0
 }
 
-/// G68.
+/// G68: rotation on.
 pub static G68: Code = Code {
     code: "G68",
     name: "Enables rotation",
@@ -61,7 +61,7 @@ pub static G68: Code = Code {
     ..Code::BASE
 };
 
-/// G69.
+/// G69: rotation off.
 pub static G69: Code = Code {
     code: "G69",
     name: "Disables rotation",

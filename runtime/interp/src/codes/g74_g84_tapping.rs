@@ -1,7 +1,8 @@
 //! G74, G80 and G84: tapping cycles (manual 2, utilities; D42).
 //!
-//! M19, rapid moves to X, Y and to the R point, the thread in, dwell, the thread out; with G98 back to the initial level.
-//! With a spindle in the coordinate system the thread is locked to it; without one M codes turn it between.
+//! A block moves in this order: M19, rapids to X, Y and to the R point, the thread in, dwell, the thread out;
+//! with G98 back to the initial level. A spindle of the coordinate system turns in step with Z. Without such
+//! a spindle, M codes switch the spindle between the motions.
 
 use tandem_model::flow::TapLeg;
 use tandem_model::plane::Turn;
@@ -13,7 +14,8 @@ use crate::fixed_cycles::{CycleStep, FixedCycle, Level, Steps};
 use crate::meaning::ModalValue;
 use crate::modal::CycleWords;
 
-/// A tapping cycle whose spindle turns so into the hole: M03 turns it clockwise, M04 counter-clockwise.
+/// Creates a tapping cycle from the turns of the spindle into the hole and out of it: M03 clockwise, M04
+/// counter-clockwise.
 macro_rules! tapping {
     ($in:ident $m_in:literal, $out:ident $m_out:literal) => {
         FixedCycle {
@@ -51,12 +53,12 @@ macro_rules! tapping {
     };
 }
 
-/// Left-hand threads.
+/// Tapping cycle for left-hand threads.
 pub static LEFT_HAND: FixedCycle = tapping!(CounterClockwise 4, Clockwise 3);
-/// Right-hand threads.
+/// Tapping cycle for right-hand threads.
 pub static RIGHT_HAND: FixedCycle = tapping!(Clockwise 3, CounterClockwise 4);
 
-/// G74: left-hand threads.
+/// G74: cuts left-hand threads.
 pub static G74: Code = Code {
     words: &CYCLE_WORDS,
     motion: Some(cycle_words::run),
@@ -75,7 +77,7 @@ pub static G74: Code = Code {
     )
 };
 
-/// G84: right-hand threads.
+/// G84: cuts right-hand threads.
 pub static G84: Code = Code {
     words: &CYCLE_WORDS,
     motion: Some(cycle_words::run),
@@ -87,7 +89,7 @@ pub static G84: Code = Code {
     )
 };
 
-/// G80.
+/// G80: ends a fixed cycle.
 pub static G80: Code = Code {
     select: |execution| execution.modal.cycle = CycleWords::default(),
     ..Code::setting(

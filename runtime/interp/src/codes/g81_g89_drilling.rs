@@ -1,7 +1,7 @@
 //! G81 to G83, G85, G86 and G89 of dialect dgshape: drilling along Z (2-2).
 //!
-//! Z, R, P and Q stay until G80; K applies to its block only. Without Z nothing is drilled; without R the R point is
-//! the initial level. None of them turns the spindle, which is why G86 moves as G81 does.
+//! Z, R, P and Q stay until G80; K applies to its block only. Without Z, a block drills no hole; without R,
+//! the R point is the initial level. These cycles neither start nor stop the spindle, so G86 moves like G81.
 
 use tandem_model::flow::{Action, AxisWords};
 use tandem_model::{Axis, AxisSet};
@@ -31,7 +31,7 @@ static WORDS: [WordSpec; 5] = [X, Y, Z, R, K];
 static WITH_DWELL: [WordSpec; 6] = [X, Y, Z, R, P, K];
 static WITH_PECKS: [WordSpec; 6] = [X, Y, Z, R, Q, K];
 
-/// Creates a cycle that moves into the hole and out of it by these steps.
+/// Creates a cycle that moves into each hole and out of it by these steps.
 const fn drilling(repetition: &'static [CycleStep]) -> FixedCycle {
     let steps = Steps::new(&[], repetition, &[]);
     FixedCycle {
@@ -70,7 +70,7 @@ const fn cycle(
     }
 }
 
-/// G81.
+/// G81: drilling.
 pub static G81: Code = cycle(
     "G81",
     &DRILL,
@@ -81,14 +81,14 @@ pub static G81: Code = cycle(
      neither. Without Z, only X and Y move; without R, the R point is the initial level. The spindle must \
      turn (M03), the plane must be XY, and A does not move.",
 );
-/// G82.
+/// G82: drilling with a dwell at the bottom.
 pub static G82: Code = cycle(
     "G82",
     &DRILL_AND_DWELL,
     &WITH_DWELL,
     "As G81, with a dwell of P milliseconds at the bottom.",
 );
-/// G83.
+/// G83: drilling in several cuts.
 pub static G83: Code = cycle(
     "G83",
     &PECK,
@@ -97,21 +97,21 @@ pub static G83: Code = cycle(
      peck_clearance above the last depth, at rapid speed. The sign of Q has no effect; without Q, or with \
      Q0, the hole is drilled in one cut.",
 );
-/// G85.
+/// G85: boring, with the return to the R point at the feedrate.
 pub static G85: Code = cycle(
     "G85",
     &BORE,
     &WORDS,
     "As G81, but returns to the R point at the feedrate.",
 );
-/// G86.
+/// G86: boring, with the motions of G81.
 pub static G86: Code = cycle(
     "G86",
     &BORE_AND_OUT,
     &WORDS,
     "Moves as G81. The spindle continues to turn.",
 );
-/// G89.
+/// G89: boring as by G85, with a dwell at the bottom.
 pub static G89: Code = cycle(
     "G89",
     &BORE_AND_DWELL,
@@ -119,7 +119,7 @@ pub static G89: Code = cycle(
     "As G85, with a dwell of P milliseconds at the bottom.",
 );
 
-/// Stores the words of a block in the active fixed cycle, and starts its steps.
+/// Stores the words of a block in the active fixed cycle, and starts the steps of the cycle.
 fn run(execution: &mut Execution<'_>, words: AxisWords) {
     execution.modal.cycle.repetitions = None;
     store_cycle_words(execution, words.distance);

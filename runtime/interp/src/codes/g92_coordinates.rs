@@ -5,7 +5,7 @@ use crate::execution::Execution;
 use crate::meaning::Role;
 use tandem_syntax::Address;
 
-/// G92.
+/// G92: gives the tool's position new work coordinates.
 pub static G92: Code = Code {
     code: "G92",
     name: "Coordinate System",

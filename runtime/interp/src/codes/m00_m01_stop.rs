@@ -1,4 +1,4 @@
-//! M00 Program Stop and M01 Optional Stop. They take effect when the motion has reached them (D14).
+//! M00 Program Stop and M01 Optional Stop. They take effect when the motion has reached their block (D14).
 
 use super::Code;
 use crate::execution::Flow;

@@ -1,4 +1,4 @@
-//! M02 and M30 End of Program, with equal effect.
+//! M02 and M30 End of Program. Both have the same effect.
 
 use super::Code;
 use crate::execution::Flow;
@@ -16,7 +16,7 @@ const fn end_of_program(code: &'static str) -> Code {
     }
 }
 
-/// M02.
+/// M02: end of the program.
 pub static M02: Code = end_of_program("M02");
-/// M30.
+/// M30: end of the program.
 pub static M30: Code = end_of_program("M30");

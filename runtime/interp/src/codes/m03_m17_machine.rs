@@ -1,4 +1,4 @@
-//! M03, M05, M06 and M12 to M17 of dialect dgshape: outputs that its list of words names (2-3, 2-7).
+//! M03, M05, M06 and M12 to M17 of dialect dgshape: outputs in the manual's list of words (2-3, 2-7).
 
 use tandem_syntax::Address;
 
@@ -23,7 +23,7 @@ const fn spindle(turns: bool, code: &'static str, name: &'static str, docs: &'st
     }
 }
 
-/// M03.
+/// M03: starts the spindle.
 pub static M03: Code = spindle(
     true,
     "M03",
@@ -31,14 +31,14 @@ pub static M03: Code = spindle(
     "Makes an output at the start of its block, together with the motion of the block. The spindle turns at \
      S. Fixed cycles need M03.",
 );
-/// M05.
+/// M05: stops the spindle.
 pub static M05: Code = spindle(
     false,
     "M05",
     "Stop spindle",
     "Makes an output at the start of its block, which stops the spindle.",
 );
-/// M06.
+/// M06: changes the tool.
 pub static M06: Code = Code {
     words: &[
         WordSpec::new(Address::T, "number of the stocker", "", 0.0, 65_535.0)
@@ -54,20 +54,20 @@ pub static M06: Code = Code {
     )
 };
 
-/// Returns an output that switches a device of the machine.
+/// Creates the code of an output that switches a device of the machine.
 const fn switch(code: &'static str, name: &'static str) -> Code {
     output(code, name, "Makes an output at the start of its block.")
 }
 
-/// M12.
+/// M12: air blower on.
 pub static M12: Code = switch("M12", "Air blower on");
-/// M13.
+/// M13: air blower off.
 pub static M13: Code = switch("M13", "Air blower off");
-/// M14.
+/// M14: chip cleaner on.
 pub static M14: Code = switch("M14", "Chip cleaner on");
-/// M15.
+/// M15: chip cleaner off.
 pub static M15: Code = switch("M15", "Chip cleaner off");
-/// M16.
+/// M16: illumination on.
 pub static M16: Code = switch("M16", "Illumination on");
-/// M17.
+/// M17: illumination off.
 pub static M17: Code = switch("M17", "Illumination off");

@@ -4,7 +4,7 @@ use super::Code;
 use crate::execution::Flow;
 use crate::meaning::Role;
 
-/// M99: back to the caller.
+/// M99: returns from a subprogram to its caller.
 pub static M99: Code = Code {
     code: "M99",
     name: "Subprogram End",

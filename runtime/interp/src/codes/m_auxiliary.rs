@@ -1,4 +1,5 @@
-//! M codes that are output to the sequence program: all that are not reserved, M03, M04, M05 and M19 among them (D35).
+//! M codes that are outputs to the sequence program: all that are not reserved, including M03, M04, M05 and
+//! M19 (D35).
 
 use tandem_syntax::Address;
 
@@ -16,7 +17,7 @@ const fn parameter(address: Address) -> WordSpec {
     )
 }
 
-/// Any M code of 0 to 191 that is not reserved.
+/// The code of each M code from 0 to 191 that is not reserved.
 pub static AUXILIARY: Code = Code {
     code: "M",
     name: "Auxiliary Function Output",
@@ -39,7 +40,8 @@ pub static AUXILIARY: Code = Code {
     ..Code::BASE
 };
 
-/// Returns the place among the parameters: that of VA to VH, and the first for the tool of a tool change.
+/// Returns the index of an address among the output parameters: 0 to 7 for VA to VH, 0 for T (the tool of a
+/// tool change).
 pub(crate) fn parameter_index(address: Address) -> Option<usize> {
     match address {
         Address::T => Some(0),
@@ -47,7 +49,7 @@ pub(crate) fn parameter_index(address: Address) -> Option<usize> {
     }
 }
 
-/// Gives the output of the block's M code, with its parameters.
+/// Makes the output of the block's M code, with its parameters.
 pub(super) fn output(execution: &mut Execution<'_>) {
     let words = execution.words;
     let mut params = [None; 8];

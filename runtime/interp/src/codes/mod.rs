@@ -1,8 +1,8 @@
-//! The codes of the NC language, one file a code or a family of codes that differ in one value.
+//! Codes of the NC language. Each file contains one code, or a family of codes that differ in one value.
 //!
-//! A file holds a `pub static` [`Code`]: number, modal group, words with ranges and units, text for the reference, and
-//! effect. The checker, the interpreter and the reference pages read the same statics. To add a code, write its file
-//! and name it here and in the dialect's list.
+//! A file defines a `pub static` [`Code`]: number, modal group, words with ranges and units, text for the
+//! reference, and effect. The checker, the interpreter and the reference pages read the same statics. To add
+//! a code, write a file for it, and name the code here and in the list of the dialect.
 
 pub mod cycle_words;
 pub mod feed_words;
@@ -57,49 +57,49 @@ use crate::meaning::{ModalValue, Role, Shape};
 /// A G or M code.
 #[derive(Debug)]
 pub struct Code {
-    /// The code as the manual writes it: `G50.1`, `M30`. Words refer to it by its number.
+    /// The code as the manual writes it: `G50.1`, `M30`. Programs refer to a code by its number.
     pub code: &'static str,
-    /// The manual's name of the code.
+    /// Name of the code in the manual.
     pub name: &'static str,
     /// The modal group; M codes are [`ModalGroup::NonModal`].
     pub group: ModalGroup,
-    /// The value that it sets in its modal group, if the interpreter and checker use it.
+    /// Value that the code sets in its modal group, if the interpreter and checker use this value.
     pub sets: Option<ModalValue>,
-    /// Its role in a block.
+    /// Role of the code in a block.
     pub role: Role,
-    /// Its own words. The active motion takes none of the axis words when a code of another group has its own axis
-    /// words.
+    /// Words that the code takes itself. If a code of another group takes axis words, the active motion takes
+    /// no axis words of the block.
     pub words: &'static [WordSpec],
-    /// Its effect, for the reference.
+    /// Description of the effect, for the reference.
     pub docs: &'static str,
-    /// Common requirement on its words, beyond their ranges.
+    /// Check of the words of a block with the code, beyond their ranges.
     pub check: Option<BlockCheck>,
     /// Effect of the code in its block, in addition to its modal value.
     pub select: Effect,
-    /// Effect of a block with axis words while the code is active; for codes of group 01.
+    /// Effect of a block with axis words while the code is active; only for motions and fixed cycles.
     pub motion: Option<Motion>,
 }
 
-/// Finds a fault in the words of a block that has the code.
+/// Function that finds a fault in the words of a block that has the code.
 pub type BlockCheck = fn(&BlockWords) -> Option<Refusal>;
 
-/// The fault that a [`BlockCheck`] finds.
+/// A fault that a [`BlockCheck`] finds.
 #[derive(Debug)]
 pub struct Refusal {
-    /// The diagnostic.
+    /// The diagnostic that reports the fault.
     pub entry: &'static DiagnosticEntry,
-    /// The word at which the fault is shown.
+    /// Address of the word at which the fault is shown.
     pub address: Address,
     /// The error text.
     pub message: String,
-    /// How to correct it.
+    /// Text on how to correct the fault.
     pub help: String,
 }
 
-/// The effect of a code in its block.
+/// Function that applies the effect of a code in its block.
 pub type Effect = fn(&mut Execution<'_>);
 
-/// The effect of axis words on a block.
+/// Function that applies the axis words of a block.
 pub type Motion = fn(&mut Execution<'_>, AxisWords);
 
 impl PartialEq for Code {
@@ -123,7 +123,7 @@ impl Code {
         motion: None,
     };
 
-    /// Returns a modal code that sets a value.
+    /// Creates a modal code that sets a value.
     pub const fn setting(
         value: ModalValue,
         code: &'static str,
@@ -140,7 +140,7 @@ impl Code {
         }
     }
 
-    /// Returns ten times the number: 501 for G50.1.
+    /// Returns ten times the number of the code: 501 for G50.1.
     pub const fn tenths(&self) -> u16 {
         let name = self.code.as_bytes();
         let (mut number, mut factor, mut at) = (0, 10, 1);
@@ -155,12 +155,12 @@ impl Code {
         number * factor
     }
 
-    /// Returns true if it ends a program or a subprogram.
+    /// Returns true if the code ends a program or a subprogram.
     pub(crate) fn ends(&self) -> bool {
         matches!(self.role, Role::End | Role::Return)
     }
 
-    /// Returns the addresses of its own words.
+    /// Returns the addresses of the words that the code takes itself.
     pub const fn addresses(&self) -> AddressSet {
         WordSpec::addresses(self.words)
     }
@@ -170,24 +170,25 @@ impl Code {
         self.words.iter().any(|word| axis_of(word.address) == Some(axis))
     }
 
-    /// Returns the description of one of its own words.
+    /// Returns the description of a word that the code takes itself; `None` if the code does not take such a
+    /// word.
     pub fn word(&self, address: Address) -> Option<&'static WordSpec> {
         self.words.iter().find(|word| word.address == address)
     }
 }
 
-/// A word that a code takes.
+/// Description of a word that a code takes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WordSpec {
-    /// Its address.
+    /// Address of the word.
     pub address: Address,
-    /// Its meaning.
+    /// Meaning of the value.
     pub meaning: &'static str,
     /// Unit of the value; empty for plain numbers.
     pub unit: &'static str,
-    /// Smallest value (manual, table of instruction parameters).
+    /// Smallest permitted value (manual, table of instruction parameters).
     pub min: f64,
-    /// Largest value.
+    /// Largest permitted value.
     pub max: f64,
     /// True if the value must be a whole number.
     pub integer: bool,
@@ -215,21 +216,21 @@ impl WordSpec {
         }
     }
 
-    /// Returns the word, restricted to whole numbers.
+    /// Returns the word with its values restricted to whole numbers.
     #[must_use]
     pub const fn whole(mut self) -> Self {
         self.integer = true;
         self
     }
 
-    /// Returns the word, required by its code.
+    /// Returns the word as a word that its code requires.
     #[must_use]
     pub const fn needed(mut self) -> Self {
         self.required = true;
         self
     }
 
-    /// Returns the addresses of words.
+    /// Returns the set of addresses of these words.
     pub const fn addresses(words: &[WordSpec]) -> AddressSet {
         let mut set = AddressSet::EMPTY;
         let mut i = 0;
@@ -240,12 +241,12 @@ impl WordSpec {
         set
     }
 
-    /// Returns true for a value within the range; never for one that is not a number.
+    /// Returns true for a value within the range; false for NaN.
     pub fn holds(&self, value: f64) -> bool {
         value >= self.min && value <= self.max
     }
 
-    /// Returns the range as text, with its unit.
+    /// Returns the range as text, with the unit.
     pub fn range_text(&self) -> String {
         let unit = if self.unit.is_empty() {
             String::new()
@@ -273,10 +274,10 @@ macro_rules! modal_groups {
             /// All groups, ascending by number.
             pub const ALL: &[ModalGroup] = &[$(ModalGroup::$name),*];
 
-            /// Number of groups.
+            /// Number of modal groups.
             pub const COUNT: usize = ModalGroup::ALL.len();
 
-            /// Returns the number in two digits, as HMIs show it.
+            /// Returns the number of the group in two digits, as HMIs show it.
             pub const fn number(self) -> &'static str {
                 match self { $(ModalGroup::$name => $number,)* }
             }
@@ -308,7 +309,7 @@ modal_groups! {
 }
 
 impl ModalGroup {
-    /// Returns the group of the codes that set a value.
+    /// Returns the modal group of the codes that set such a value.
     const fn for_value(value: ModalValue) -> Self {
         match value {
             ModalValue::Plane(_) => Self::Plane,
@@ -328,7 +329,7 @@ impl ModalGroup {
     }
 }
 
-/// The letters of axes.
+/// Addresses of the axes.
 pub const AXIS_ADDRESSES: AddressSet = AddressSet::from_addresses(&[
     Address::X,
     Address::Y,
@@ -351,7 +352,7 @@ pub(crate) const fn axis_word(address: Address) -> WordSpec {
     )
 }
 
-/// The axis words of a motion.
+/// Words of a motion: one for each axis.
 pub static AXIS_WORDS: [WordSpec; 6] = [
     axis_word(Address::X),
     axis_word(Address::Y),

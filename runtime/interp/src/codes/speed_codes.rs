@@ -1,4 +1,4 @@
-//! S of dialect dgshape: revolutions a minute from 100 on, below it the number of a speed (2-4).
+//! S word of dialect dgshape: from 100 on a speed in r/min, below 100 the number of a speed (2-4).
 
 use crate::execution::Limits;
 
@@ -11,13 +11,14 @@ const SLOWEST: usize = 0;
 /// Code of the fastest speed of the spindle.
 const FASTEST: usize = 99;
 
-/// Speeds of codes 1 to 20, r/min. Those of each further 20 codes are ten times as fast.
+/// Speeds of codes 1 to 20, r/min. The speeds of each further 20 codes are ten times those of the 20 codes
+/// before.
 const SPEEDS: [f64; 20] = [
     1.12, 1.25, 1.40, 1.60, 1.80, 2.00, 2.24, 2.50, 2.80, 3.15, 3.55, 4.00, 4.50, 5.00, 5.60, 6.30, 7.10,
     8.00, 9.00, 10.0,
 ];
 
-/// Returns the speed of a whole S, within those of the spindle, r/min.
+/// Returns the spindle speed for a whole S, limited to the range of the spindle, r/min.
 pub(super) fn speed(programmed: f64, limits: &Limits) -> f64 {
     let slowest = limits.options.min_spindle_speed_r_min;
     let configured = limits.options.max_spindle_speed_r_min;
@@ -47,7 +48,7 @@ fn speed_from_code(code: usize, slowest: f64, fastest: f64) -> f64 {
         _ => {
             let decade = (code - 1) / SPEEDS.len();
             let factor = [1.0, 10.0, 100.0, 1000.0, 10_000.0];
-            // the manual's table has two decimals
+            // rounds to the two decimals of the manual's table
             (SPEEDS[(code - 1) % SPEEDS.len()] * 100.0).round() * factor[decade.min(4)] / 100.0
         }
     }
@@ -77,7 +78,7 @@ mod tests {
     #[test]
     #[expect(clippy::float_cmp, reason = "the table is exact")]
     fn dgshape_2_4_codes_mean_the_speeds_of_the_manuals_table() {
-        // rows 00, 01, 10, 13, 19 of each column of the table, and single entries of its middle
+        // codes 00, 01, 10, 13, 19 of each column of the manual's table, and single entries from its middle
         for (code, r_min) in [
             (1.0, 1.12),
             (3.0, 1.40),

@@ -1,28 +1,29 @@
-//! From a code's number to the code.
+//! Table that finds a code by its number.
 
 use super::Code;
 
-/// Codes, and blocks that show them.
+/// Names of codes, and NC blocks that show these codes.
 pub type Example = (&'static [&'static str], &'static str);
 
-/// One past ten times the highest number that a table can hold (999.9).
+/// One more than ten times the highest code number that a table can hold (999.9).
 const TENTHS: usize = 10_000;
 
-/// The codes of one letter in a dialect.
+/// Codes of one letter (G or M) in a dialect.
 #[derive(Debug, Clone)]
 pub struct CodeTable {
-    /// The codes.
+    /// The codes of the table.
     pub codes: &'static [&'static Code],
-    /// Programs that show codes of the dialect.
+    /// Example programs for codes of the dialect.
     pub examples: &'static [Example],
     index: [u8; TENTHS],
 }
 
 impl CodeTable {
-    /// Builds the index when the program is compiled. A table holds at most 254 codes.
+    /// Creates a table; in a `static`, the compiler builds its index. A table holds at most 254 codes.
     ///
     /// # Panics
-    /// When two codes have one number or there are too many; in a `static` that is an error of the compiler.
+    /// Panics if two codes have the same number, or if there are too many codes; in a `static`, the compiler
+    /// reports an error.
     pub const fn new(codes: &'static [&'static Code]) -> Self {
         assert!(codes.len() < u8::MAX as usize);
         let mut index = [0; TENTHS];
@@ -40,24 +41,24 @@ impl CodeTable {
         }
     }
 
-    /// Adds programs that show codes of the dialect.
+    /// Returns the table with example programs for codes of the dialect.
     #[must_use]
     pub const fn shown_by(mut self, examples: &'static [Example]) -> Self {
         self.examples = examples;
         self
     }
 
-    /// Returns the code whose number, times ten, is this.
+    /// Returns the code for which ten times the number is `tenths`.
     pub fn find(&self, tenths: u16) -> Option<&'static Code> {
         let entry = usize::from(*self.index.get(usize::from(tenths))?);
         self.codes.get(entry.checked_sub(1)?).copied()
     }
 }
 
-/// Returns ten times a code's number; `None` for a value that is not a code number.
+/// Returns ten times the number of a code; `None` for a value that is not a code number.
 pub(crate) fn tenths(value: f64) -> Option<u16> {
     let tenths = (value * 10.0).round();
-    // the quotient is the double nearest to the written decimal, so it equals the parsed value
+    // the quotient is the double nearest to the decimal in the text, and therefore equals the parsed value
     #[expect(clippy::float_cmp, reason = "both are the nearest number to the same decimal")]
     let is_tenth = tenths / 10.0 == value;
     #[expect(

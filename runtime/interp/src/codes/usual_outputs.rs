@@ -1,13 +1,13 @@
-//! Outputs that the manual of dialect nj names.
+//! M codes that the manual of dialect nj names as outputs.
 
-/// The manual's description of an output.
+/// The manual's description of an M code that is an output.
 #[derive(Debug)]
 pub struct UsualOutput {
     /// Number of the M code.
     pub m: u16,
-    /// Its name in the manual.
+    /// Name of the M code in the manual.
     pub name: &'static str,
-    /// Its effect.
+    /// Description of the effect.
     pub docs: &'static str,
 }
 

@@ -1,11 +1,11 @@
-//! Checks the value of a word against its description.
+//! Checks the value of a word against the description of the word.
 
 use tandem_model::{Diagnostic, Span};
 use tandem_syntax::diagnostics;
 
 use super::WordSpec;
 
-/// Checks a value against the description of its word (D07, D11).
+/// Checks a value against the description of its word (D07, D11), and reports a fault.
 #[inline]
 pub(crate) fn validate_value(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(Diagnostic)) {
     if spec.integer || !value.is_finite() || !spec.holds(value) {
@@ -13,7 +13,7 @@ pub(crate) fn validate_value(spec: &WordSpec, value: f64, span: Span, fault: &mu
     }
 }
 
-/// Checks a value that must be a whole number, or that is out of range.
+/// Reports a value that is not finite, out of range, or not whole where a whole number is required.
 #[cold]
 fn report_invalid_value(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(Diagnostic)) {
     let name = spec.address.text();
@@ -43,7 +43,7 @@ fn report_invalid_value(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn
     }
 }
 
-/// Returns a calculated number as text: a number of many digits with a power of ten.
+/// Returns a calculated number as text; from 1e15 on and below 1e-9 with a power of ten.
 fn shown(value: f64) -> String {
     if value != 0.0 && !(1e-9..1e15).contains(&value.abs()) {
         format!("{value:e}")

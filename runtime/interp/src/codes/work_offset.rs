@@ -1,5 +1,5 @@
-//! G54 to G59 Select Work Coordinate System. The offset is read when the block is interpreted (D16); selecting it
-//! moves nothing (D20).
+//! G54 to G59 Select Work Coordinate System. The offset is read when the block is interpreted (D16); the
+//! selection moves no axis (D20).
 
 use tandem_model::alarm::VALUE_LOST;
 use tandem_model::flow::AxisWords;
@@ -23,20 +23,20 @@ const fn work_offset(code: &'static str, name: &'static str, select: super::Effe
     }
 }
 
-/// The codes in the order of the offsets, as settings and tables name them.
+/// Names of the codes in the order of the offsets, as used in settings and tables.
 pub static NAMES: [&str; 6] = [G54.code, G55.code, G56.code, G57.code, G58.code, G59.code];
 
-/// G54.
+/// G54: the first work coordinate system.
 pub static G54: Code = work_offset("G54", "1st Work Coordinate System selection", select::<0>);
-/// G55.
+/// G55: the second work coordinate system.
 pub static G55: Code = work_offset("G55", "2nd Work Coordinate System selection", select::<1>);
-/// G56.
+/// G56: the third work coordinate system.
 pub static G56: Code = work_offset("G56", "3rd Work Coordinate System selection", select::<2>);
-/// G57.
+/// G57: the fourth work coordinate system.
 pub static G57: Code = work_offset("G57", "4th Work Coordinate System selection", select::<3>);
-/// G58.
+/// G58: the fifth work coordinate system.
 pub static G58: Code = work_offset("G58", "5th Work Coordinate System selection", select::<4>);
-/// G59.
+/// G59: the sixth work coordinate system.
 pub static G59: Code = work_offset("G59", "6th Work Coordinate System selection", select::<5>);
 
 fn select<const INDEX: usize>(execution: &mut Execution<'_>) {
@@ -46,7 +46,7 @@ fn select<const INDEX: usize>(execution: &mut Execution<'_>) {
     }
 }
 
-/// Returns the offset of the table; `None`, with an alarm, if its value is lost.
+/// Returns a work offset of the table. If a value of the offset is lost, raises an alarm and returns `None`.
 fn table_offset(execution: &mut Execution<'_>, index: usize) -> Option<AxisVector> {
     let offset = execution.inputs.work_offsets.0[index];
     let lost = Axis::ALL.into_iter().find(|axis| is_lost(offset[*axis]));
@@ -66,17 +66,17 @@ const fn selection(code: &'static str, name: &'static str, select: super::Effect
     }
 }
 
-/// G54 of dialect dgshape.
+/// G54 of dialect dgshape, with EXOFS and the shift of G92.
 pub static G54_SHIFTED: Code = selection("G54", "Select workpiece coordinate system 1", select_shifted::<0>);
-/// G55.
+/// G55 of dialect dgshape, with EXOFS and the shift of G92.
 pub static G55_SHIFTED: Code = selection("G55", "Select workpiece coordinate system 2", select_shifted::<1>);
-/// G56.
+/// G56 of dialect dgshape, with EXOFS and the shift of G92.
 pub static G56_SHIFTED: Code = selection("G56", "Select workpiece coordinate system 3", select_shifted::<2>);
-/// G57.
+/// G57 of dialect dgshape, with EXOFS and the shift of G92.
 pub static G57_SHIFTED: Code = selection("G57", "Select workpiece coordinate system 4", select_shifted::<3>);
-/// G58.
+/// G58 of dialect dgshape, with EXOFS and the shift of G92.
 pub static G58_SHIFTED: Code = selection("G58", "Select workpiece coordinate system 5", select_shifted::<4>);
-/// G59.
+/// G59 of dialect dgshape, with EXOFS and the shift of G92.
 pub static G59_SHIFTED: Code = selection("G59", "Select workpiece coordinate system 6", select_shifted::<5>);
 
 fn select_shifted<const INDEX: usize>(execution: &mut Execution<'_>) {
@@ -84,7 +84,8 @@ fn select_shifted<const INDEX: usize>(execution: &mut Execution<'_>) {
     activate_selected(execution);
 }
 
-/// Activates the origin of the selected work coordinate system: its offset, EXOFS and the shift of G92.
+/// Applies the origin of the selected work coordinate system: the sum of its offset, EXOFS and the shift of
+/// G92.
 pub(super) fn activate_selected(execution: &mut Execution<'_>) {
     let index = execution.retained().selected;
     let Some(own) = execution.retained().work_offsets[index].or_else(|| table_offset(execution, index))
@@ -95,13 +96,14 @@ pub(super) fn activate_selected(execution: &mut Execution<'_>) {
     execution.transform(|transform| transform.work_offset = offset);
 }
 
-/// Returns the current EXOFS.
+/// Returns the external offset (EXOFS) in force: that of G10, otherwise that of the settings.
 fn external(execution: &Execution<'_>) -> AxisVector {
     let kept = execution.retained().external_offset;
     kept.unwrap_or(execution.limits.options.external_offset)
 }
 
-/// Changes axes of the offset of a work coordinate system, from 1 on, or of EXOFS, 0, for this program.
+/// Changes the named axes of a work offset (`number` from 1 on) or of EXOFS (0), until the next program
+/// begins.
 pub(super) fn set(execution: &mut Execution<'_>, number: usize, words: &AxisWords) {
     let change = |mut offset: AxisVector| {
         for axis in words.named.iter() {

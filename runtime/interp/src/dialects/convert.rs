@@ -1,8 +1,8 @@
-//! Converts programs of other dialects to dialect nj, block by block, with the comments. A part without an equivalent
-//! in nj becomes a comment and is reported; nothing is dropped silently.
+//! Converts programs of other dialects to dialect nj, block by block, with the comments. A part without an
+//! equivalent in nj becomes a comment and is reported, so that nothing is dropped silently.
 //!
-//! Each motion names its code, fixed cycles become their motions, and an M code gets a block of its own. The result is
-//! checked as an nj program, and its faulty blocks are reported.
+//! In the result, each motion names its code, motions replace fixed cycles, and an M code has a block of its
+//! own. The result is checked as an nj program, and its faulty blocks are reported.
 
 mod block;
 mod coordinates;
@@ -25,7 +25,8 @@ pub use self::state::Source;
 use crate::check::{CheckContext, check, check_source};
 use crate::dialects;
 
-/// Returns the start of a program, in this unit, that sets the dialect's start-up state where nj differs.
+/// Returns the first block of a converted program: it sets the start-up state of the source dialect where nj
+/// differs.
 fn start(unit: Unit) -> String {
     let unit = match unit {
         Unit::Millimetre => "G21",
@@ -37,9 +38,9 @@ fn start(unit: Unit) -> String {
 /// Settings of the machine that a program was written for.
 #[derive(Debug, Clone, Copy)]
 pub struct Settings {
-    /// Options of its dialect.
+    /// NC options of that machine.
     pub options: NcOptions,
-    /// The unit at the start of a program.
+    /// Unit at the start of a program.
     pub unit: Unit,
 }
 
@@ -53,29 +54,31 @@ impl From<&NcOptions> for Settings {
     }
 }
 
-/// A program of nj, and the parts that could not be converted.
+/// A converted program in dialect nj, and the lines that could not be converted.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ConvertedProgram {
-    /// The text.
+    /// Text of the program in dialect nj.
     pub text: String,
-    /// Lines that could not be converted, ascending.
+    /// Lines of the source that could not be converted, ascending.
     pub left: Vec<UnconvertedLine>,
 }
 
-/// A line that could not be converted, or with blocks that dialect nj rejects.
+/// A line of the source that could not be converted, or whose blocks dialect nj rejects.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UnconvertedLine {
-    /// Line of the source, from 1.
+    /// Number of the line in the source, from 1.
     pub line: u32,
-    /// True if its blocks are in the text. The text does not load until they are corrected.
+    /// True if the converted text contains the blocks of this line. The text does not load until they are
+    /// corrected.
     pub is_written: bool,
-    /// The converted text.
+    /// Text of the line in the source.
     pub text: String,
-    /// The reason, and the replacement.
+    /// Reason why the line could not be converted, and how to replace it.
     pub reason: String,
 }
 
-/// Writes a program in dialect nj. Every word of the source is in the text, or its line is in `left`.
+/// Converts a program to dialect nj. Every word of the source is in the converted text, or its line is in
+/// `left`.
 pub fn convert(source: &str, from: Source, settings: impl Into<Settings>) -> ConvertedProgram {
     let Settings {
         mut options,
@@ -144,7 +147,8 @@ pub fn convert(source: &str, from: Source, settings: impl Into<Settings>) -> Con
     writer.finish()
 }
 
-/// Returns the errors of the source, by lines. The program mark may be missing in programs of other controls.
+/// Returns the errors of the source by line number. For FANUC programs, errors in the form of the program are
+/// ignored.
 fn wrong_lines(source: &str, found: &[Diagnostic], from: Source) -> BTreeMap<u32, String> {
     let index = LineIndex::new(source);
     let is_told = |one: &&Diagnostic| {
@@ -158,23 +162,23 @@ fn wrong_lines(source: &str, found: &[Diagnostic], from: Source) -> BTreeMap<u32
         )
     };
     let told = found.iter().filter(is_told).map(line);
-    // the first error of a line is kept
+    // for a line with several errors, the first error is kept
     told.rev().collect()
 }
 
 struct Writer<'a> {
     grammar: &'static Grammar,
-    /// The text that is converted.
+    /// Text that is converted.
     source: &'a str,
-    /// Lines of the text, for display.
+    /// Lines of the source, for reports.
     shown: Vec<&'a str>,
     program: &'a NcProgram,
     wrong: BTreeMap<u32, String>,
     state: ConversionState,
-    /// Lines of nj, each with the line number of the source.
+    /// Lines of the nj program, each with the line number of its source.
     lines: Vec<(u32, String)>,
     left: Vec<UnconvertedLine>,
-    /// Index of the next block.
+    /// Index of the next block of the source program.
     at: usize,
 }
 
@@ -199,7 +203,7 @@ impl Writer<'_> {
         let wrong = self.wrong.get(&number).cloned();
         let written = match (wrong, code.kind) {
             (Some(why), _) => Err(why),
-            // nj has no marks
+            // nj has no program marks
             (None, TokenKind::Mark) => Ok(Vec::new()),
             (None, TokenKind::ProgramNumber) => self.program_number(code, line),
             (None, _) => self.block(number),
@@ -228,7 +232,8 @@ impl Writer<'_> {
         }
     }
 
-    /// Converts a line with a program number to a comment. Other words of the line would be lost.
+    /// Converts a line with a program number to a comment. Rejects a line with other words, which would be
+    /// lost.
     fn program_number(&self, number: &Token, line: &[Token]) -> Result<Vec<String>, String> {
         let is_alone = line.iter().all(|token| {
             token == number || token.kind == TokenKind::Comment || self.token_text(token).trim().is_empty()
@@ -246,7 +251,7 @@ impl Writer<'_> {
         Ok(vec![format!("// {text}")])
     }
 
-    /// Reports settings that move every program, and that nj does not have.
+    /// Reports settings of the source machine that shift every program and that nj does not have.
     fn leave_settings(&mut self) {
         let offset = self.state.options.external_offset;
         if self.state.from == Source::Dgshape && offset != AxisVector::ZERO {
@@ -292,7 +297,7 @@ impl Writer<'_> {
         });
     }
 
-    /// Returns the blocks of nj for the block on this line.
+    /// Returns the blocks of nj for the block on this line of the source.
     fn block(&mut self, number: u32) -> Result<Vec<String>, String> {
         let blocks = self.program.blocks();
         while blocks.get(self.at).is_some_and(|block| block.line < number) {
@@ -308,7 +313,7 @@ impl Writer<'_> {
         written
     }
 
-    /// Returns nj blocks for the modal state that an unconverted line sets for later lines.
+    /// Returns the nj blocks that set the modal state of an unconverted line for later lines.
     fn keep(&mut self, line: &[Token]) -> Vec<String> {
         let mut state = self.state.clone();
         let written = left::in_force(line, |token| self.token_text(token)).and_then(|text| {
@@ -326,7 +331,7 @@ impl Writer<'_> {
         Vec::new()
     }
 
-    /// Returns the converted program, as far as it is valid in nj.
+    /// Returns the converted program. Checks it as an nj program, and reports the lines of faulty blocks.
     fn finish(mut self) -> ConvertedProgram {
         let text: String = self
             .lines
@@ -354,7 +359,7 @@ impl Writer<'_> {
     }
 }
 
-/// Joins a block, or a comment, with the comments of its line.
+/// Joins a block, or a comment, with the comments of the same line.
 fn with_comments(block: &str, comments: &[String]) -> String {
     let comments = comments.join(" ");
     let begin = if comments.is_empty() || block.starts_with("//") {
@@ -365,7 +370,7 @@ fn with_comments(block: &str, comments: &[String]) -> String {
     format!("{block} {begin}{comments}").trim().to_owned()
 }
 
-/// Returns the text of a comment in parentheses, for one that ends with its line.
+/// Returns the text of a comment without its parentheses; the closing parenthesis may be missing.
 fn comment(text: &str) -> String {
     let inside = text.strip_prefix('(').unwrap_or(text);
     inside.strip_suffix(')').unwrap_or(inside).trim().to_owned()

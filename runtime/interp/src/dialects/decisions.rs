@@ -1,6 +1,6 @@
-//! The decisions, by the numbers that tests and messages refer to.
+//! Decisions on the interpretation of the manuals, with the numbers that tests and messages refer to.
 
-/// Number and text, ascending.
+/// Number and text of each decision, ascending by number.
 #[rustfmt::skip] // one row a line
 pub static DECISIONS: &[(&str, &str)] = &[
     ("D01", "Upper and lower case are equal, leading zeros have no meaning, and a G code with a decimal is a separate code."),

@@ -1,13 +1,13 @@
-//! Dialect dgshape: the NC code reference manual of DGSHAPE Corporation.
+//! Dialect dgshape, as defined by the NC code reference manual of DGSHAPE Corporation.
 //!
-//! The manual leaves some options to the machine; they are settings ([`NcOptions`]). Where its figures are lost or it
-//! is silent, the dialect follows most controls:
+//! The manual leaves some options to the machine; these options are settings ([`NcOptions`]). Where the
+//! figures of the manual are lost or the manual is silent, the dialect behaves like most controls:
 //!
 //! - A program begins with G54, G90, G17, G00, G40, G49, G50, G80 and G98 active; in mm, unless `units` sets another
 //!   unit.
 //! - A comment ends on its line.
-//! - D and H name an entry of the tool table: its radius, its length.
-//! - Data kept by G10, G28 and G92 are valid until the next program begins.
+//! - D and H name an entry of the tool table: D its radius, H its length.
+//! - Data that G10, G28 and G92 set are valid until the next program begins.
 //! - Motion keeps to the path within the limits of the motors, as with G500 of dialect nj and ramp times of 0.
 //! - Cutter compensation neither checks for overcuts nor holds rapids back.
 //!
@@ -51,7 +51,7 @@ use crate::dialect::{
     Spiral,
 };
 
-/// Returns the dialect of DGSHAPE's machines.
+/// Returns the dialect of the machines of DGSHAPE.
 pub fn dgshape() -> &'static Dialect {
     &DGSHAPE
 }

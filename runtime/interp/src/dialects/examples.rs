@@ -1,4 +1,5 @@
-//! Programs that show the codes of a dialect: one for each family, without its frame.
+//! Example programs for the codes of a dialect: one for each family of codes, without the first and last
+//! lines.
 
 use crate::codes::{Code, Example};
 use crate::dialect::Dialect;
@@ -137,14 +138,14 @@ impl Dialect {
         examples.find(|(codes, _)| codes.contains(&code.code))
     }
 
-    /// Returns the name of the picture of that program, and whether it moves in Z.
+    /// Returns the file name of the picture of a code's example program, and whether the program moves in Z.
     pub fn picture(&self, code: &Code) -> Option<(String, bool)> {
         let (codes, blocks) = self.example_of(code)?;
         let name = format!("{}-{}.svg", self.name, codes.first()?.to_lowercase());
         Some((name, blocks.contains('Z')))
     }
 
-    /// Returns a program that shows a code, as a file has it.
+    /// Returns the example program of a code, complete as in a file.
     pub fn example(&self, code: &Code) -> Option<String> {
         let (_, blocks) = self.example_of(code)?;
         let end = if blocks.ends_with("M99") { "" } else { "M30\n" };

@@ -1,4 +1,5 @@
-//! The dialects that are part of Tandem. Each is one file, named here in two lines.
+//! The dialects that are part of Tandem. Each dialect is one file, with its module and its entry in the list
+//! here.
 
 pub mod convert;
 pub mod decisions;
@@ -31,7 +32,7 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 /// Returns the dialect with this name.
 ///
 /// # Errors
-/// Returns the correction if there is no such dialect.
+/// Returns an error text with the existing names if no dialect has this name.
 pub fn find(name: &str) -> Result<&'static Dialect, String> {
     let found = DIALECTS.iter().copied().find(|dialect| dialect.name == name);
     found.ok_or_else(|| {

@@ -1,4 +1,4 @@
-//! Dialect nj: the NJ/NY-series manual O031.
+//! Dialect nj, as defined by the manual O031 of the NJ/NY series.
 
 use tandem_model::settings::PathRules;
 use tandem_syntax::Grammar;

@@ -1,5 +1,5 @@
-//! A dialect's own texts: for codes whose effect differs from other dialects, and for diagnostics whose rule or example
-//! differs.
+//! Texts of a dialect: for codes whose effect differs from other dialects, and for diagnostics whose rule or
+//! example differs.
 
 use tandem_syntax::DiagnosticEntry;
 
@@ -7,16 +7,16 @@ use crate::codes::{Code, WordSpec};
 use crate::dialect::{Dialect, Numbers};
 use crate::numbers;
 
-/// Texts of a dialect that replace the default ones of codes and diagnostics.
+/// Texts of a dialect that replace the default texts of codes and diagnostics.
 #[derive(Debug, Clone, Copy)]
 pub struct Texts {
-    /// Code, its name, and its effect; an empty text means that of the code itself.
+    /// Code, name and effect; an empty text selects the default text of the code.
     pub codes: &'static [(&'static str, &'static str, &'static str)],
-    /// Diagnostic, its rule, and an example.
+    /// Number of the diagnostic, its rule, and its example.
     pub diagnostics: &'static [(&'static str, &'static str, &'static str)],
 }
 
-/// Texts of a dialect that has no own texts.
+/// Texts of a dialect that uses only the default texts.
 pub static NO_TEXTS: Texts = Texts {
     codes: &[],
     diagnostics: &[],
@@ -235,7 +235,7 @@ impl Dialect {
         own.filter(|docs| !docs.is_empty()).unwrap_or(code.docs)
     }
 
-    /// Returns the words that a code takes, without those that the dialect does not have.
+    /// Returns the words that a code takes, without those whose address the dialect does not have.
     pub fn words_of(&self, code: &Code) -> impl Iterator<Item = &'static WordSpec> {
         let known = (self.grammar)().addresses;
         code.words.iter().filter(move |word| known.contains(word.address))
@@ -249,7 +249,7 @@ impl Dialect {
         }
     }
 
-    /// Returns the rule and the example of a diagnostic.
+    /// Returns the rule and the example of a diagnostic in the dialect.
     pub fn explained(&self, entry: &DiagnosticEntry) -> (&'static str, &'static str) {
         let mut own = self.texts.diagnostics.iter();
         let own = own.find(|(code, ..)| *code == entry.code);

@@ -17,7 +17,7 @@ pub(super) fn value_lost(variable: Variable) -> Alarm {
     Alarm::new(&VALUE_LOST, text)
 }
 
-/// Returns the alarm for a fault that a check would report as an error.
+/// Returns the alarm for a fault that the checker would report as an error.
 #[cold]
 pub(super) fn alarm_for(fault: &Diagnostic) -> Alarm {
     let alarms = [

@@ -15,7 +15,7 @@ pub struct ModalState {
 }
 
 impl Interpreter {
-    /// Returns the modal state that a later [`Interpreter::restore`] brings back.
+    /// Returns the modal state, for a later [`Interpreter::restore`].
     pub fn modal_state(&self) -> ModalState {
         ModalState {
             modal: self.modal.clone(),
@@ -24,7 +24,8 @@ impl Interpreter {
         }
     }
 
-    /// Restores an earlier modal state, without a program. The caller must pass the transform to the path stage.
+    /// Restores an earlier modal state, and removes the program. The caller must pass the transform to the
+    /// path stage.
     pub fn restore(&mut self, state: ModalState) {
         self.forget_program();
         self.modal = state.modal;
@@ -32,8 +33,8 @@ impl Interpreter {
         self.opens = state.opens;
     }
 
-    /// Selects the start-up meaning of numbers for the program that begins: the unit of the settings, and
-    /// positions. All other codes stay active.
+    /// Sets the unit and the distance mode to the start-up state, so that the next program reads numbers as
+    /// at start-up. All other codes stay active.
     pub fn read_as_at_start_up(&mut self) {
         for group in [ModalGroup::Unit, ModalGroup::Distance] {
             if let Some(code) = self.start_up.code(group) {
@@ -43,8 +44,8 @@ impl Interpreter {
         self.modal.unit_settled = self.start_up.unit_settled;
     }
 
-    /// Returns the active codes that differ from those at start-up, except for motion and the return level of fixed
-    /// cycles, which the next block names if it needs them.
+    /// Returns the active codes that differ from those at start-up. Motion and return level of fixed cycles
+    /// are omitted, because the next block names them if it needs them.
     pub fn codes_unlike_start_up(&self) -> impl Iterator<Item = &'static str> {
         let named = [ModalGroup::Motion, ModalGroup::ReturnLevel].map(ModalGroup::number);
         let start_up: Vec<_> = self.start_up.groups().collect();

@@ -8,7 +8,7 @@ use crate::block_words::{BlockWords, Reading};
 use crate::codes::Refusal;
 use crate::meaning::{MotionKind, Shape};
 
-/// Finds a fault in the arc of a block.
+/// Finds a fault in the arc of a block, as far as the text shows it.
 pub(super) fn find(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
     if !moves_by(words, MotionKind::Arc) {
         return None;
@@ -33,8 +33,8 @@ pub(super) fn find(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
     let [first, second] = axes.map(|axis| with.position.move_distance(words, distance, axis));
     // If the text does not determine the start or end point, `chord` is NaN, and the arc is not rejected.
     let chord = first.hypot(second);
-    // a difference in the current unit: an inch is more than a millimetre, so this never rejects too much; the path
-    // stage checks the result of scaling
+    // The tolerance is taken in the current unit: in inches it is larger, so the check never rejects too
+    // much. The path stage checks arcs after scaling.
     let scaling = Shape::Scaling as usize;
     let unscaled = own.shapes[scaling].or(in_force.shapes[scaling]) == Some(false);
     let short = unscaled && radius.abs() < chord / 2.0 - with.arc_radius_tolerance_mm;

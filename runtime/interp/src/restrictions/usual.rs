@@ -19,7 +19,7 @@ const CUTTING: &str = "during cutter compensation, only {cutting} are allowed as
 const WAITS: &str = "the program waits during cutter compensation";
 const WAIT_ELSEWHERE: &str = "Write it before {compensation}, or after the lead-out.";
 
-/// Only the first restriction that a block violates is reported.
+/// Restrictions in the order of the check: only the first restriction that a block violates is reported.
 pub static USUAL: [Restriction; 13] = [
     Restriction::new(
         &FIXED_CYCLE_RULE,

@@ -1,32 +1,32 @@
-//! Converts one block: uses the modal state before it, and returns equivalent blocks of nj.
+//! Converts one block to equivalent blocks of nj, depending on the modal state before the block.
 
 use tandem_model::settings::CompensationStart;
 use tandem_syntax::{Address, Block, Grammar, NcProgram, Word};
 
 use super::state::{ConversionState, CycleState, POSITIONS, Source, Words, shown};
 
-/// M codes that these controls execute before the motion of their block.
+/// M codes that the controls of the source execute before the motion of the block.
 const BEFORE_MOTION: [u32; 6] = [3, 4, 6, 7, 8, 13];
 
 /// M29: the spindle turns in step with Z in a tapping cycle.
 const RIGID_TAPPING: u32 = 29;
 
-/// G91.1: I, J and K are distances from the start of an arc, as in nj.
+/// G91.1: I, J and K are distances from the start of an arc, as always in nj.
 const CENTRES_ARE_DISTANCES: f64 = 91.1;
 
-/// G51.1 mirrors, and G50.1 ends it.
+/// G51.1 switches mirroring on, G50.1 off.
 const MIRRORING: [(f64, bool); 2] = [(51.1, true), (50.1, false)];
 
-/// Above this value, the digits of P before the last four are the number of calls by M98.
+/// From this value of P on, the digits of P before the last four are the number of calls by M98.
 const CALLS_FROM: u32 = 10_000;
 
 /// G codes that are allowed in a block that may be skipped: if they are already active, they change nothing.
 const SKIPPABLE: [u32; 7] = [0, 1, 2, 3, 4, 90, 91];
 
-/// S below it is the number of a speed in dialect dgshape.
+/// Value below which S is the number of a speed in dialect dgshape.
 const SPEED_MIN: f64 = 100.0;
 
-/// Returns the block skips of a block, as nj writes them.
+/// Returns the block skip numbers of a block in the notation of nj.
 fn skips(numbers: u32) -> String {
     let all = (1..=u32::BITS).filter(|number| numbers >> (number - 1) & 1 == 1);
     let all: Vec<String> = all
@@ -43,7 +43,7 @@ fn skips(numbers: u32) -> String {
 }
 
 impl ConversionState {
-    /// Returns the equivalent blocks of nj.
+    /// Returns the blocks of nj that are equivalent to a block of the source.
     pub fn block(&mut self, program: &NcProgram, block: &Block) -> Result<Vec<String>, String> {
         let mut words = Words::new(program.words(block));
         let skip = skips(block.skip_numbers());
@@ -86,7 +86,7 @@ impl ConversionState {
         Ok(lines.into_iter().enumerate().map(begin).collect())
     }
 
-    /// Returns the reason why a word cannot be written in nj.
+    /// Returns the reason why a word has no equivalent in nj.
     fn no_equal(word: &Word) -> String {
         let value = word.number().unwrap_or_default();
         let name = match word.address {
@@ -137,7 +137,7 @@ impl ConversionState {
             self.lose_modal_state();
         }
         if let Some(number) = codes.ends_tapping {
-            // nj stops the spindle at this position
+            // the cycle of nj has stopped the spindle: this M code starts it again
             before.insert(0, format!("M{number:02}"));
         }
         // modal words come first: before the motion, and S before the M code that turns the spindle
@@ -153,7 +153,7 @@ impl ConversionState {
         Ok(lines)
     }
 
-    /// Takes the G codes: their modal values and the action of the block.
+    /// Takes the G codes of the block: adds their modal values to `modal`, and returns their action.
     fn codes(&mut self, words: &mut Words<'_>, modal: &mut Vec<String>) -> Result<Codes, String> {
         let mut codes = Codes::default();
         let taps = self.cycle.as_ref().is_some_and(CycleState::taps);
@@ -241,14 +241,15 @@ impl ConversionState {
                 self.begin_cycle(number)?;
                 codes.begins_cycle = true;
             }
-            // feedrates in mm/min, speeds in r/min
+            // G94 and G97: feedrates in mm/min and speeds in r/min, as always in nj
             94 | 97 => {}
             _ => return Err(Self::no_equal(word)),
         }
         Ok(())
     }
 
-    /// Checks that the number of an offset is that of the tool in the spindle, whose offset nj uses.
+    /// Checks that an offset number is the number of the tool in the spindle: nj always uses the offset of
+    /// that tool.
     fn own_tool(&self, offset: Option<&Word>, letter: &str) -> Result<(), String> {
         let number = offset
             .and_then(Word::whole)
@@ -265,7 +266,8 @@ impl ConversionState {
         ))
     }
 
-    /// Converts M codes and T, separated by their time: before or after the motion.
+    /// Converts M codes and T. M codes that act before the motion are added to `before`, other M codes to
+    /// `behind`.
     fn m_codes(
         &mut self,
         words: &mut Words<'_>,
@@ -280,7 +282,7 @@ impl ConversionState {
                 if self.from == Source::Dgshape {
                     return Err("T without M06 changes no tool. Write M06 VA_ at the change.".to_owned());
                 }
-                // only the magazine turns
+                // T without M06 only turns the magazine
                 self.note = Some(format!("T{tool} is called"));
             }
         }
@@ -336,7 +338,8 @@ impl ConversionState {
         Ok(format!("G04 X{}", shown(seconds)))
     }
 
-    /// Converts G43 and G49, which without axis words move Z by the change of the offset.
+    /// Converts G43 and G49. In dialect dgshape, G43 or G49 without axis words moves Z by the change of the
+    /// offset.
     fn length(&mut self, words: &mut Words<'_>, on: bool) -> Result<Vec<String>, String> {
         let code = if on { "G43" } else { "G49" };
         if on {
@@ -390,7 +393,7 @@ impl ConversionState {
             }
         }
         if codes.stops_exactly {
-            // after the positions, G09 stops at their end
+            // after the positions, G09 stops at the end of the motion
             parts.push("G09".to_owned());
         }
         Ok(vec![parts.join(" ")])
@@ -415,18 +418,18 @@ enum Action {
     #[default]
     Motion,
     Dwell,
-    /// G28 or G30.
+    /// Return to a reference point: G28 or G30.
     Reference(&'static str),
     /// Local coordinates: G52.
     Local,
-    /// Coordinates of the tool's position: G92.
+    /// New coordinates for the tool's position: G92.
     Shift,
-    /// A move to a position of the machine: G53.
+    /// Motion to a machine position: G53.
     Machine,
     Rotation,
     Scaling,
-    /// G51.1 or G50.1.
+    /// Mirroring: on by G51.1, off by G50.1.
     Mirroring(bool),
-    /// The tool length offset begins or ends.
+    /// Tool length offset: on or off.
     Length(bool),
 }

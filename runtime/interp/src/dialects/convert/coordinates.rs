@@ -1,4 +1,4 @@
-//! Blocks that set coordinates, or move in machine coordinates.
+//! Converts blocks that set coordinates, or that move in machine coordinates.
 
 use tandem_syntax::{Address, Word};
 
@@ -7,7 +7,7 @@ use crate::codes::g50_g51_scaling::{SAME_FACTOR_MAX as SCALE_MAX, SAME_FACTOR_MI
 use super::state::{ConversionState, POSITIONS, Source, Words, shown};
 
 impl ConversionState {
-    /// Converts a return of the named axes to a reference point.
+    /// Converts G28 or G30, which return the named axes to a reference point.
     pub(super) fn reference(&mut self, words: &mut Words<'_>, code: &str) -> Result<String, String> {
         let named: Vec<Address> = POSITIONS.into_iter().filter(|axis| words.has(&[*axis])).collect();
         let remembers = self.from == Source::Dgshape;
@@ -32,7 +32,8 @@ impl ConversionState {
         Ok(format!("{code} {point}{positions}"))
     }
 
-    /// Rejects a code within mirroring, scaling or rotation: in nj it ends them, in the source it does not.
+    /// Rejects a code within mirroring, scaling or rotation: in nj, the code ends these functions; in the
+    /// source, it does not.
     pub(super) fn in_plain_shape(&self, code: &str) -> Result<(), String> {
         self.within(code, self.mirror.iter().any(Option::is_some))
     }
@@ -49,7 +50,7 @@ impl ConversionState {
         ))
     }
 
-    /// Converts G52, whose values are added to the shift of G92.
+    /// Converts G52. The G52 of the result contains the values of the source plus the shift of G92.
     pub(super) fn local_coordinates(&mut self, words: &mut Words<'_>) -> Result<String, String> {
         self.in_plain_shape("G52")?;
         let mut parts = vec!["G52".to_owned()];
@@ -66,7 +67,7 @@ impl ConversionState {
         Ok(parts.join(" "))
     }
 
-    /// Converts G92, the coordinates of the tool's position, to local coordinates.
+    /// Converts G92, which gives the tool's position new coordinates, to the local coordinates of G52.
     pub(super) fn shifted_coordinates(&mut self, words: &mut Words<'_>) -> Result<String, String> {
         self.in_plain_shape("G92")?;
         if self.from == Source::Fanuc && self.absolute != Some(true) {
@@ -98,7 +99,7 @@ impl ConversionState {
         Ok(parts.join(" "))
     }
 
-    /// Converts G53.
+    /// Converts G53, a motion to a machine position.
     pub(super) fn machine_position(&mut self, words: &mut Words<'_>) -> Result<String, String> {
         let is_shifted = self.shift.iter().chain(&self.local).any(|way| way.abs() > 0.0);
         if is_shifted
@@ -149,8 +150,8 @@ impl ConversionState {
         Ok(parts.join(" "))
     }
 
-    /// Converts G51.1 and G50.1. A G51.1 of nj mirrors only its own axes; on these controls, axes of earlier
-    /// G51.1 stay mirrored too.
+    /// Converts G51.1 and G50.1. In nj, G51.1 mirrors only the axes that it names; on the controls of the
+    /// source, axes of earlier G51.1 stay mirrored too.
     pub(super) fn mirroring(&mut self, words: &mut Words<'_>, on: bool) -> Result<String, String> {
         let code = if on { "G51.1" } else { "G50.1" };
         self.within(code, false)?;

@@ -1,19 +1,20 @@
-//! Fixed cycles as their motions.
+//! Converts fixed cycles to their motions.
 
 use tandem_syntax::{Address, Word};
 
 use super::state::{ConversionState, CycleState, PLANE_XY, Source, Words, Z, shown};
 
-/// Maximum number of holes of one block that are written out.
+/// Maximum number of holes of one block that are converted to motions.
 const REPETITIONS_MAX: u32 = 100;
 
-/// The boring cycle that stops the spindle on the way up, on controls whose cycles turn the spindle.
+/// The boring cycle that stops the spindle at the bottom, on controls whose cycles start and stop the
+/// spindle.
 const STOPS_SPINDLE: u32 = 86;
 
 /// Maximum number of cuts of one hole.
 const CUTS_MAX: u32 = 1000;
 
-/// Z of a hole: positions, or distances from the initial level.
+/// Levels of Z in a hole: positions, or distances from the initial level.
 struct ConvertedHoleLevels {
     r: f64,
     z: f64,
@@ -21,7 +22,7 @@ struct ConvertedHoleLevels {
     end: f64,
 }
 
-/// The path of Z in a hole.
+/// Motions of Z in a hole.
 struct HolePath<'a> {
     lines: &'a mut Vec<String>,
     absolute: bool,
@@ -29,7 +30,7 @@ struct HolePath<'a> {
 }
 
 impl HolePath<'_> {
-    /// Moves to a level; no block is needed if it is already there.
+    /// Adds a motion to a level. In G91, adds no motion if Z is already at the level.
     fn move_to(&mut self, code: &str, to: f64) {
         let value = shown(if self.absolute { to } else { to - self.at });
         if self.absolute || value != "0" {
@@ -79,7 +80,7 @@ impl ConversionState {
             return Err("A does not move in a fixed cycle. Write A in a block before the cycle.".to_owned());
         }
         if repetitions == 0 {
-            // the levels stay, and nothing moves
+            // the cycle keeps its levels, and no axis moves
             for address in [Address::X, Address::Y] {
                 words.take_word(address);
             }
@@ -103,7 +104,7 @@ impl ConversionState {
         Ok(lines)
     }
 
-    /// Rejects a cycle in G18 or G19, where the axis of the drill depends on the control.
+    /// Rejects a cycle in G18 or G19, because the axis of the drill then depends on the control.
     fn drills_along_z(&self) -> Result<(), String> {
         match self.plane {
             Some(PLANE_XY) => Ok(()),
@@ -123,7 +124,7 @@ impl ConversionState {
             .transpose()
     }
 
-    /// Returns the number of repetitions of a hole: K, or L on controls that use it.
+    /// Returns the number of repetitions of a hole: from K, or from L on controls that use L.
     fn repetitions(&self, words: &mut Words<'_>) -> Option<u32> {
         let k = words.take_word(Address::K);
         let l = || {
@@ -133,7 +134,7 @@ impl ConversionState {
         k.or_else(l).map_or(Some(1), Word::whole)
     }
 
-    /// Returns the words for the positions of the holes of a block.
+    /// Returns the axis words of the hole positions in a block.
     fn hole_position(&mut self, words: &mut Words<'_>, repetitions: u32) -> Result<String, String> {
         let place = self.positions(words)?.join(" ");
         if repetitions != 1 {
@@ -144,7 +145,7 @@ impl ConversionState {
         Ok(place)
     }
 
-    /// Writes one hole, from the position of the tool above it.
+    /// Adds the motions of one hole, beginning with the tool above the hole.
     fn hole(&mut self, cycle: &mut CycleState, lines: &mut Vec<String>) -> Result<(), String> {
         let levels = self.levels(cycle)?;
         let mut way = HolePath {
@@ -184,7 +185,7 @@ impl ConversionState {
         Ok(())
     }
 
-    /// Records the end of a hole: a position of Z, or a distance from the initial level.
+    /// Records Z at the end of a hole. `end` is a position, or in G91 a distance from the initial level.
     fn end_hole_at(&mut self, cycle: &CycleState, end: f64) {
         self.at[Z] = if cycle.absolute {
             Some(end)
@@ -193,7 +194,7 @@ impl ConversionState {
         };
     }
 
-    /// Starts a cycle, or changes to another one that keeps its words.
+    /// Starts a cycle. If the cycle replaces another cycle, it keeps the words of that cycle.
     pub(super) fn begin_cycle(&mut self, code: u32) -> Result<(), String> {
         let unknown = "it is unknown at this block whether its words are positions or distances. Write G90 or G91 before it.";
         let absolute = self.absolute.ok_or(unknown)?;
@@ -208,7 +209,7 @@ impl ConversionState {
         Ok(())
     }
 
-    /// Converts a block of a tapping cycle, which nj also has.
+    /// Converts a block of a tapping cycle, which nj has too.
     fn threads(&mut self, words: &mut Words<'_>, mut cycle: CycleState) -> Result<Vec<String>, String> {
         if words.has(&[Address::Q]) {
             return Err(
@@ -250,7 +251,7 @@ impl ConversionState {
         Ok(vec![line])
     }
 
-    /// Writes all cuts but the last one, each with its retraction: out to the R point and back, or a short one.
+    /// Adds all cuts but the last one. Each cut has a retraction: to the R point and back, or a short one.
     fn cuts(
         &self,
         way: &mut HolePath<'_>,

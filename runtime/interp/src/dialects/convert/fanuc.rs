@@ -1,11 +1,11 @@
-//! Text before and after the blocks in programs of FANUC and similar controls.
+//! Comments, program numbers and ends in programs of FANUC and similar controls.
 
 use tandem_syntax::{Address, Grammar, NcProgram, Token, TokenKind, tokens};
 
 use super::state::Source;
 
-/// Returns the text with comments that begin with `;` written in parentheses. A `;` without words after it is
-/// removed.
+/// Returns the text with each comment that begins with `;` written in parentheses. Removes a `;` without
+/// words after it.
 pub(super) fn comments_in_parentheses(source: &str) -> String {
     let mut read = String::with_capacity(source.len());
     for line in source.split_inclusive('\n') {
@@ -43,8 +43,8 @@ fn semicolon(line: &str) -> Option<usize> {
     })
 }
 
-/// Returns the position of the line of the second program number, if that number is alone on its line. A
-/// further program begins there.
+/// Returns the byte position of the line with the second program number, where a further program begins. Only
+/// a program number that is alone on its line counts.
 pub(super) fn second_program(text: &str, grammar: &'static Grammar, from: Source) -> Option<usize> {
     if from != Source::Fanuc {
         return None;
@@ -63,7 +63,7 @@ pub(super) fn second_program(text: &str, grammar: &'static Grammar, from: Source
 /// M codes that end a main program.
 const MAIN_ENDS: [u32; 2] = [2, 30];
 
-/// The M code that ends a subprogram.
+/// M code that ends a subprogram.
 const RETURN: u32 = 99;
 
 fn has(program: &NcProgram, is_meant: impl Fn(u32) -> bool) -> bool {
@@ -71,12 +71,13 @@ fn has(program: &NcProgram, is_meant: impl Fn(u32) -> bool) -> bool {
     words.any(|word| word.address == Address::M && word.whole().is_some_and(&is_meant))
 }
 
-/// Returns true if the program ends as a subprogram, and never as a main program.
+/// Returns true if the program has the end of a subprogram, and no end of a main program.
 pub(super) fn is_subprogram(program: &NcProgram) -> bool {
     has(program, |m| m == RETURN) && !has(program, |m| MAIN_ENDS.contains(&m))
 }
 
-/// Returns true if an M code ends the program; these controls also end it with its text.
+/// Returns true if an M code ends the program. Otherwise, these controls end the program at the end of its
+/// text.
 pub(super) fn has_end(program: &NcProgram) -> bool {
     has(program, |m| m == RETURN || MAIN_ENDS.contains(&m))
 }

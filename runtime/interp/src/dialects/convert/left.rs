@@ -1,4 +1,4 @@
-//! Lines that must be converted by hand: the modal state that they set for later lines.
+//! Finds the modal state that a line to be converted by hand sets for later lines.
 
 use tandem_syntax::{Address, Token, TokenKind};
 
@@ -7,16 +7,17 @@ fn stays(code: u32) -> bool {
     matches!(code, 0..=3 | 17..=21 | 54..=59 | 80 | 90 | 91 | 98 | 99)
 }
 
-/// G codes in whose blocks the words have another meaning: data, macros.
+/// G codes in whose blocks the words have another meaning: data setting and macros.
 const OTHER_WORDS: [u32; 4] = [10, 65, 66, 67];
 
-/// G codes in whose blocks F is not a distance per minute: inverse time, a revolution, the pitch of a thread.
+/// G codes in whose blocks F is not a distance per minute: a time, a distance per revolution, the pitch of a
+/// thread.
 const OTHER_FEEDRATE: [u32; 5] = [4, 32, 33, 93, 95];
 
 /// G codes in whose blocks S is not the spindle speed, but its limit or the cutting speed.
 const OTHER_SPEED: [u32; 2] = [92, 96];
 
-/// Returns the words of a line, each with its text.
+/// Returns the words of a line, each as its address and the text of its number.
 fn words<'a>(
     line: &'a [Token],
     of: impl Fn(&Token) -> &'a str + Copy,
@@ -39,7 +40,8 @@ pub(super) fn codes<'a>(
     codes.filter_map(|(_, number)| number.parse().ok())
 }
 
-/// Returns the words of a line that remain modal and are certain to be executed, or `None` if there are none.
+/// Returns the words of a line that remain modal and that are certain to be executed; `None` if the line has
+/// no such word.
 pub(super) fn in_force<'a>(line: &'a [Token], of: impl Fn(&Token) -> &'a str + Copy) -> Option<String> {
     let is_statement = |token: &Token| {
         let text = of(token);

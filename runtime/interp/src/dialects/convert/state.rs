@@ -1,4 +1,4 @@
-//! Modal state while a program is converted, and the words of a block.
+//! Modal state during the conversion of a program, and the words of a block.
 
 use tandem_model::settings::{NcOptions, Unit};
 use tandem_syntax::{Address, Word};
@@ -17,49 +17,50 @@ pub enum Source {
     Fanuc,
 }
 
-/// Modal state, as far as the meaning of other words depends on it.
+/// Modal state on which the conversion of later words depends.
 #[derive(Debug, Clone)]
 pub(super) struct ConversionState {
     pub from: Source,
     pub options: NcOptions,
     pub unit: Unit,
-    /// The code of the current plane. `None` if another program has set it.
+    /// Number of the G code of the current plane. `None` if another program may have changed the plane.
     pub plane: Option<u32>,
-    /// The code of the current motion; empty if a called program, or the caller of this one, has set it.
+    /// Code of the current motion; empty if a called program, or the caller of this program, may have changed
+    /// it.
     pub motion: &'static str,
-    /// True if positions are absolute; `None` if another program has set the mode.
+    /// True if axis words are positions; `None` if another program may have changed the mode.
     pub absolute: Option<bool>,
-    /// True if fixed cycles return to the initial level; `None` if another program has set the mode.
+    /// True if fixed cycles return to the initial level; `None` if another program may have changed the mode.
     pub to_initial: Option<bool>,
     pub cycle: Option<CycleState>,
-    /// The programmed positions of the axes, if known.
+    /// The programmed positions of X, Y, Z and A, if known.
     pub at: [Option<f64>; 4],
     /// Shift of the coordinates by G92, mm or degrees.
     pub shift: [f64; 4],
-    /// Further shift by G52, mm or degrees.
+    /// Additional shift of the coordinates by G52, mm or degrees.
     pub local: [f64; 4],
     /// True if the coordinates are rotated.
     pub is_rotated: bool,
     pub is_scaled: bool,
     /// Positions about which X, Y and Z are mirrored, mm.
     pub mirror: [Option<f64>; 3],
-    /// The M code that started the spindle.
+    /// The M code that started the spindle; `None` if the spindle is stopped.
     pub spindle: Option<u32>,
-    /// True if the spindle stops when tapping ends.
+    /// True if the end of a tapping cycle stops the spindle.
     pub is_rigid: bool,
-    /// The tool in the spindle.
+    /// Number of the tool in the spindle.
     pub tool: Option<u32>,
-    /// The tool of a T word that comes before its M06.
+    /// Number of the tool in a T word that comes before its M06.
     pub next_tool: Option<u32>,
-    /// The tool with the length offset in force.
+    /// Number of the tool whose length offset is in force.
     pub offset: Option<u32>,
-    /// Axes that an earlier reference point return has named.
+    /// Axes that the last return to a reference point has named.
     pub returned: Vec<Address>,
-    /// A note on the block, in addition to its conversion.
+    /// A note on the block, added to its comments.
     pub note: Option<String>,
 }
 
-/// The words of a block, each taken once.
+/// The words of a block; each word can be taken once.
 pub(super) struct Words<'a> {
     pub all: Vec<Option<&'a Word>>,
 }
@@ -71,7 +72,7 @@ impl<'a> Words<'a> {
         }
     }
 
-    /// Takes the word of an address.
+    /// Takes the word with this address.
     pub fn take_word(&mut self, address: Address) -> Option<&'a Word> {
         let mut all = self.all.iter_mut();
         all.find(|word| word.is_some_and(|word| word.address == address))?
@@ -86,10 +87,10 @@ impl<'a> Words<'a> {
 
 pub(super) const POSITIONS: [Address; 4] = [Address::X, Address::Y, Address::Z, Address::A];
 
-/// The codes of motions, by their numbers.
+/// Codes of the motions; the number of a code is its index.
 const MOTIONS: [&str; 4] = ["G00", "G01", "G02", "G03"];
 
-/// The place of Z in [`POSITIONS`].
+/// Index of Z in [`POSITIONS`].
 pub(super) const Z: usize = 2;
 
 const INCH: f64 = 25.4;
@@ -140,7 +141,7 @@ impl ConversionState {
         self.to_initial = None;
     }
 
-    /// Applies the modal effect of a G code, independent of the rest of its block.
+    /// Applies the modal effect of a G code, independent of the other words of its block.
     pub fn activate_code(&mut self, code: u32) {
         match code {
             0..=3 => {
@@ -162,13 +163,13 @@ impl ConversionState {
         self.at[Z]
     }
 
-    /// Returns the mm or degrees of one unit of an axis word.
+    /// Returns the number of mm or degrees in one unit of an axis word.
     pub fn unit_of(&self, axis: usize) -> f64 {
         let is_inch = self.unit == Unit::Inch && POSITIONS[axis] != Address::A;
         if is_inch { INCH } else { 1.0 }
     }
 
-    /// Returns the value of a word in the current unit; times are in seconds.
+    /// Returns the value of a word with a length, a feedrate or an angle, in the current unit.
     pub fn value(&self, word: &Word) -> Result<f64, String> {
         static PLAIN: WordSpec = WordSpec::new(Address::X, "a length", "mm", f64::MIN, f64::MAX);
         static ANGLE: WordSpec = WordSpec::new(Address::A, "an angle", "mm or deg", f64::MIN, f64::MAX);
@@ -187,7 +188,7 @@ impl ConversionState {
         ))
     }
 
-    /// Returns the seconds of an X word of a dwell.
+    /// Returns the time in the X word of a dwell, s.
     pub fn seconds(&self, word: &Word) -> Result<f64, String> {
         static TIME: WordSpec = WordSpec::new(Address::X, "a time", "s", 0.0, f64::MAX);
         let value = word.number().ok_or("it has a variable")?;
@@ -200,15 +201,16 @@ impl ConversionState {
         ))
     }
 
-    /// Returns the seconds of a P word of a dwell. P is in milliseconds; controls of source `Fanuc` that
-    /// accept a P with a decimal point read it as seconds.
+    /// Returns the time in the P word of a dwell, s. P is in milliseconds; controls of source `Fanuc` that
+    /// accept a P with a decimal point read it in seconds.
     pub fn dwell_of_p(&self, word: &Word) -> Result<f64, String> {
         let value = word.number().ok_or("it has a variable")?;
         let is_seconds = self.from == Source::Fanuc && !word.is_whole();
         Ok(if is_seconds { value } else { value / MS_PER_S })
     }
 
-    /// Returns a feedrate in the current unit, at least the least feedrate of the dialect's machine.
+    /// Returns a feedrate in the current unit, raised to the least feedrate of the machine for dialect
+    /// dgshape.
     pub fn feedrate_within(&self, feedrate: f64) -> f64 {
         let unit = match self.unit {
             Unit::Millimetre => 1.0,
@@ -253,7 +255,7 @@ pub(super) struct CycleState {
     pub code: u32,
     /// Z at the start of the cycle, if known.
     pub initial: Option<f64>,
-    /// True if its words are positions.
+    /// True if the words of the cycle are positions.
     pub absolute: bool,
     /// Distance of Z from the initial level, if the words are distances.
     pub at: f64,
@@ -264,7 +266,7 @@ pub(super) struct CycleState {
 }
 
 impl CycleState {
-    /// Creates a cycle from a code, possibly after another one that keeps its words.
+    /// Creates a cycle from a code. After another cycle (`before`), keeps the words of that cycle.
     pub fn new(code: u32, before: Option<CycleState>, z: Option<f64>, absolute: bool) -> Self {
         let begins = CycleState {
             code,

@@ -75,7 +75,7 @@ fn a_fixed_cycle_outside_g17_is_reported() {
     );
 }
 
-/// Haas and LinuxCNC read seconds; FANUC takes no point in P.
+/// Haas and LinuxCNC read a P with a decimal point as seconds; FANUC accepts no decimal point in P.
 #[test]
 fn p_of_a_dwell_with_a_point_counts_seconds() {
     let dwell = |text: &str| of_fanuc(text).text;

@@ -1,4 +1,4 @@
-//! The restrictions of dialect dgshape (2-2 and 2-3).
+//! Restrictions of dialect dgshape (manual dgshape, 2-2 and 2-3).
 
 use tandem_syntax::diagnostics::{
     COMPENSATION_RULE, FIXED_CYCLE_RULE, M_NOT_ALONE, MACHINE_POSITION_RULE, TOOL_OFFSET_RULE, UNIT_CHANGE,
