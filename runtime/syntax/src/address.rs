@@ -2,7 +2,7 @@
 
 macro_rules! addresses {
     ($($name:ident $text:literal,)*) => {
-        /// The address of a word: one letter, or one of the pairs of dialect nj.
+        /// Address of a word: one letter, or one of the letter pairs of dialect nj.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
         #[repr(u8)]
         #[expect(missing_docs, reason = "a letter is its own name")]
@@ -31,7 +31,7 @@ addresses! {
 }
 
 impl Address {
-    /// Returns the address of one letter, in either case.
+    /// Returns the address of a letter in upper or lower case; `None` for any other character.
     #[inline]
     pub(crate) fn from_letter(letter: u8) -> Option<Self> {
         let index = letter.to_ascii_uppercase().wrapping_sub(b'A');
@@ -42,7 +42,7 @@ impl Address {
         }
     }
 
-    /// Returns the address that letters spell, in either case.
+    /// Returns the address with these letters; upper and lower case are equal.
     pub fn find(letters: &str) -> Option<Self> {
         match letters.as_bytes() {
             [letter] => Self::from_letter(*letter),
@@ -54,7 +54,7 @@ impl Address {
         }
     }
 
-    /// Returns the place of VA to VH among the parameters of an M code, 0 to 7.
+    /// Returns the index of VA to VH among the parameters of an M code, 0 to 7; `None` for other addresses.
     pub const fn parameter_index(self) -> Option<usize> {
         let index = self as u8;
         if index >= Address::Va as u8 && index <= Address::Vh as u8 {
@@ -94,12 +94,12 @@ impl AddressSet {
         self.0 & (1 << address as u8) != 0
     }
 
-    /// Returns true if nothing is in the set.
+    /// Returns true if the set contains no address.
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// Returns the addresses of either set.
+    /// Returns the addresses that are in at least one of the two sets.
     #[must_use]
     pub const fn union(self, other: AddressSet) -> AddressSet {
         AddressSet(self.0 | other.0)
@@ -111,7 +111,7 @@ impl AddressSet {
         AddressSet(self.0 & other.0)
     }
 
-    /// Returns the addresses of this set that are not in the other.
+    /// Returns the addresses of this set that are not in `other`.
     #[must_use]
     pub const fn without(self, other: AddressSet) -> AddressSet {
         AddressSet(self.0 & !other.0)

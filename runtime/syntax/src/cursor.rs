@@ -1,4 +1,4 @@
-//! A position in the text that advances over blanks, comments, names and numbers.
+//! A position in the source text, at which the parser reads blanks, comments, names and numbers.
 
 use tandem_model::Span;
 
@@ -10,24 +10,24 @@ const POWERS_OF_TEN: [f64; 23] = [
     1e19, 1e20, 1e21, 1e22,
 ];
 
-/// A whole number up to this is exact as a 64-bit floating point number.
+/// Every whole number up to this value is exact as a 64-bit floating point number.
 const MANTISSA_EXACT_MAX: u64 = 1 << 53;
 
 /// Maximum depth of nested comments for which the end of the outermost one is searched.
 const COMMENT_DEPTH_MAX: usize = 8;
 
-/// Reason why no number could be read.
+/// Reason why the cursor could not read a number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum NumberError {
-    /// Neither a sign nor a digit is at the cursor.
+    /// The text at the cursor does not begin with a sign, a digit or a decimal point.
     Missing,
-    /// A sign or a point without a digit.
+    /// The text has a sign or a decimal point, but no digit.
     Malformed,
-    /// Larger than a 64-bit floating point number.
+    /// The number is too large for a 64-bit floating point number.
     TooLarge,
 }
 
-/// A number as it is written.
+/// A number in the source text.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Number {
     pub(crate) value: f64,
@@ -35,7 +35,7 @@ pub(crate) struct Number {
     pub(crate) has_point: bool,
 }
 
-/// A position in the text. Cheap to copy: the parser looks ahead with a copy.
+/// A position in the source text. The parser looks ahead with a copy of the cursor.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Cursor<'a> {
     source: &'a str,
@@ -46,7 +46,7 @@ pub(crate) struct Cursor<'a> {
 }
 
 impl<'a> Cursor<'a> {
-    /// Creates a cursor at the beginning of the text, after a byte order mark.
+    /// Creates a cursor at the beginning of the text; skips a byte order mark.
     pub(crate) fn new(source: &'a str) -> Self {
         Self {
             source,
@@ -65,7 +65,7 @@ impl<'a> Cursor<'a> {
         self.line
     }
 
-    /// Returns the line of a byte before the cursor.
+    /// Returns the line of a byte that is before the cursor.
     pub(crate) fn line_of(&self, start: usize) -> u32 {
         self.line.saturating_sub(self.line_feeds(start))
     }
@@ -76,7 +76,7 @@ impl<'a> Cursor<'a> {
         passed.iter().map(|byte| u32::from(*byte == b'\n')).sum()
     }
 
-    /// Returns the number of bytes before the cursor, without those of comments.
+    /// Returns the number of bytes before the cursor, without the bytes of comments.
     pub(crate) fn text_bytes(&self) -> usize {
         self.at - self.comment_bytes
     }
@@ -89,12 +89,12 @@ impl<'a> Cursor<'a> {
         self.bytes.get(self.at + 1).copied()
     }
 
-    /// Skips bytes that are known to be ASCII without line feeds.
+    /// Moves forward over bytes that the caller knows to be ASCII and not line feeds.
     pub(crate) fn advance(&mut self, bytes: usize) {
         self.at += bytes;
     }
 
-    /// Skips a byte if it is the next one.
+    /// Skips the next byte if it equals `byte`. Returns true if it was skipped.
     pub(crate) fn skip_byte(&mut self, byte: u8) -> bool {
         let found = self.peek() == Some(byte);
         if found {
@@ -103,7 +103,7 @@ impl<'a> Cursor<'a> {
         found
     }
 
-    /// Skips a whole character, and counts line feeds.
+    /// Skips one whole character, and increases the line number after a line feed. Returns the character.
     pub(crate) fn pass_character(&mut self) -> Option<char> {
         let character = self.source.get(self.at..)?.chars().next()?;
         self.at += character.len_utf8();
@@ -124,7 +124,7 @@ impl<'a> Cursor<'a> {
         Span::new(start as u32, self.at as u32)
     }
 
-    /// Returns the text of a range, at most its first 40 characters.
+    /// Returns the text of a range; a text of more than 40 characters is shortened.
     pub(crate) fn excerpt(&self, span: Span) -> String {
         let text = self
             .source
@@ -136,8 +136,8 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// Skips blanks and comments, but no line feed outside comments. Returns the start of a faulty comment as
-    /// an error; see [`Self::comment`].
+    /// Skips blanks and comments, but no line feed outside of comments. Returns the start of a faulty comment
+    /// as an error; see [`Self::comment`].
     #[inline]
     pub(crate) fn blanks(&mut self, grammar: &Grammar) -> Result<(), usize> {
         match self.peek() {
@@ -177,14 +177,14 @@ impl<'a> Cursor<'a> {
                 .is_some_and(|(open, _)| self.begins_with(open))
     }
 
-    /// Returns true if this text is at the cursor.
+    /// Returns true if this text begins at the cursor.
     pub(crate) fn begins_with(&self, text: &str) -> bool {
         self.bytes[self.at..].starts_with(text.as_bytes())
     }
 
-    /// Skips the comment that begins at the cursor, up to its own end. Returns its start as an error in two
-    /// cases: the comment is not closed before the end of the text or line, or it contains other comments and
-    /// continues after them.
+    /// Skips the comment that begins at the cursor, up to its own end. Returns the start of the comment as an
+    /// error in two cases: the comment is not closed before the end of the text or line, or it contains other
+    /// comments and continues after them.
     pub(crate) fn comment(&mut self, grammar: &Grammar) -> Result<(), usize> {
         let start = self.at;
         if grammar.line_comment.is_some_and(|begin| self.begins_with(begin)) {
@@ -213,17 +213,17 @@ impl<'a> Cursor<'a> {
         Ok(())
     }
 
-    /// Returns the letters, digits and underscores at the cursor, which does not move.
+    /// Returns the letters, digits and underscores at the cursor, without moving the cursor.
     pub(crate) fn name(&self) -> &'a str {
         self.run(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
     }
 
-    /// Returns the letters and underscores at the cursor, which does not move.
+    /// Returns the letters and underscores at the cursor, without moving the cursor.
     pub(crate) fn letters(&self) -> &'a str {
         self.run(|byte| byte.is_ascii_alphabetic() || byte == b'_')
     }
 
-    /// Returns the digits at the cursor, which does not move.
+    /// Returns the digits at the cursor, without moving the cursor.
     pub(crate) fn digits(&self) -> &'a str {
         self.run(|byte| byte.is_ascii_digit())
     }
@@ -234,7 +234,7 @@ impl<'a> Cursor<'a> {
         self.source.get(self.at..self.at + length).unwrap_or_default()
     }
 
-    /// Reads a number: an optional sign if allowed, digits, and at most one point.
+    /// Reads a number: an optional sign if `signed`, digits, and at most one decimal point.
     #[expect(
         clippy::inline_always,
         reason = "each word has one: a call takes 6 percent longer to parse"
@@ -281,8 +281,8 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// Appends the digits from a position on to a number. Returns the end of the digits, and the number modulo
-/// 2^64.
+/// Appends the digits from a position on to a number. Returns the position after the digits, and the number
+/// modulo 2^64.
 #[inline]
 fn digits(bytes: &[u8], mut at: usize, mut number: u64) -> (usize, u64) {
     let digit = |byte: &u8| Some(byte.wrapping_sub(b'0')).filter(|digit| *digit <= 9);
@@ -293,8 +293,8 @@ fn digits(bytes: &[u8], mut at: usize, mut number: u64) -> (usize, u64) {
     (at, number)
 }
 
-/// Returns the length in bytes of a comment that contains other comments, with its own end; `None` if it has
-/// no end.
+/// Returns the length in bytes of a comment that contains other comments, with its closing text; `None` if
+/// the comment is not closed.
 fn end_of_nested(text: &str, open: &str, close: &str) -> Option<usize> {
     let (mut depth, mut at) = (1, 0);
     while (1..=COMMENT_DEPTH_MAX).contains(&depth) {
@@ -358,7 +358,7 @@ mod tests {
         for (text, rest) in [
             ("(a (b) c)X1", Some(b'X')),
             ("(a (b) to (c) d) X1", Some(b' ')),
-            // the outer one has no end: it ends where the inner one does
+            // the outer comment is not closed: it ends with the inner comment
             ("(a (b) X1", None),
         ] {
             let mut cursor = Cursor::new(text);

@@ -2,21 +2,21 @@
 
 use tandem_model::{Diagnostic, Severity, Span};
 
-/// One line of the table of diagnostics.
+/// One entry of the table of diagnostics.
 #[derive(Debug, PartialEq, Eq)]
 pub struct DiagnosticEntry {
-    /// `E0123` for errors, `W0123` for warnings.
+    /// Code of the diagnostic: `E0123` for errors, `W0123` for warnings.
     pub code: &'static str,
     /// Name of the diagnostic.
     pub title: &'static str,
     /// Reason why the text is wrong, with the rule.
     pub explanation: &'static str,
-    /// Text that causes the diagnostic, and the right text.
+    /// A wrong and a right text, or a remedy.
     pub example: &'static str,
 }
 
 impl DiagnosticEntry {
-    /// Returns error or warning, by the letter of the code.
+    /// Returns the severity, error or warning, given by the letter of the code.
     pub fn severity(&self) -> Severity {
         if self.code.starts_with('W') {
             Severity::Warning
@@ -25,7 +25,7 @@ impl DiagnosticEntry {
         }
     }
 
-    /// Creates a finding of this entry: the error at `span`, and how to correct it.
+    /// Creates a finding of this diagnostic: `message` describes the error at `span`, `help` its correction.
     pub fn at(&'static self, span: Span, message: impl Into<String>, help: impl Into<String>) -> Diagnostic {
         Diagnostic {
             code: self.code,
@@ -58,7 +58,7 @@ macro_rules! diagnostics {
 }
 
 diagnostics! {
-    // E0001 to E0099: the text
+    // E0001 to E0099: errors in the form of the text
     SOURCE_TOO_LARGE = "E0001", "The program is too large",
         "A program is at most 64 MiB of text. The program was not read.",
         "Split the program and call the parts with M98.";
@@ -137,7 +137,7 @@ diagnostics! {
     PROGRAM_NUMBER = "E0026", "A program number is wrong",
         "O is followed by one to eight digits, and is allowed once in a program (manual dgshape, 2-6).",
         "wrong: O1.5   right: O0015";
-    // E0100 to E0199: the meaning
+    // E0100 to E0199: errors in the meaning of words and codes
     G_UNKNOWN = "E0101", "There is no such G code",
         "The dialect has the G codes of the manual's table.",
         "wrong: G05   right: G04 P500";
@@ -219,7 +219,7 @@ diagnostics! {
     PARAMS_REFUSED = "E0191", "A parameter is outside the declaration of the M code",
         "Handlers and the configuration declare the parameters of an M code: their ranges, their units, and which parameters are optional. A parameter with the value of a variable is checked when the block runs.",
         "With M12 declared to take VA, 1 to 20 kN: wrong: M12 VA50   right: M12 VA5";
-    // W0001 to W0099: the program can run
+    // W0001 to W0099: warnings; the program can run
     PROGRAM_MISSING = "W0001", "A called program is missing",
         "A call (M98) of a missing program is an alarm when the block is interpreted (D12).",
         "Load the subprogram before the program starts.";

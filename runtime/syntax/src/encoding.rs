@@ -1,17 +1,17 @@
-//! Texts in another encoding than UTF-8, which some editors and controls write.
+//! Detects texts in an encoding other than UTF-8, which some editors and controls write.
 
-/// Number of characters at the beginning of a text that are examined.
+/// Number of characters that are examined at the beginning of a text.
 const LOOKED_AT: usize = 64;
 
-/// Returns true for a text in UTF-16 or UTF-32 that was read as UTF-8: its letters and digits alternate with
-/// zero bytes.
+/// Returns true for a text in UTF-16 or UTF-32 that was read as UTF-8: zero bytes are at least a third of the
+/// characters at its beginning.
 pub fn is_wide(text: &str) -> bool {
     let head = || text.chars().take(LOOKED_AT);
     let zeros = head().filter(|character| *character == '\0').count();
     3 * zeros >= head().count() && zeros > 0
 }
 
-/// Message of the finding for such a text, and its help.
+/// Message and help of the finding for a text in UTF-16 or UTF-32.
 pub(crate) const WIDE: (&str, &str) = (
     "the text is in UTF-16, but a program must be in UTF-8",
     "Save the text as UTF-8, or as ASCII, in the editor or program that wrote it.",

@@ -1,5 +1,5 @@
-//! Formats a program (spacing and letter case only). Lines keep their numbers, so that the intermediate code, whose
-//! block numbers are those of the lines, stays the same.
+//! Formats a program (spacing and letter case only). Lines keep their numbers. The intermediate code, whose
+//! block numbers are line numbers, therefore stays the same.
 
 mod nesting;
 
@@ -11,19 +11,20 @@ use crate::grammar::Grammar;
 use crate::parser::parse;
 use crate::tokens::{Token, TokenKind, tokens};
 
-/// Blanks for each level of commands within commands.
+/// Number of blanks for each level of nested commands.
 const INDENT: usize = 4;
 
-/// Number of blanks from which on a comment after words is separate, and keeps its column.
+/// Number of blanks between words and a comment from which on the comment keeps its column.
 const APART: usize = 2;
 
-/// Formats a program: one blank between words and around operators, none within words; addresses and variables in
-/// capitals, keywords and functions in small letters, as the manual writes them; the commands of branches, loops and
-/// cases indented. Comments keep their text; one that is two blanks or more after the words keeps its column. Line ends
-/// are those of the first line. A formatted program does not change.
+/// Formats a program. One blank separates words, and is around operators; a word contains no blank. Addresses
+/// and variables are in capitals, keywords and functions in small letters, as in the manual. The commands of
+/// branches, loops and cases are indented. Comments keep their text; a comment at least two blanks after the
+/// words keeps its column. All line ends are like that of the first line. Formatting a formatted program
+/// changes nothing.
 ///
 /// # Errors
-/// Returns the errors of a program that cannot be parsed; only a program without errors is formatted.
+/// Returns the errors of the program if it has errors; only a program without errors is formatted.
 pub fn format(source: &str, grammar: &Grammar) -> Result<String, Vec<Diagnostic>> {
     let (_, diagnostics) = parse(source, grammar);
     if diagnostics.iter().any(Diagnostic::is_error) {
@@ -98,7 +99,7 @@ impl<'a> FormatWriter<'a> {
         if let (Some(first), Some(last)) = (line.first(), line.last())
             && code_bytes > BLOCK_BYTES_MAX
         {
-            // it would become too long for a block
+            // the formatted line would be too long for a block: the line stays as it is in the source
             self.text.truncate(begin);
             self.verbatim(Span::new(first.span.start, last.span.end));
         }
@@ -111,7 +112,8 @@ impl<'a> FormatWriter<'a> {
         self.text.push_str(text.trim_end_matches(['\r', ' ', '\t']));
     }
 
-    /// Returns the number of blanks before the last token of a line: those that keep its column, if it is separate.
+    /// Returns the number of blanks before the comment at the end of a line. A separate comment keeps its
+    /// column.
     fn blanks_before_comment(&self, comment: &Token) -> usize {
         let before = self.source.get(..comment.span.start as usize).unwrap_or_default();
         let blanks = before.len() - before.trim_end_matches([' ', '\t']).len();
@@ -122,7 +124,7 @@ impl<'a> FormatWriter<'a> {
         column(before).saturating_sub(column(&self.text)).max(APART)
     }
 
-    /// Returns the text of a range.
+    /// Returns the source text of a range.
     fn span_text(&self, span: Span) -> &'a str {
         let range = span.start as usize..span.end as usize;
         self.source.get(range).unwrap_or_default()

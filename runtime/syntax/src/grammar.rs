@@ -1,61 +1,62 @@
-//! Text form of a dialect, as data.
+//! Grammar of a dialect, as data.
 
 use crate::address::AddressSet;
 
-/// The grammar of a dialect.
+/// The grammar of a dialect: the form of its program texts.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Grammar {
     /// Name of the dialect.
     pub name: &'static str,
     /// The addresses that words may have.
     pub addresses: AddressSet,
-    /// Text that begins a comment that ends with its line.
+    /// Text that begins a comment which ends with its line.
     pub line_comment: Option<&'static str>,
-    /// Texts that begin and end a comment.
+    /// Texts that begin and end a block comment.
     pub block_comment: Option<(&'static str, &'static str)>,
-    /// True if such a comment may contain line feeds; otherwise it ends on its line.
+    /// True if a block comment may contain line feeds; otherwise the comment ends on its line.
     pub comment_spans_lines: bool,
     /// The highest block skip number; `/` alone is `/1`. With 1, block skips have no number; with 0, the
     /// dialect has no block skips.
     pub block_skip_max: u8,
     /// True if assignments, branches and repetitions are part of the language.
     pub program_codes: bool,
-    /// Text before and after the blocks of a program.
+    /// Marks and program number before and after the blocks of a program.
     pub program_form: ProgramForm,
-    /// Sections of the dialect's manual that diagnostics refer to: code of the diagnostic, and section.
+    /// Codes of diagnostics, each with the section of the dialect's manual that contains the rule.
     pub sections: &'static [(&'static str, &'static str)],
-    /// Text from programs for other controls, with its replacement; `{}` is the value after the text.
+    /// Words of other controls, each with its help; `{}` in the help stands for the value of the word.
     pub foreign: &'static [(&'static str, &'static str)],
 }
 
-/// Text before and after the blocks of a program.
+/// Marks and program number before and after the blocks of a program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ProgramForm {
-    /// Mark that is alone on the line before the program, and on a line after it. Text after the second mark
-    /// is not read.
+    /// Mark that is alone on the line before the program, and on a line after the program. The parser does
+    /// not read the text after the second mark.
     pub mark: Option<u8>,
-    /// The letter of the program number, which is alone on its line.
+    /// Letter of the program number; the program number is alone on its line.
     pub number_letter: Option<u8>,
-    /// Digits that block numbers and program numbers may have, leading zeros included.
+    /// Maximum number of digits of block numbers and program numbers, including leading zeros.
     pub number_digits_max: usize,
 }
 
 impl Grammar {
-    /// Returns the replacement for a word, a code without leading zeros, or a character of another control, with the
-    /// value after it.
+    /// Returns the help for a word, a code without leading zeros, or a character of another control. `value`
+    /// is the text of the value after the word.
     pub fn foreign(&self, name: &str, value: &str) -> Option<String> {
         let mut all = self.foreign.iter();
         let (_, help) = all.find(|(known, _)| known.eq_ignore_ascii_case(name))?;
         Some(help.replace("{}", if value.is_empty() { "_" } else { value }))
     }
 
-    /// Returns the replacement for a variable `#` with these digits.
+    /// Returns the help for a variable `#` with these digits.
     pub fn foreign_variable(&self, digits: &str) -> Option<String> {
         self.foreign("#", "")
             .or_else(|| self.program_codes.then(|| shared_variable(digits)))
     }
 
-    /// Returns the help of a diagnostic, with the section of the manual if the dialect names one.
+    /// Returns the help of a diagnostic; adds the section of the manual if the dialect names a section for
+    /// this code.
     pub fn cite(&self, code: &str, help: impl Into<String>) -> String {
         let mut help = help.into();
         if let Some((_, section)) = self.sections.iter().find(|(known, _)| *known == code) {
@@ -67,7 +68,7 @@ impl Grammar {
     }
 }
 
-/// Returns the replacement for a variable `#n`, local or shared.
+/// Returns the help for a variable `#n`, which names a local or shared variable.
 pub(crate) fn shared_variable(digits: &str) -> String {
     match digits.parse::<u32>() {
         Ok(1..=33) => format!("Write L{digits} for #{digits}, [L{digits}] as the value of a word."),

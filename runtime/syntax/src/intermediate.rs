@@ -1,8 +1,8 @@
-//! The intermediate code of a program (manual, appendix A-1; D43).
+//! Writes the intermediate code of a program (manual, appendix A-1; D43).
 //!
 //! Decisions where the manual is silent: each program code has its own line without block number and
 //! end-of-block word, as in the manual's sample for `if`; each block skip is a separate word; values of words
-//! keep the digits of the source; numbers of expressions are written in their shortest form.
+//! keep the digits of the source; numbers in expressions are written in their shortest form.
 
 use std::fmt::Write as _;
 
@@ -11,12 +11,12 @@ use crate::program_code::{Expression, ExpressionId, Operator, ProgramCode, State
 use crate::tree::{Block, NcProgram, Value, Word};
 use crate::variable::Variable;
 
-/// First element of the code.
+/// First line of the intermediate code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Header {
-    /// A main program of this number.
+    /// A main program with this number.
     Program(u16),
-    /// A subprogram of this number.
+    /// A subprogram with this number.
     Subprogram(u16),
 }
 
@@ -33,12 +33,12 @@ pub enum CodeRole {
     Other,
 }
 
-/// A dialect's description of its codes.
+/// Description of the codes of a dialect.
 pub trait Codes {
-    /// Returns the role of the code with this letter, G or M, and number.
+    /// Returns the role of the code with this letter (G or M) and this number.
     fn role(&self, letter: Address, number: f64) -> CodeRole;
 
-    /// Returns the word before the code that begins a fixed cycle (D43).
+    /// Returns the word that precedes the code that begins a fixed cycle (D43).
     fn cycle_start(&self) -> String;
 
     /// Returns the word that ends each block (D43).
@@ -46,7 +46,7 @@ pub trait Codes {
 }
 
 /// Returns the intermediate code of a program without errors; each line ends with a line feed. Blocks with an
-/// error are left out, so check the program first.
+/// error are omitted, so check the program first.
 pub fn compile(program: &NcProgram, header: Header, codes: &dyn Codes) -> String {
     let mut writer = IntermediateWriter {
         program,
@@ -69,8 +69,8 @@ pub fn compile(program: &NcProgram, header: Header, codes: &dyn Codes) -> String
     writer.text
 }
 
-/// Returns the bytes of a block's line in the intermediate code, which repeats the code of the active fixed cycle
-/// (D03).
+/// Returns the length in bytes of a block's line in the intermediate code (D03). In a fixed cycle, the line
+/// repeats the code of the cycle.
 pub fn block_bytes(program: &NcProgram, block: &Block, cycle: Option<&str>, codes: &dyn Codes) -> usize {
     let mut writer = IntermediateWriter {
         program,
@@ -89,7 +89,7 @@ struct IntermediateWriter<'a> {
     text: String,
     /// The code of the active fixed cycle, as the source writes it.
     cycle: Option<String>,
-    /// True if the last line ends a subprogram.
+    /// True if the last line written ends a subprogram.
     returned: bool,
 }
 
@@ -147,7 +147,7 @@ impl IntermediateWriter<'_> {
 
     fn word(&mut self, word: &Word) {
         let address = word.address.text();
-        // VA to VH are A to H
+        // VA to VH are written as A to H
         let address = match word.address.parameter_index() {
             Some(_) => &address[1..],
             None => address,
@@ -166,7 +166,7 @@ impl IntermediateWriter<'_> {
         }
     }
 
-    /// Returns the value as the source writes it.
+    /// Returns the value of a word as the source writes it.
     fn value_text(&self, word: &Word) -> String {
         let span = word.span();
         let source = self.program.source();
@@ -176,7 +176,7 @@ impl IntermediateWriter<'_> {
         let digits = text.trim_start_matches(|letter: char| letter.is_ascii_alphabetic());
         match digits.trim().parse::<f64>() {
             Ok(_) => digits.trim().to_owned(),
-            // a comment stands between address and value
+            // a comment is between address and value
             Err(_) => word.number().unwrap_or_default().to_string(),
         }
     }
@@ -221,7 +221,7 @@ impl IntermediateWriter<'_> {
         let Some(expression) = self.program.expression(id).copied() else {
             return;
         };
-        // the manual's order, low to high
+        // the order of the manual, from low to high priority
         let priority = match expression {
             Expression::Binary { operator, .. } => operator.priority(),
             Expression::Negation(_) | Expression::Not(_) => Operator::PRIORITY_MAX + 1,
@@ -245,7 +245,7 @@ impl IntermediateWriter<'_> {
                 self.expression(condition, 0);
                 self.text.push(')');
             }
-            // operators combine from the left
+            // operators of equal priority combine from the left
             Expression::Binary {
                 operator,
                 left,

@@ -1,11 +1,11 @@
-//! NC text to a program tree, with diagnostics that never stop at the first error.
+//! Parses NC text to a program tree, and reports all errors of the text.
 //!
-//! [`parse`] accepts any text and returns a [`NcProgram`] and all its errors. The form of a dialect's text is data
-//! ([`Grammar`]); the meaning of its codes is defined in `tandem-interp`.
+//! [`parse`] accepts any text and returns a [`NcProgram`] and all its errors. The form of a dialect's text is
+//! data ([`Grammar`]); `tandem-interp` defines the meaning of its codes.
 //!
 //! Decisions where the manual is silent: blanks are allowed between an address and its value (`X 10`); a
-//! comment `/* */` is a blank, so that a block continues after a comment with line feeds; a single carriage
-//! return is a blank.
+//! comment `/* */` acts like a blank, so that a block continues after a comment with line feeds; a single
+//! carriage return acts like a blank.
 
 mod address;
 mod cursor;

@@ -1,4 +1,4 @@
-//! From bytes to lines and columns.
+//! Converts byte offsets to lines and columns.
 
 /// Line starts of a source text. Lines and columns are numbered from 1; columns are characters.
 #[derive(Debug, Clone)]
@@ -8,7 +8,8 @@ pub struct LineIndex<'a> {
 }
 
 impl<'a> LineIndex<'a> {
-    /// Reads the line starts of a text. A byte order mark at its beginning is no character of the first line.
+    /// Finds the line starts of a text. A byte order mark at the beginning is not a character of the first
+    /// line.
     pub fn new(source: &'a str) -> Self {
         let first = if source.starts_with('\u{feff}') { 3 } else { 0 };
         let mut starts = vec![first];
@@ -21,8 +22,8 @@ impl<'a> LineIndex<'a> {
         Self { source, starts }
     }
 
-    /// Returns line and column of a byte. An offset past the end gives the end; one within a character, its
-    /// first byte.
+    /// Returns the line and column of a byte offset. An offset past the end gives the end of the text; an
+    /// offset within a character gives the position of the character.
     pub fn locate(&self, offset: u32) -> (u32, u32) {
         let line = self.starts.partition_point(|start| *start <= offset).max(1);
         let start = self.starts[line - 1] as usize;

@@ -4,15 +4,15 @@ use tandem_model::Span;
 
 use crate::variable::Variable;
 
-/// A statement of manual chapter 4, or a part of one. Branches and loops are flattened: each part is a separate block
-/// that defines the next block of the program, as an index of [`crate::NcProgram::blocks`].
+/// A statement of manual chapter 4, or a part of a statement. Branches and loops are flattened: each part is
+/// a separate block, with the block to which it jumps as an index of [`crate::NcProgram::blocks`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProgramCode {
     /// Effect of the program code.
     pub statement: Statement,
-    /// The value to assign or to switch on, or the condition.
+    /// The value to assign, the value of a `switch`, or the condition.
     pub expression: Option<ExpressionId>,
-    /// The target block of the jump.
+    /// Index of the block to which the program code jumps.
     pub to: Option<u32>,
     /// Range of bytes of the program code.
     pub span: Span,
@@ -21,31 +21,32 @@ pub struct ProgramCode {
 /// Effect of a program code. Variants without a description have no effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Statement {
-    /// `L12 = P3 + 1`: assigns to the variable.
+    /// `L12 = P3 + 1`: assigns a value to the variable.
     Assignment(Variable),
-    /// `if(condition)`: when it is false, jumps past the commands and the `else` after them.
+    /// `if(condition)`: if the condition is false, jumps past the commands and the keyword `else` after them.
     If,
-    /// `else`, reached from the commands before it: jumps past the commands of the last `else`.
+    /// `else`, reached after the commands of an `if`: jumps past the commands of the last `else`.
     Else,
-    /// `while(condition)`: when it is false, jumps past the loop.
+    /// `while(condition)`: if the condition is false, jumps past the loop.
     While,
     /// The end of the commands of a `while`, without text of its own: jumps to the `while`.
     Repeat,
     /// `do`.
     Do,
-    /// The `while(condition)` that ends a `do`: when it is true, jumps to the first command after `do`.
+    /// The `while(condition)` that ends a `do`: if the condition is true, jumps to the first command after
+    /// `do`.
     DoWhile,
-    /// `switch(expression)`: jumps to the case of the value, truncated toward zero (D10); without one to `default`, or
-    /// past the `switch`.
+    /// `switch(expression)`: jumps to the case whose label is the value, truncated toward zero (D10). Without
+    /// such a case, jumps to `default`, or past the `switch`.
     Switch {
-        /// Index of its first case among those of the program.
+        /// Index of the first case of the `switch` among the cases of the program.
         first: u32,
-        /// Number of its cases.
+        /// Number of cases of the `switch`.
         count: u32,
     },
     /// `case 1:`.
     Case {
-        /// The label.
+        /// Label of the case.
         label: i64,
     },
     /// `default:`.
@@ -58,7 +59,7 @@ pub enum Statement {
     Close,
 }
 
-/// A label of a `switch` and its block.
+/// Label of a `case`, and the index of its block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct CaseLabel {
     pub(crate) label: i64,
@@ -80,13 +81,14 @@ pub enum Expression {
     Negation(ExpressionId),
     /// `!(condition)`; a condition.
     Not(ExpressionId),
-    /// Two operands.
+    /// An operation with two operands.
     Binary {
         /// The operation.
         operator: Operator,
         /// Left operand.
         left: ExpressionId,
-        /// Right operand. For `&&` and `||`, it is read only if the left operand does not decide the result.
+        /// Right operand. For `&&` and `||`, it is evaluated only if the left operand does not decide the
+        /// result.
         right: ExpressionId,
     },
     /// A function of one or two arguments.
@@ -126,7 +128,7 @@ spelled! {
 }
 
 impl Keyword {
-    /// Returns its syntax with all its parts, and its effect (manual 4-2).
+    /// Returns the syntax of the keyword with all parts of its program code, and its effect (manual 4-2).
     pub const fn meaning(self) -> (&'static str, &'static str) {
         match self {
             Keyword::If => (
@@ -195,7 +197,7 @@ impl Keyword {
 }
 
 impl Function {
-    /// Returns the function of a name; upper and lower case are equal (D01).
+    /// Returns the function with this name; upper and lower case are equal (D01).
     pub(crate) fn find(name: &str) -> Option<Self> {
         let mut functions = Self::ALL.iter().copied();
         functions.find(|function| function.text().eq_ignore_ascii_case(name))
@@ -205,7 +207,7 @@ impl Function {
 impl Operator {
     pub(crate) const PRIORITY_MAX: u8 = 5;
 
-    /// Returns the priority by the manual: from 1 to [`Operator::PRIORITY_MAX`].
+    /// Returns the priority of the operator by the manual: from 1 to [`Operator::PRIORITY_MAX`].
     pub(crate) const fn priority(self) -> u8 {
         match self {
             Operator::Or => 1,

@@ -16,7 +16,7 @@ pub enum TokenKind {
     Comment,
     /// A line feed outside of comments.
     LineEnd,
-    /// The mark before or after the blocks.
+    /// A mark before or after the blocks of the program.
     Mark,
     /// The text after the mark that follows the blocks.
     Rest,
@@ -24,36 +24,36 @@ pub enum TokenKind {
     ProgramNumber,
     /// A block skip with its number.
     Skip,
-    /// The letters of a word.
+    /// The address of a word.
     Address(Address),
-    /// A number; in words with its sign.
+    /// A number; a number in a word includes its sign.
     Number,
     /// A variable, or the name of an array of variables.
     Variable(VariableKind),
-    /// `if`, `else` and the like.
+    /// A keyword such as `if` or `else`.
     Keyword(Keyword),
     /// The name of a function.
     Function(Function),
-    /// `=`, an operator of two operands, or `!`.
+    /// `=`, or an operator with two operands.
     Operator,
     /// A sign `-` or `+` before an operand of an expression, or `!`.
     Sign,
     /// A parenthesis, bracket, brace, comma or colon.
     Punctuation(u8),
-    /// Anything else.
+    /// Any other text.
     Unknown,
 }
 
 /// A token and its range of bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Token {
-    /// Its kind.
+    /// Kind of the token.
     pub kind: TokenKind,
-    /// Its place in the text.
+    /// Range of bytes of the token.
     pub span: Span,
 }
 
-/// Returns all tokens of a text in their order; blanks are between them.
+/// Returns all tokens of a text in their order. Blanks between tokens belong to no token.
 pub fn tokens<'a>(source: &'a str, grammar: &'a Grammar) -> impl Iterator<Item = Token> + use<'a> {
     Lexer {
         cursor: Cursor::new(source),
@@ -74,10 +74,10 @@ struct Lexer<'a> {
     line: Line,
 }
 
-/// The part of a line that has been read.
+/// State of the line that is being read.
 #[derive(Default)]
 struct Line {
-    /// True if an element other than a comment or a block skip has been read.
+    /// True if the line has an element other than a comment or a block skip before the cursor.
     begun: bool,
     /// Number of open parentheses.
     parentheses: usize,
@@ -103,7 +103,7 @@ impl Iterator for Lexer<'_> {
             self.cursor.finish();
             TokenKind::Rest
         } else if self.cursor.is_comment(self.grammar) {
-            // a comment that is not closed ends with its line or the text
+            // a comment that is not closed ends with its line or with the text
             let _ = self.cursor.comment(self.grammar);
             TokenKind::Comment
         } else {
@@ -139,7 +139,7 @@ impl Lexer<'_> {
         if byte == b'/' && !self.in_expression() && self.grammar.block_skip_max > 0 {
             self.cursor.advance(1);
             self.cursor.advance(self.cursor.digits().len());
-            // several are possible
+            // a line may have several block skips
             self.line.begun = !first_of_line;
             return TokenKind::Skip;
         }
@@ -174,7 +174,7 @@ impl Lexer<'_> {
     /// Reads a token that begins with a letter: a word, a variable, a keyword or a function.
     fn name(&mut self) -> TokenKind {
         if self.line.operand && self.line.assigns && self.line.parentheses == 0 {
-            // an operand follows an operand: this is the next assignment
+            // an operand after an operand begins the next assignment
             self.line.assigns = false;
         }
         let programmed = self.grammar.program_codes;
@@ -214,7 +214,7 @@ impl Lexer<'_> {
         let mut behind = ahead;
         let is_target = behind.blanks(self.grammar).is_ok() && behind.peek() == Some(b'=');
         let is_one = self.in_expression() || is_target || kind == VariableKind::CapturedPosition || {
-            // in the brackets of a word
+            // the variable is in the brackets of an indirection
             behind.peek() == Some(b']')
         };
         is_one.then(|| {

@@ -1,5 +1,5 @@
-//! The program tree: flat arrays that refer to each other by index, so that a program of a million blocks stays
-//! within a few times the size of its text.
+//! The program tree: flat arrays whose elements refer to each other by index. A program of a million blocks
+//! thus needs only a few times the size of its text.
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use crate::address::Address;
 use crate::program_code::{CaseLabel, Expression, ExpressionId, ProgramCode};
 use crate::variable::{Variable, VariableKind};
 
-/// A parsed NC program. Every text has one; the diagnostics determine whether the program may run.
+/// A parsed NC program. Every text gives a program; the diagnostics determine whether the program may run.
 #[derive(Debug, Clone, Default)]
 pub struct NcProgram {
     pub(crate) source: Arc<str>,
@@ -24,28 +24,28 @@ pub struct NcProgram {
 }
 
 impl NcProgram {
-    /// Returns the text that it was parsed from.
+    /// Returns the source text of the program.
     pub fn source(&self) -> &Arc<str> {
         &self.source
     }
 
-    /// Returns the program number in the text, in dialects that have one there.
+    /// Returns the program number in the text; `None` in dialects without a program number in the text.
     pub fn number(&self) -> Option<u32> {
         self.number
     }
 
-    /// Returns true if the text begins with the mark of its data, in dialects that have one.
+    /// Returns true if the text begins with the mark of the dialect.
     pub fn is_marked(&self) -> bool {
         self.marked
     }
 
-    /// Returns false if the end of the text was not read as blocks: the text was too large, had too many
-    /// errors, or an open comment or bracket reaches to its end.
+    /// Returns false if the parser did not read the text to its end as blocks: the text was too large, had
+    /// too many errors, or has a comment or bracket that is not closed.
     pub fn is_complete(&self) -> bool {
         self.complete
     }
 
-    /// Returns all blocks in the order of the text. Empty and comment lines have none.
+    /// Returns all blocks in the order of the text. Empty lines and comment lines have no blocks.
     pub fn blocks(&self) -> &[Block] {
         &self.blocks
     }
@@ -55,12 +55,12 @@ impl NcProgram {
         &self.words
     }
 
-    /// Returns true if there is a program code in the text.
+    /// Returns true if the text contains a program code.
     pub fn has_program_codes(&self) -> bool {
         !self.program_codes.is_empty()
     }
 
-    /// Returns the words of a block of this program; none for a program code.
+    /// Returns the words of a block of this program; no words for a program code.
     #[inline]
     pub fn words(&self, block: &Block) -> &[Word] {
         match block.content {
@@ -74,7 +74,7 @@ impl NcProgram {
         }
     }
 
-    /// Returns the block number N, if the block has a whole one that is not negative.
+    /// Returns the block number (N), if the block has a block number that is whole and not negative.
     pub fn block_number(&self, block: &Block) -> Option<u32> {
         let first = self.words(block).first()?;
         first.whole().filter(|_| first.address == Address::N)
@@ -94,7 +94,7 @@ impl NcProgram {
         self.expressions.get(id.0 as usize)
     }
 
-    /// Returns the block with a label among `count` cases from `first` on, if it exists.
+    /// Returns the index of the block with a label among `count` cases from index `first` on, if it exists.
     pub fn case(&self, first: u32, count: u32, label: i64) -> Option<u32> {
         let first = first as usize;
         let cases = self.cases.get(first..first.checked_add(count as usize)?)?;
@@ -116,7 +116,7 @@ impl NcProgram {
         numbers.chain(labels)
     }
 
-    /// Returns the blocks of the cases of a `switch`.
+    /// Returns the indices of the blocks of the cases of a `switch`.
     pub fn case_blocks(&self, first: u32, count: u32) -> impl Iterator<Item = u32> {
         let cases = self.cases.iter().skip(first as usize).take(count as usize);
         cases.map(|case| case.block)
@@ -135,21 +135,21 @@ impl NcProgram {
         Span::new(block.start, end.max(block.start))
     }
 
-    /// Returns the range of bytes of the block's first word with this address; of the block if it has no such
-    /// word.
+    /// Returns the range of bytes of the block's first word with this address. If the block has no such word,
+    /// returns the range of the block.
     pub fn span_of(&self, block: &Block, address: Address) -> Span {
         let mut words = self.words(block).iter();
         let word = words.find(|word| word.address == address);
         word.map_or_else(|| self.span(block), Word::span)
     }
 
-    /// Returns the place of a block, in a program of the given number (0: none).
+    /// Returns the place of a block. `program` is the number of the program, or 0 if it has no number.
     pub fn origin(&self, block: &Block, program: u16) -> Origin {
         self.origin_within(block, block.start, program)
     }
 
-    /// Returns the place of the first word with one of these letters in the block at `at`; `None` without
-    /// such a word.
+    /// Returns the place of the first word whose address is one of these letters, in the block at place `at`.
+    /// Returns `None` if the block has no such word.
     pub fn origin_of_word(&self, at: Origin, letters: &str) -> Option<Origin> {
         let mut of_line = self.blocks().iter().filter(|block| block.line == at.line);
         let block = of_line.find(|block| self.origin(block, at.program) == at)?;
@@ -157,8 +157,9 @@ impl NcProgram {
         Some(self.origin_within(block, word.span().start, at.program))
     }
 
-    /// Returns the range of bytes of the first word with one of these letters in the block that contains this
-    /// place, otherwise of the block. Returns `None` without such a block.
+    /// Returns the range of bytes of the first word whose address is one of these letters, in the block that
+    /// contains place `at`. If the block has no such word, returns the range of the block. Returns `None` if
+    /// no block contains the place.
     pub fn span_at(&self, at: Origin, letters: &str) -> Option<Span> {
         let mut of_line = self.blocks().iter().filter(|block| block.line == at.line);
         let block = of_line.rfind(|block| self.origin(block, at.program).column <= at.column)?;
@@ -173,7 +174,7 @@ impl NcProgram {
         })
     }
 
-    /// Returns the place like [`NcProgram::origin`], for a byte in the line of the block.
+    /// Returns the place of a byte in the line of the block, like [`NcProgram::origin`].
     pub fn origin_within(&self, block: &Block, start: u32, program: u16) -> Origin {
         let before = self
             .source
@@ -196,17 +197,17 @@ impl NcProgram {
 /// A block: the words of one line, or one program code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Block {
-    /// First byte in the source: that of the block skip if present, otherwise of the first word.
+    /// Position of the first byte in the source: of the block skip if present, otherwise of the first word.
     pub start: u32,
     /// Line of the first byte, from 1.
     pub line: u32,
     pub(crate) flags: u32,
-    /// Its content.
+    /// Content of the block.
     pub content: Content,
 }
 
 impl Block {
-    /// Bit of [`Block::flags`] that marks errors; skip numbers end at 31 and use the bits below.
+    /// Bit of [`Block::flags`] that marks errors. Block skip numbers, at most 31, use the lower bits.
     pub(crate) const HAS_ERRORS: u32 = 1 << 31;
 
     /// Returns the block skip numbers written before the block: bit `n - 1` for number `n` of 1 to 31 (D13).
@@ -223,7 +224,7 @@ impl Block {
 /// Content of a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Content {
-    /// A range of words.
+    /// The words of a block.
     Words {
         /// Index of the first word.
         first: u32,
@@ -240,7 +241,7 @@ pub struct Word {
     pub(crate) value: f64,
     pub(crate) start: u32,
     pub(crate) length: u16,
-    /// The address.
+    /// Address of the word.
     pub address: Address,
     pub(crate) form: Form,
 }
@@ -252,12 +253,12 @@ pub(crate) enum Form {
     Whole,
     /// A number with a decimal point.
     Decimal,
-    /// A variable in brackets, whose index is the value.
+    /// A variable in brackets; the value of the word is the index of the variable.
     Indirection(VariableKind),
 }
 
 impl Word {
-    /// The value: a number, or the variable that holds it.
+    /// Returns the value of the word: a number, or the variable that holds the value.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -273,7 +274,7 @@ impl Word {
         }
     }
 
-    /// Returns the value when it is a number.
+    /// Returns the value if it is a number, and `None` if a variable holds the value.
     pub fn number(&self) -> Option<f64> {
         (!matches!(self.form, Form::Indirection(_))).then_some(self.value)
     }
@@ -290,12 +291,12 @@ impl Word {
         whole.then_some(number as u32)
     }
 
-    /// Returns true for a number that is written without a decimal point.
+    /// Returns true if the value is a number without a decimal point.
     pub fn is_whole(&self) -> bool {
         self.form == Form::Whole
     }
 
-    /// Its range of bytes, address and value.
+    /// Returns the range of bytes of the word: address and value.
     pub fn span(&self) -> Span {
         Span::new(self.start, self.start + u32::from(self.length))
     }

@@ -1,6 +1,6 @@
-//! Variables by name (manual 4-3).
+//! Variables of the NC language by name (manual 4-3).
 
-/// A variable by name.
+/// Name of a variable: an array and an index.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Variable {
     /// Array of the variable.
@@ -28,7 +28,7 @@ const CAPTURED_POSITION_MAX: u16 = 7;
 const _: () = assert!(CAPTURED_POSITION_MAX as usize + 1 == tandem_model::AXES_MAX);
 
 impl VariableKind {
-    /// All of them.
+    /// All arrays of variables.
     pub const ALL: [VariableKind; 4] = [
         VariableKind::Local,
         VariableKind::CoordinateSystem,
@@ -47,7 +47,7 @@ impl VariableKind {
         }
     }
 
-    /// Returns their content, their lifetime, and their readers and writers.
+    /// Returns a description of the variables: their content, lifetime, readers and writers.
     pub const fn meaning(self) -> &'static str {
         match self {
             VariableKind::Local => {
@@ -69,13 +69,13 @@ impl VariableKind {
         }
     }
 
-    /// Returns the array of this name; upper and lower case are equal (D01).
+    /// Returns the array with this name; upper and lower case are equal (D01).
     pub(crate) fn find(letters: &str) -> Option<Self> {
         let mut kinds = Self::ALL.into_iter();
         kinds.find(|kind| kind.prefix().eq_ignore_ascii_case(letters))
     }
 
-    /// Returns the name before the index.
+    /// Returns the name of the array, which stands before the index.
     pub const fn prefix(self) -> &'static str {
         match self {
             VariableKind::Local => "L",

@@ -1,4 +1,4 @@
-//! Dialect dgshape: the NC code manual FA01232, 1-1 and 2-6.
+//! Grammar of dialect dgshape, by the NC code manual FA01232, 1-1 and 2-6.
 
 use super::ForeignWord;
 use crate::address::{Address, AddressSet};
@@ -82,7 +82,7 @@ pub(super) const GRAMMAR: Grammar = Grammar {
     foreign: FOREIGN,
 };
 
-/// Replacements for foreign text in dialect dgshape.
+/// Words, codes and characters of other controls, each with the help for dialect dgshape.
 static FOREIGN: &[ForeignWord] = &[
     ("#", "Write numbers: the dialect has no variables."),
     ("=", "Write numbers: the dialect has no variables."),

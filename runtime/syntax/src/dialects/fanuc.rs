@@ -1,5 +1,5 @@
-//! Milling programs of FANUC controls, for the conversion to dialect nj only: its help texts name
-//! replacements of nj.
+//! Grammar of milling programs for FANUC controls, used only for the conversion to dialect nj: its help texts
+//! name replacements of nj.
 
 use super::{dgshape, nj};
 use crate::grammar::Grammar;

@@ -1,4 +1,4 @@
-//! The grammar of each dialect, one file each, with the replacements for text of other controls.
+//! Grammars of the dialects, one file for each dialect, with help texts for the words of other controls.
 
 mod dgshape;
 mod fanuc;
@@ -6,22 +6,23 @@ mod nj;
 
 use crate::grammar::Grammar;
 
-/// Text of another control, and its replacement. `{}` in the help is the value after it.
+/// Word of another control, and the help that names its replacement. `{}` in the help stands for the value of
+/// the word.
 type ForeignWord = (&'static str, &'static str);
 
 impl Grammar {
-    /// Returns the grammar of dialect nj: the NJ/NY-series manual O031, chapters 1 and 4.
+    /// Returns the grammar of dialect nj, by the NJ/NY-series manual O031, chapters 1 and 4.
     pub fn nj() -> &'static Grammar {
         &nj::NJ
     }
 
-    /// Returns the grammar of dialect dgshape: the NC code manual FA01232, 1-1 and 2-6.
+    /// Returns the grammar of dialect dgshape, by the NC code manual FA01232, 1-1 and 2-6.
     pub fn dgshape() -> &'static Grammar {
         &dgshape::DGSHAPE
     }
 
-    /// Returns the grammar of milling programs of FANUC controls, for the conversion to dialect nj only: its
-    /// help texts name replacements of nj.
+    /// Returns the grammar of milling programs for FANUC controls, used only for the conversion to dialect
+    /// nj: its help texts name replacements of nj.
     pub fn fanuc() -> &'static Grammar {
         &fanuc::FANUC
     }

@@ -1,4 +1,4 @@
-//! Dialect nj: the NJ/NY-series manual O031, chapters 1 and 4.
+//! Grammar of dialect nj, by the NJ/NY-series manual O031, chapters 1 and 4.
 
 use tandem_model::limits::OPTIONAL_SKIP_MAX;
 
@@ -53,7 +53,7 @@ pub(super) static NJ: Grammar = Grammar {
     foreign: FOREIGN,
 };
 
-/// Words, codes and characters of FANUC and ISO programs that dialect nj does not have.
+/// Words, codes and characters of FANUC and ISO programs that dialect nj does not have, each with its help.
 pub(super) static FOREIGN: &[ForeignWord] = &[
     ("%", "Remove the line: a program is its text, without marks."),
     (

@@ -1,33 +1,34 @@
-//! Depth of a line's commands within branches, loops and cases.
+//! Nesting depth of the commands of a line within branches, loops and cases.
 
 use crate::program_code::Keyword;
 use crate::tokens::TokenKind;
 
-/// Open construct around a command.
+/// A branch, loop or `switch` that is open around a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Frame {
-    /// The single command of a keyword, which may still be replaced by braces.
+    /// The keyword has a single command, unless braces follow.
     Single(Keyword),
-    /// The commands in braces of a keyword.
+    /// The keyword has commands in braces.
     Braces(Keyword),
 }
 
-/// Follows the program codes of a program without errors, token by token.
+/// Nesting of the program codes in a program without errors, updated token by token.
 #[derive(Debug, Default)]
 pub(super) struct IndentTracker {
     open: Vec<Frame>,
-    /// Constructs that the last command has ended, from the inside. An `else` may continue one of them.
+    /// Keywords of the constructs that the last command has ended, innermost first. An `else` may continue
+    /// one of them.
     ended: Vec<Keyword>,
-    /// The keyword whose parentheses are being read, and the number of open ones.
+    /// The keyword whose parentheses are being read, and the number of open parentheses.
     head: Option<(Keyword, usize)>,
-    /// True if the next `while` ends a `do`.
+    /// True if the next `while` is the end of a `do`.
     do_ends: bool,
     /// True if words of a command have been read on this line.
     words: bool,
 }
 
 impl IndentTracker {
-    /// Returns the indentation level of a line that begins with this token.
+    /// Returns the indentation level of a line whose first token has this kind.
     pub fn begin_line(&mut self, first: Option<TokenKind>) -> usize {
         if first == Some(TokenKind::Keyword(Keyword::Else)) {
             self.reopen();
@@ -46,7 +47,7 @@ impl IndentTracker {
         levels.saturating_sub(before)
     }
 
-    /// Processes a token that is not a comment.
+    /// Updates the nesting after a token that is not a comment.
     pub fn pass(&mut self, kind: TokenKind) {
         match kind {
             TokenKind::Keyword(keyword) => {
@@ -75,7 +76,7 @@ impl IndentTracker {
         }
     }
 
-    /// Ends the command that consists of the words of a line.
+    /// Ends the command if the line has words.
     pub fn end_line(&mut self) {
         if std::mem::take(&mut self.words) {
             self.end_command();
@@ -118,7 +119,7 @@ impl IndentTracker {
         }
     }
 
-    /// Ends a command, and the constructs of which it is the only command.
+    /// Ends a command, and all constructs of which it is the only command.
     fn end_command(&mut self) {
         self.ended.clear();
         if let Some(Frame::Single(keyword)) = self.open.last().copied() {
@@ -127,7 +128,7 @@ impl IndentTracker {
         }
     }
 
-    /// Ends the commands of a keyword.
+    /// Ends the construct of a keyword, and all constructs of which it is the only command.
     fn end_construct(&mut self, mut keyword: Keyword) {
         self.ended.clear();
         loop {

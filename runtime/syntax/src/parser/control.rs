@@ -1,4 +1,5 @@
-//! Branches and loops, flattened: each part is a block that names the block after it (manual 4-2).
+//! Parses branches and loops to a flat list: each part is a block, with the index of the block to which it
+//! jumps (manual 4-2).
 
 use tandem_model::Span;
 
@@ -12,33 +13,33 @@ use crate::tree::{Block, Content};
 /// Branches and loops that are open at the cursor of the parser.
 #[derive(Debug, Default)]
 pub(super) struct OpenConstructs {
-    /// Depth of commands nested in commands.
+    /// Depth of nested commands.
     pub(super) depth: usize,
     /// Number of open braces.
     pub(super) braces: usize,
-    /// Number of open structures that `break` leaves.
+    /// Number of open constructs that `break` can leave.
     leavable: usize,
-    /// Program codes of `break` with a target that is not yet known.
+    /// Indices of the program codes of `break` whose target is not yet known.
     breaks: Vec<usize>,
     switches: Vec<OpenSwitch>,
-    /// Braces of statements of another language, which were already reported.
+    /// State of the braces of a statement of another language; the parser has already reported the statement.
     pub(super) foreign: ForeignBraces,
 }
 
 /// State of the braces of statements of another language.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ForeignBraces {
-    /// No such statement has been read.
+    /// No such statement has been read, or its braces are closed.
     #[default]
     None,
-    /// Such a statement has been read; its brace follows.
+    /// Such a statement has been read; its opening brace follows.
     Begun,
     /// This number of braces is open.
     Open(u32),
 }
 
 impl ForeignBraces {
-    /// Returns true for a brace that belongs to such a statement, and counts it.
+    /// Returns true for a brace that belongs to such a statement, and updates the number of open braces.
     pub(super) fn passes(&mut self, byte: u8) -> bool {
         let (passes, then) = match (*self, byte) {
             (ForeignBraces::Begun, b'{') => (true, ForeignBraces::Open(1)),
@@ -55,14 +56,14 @@ impl ForeignBraces {
 /// A `switch` that is being read.
 #[derive(Debug)]
 struct OpenSwitch {
-    /// Depth of its own braces.
+    /// Nesting depth of the commands in the braces of the `switch`.
     depth: usize,
     cases: Vec<CaseLabel>,
     default: Option<u32>,
 }
 
 impl Parser<'_> {
-    /// Reads a branch, a loop, or a part of a switch; the cursor is at its keyword.
+    /// Reads a branch, a loop, or a part of a `switch`; the cursor is at the keyword.
     pub(super) fn control(&mut self, keyword: Keyword, line: u32) {
         let start = self.cursor.at();
         let keyword_span = Span::new(index(start), index(start + keyword.text().len()));
@@ -222,7 +223,7 @@ impl Parser<'_> {
         self.push_failed(start);
     }
 
-    /// Reports repeated labels; the cases must be sorted by label and position.
+    /// Reports labels that occur twice in a `switch`; `cases` must be sorted by label and position.
     fn repeated_labels(&mut self, cases: &[CaseLabel]) {
         for pair in cases.windows(2).filter(|pair| pair[0].label == pair[1].label) {
             let Some(block) = self.tree.blocks.get_mut(pair[1].block as usize) else {
@@ -256,25 +257,26 @@ impl Parser<'_> {
         Some(if negative { -label } else { label })
     }
 
-    /// Enters a structure that `break` leaves; returns the number of breaks that were open before it.
+    /// Enters a construct that `break` can leave. Returns the number of breaks before it that still have no
+    /// target.
     fn enter(&mut self) -> usize {
         self.nesting.leavable += 1;
         self.nesting.breaks.len()
     }
 
-    /// Ends a structure that `break` leaves: the breaks within it jump to the next block.
+    /// Ends a construct that `break` can leave: the breaks in the construct jump to the next block.
     fn leave(&mut self, breaks: usize) {
         self.nesting.leavable -= 1;
         let breaks = self.nesting.breaks.split_off(breaks);
         self.jump(breaks, self.here());
     }
 
-    /// Returns the index of the next block.
+    /// Returns the index of the block that is added next.
     fn here(&self) -> u32 {
         index(self.tree.blocks.len())
     }
 
-    /// Sets the block that program codes jump to.
+    /// Sets the block to which these program codes jump.
     fn jump(&mut self, codes: impl IntoIterator<Item = usize>, to: u32) {
         for code in codes {
             if let Some(code) = self.tree.program_codes.get_mut(code) {
@@ -283,15 +285,15 @@ impl Parser<'_> {
         }
     }
 
-    /// Notes that a line of the intermediate code begins at the cursor (D03).
+    /// Records that a line of the intermediate code begins at the cursor (D03).
     fn begin_line(&mut self) {
         self.flags = 0;
         self.line_start = self.cursor.at();
         self.text_bytes_before = self.cursor.text_bytes();
     }
 
-    /// Reads a value or condition in parentheses and adds the program code that depends on it. If the value
-    /// or condition is wrong, skips it and adds a block with an error.
+    /// Reads a value or condition in parentheses, and adds the program code that depends on it. If the value
+    /// or condition is faulty, skips it and adds a block with an error.
     fn with_value(&mut self, start: usize, kind: Kind, statement: Statement) -> Option<usize> {
         let at = self.cursor;
         let value = self.in_parentheses(kind, 0);
@@ -302,8 +304,8 @@ impl Parser<'_> {
         value.map(|value| self.push_program_code(start, statement, Some(value)))
     }
 
-    /// Skips from a position to the closing parenthesis of its line, otherwise only the text that was read
-    /// there.
+    /// Moves the cursor after the parentheses that begin at `from`, if they are closed on their line.
+    /// Otherwise the cursor stays after the text that was read.
     fn pass_parentheses(&mut self, from: Cursor<'_>) {
         if self.cursor.peek().is_none() {
             return;
@@ -326,7 +328,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Skips a keyword that comes next, also after blank lines; returns its first byte.
+    /// Skips a keyword if it comes next, also after blank lines. Returns the position of its first byte.
     fn take_keyword(&mut self, expected: Keyword) -> Option<usize> {
         let mut ahead = self.cursor;
         ahead.blank_lines(self.grammar).ok()?;
@@ -368,7 +370,8 @@ impl Parser<'_> {
         self.push_failed(start);
     }
 
-    /// Increases the depth; returns `false` if it is too deep, which ends the reading.
+    /// Increases the nesting depth. If the depth is too large, reports an error, ends the parsing, and
+    /// returns `false`.
     fn deeper(&mut self) -> bool {
         if self.nesting.depth >= NESTING_MAX {
             let at = self.cursor.at();
@@ -422,7 +425,7 @@ impl Parser<'_> {
         self.nesting.depth -= 1;
     }
 
-    /// Skips a brace; returns its place.
+    /// Skips a brace, and adds its block. Returns the position of the brace.
     fn brace(&mut self, statement: Statement) -> usize {
         let start = self.cursor.at();
         self.begin_line();
@@ -431,7 +434,8 @@ impl Parser<'_> {
         start
     }
 
-    /// Adds a program code that ends at the cursor, as a block; returns its index among the program codes.
+    /// Adds a program code that ends at the cursor, as a block. Returns its index in the list of program
+    /// codes.
     pub(super) fn push_program_code(
         &mut self,
         start: usize,

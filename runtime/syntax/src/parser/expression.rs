@@ -1,4 +1,4 @@
-//! Expressions and conditions, by the priorities of their operators (manual 4-1).
+//! Parses expressions and conditions by the priorities of their operators (manual 4-1).
 
 use super::{NESTING_MAX, Parser, index};
 use crate::cursor::NumberError;
@@ -14,7 +14,7 @@ pub(super) enum Kind {
     Either,
 }
 
-/// A node and its kind.
+/// A node of an expression, and its kind.
 type Node = (ExpressionId, Kind);
 
 impl Parser<'_> {
@@ -37,7 +37,8 @@ impl Parser<'_> {
         self.require_kind(kind, start, node)
     }
 
-    /// Returns the node of an expression if it has this kind; reports an error otherwise.
+    /// Returns the expression of a node with this kind; for another kind, reports an error and returns
+    /// `None`.
     fn require_kind(&mut self, kind: Kind, start: usize, (id, found): Node) -> Option<ExpressionId> {
         if found == kind || found == Kind::Either {
             return Some(id);
@@ -56,7 +57,8 @@ impl Parser<'_> {
         None
     }
 
-    /// Reads operands that are joined, from the left, by operators of this priority or a higher one.
+    /// Reads operands joined by operators of this priority or a higher one. Operators of equal priority join
+    /// from the left.
     fn operations(&mut self, depth: usize, priority: u8) -> Option<Node> {
         if priority > Operator::PRIORITY_MAX {
             return self.unary(depth);
@@ -98,7 +100,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Reads an operator of this priority if it is at the cursor.
+    /// Reads an operator of this priority; `None` if the cursor is not at such an operator.
     fn operator(&mut self, priority: u8) -> Option<Operator> {
         let mut operators = Operator::ALL.iter().copied();
         let found = operators
@@ -136,7 +138,7 @@ impl Parser<'_> {
             }
             Some(b'+') => {
                 self.cursor.advance(1);
-                // plus has no unary form: it may only be the sign of a number
+                // the language has no unary plus: a plus may only be the sign of a number
                 if matches!(self.cursor.peek(), Some(b'0'..=b'9' | b'.')) {
                     self.number(start)
                 } else {

@@ -1,11 +1,11 @@
-//! Text before and after the blocks of a program: the marks of its data, and the program number.
+//! Parses the text before and after the blocks of a program: the marks, and the program number.
 
 use super::Parser;
 use crate::diagnostics;
 use crate::grammar::ProgramForm;
 
 impl Parser<'_> {
-    /// Reads the mark before the first block.
+    /// Reads the mark before the first block, if the dialect has marks.
     pub(super) fn head(&mut self, form: ProgramForm) {
         self.blank_lines();
         if form.mark.is_some() && self.cursor.peek() == form.mark {
@@ -14,7 +14,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Reads a mark, which is alone on its line.
+    /// Reads a mark, which must be alone on its line.
     pub(super) fn mark(&mut self) {
         self.cursor.advance(1);
         self.nothing_else("the mark of the data");
@@ -26,7 +26,7 @@ impl Parser<'_> {
         letter.is_some() && letter == self.grammar.program_form.number_letter
     }
 
-    /// Reads the program number, which is alone on its line and occurs once in a program.
+    /// Reads the program number, which must be alone on its line and may occur once in a program.
     pub(super) fn program_number(&mut self) {
         let start = self.cursor.at();
         self.cursor.advance(1);
@@ -57,7 +57,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Returns true if only comments follow on the line; otherwise reports an error.
+    /// Returns true if the rest of the line contains only comments; otherwise reports an error.
     fn nothing_else(&mut self, what: &str) -> bool {
         self.blanks();
         if matches!(self.cursor.peek(), None | Some(b'\n')) {

@@ -1,4 +1,4 @@
-//! From text to the program tree.
+//! Parses a text to the program tree.
 //!
 //! A line is either a block of words or program codes. After an error, the parser continues with the next
 //! word, the end of the line, or the matching brace, so that one cause gives one error.
@@ -21,8 +21,8 @@ use crate::encoding::{WIDE, is_wide};
 use crate::grammar::{Grammar, shared_variable};
 use crate::tree::{Block, Content, NcProgram};
 
-/// Maximum number of findings of one program, at which parsing ends. Reason: the time and memory for a text
-/// that consists of errors must stay small.
+/// Maximum number of findings of one program; parsing ends at this number. The limit keeps time and memory
+/// small for a text that consists of errors.
 pub const DIAGNOSTICS_MAX: usize = 1000;
 
 /// Maximum nesting depth of parentheses and signs in an expression, and of branches and repetitions.
@@ -30,8 +30,8 @@ pub const NESTING_MAX: usize = 64;
 
 /// Parses a text. Always returns a program, and all findings in the order of the text.
 ///
-/// A text of more than [`PROGRAM_BYTES_MAX`] bytes, or in another encoding than UTF-8, is not read: the program is empty, with
-/// one error.
+/// A text is not read if it has more than [`PROGRAM_BYTES_MAX`] bytes, or another encoding than UTF-8. The
+/// program is then empty, with one error.
 pub fn parse(source: impl Into<Arc<str>>, grammar: &Grammar) -> (NcProgram, Vec<Diagnostic>) {
     let source: Arc<str> = source.into();
     let mut parser = Parser::new(&source, grammar);
@@ -55,14 +55,14 @@ pub fn parse(source: impl Into<Arc<str>>, grammar: &Grammar) -> (NcProgram, Vec<
     (parser.tree, parser.diagnostics)
 }
 
-/// Kind of a parsed line.
+/// Kind of the line that is being parsed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum LineKind {
-    /// Nothing yet, or a block number.
+    /// The line has no element yet, or only a block number.
     Open,
-    /// A block of words.
+    /// The line is a block of words.
     Words,
-    /// Assignments, branches, repetitions.
+    /// The line contains assignments, branches or repetitions.
     ProgramCodes,
 }
 
@@ -71,12 +71,13 @@ struct Parser<'a> {
     grammar: &'a Grammar,
     tree: NcProgram,
     nesting: OpenConstructs,
-    /// Line of the last text read that is not a comment.
+    /// Line of the last text read outside of comments.
     code_line: u32,
     diagnostics: Vec<Diagnostic>,
-    // the line that is being read
+    // state of the line that is being read
     kind: LineKind,
-    /// True if only one command belongs to the branch or repetition before the line.
+    /// True if the line may contain only one command, because a branch or repetition without braces precedes
+    /// the line.
     single: bool,
     flags: u32,
     /// Position after the block skips of the line.
@@ -109,10 +110,10 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Reports one error for the whole text, which is not read.
+    /// Reports one error for a text that is not read.
     fn refuse(&mut self, entry: &'static DiagnosticEntry, message: &str, help: &str) {
         self.tree.complete = false;
-        // whether it has its marks is not known
+        // the text is not read, so a missing mark is not reported
         self.tree.marked = true;
         self.report(entry, Span::default(), message, help);
     }
@@ -123,7 +124,7 @@ impl<'a> Parser<'a> {
         let bytes = source.as_bytes();
         let next = bytes.get(1..).unwrap_or_default();
         let (mut lines, mut words) = (1, 0);
-        // counters of one byte, up to 255, so that the processor handles many bytes at once
+        // counters of one byte, up to 255, let the processor handle many bytes at once
         for (bytes, next) in bytes.chunks(255).zip(next.chunks(255)) {
             let in_chunk = |count: u8, begins: bool| count + u8::from(begins);
             lines += usize::from(next.iter().map(|byte| *byte == b'\n').fold(0, in_chunk));
@@ -168,7 +169,7 @@ impl<'a> Parser<'a> {
         self.record_finding(entry, span, message, help);
     }
 
-    /// Reports an error in the text read since `start`.
+    /// Reports an error in the text from `start` to the cursor.
     fn report_from(
         &mut self,
         start: usize,
@@ -179,7 +180,7 @@ impl<'a> Parser<'a> {
         self.report(entry, self.cursor.span_from(start), message, help);
     }
 
-    /// Adds a finding.
+    /// Adds a finding, unless the maximum number of findings is reached.
     fn record_finding(
         &mut self,
         entry: &'static DiagnosticEntry,
@@ -215,7 +216,8 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Reports a comment that is not closed, or that ends before its text does.
+    /// Reports a comment that is not closed, or a comment that contains other comments and continues after
+    /// them.
     fn comment_fault(&mut self, start: usize) {
         let (open, close) = self.grammar.block_comment.unwrap_or_default();
         let is_closed = self.tree.source[start..self.cursor.at()].ends_with(close);
@@ -235,7 +237,7 @@ impl<'a> Parser<'a> {
         self.report(&diagnostics::COMMENT_NOT_CLOSED, span, message, help);
     }
 
-    /// Reads one line from its first token; with `single` at most one command of it.
+    /// Reads one line from its first token. With `single`, reads at most one command of the line.
     fn line(&mut self, single: bool) {
         self.single = single;
         self.kind = LineKind::Open;
@@ -267,7 +269,7 @@ impl<'a> Parser<'a> {
         self.end_words(line);
     }
 
-    /// Closes the block of words of this line.
+    /// Ends the block of words of this line, and adds it to the tree.
     fn end_words(&mut self, line: u32) {
         let count = self.tree.words.len() - self.first_word;
         let failed = self.flags & Block::HAS_ERRORS != 0;
@@ -287,12 +289,12 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Returns the number of bytes of the line up to the cursor, without comments.
+    /// Returns the number of bytes from the start of the line to the cursor, without comments.
     fn line_bytes(&self) -> usize {
         self.cursor.text_bytes() - self.text_bytes_before
     }
 
-    /// Returns true for a line that has become too long, after reporting and ending it (D03).
+    /// Returns true if the line is too long (D03); reports this, and skips the rest of the line.
     #[inline]
     fn too_long(&mut self, start: usize) -> bool {
         let too_long = self.line_bytes() > BLOCK_BYTES_MAX;
@@ -313,7 +315,7 @@ impl<'a> Parser<'a> {
         self.skip_line();
     }
 
-    /// Reads `/`, `/1`, `/1/2` at the beginning of a line.
+    /// Reads block skips such as `/`, `/1` or `/1/2` at the beginning of a line.
     fn block_skips(&mut self) {
         while self.cursor.peek() == Some(b'/') && !self.cursor.is_comment(self.grammar) {
             let start = self.cursor.at();
@@ -346,7 +348,7 @@ impl<'a> Parser<'a> {
         );
     }
 
-    /// Skips `/` and the digits directly after it. Returns their number if it is in range.
+    /// Skips `/` and the digits directly after it. Returns the block skip number if it is in range.
     fn skip_number(&mut self) -> Option<u8> {
         self.cursor.advance(1);
         let digits = self.cursor.digits();
@@ -393,7 +395,7 @@ impl<'a> Parser<'a> {
         );
     }
 
-    /// Reports `( )`, which is a comment in other dialects.
+    /// Reports text in parentheses, which is a comment in other dialects.
     fn foreign_comment(&mut self) {
         let start = self.cursor.at();
         while let Some(byte) = self.cursor.peek() {
@@ -418,7 +420,7 @@ impl<'a> Parser<'a> {
         format!("Write comments as {forms}.")
     }
 
-    /// Reports characters that begin no element, with the characters joined to them, as one error.
+    /// Reports characters that cannot begin an element, with the characters joined to them, as one error.
     fn unexpected_characters(&mut self) {
         let start = self.cursor.at();
         let first = self.cursor.pass_character().unwrap_or_default();
@@ -454,14 +456,14 @@ impl<'a> Parser<'a> {
             (format!("`{shown}` is not part of the language"), help)
         };
         self.report_from(start, &diagnostics::UNEXPECTED_CHARACTER, message, help);
-        // a comment of another control, or, without program codes, a statement of one: no separate finding
+        // the rest of the line is a comment or a statement of another control, and gives no separate finding
         let is_text = first == ';' || !(first.is_ascii_digit() || matches!(first, '.' | '+' | '-'));
         if is_text && (first == ';' || !self.grammar.program_codes) {
             self.skip_line();
         }
     }
 
-    /// Returns the help for a character that begins no element.
+    /// Returns the help for a character that cannot begin an element.
     fn plain_help(&self, first: char) -> String {
         let foreign = self.grammar.foreign(first.encode_utf8(&mut [0; 4]), "");
         foreign.unwrap_or_else(|| {
@@ -475,7 +477,7 @@ impl<'a> Parser<'a> {
         })
     }
 
-    /// Moves to the end of the line; comments that contain line feeds are skipped.
+    /// Moves to the end of the line; also skips comments that contain line feeds.
     fn skip_line(&mut self) {
         loop {
             self.blanks();
@@ -490,8 +492,8 @@ impl<'a> Parser<'a> {
     }
 }
 
-/// Converts an index or a position to 32 bits, which is enough: the source is at most 64 MiB, and each entry
-/// takes a byte of it or more.
+/// Converts an index or a position to 32 bits. They suffice, because the source has at most 64 MiB, and each
+/// entry takes at least one byte of the source.
 #[expect(clippy::cast_possible_truncation, reason = "bounded by PROGRAM_BYTES_MAX")]
 fn index(value: usize) -> u32 {
     value as u32

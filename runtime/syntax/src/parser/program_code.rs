@@ -1,4 +1,4 @@
-//! Assignments, and the parts that all program codes share.
+//! Parses assignments, and contains the parts that all program codes share.
 
 use tandem_model::Span;
 
@@ -10,7 +10,7 @@ use crate::tree::{Block, Content};
 use crate::variable::VariableKind;
 
 impl Parser<'_> {
-    /// Reads an assignment; the cursor is after the target's index, at blanks or `=`.
+    /// Reads an assignment; the cursor is after the index of the target variable, at blanks or `=`.
     pub(super) fn assignment(&mut self, start: usize, address: Address, index_start: usize) {
         let target_span = self.cursor.span_from(start);
         let index_span = self.cursor.span_from(index_start);
@@ -49,7 +49,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Records that the line contains program codes; a block number before them is dropped (its number is the line's).
+    /// Records that the line contains program codes, and drops a block number before them.
     pub(super) fn begin_program_code(&mut self, start: usize) {
         if self.kind != LineKind::ProgramCodes {
             self.kind = LineKind::ProgramCodes;

@@ -1,4 +1,5 @@
-//! Words (an address with a number or an indirection), and names, with which every other element begins.
+//! Parses words (an address with a number or an indirection), and all other elements that begin with a
+//! letter.
 
 use tandem_model::Span;
 
@@ -12,7 +13,8 @@ use crate::tree::{Form, Word};
 use crate::variable::{Variable, VariableKind};
 
 impl Parser<'_> {
-    /// Reads an element that begins with a letter. Returns `true` for a branch or loop, which ends the line's reading.
+    /// Reads an element that begins with a letter. Returns `true` if the line ends here, as after a branch or
+    /// loop.
     pub(super) fn name_or_word(&mut self, line: u32) -> bool {
         let start = self.cursor.at();
         if let Some(b'0'..=b'9' | b'-' | b'.' | b'+') = self.cursor.peek_second() {
@@ -42,13 +44,13 @@ impl Parser<'_> {
         self.single && self.kind == LineKind::ProgramCodes
     }
 
-    /// Returns the address with these letters, if the grammar has it.
+    /// Returns the address with these letters, if the dialect has this address.
     fn address_of(&self, letters: &str) -> Option<Address> {
         let address = Address::find(letters);
         address.filter(|address| self.grammar.addresses.contains(*address))
     }
 
-    /// Reports letters that are no address: a forgotten value (`XY10`), or a word that does not exist.
+    /// Reports letters that are no address: an address without its value (`X` in `XY10`), or an unknown word.
     fn no_address(&mut self, start: usize, letters: &str) {
         let first = letters.get(..1).unwrap_or_default();
         let rest = letters.get(1..).unwrap_or_default();
@@ -106,11 +108,11 @@ impl Parser<'_> {
             help,
         );
         if name.len() > 1 && !zero_meant && !self.grammar.program_codes {
-            self.skip_line(); // text, or a statement of another control: no finding of its own
+            self.skip_line(); // the line is text, or a statement of another control: no further finding
         }
     }
 
-    /// Skips the value of a word that was already reported.
+    /// Skips the value of a word that has already been reported.
     fn pass_value(&mut self) {
         while let Some(b'0'..=b'9' | b'.' | b'-' | b'+') = self.cursor.peek() {
             self.cursor.advance(1);
@@ -165,12 +167,12 @@ impl Parser<'_> {
         }
     }
 
-    /// Reports why an address that ends at `end` has no number.
+    /// Reports why no number follows the address that ends at `end`.
     #[cold]
     fn no_number(&mut self, error: NumberError, start: usize, end: usize, value_start: usize) {
         match error {
             NumberError::Missing => {
-                // a character that is not part of the language is reported separately
+                // another finding reports a character that is not part of the language
                 let missing = matches!(
                     self.cursor.peek(),
                     None | Some(b'\n' | b'\r' | b'/' | b'_' | b'A'..=b'Z' | b'a'..=b'z' | b'{' | b'}')
@@ -202,7 +204,8 @@ impl Parser<'_> {
         );
     }
 
-    /// Reports a statement of another language, `for (..)`, as one error, including its braces.
+    /// Reports a statement of another language, such as `for (..)`, as one error; its braces are not
+    /// reported.
     fn foreign_statement(&mut self, start: usize, name: &str) {
         let mut open = 0_u32;
         while let Some(byte) = self.cursor.peek() {
@@ -227,7 +230,8 @@ impl Parser<'_> {
         );
     }
 
-    /// Skips the exponent of a number, which the language does not have.
+    /// Skips the exponent of a number, which the language does not have. Returns true if the number has an
+    /// exponent.
     #[inline]
     pub(super) fn pass_exponent(&mut self) -> bool {
         matches!(self.cursor.peek(), Some(b'e' | b'E')) && self.pass_its_digits()
@@ -247,13 +251,13 @@ impl Parser<'_> {
         is_one
     }
 
-    /// Returns true if `=` follows a variable.
+    /// Returns true if `=` follows the cursor, as after the target of an assignment.
     fn is_assignment(&self) -> bool {
         let mut ahead = self.cursor;
         self.grammar.program_codes && ahead.blanks(self.grammar).is_ok() && ahead.peek() == Some(b'=')
     }
 
-    /// Reads `[variable]` (D04).
+    /// Reads the `[variable]` of an indirection (D04).
     #[inline(never)]
     fn indirect_word(&mut self, start: usize, address: Address) {
         let bracket = self.cursor.at();
@@ -291,8 +295,8 @@ impl Parser<'_> {
         }
     }
 
-    /// Skips the name of a variable: its array, and its index of any size. The name of a captured position may be in
-    /// parentheses, as in the manual's description of G31.
+    /// Reads the name of a variable. Returns its array, and its index, which may be too large. The index of a
+    /// captured position may be in parentheses, as in the manual's description of G31.
     pub(super) fn variable(&mut self) -> Option<(VariableKind, u64)> {
         let letters = self.cursor.letters();
         let kind = VariableKind::find(letters)?;
@@ -311,7 +315,7 @@ impl Parser<'_> {
         Some((kind, digits.parse().unwrap_or(u64::MAX)))
     }
 
-    /// Reports an index beyond its array (manual 4-3).
+    /// Returns true if the array contains this index (manual 4-3); otherwise reports an error.
     pub(super) fn variable_exists(&mut self, (kind, number): (VariableKind, u64), span: Span) -> bool {
         let exists = number <= u64::from(kind.index_max());
         if !exists {
@@ -326,7 +330,7 @@ impl Parser<'_> {
         exists
     }
 
-    /// Returns the variable with its index if it exists; reports an error otherwise.
+    /// Returns the variable with this array and index if it exists; reports an error otherwise.
     pub(super) fn existing_variable(&mut self, name: (VariableKind, u64), span: Span) -> Option<Variable> {
         let index = u16::try_from(name.1).ok();
         self.variable_exists(name, span)
@@ -359,7 +363,8 @@ impl Parser<'_> {
         });
     }
 
-    /// Returns true for a block number at the right position, after checking its number of digits.
+    /// Returns true if a block number is at the right position. Reports a wrong position, and too many
+    /// digits.
     #[inline(never)]
     fn validate_block_number(&mut self, start: usize) -> bool {
         if self.tree.words.len() > self.first_word {
