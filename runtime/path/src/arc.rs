@@ -1,4 +1,4 @@
-//! G02 and G03: from the words to the circle in machine coordinates (M1f, D21, D26).
+//! G02 and G03: converts the words of an arc to the circle in machine coordinates (M1f, D21, D26).
 
 use tandem_model::alarm::{ARC_DISTORTED, ARC_IMPOSSIBLE, VALUE_NOT_FINITE, check_finite};
 use tandem_model::flow::{Arc, ArcShape, Block, Frame, Path, Rotation, Scaling, Transform};
@@ -10,7 +10,7 @@ use crate::stage::PathStage;
 use crate::transform;
 
 impl PathStage {
-    /// Returns the path of an arc; `None` for R0 without a distance.
+    /// Returns the path of an arc; `None` if R is 0 and the target is the start point.
     pub(crate) fn arc(&self, block: &Block, arc: &Arc) -> Result<Option<Path>, Alarm> {
         let plane = arc.plane.axes();
         if let Some(axis) = plane.into_iter().find(|axis| !self.axes.contains(*axis)) {
@@ -59,7 +59,7 @@ impl PathStage {
         self.around(from_start, to, arc, turn).map(Path::Arc).map(Some)
     }
 
-    /// Returns the arc about a centre, given from the start point.
+    /// Returns the arc about a centre that is at `from_start`, measured from the start point.
     fn around(&self, from_start: [f64; 2], to: AxisVector, arc: &Arc, turn: Turn) -> Result<ArcPath, Alarm> {
         let [first, second] = arc.plane.axes();
         let centre = [self.at[first] + from_start[0], self.at[second] + from_start[1]];
@@ -94,7 +94,7 @@ impl PathStage {
     }
 }
 
-/// Returns the parts of a transform that distort an arc of this plane.
+/// Returns a text that names the parts of a transform that distort an arc in this plane.
 fn distortion(transform: &Transform, plane: Plane) -> String {
     let scaling = transform.scaling.map(|Scaling { factors, .. }| {
         let [x, y, z] = factors;
@@ -107,7 +107,7 @@ fn distortion(transform: &Transform, plane: Plane) -> String {
     format!("The arc is in {plane}{scaling}{rotation}")
 }
 
-/// Returns the letters of the words of a centre.
+/// Returns the letters of the words that give the centre of an arc in this plane.
 fn centre_words(plane: Plane) -> &'static str {
     match plane {
         Plane::Xy => "IJ",
@@ -116,9 +116,9 @@ fn centre_words(plane: Plane) -> &'static str {
     }
 }
 
-/// Returns the centre, measured from the start point: from the middle of the chord, `sqrt(R^2 - c^2/4)` to
-/// the left for a counter-clockwise arc up to a half circle and for a larger clockwise arc, otherwise to the
-/// right.
+/// Returns the centre, measured from the start point. The centre is at a distance of `sqrt(R^2 - c^2/4)` from
+/// the middle of the chord of length c. It is to the left for a counter-clockwise arc up to a half circle and
+/// for a larger clockwise arc, otherwise to the right.
 fn centre_from_radius(
     chord: [f64; 2],
     radius: f64,
@@ -136,7 +136,7 @@ fn centre_from_radius(
         let text = format!("R {radius:.6} mm is smaller than half the distance to the target, {half:.6} mm");
         return Err(Alarm::new(&ARC_IMPOSSIBLE, text).of_words("R"));
     }
-    // (R - h)(R + h) keeps its digits if R is only slightly more than half the chord.
+    // The form (R - h)(R + h) stays exact if R is only slightly more than half the chord (h).
     let off_chord = ((radius.abs() - half) * (radius.abs() + half)).max(0.0).sqrt();
     let left = (radius > 0.0) == (turn == Turn::CounterClockwise);
     let side = if left { off_chord } else { -off_chord } / length;

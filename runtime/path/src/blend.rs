@@ -1,4 +1,4 @@
-//! Bounds of a blend with an arc: where one of two blended blocks is an arc, the motion may leave the hull of both
+//! Bounds of a blend in which one of the two blocks is an arc: the motion may leave the hull of both blocks
 //! (M1b).
 
 use tandem_model::alarm::SOFT_LIMIT;
@@ -8,23 +8,24 @@ use tandem_model::{Alarm, Axis};
 use crate::length::LENGTH_MIN;
 use crate::stage::PathStage;
 
-/// The distance of a path from the joint in one direction of an axis.
+/// Bounds of the distance of one block's path from the joint, in one direction of an axis.
 #[derive(Debug, Clone, Copy)]
 struct BlendSide {
-    /// Its maximum.
+    /// Maximum distance.
     height: f64,
-    /// Its bound at the other end of the blend by the steepest slope of the path.
+    /// Bound of the distance at the far end of the blend, from the steepest slope of the path.
     steep: f64,
 }
 
 impl BlendSide {
-    /// Returns the bound at this share of the blend's distance from the joint.
+    /// Returns the bound of the distance at `share`, which is 0 at the joint and 1 at the far end of the
+    /// blend.
     fn at(self, share: f64) -> f64 {
         (self.steep * share).min(self.height)
     }
 
-    /// Returns the share of the blend's time, from its far end, at which the square of the remaining share reaches the
-    /// maximum height.
+    /// Returns the share u of the blend's time, from the joint, at which the slope bound `steep * u^2`
+    /// reaches `height`; 1 if it never does.
     fn full(self) -> f64 {
         if self.steep > self.height {
             (self.height / self.steep).sqrt()
@@ -37,9 +38,10 @@ impl BlendSide {
 impl PathStage {
     /// Checks that the blend of two blocks stays within the soft limits.
     ///
-    /// The blend begins `v T/2` before the joint and ends as far after it. Its points are those of the one block plus those
-    /// of the other minus the joint; at the share u of its time at most `(1 - u)^2` of the first part is left, and at most
-    /// `u^2` of the second one is covered. Lines stay within their hull.
+    /// The blend begins `v T/2` before the joint, and ends at the same distance after it. Each of its points
+    /// is the sum of a point of both blocks minus the joint. At the share u of the blend's time, at most `(1
+    /// - u)^2` of the first block's part is left, and at most `u^2` of the second block's part is covered.
+    /// Lines stay within their hull.
     pub(crate) fn blend_within_soft_limits(
         &self,
         before: &SegmentMotion,
@@ -97,8 +99,8 @@ impl PathStage {
     }
 }
 
-/// Returns the largest distance of both together. Between the shares at which one of them reaches its maximum
-/// the sum is convex.
+/// Returns the largest sum of both distances during the blend. Between the shares at which one of the
+/// distances reaches its maximum, the sum is convex.
 fn farthest([first, second]: [BlendSide; 2]) -> f64 {
     [0.0, 1.0 - first.full(), second.full(), 1.0]
         .into_iter()
@@ -106,17 +108,18 @@ fn farthest([first, second]: [BlendSide; 2]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Returns the upper bound of the duration of a blend, s.
+/// Returns an upper bound of the duration of a blend, s.
 fn ramp_s(feed: &SegmentFeed) -> f64 {
     (feed.ta_ms.max(feed.td_ms).max(feed.ts_ms) + feed.ts_ms) / 1000.0
 }
 
-/// Returns the upper bound of the length of a block's part in a blend: short blocks have shorter ramps.
+/// Returns an upper bound of the length of a block's part in a blend. Short blocks have shorter ramps.
 fn zone(path: &Path, feed: &SegmentFeed, ramp_s: f64) -> f64 {
     (feed.feedrate_mm_min / 60.0 * ramp_s / 2.0).min(path.length() / 2.0)
 }
 
-/// Returns a bound of the slope that is cheap on arcs: X, Y and Z never move farther than the path.
+/// Returns a bound of the slope of a path that needs no calculation for X, Y and Z: no axis moves farther
+/// than the path.
 fn steepest_at_most(path: &Path, axis: Axis) -> f64 {
     if axis.is_orthogonal() {
         1.0

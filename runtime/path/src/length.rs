@@ -1,16 +1,18 @@
-//! The shortest length that is a motion, and the straight line between two places.
+//! The smallest length that is treated as a motion, and the straight line between two positions.
 
 use tandem_model::alarm::check_finite;
 use tandem_model::flow::Path;
 use tandem_model::{Alarm, Axis, AxisVector};
 
-/// Distances below this are rounding, not motion: mm or degrees. It is also the tolerance of the soft limits.
+/// Distances below this are treated as rounding, not as motion: mm or degrees. It is also the tolerance of
+/// the soft limits.
 ///
-/// Reason: sums of incremental words and work offsets err by about 1e-12 of the position, and no motor resolves a
-/// millionth of a micrometre. Without it F of a block of rotary axes would count along a rounding error of X.
+/// Reason: sums of incremental words and work offsets have an error of about 1e-12 of the position, and no
+/// motor resolves a millionth of a micrometre. Without this limit, F of a block of rotary axes would apply to
+/// a rounding error of X.
 pub const LENGTH_MIN: f64 = 1e-9;
 
-/// Returns the straight line between two machine positions; `None` if they are equal but for rounding.
+/// Returns the straight line between two machine positions; `None` if they differ only by rounding.
 pub(crate) fn line_between(from: AxisVector, to: AxisVector) -> Result<Option<Path>, Alarm> {
     if !moves(from, to) {
         return Ok(None);
@@ -34,8 +36,8 @@ pub(crate) fn moves(from: AxisVector, to: AxisVector) -> bool {
         .any(|distance| distance.abs() >= LENGTH_MIN)
 }
 
-/// Returns true for a path on which X, Y and Z move only by rounding. Its length is only calculated in that
-/// case.
+/// Returns true for a path on which X, Y and Z move only by rounding. The length is calculated only if each
+/// of these axes moves only by rounding.
 pub(crate) fn turns_only(way: AxisVector) -> bool {
     let stands = |axis: Axis| way[axis].abs() < LENGTH_MIN;
     Axis::ORTHOGONAL.into_iter().all(stands) && way.orthogonal_length() < LENGTH_MIN

@@ -19,21 +19,21 @@ pub struct PathStage {
     pub(crate) axes: AxisSet,
     dry_run: bool,
     pub(crate) transform: Transform,
-    /// Programmed end of the last block; with cutter compensation the tool's centre is elsewhere.
+    /// Programmed end of the last block. With cutter compensation, the tool's centre is at another position.
     pub(crate) at: AxisVector,
     /// Change of the tool length that no motion block has applied yet (D22), mm.
     pub(crate) tool_shift: f64,
     /// Cutter compensation (G41, G42), applied to the segments of blocks.
     pub(crate) compensator: Compensator,
-    /// Output of the compensator for one block; kept to reuse the memory.
+    /// Output of the compensator for one block; kept from block to block to reuse the memory.
     legs: Vec<Leg>,
-    /// The last segment, until it is known whether it ends in a stop.
+    /// The last segment, held back until the next block determines whether this segment ends in a stop.
     held_back: Option<Segment>,
     /// Number of the last motion.
     serial: u64,
     /// True if the last segment is a G31 whose end is not yet known.
     is_skipping: bool,
-    /// Moves beyond soft limits that were permitted. With `None` such moves are rejected.
+    /// Alarms of permitted moves beyond soft limits. If the field is `None`, such moves are rejected.
     pub(crate) passed_limits: Option<Vec<Alarm>>,
 }
 
@@ -56,20 +56,20 @@ impl PathStage {
         }
     }
 
-    /// Switches dry run on or off: in dry run, further cutting blocks move at the feedrate of dry run instead
+    /// Switches dry run on or off. In dry run, further cutting blocks move at the feedrate of dry run instead
     /// of F. A thread keeps F and S, and so its pitch.
     pub fn set_dry_run(&mut self, on: bool) {
         self.dry_run = on;
     }
 
-    /// Returns true in dry run.
+    /// Returns true if dry run is on.
     pub fn is_dry_run(&self) -> bool {
         self.dry_run
     }
 
-    /// Takes a block, and outputs the segments that are final. The last block of a chain is held back until the next
-    /// one decides whether it stops there: see [`PathStage::flush`]. With cutter compensation up to [`LOOK_AHEAD_MAX`]
-    /// blocks are held back.
+    /// Processes a block, and outputs the segments that are final. The last block of a chain is held back
+    /// until the next block determines whether the motion stops between them: see [`PathStage::flush`]. With
+    /// cutter compensation, up to [`LOOK_AHEAD_MAX`] blocks are held back.
     ///
     /// # Errors
     /// Returns an alarm at the origin of a block that cannot run; the stage is then unchanged, and the block
@@ -77,10 +77,11 @@ impl PathStage {
     /// point not 1 to 4), `AXIS_MISSING`, `SOFT_LIMIT`, `FEEDRATE_MISSING`, `OFFSET_IN_FORCE` (D23),
     /// `ARC_IMPOSSIBLE`, `ARC_DISTORTED` (D21), `SPINDLE_SPEED_MISSING`, `TAP_OFF_AXIS`.
     ///
-    /// With cutter compensation also `COMPENSATION_REFUSED`, `COMPENSATION_LEAD_SHORT`, `COMPENSATION_ARC_SMALL`,
-    /// `COMPENSATION_CORNER`, `COMPENSATION_SPIRAL`, `COMPENSATION_LOOK_AHEAD` and `OVERCUT`, at the first block that
-    /// cannot move. The final segments before it have been output (without the block just before it, whose end depends
-    /// on the rejected one), and the compensation has ended.
+    /// With cutter compensation also `COMPENSATION_REFUSED`, `COMPENSATION_LEAD_SHORT`,
+    /// `COMPENSATION_ARC_SMALL`, `COMPENSATION_CORNER`, `COMPENSATION_SPIRAL`, `COMPENSATION_LOOK_AHEAD` and
+    /// `OVERCUT`, at the first block that cannot move. The final segments before this block have been output,
+    /// and the compensation has ended. The block just before it is not output, because its end depends on the
+    /// rejected block.
     ///
     /// [`LOOK_AHEAD_MAX`]: crate::LOOK_AHEAD_MAX
     pub fn push(&mut self, block: &Block, out: &mut Vec<Segment>) -> Result<(), Alarm> {
@@ -96,18 +97,19 @@ impl PathStage {
         })
     }
 
-    /// Outputs the segments that are final, ending in an exact stop, because the program waits and continues later.
-    /// With cutter compensation blocks stay held back until the next ones show that there is no overcut.
+    /// Outputs the segments that are final, ending in an exact stop, because the program waits and continues
+    /// later. With cutter compensation, blocks stay held back until the next blocks show that they have no
+    /// overcut.
     pub fn flush(&mut self, out: &mut Vec<Segment>) {
         self.release(SegmentEnd::ExactStop, out);
     }
 
-    /// Outputs the segments that are final, ending in an exact stop, and drops the others, because the program ends
-    /// here, with or without an alarm. Within cutter compensation the last block is dropped, since its end is not
-    /// known.
+    /// Outputs the segments that are final, ending in an exact stop, and drops all other segments, because
+    /// the program ends here, with or without an alarm. Within cutter compensation, the last block is
+    /// dropped, since its end is unknown.
     ///
     /// # Errors
-    /// Returns `SOFT_LIMIT` of a block that was held back.
+    /// Returns `SOFT_LIMIT` if a block that was held back moves beyond a soft limit.
     pub fn finish(&mut self, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         self.compensator.abandon(&mut self.legs);
         let joined = self.join_legs(out);
@@ -115,13 +117,14 @@ impl PathStage {
         joined
     }
 
-    /// Returns true from the lead-in of cutter compensation to its lead-out: the program must neither wait
-    /// nor end.
+    /// Returns true from the lead-in of cutter compensation to its lead-out. During this time, the program
+    /// must neither wait nor end.
     pub fn is_compensating(&self) -> bool {
         self.compensator.is_on()
     }
 
-    /// Restarts after a stop or reset at this position, with the identity transform and nothing held back.
+    /// Restarts the stage after a stop or reset: at this position, with the identity transform and no block
+    /// held back.
     pub fn restart(&mut self, at: MachinePosition) {
         self.at = at.0;
         self.tool_shift = 0.0;
@@ -131,8 +134,8 @@ impl PathStage {
         self.is_skipping = false;
     }
 
-    /// Restarts at this position, with the transform and the pending change of tool length of another stage,
-    /// and nothing held back.
+    /// Restarts the stage at this position, with the transform and the pending change of tool length of
+    /// another stage, and with no block held back.
     pub fn restore_transform(&mut self, at: MachinePosition, of: &PathStage) {
         self.restart(at);
         self.transform = of.transform;
@@ -144,13 +147,13 @@ impl PathStage {
         &self.transform
     }
 
-    /// Returns the upper bound of the segments still to come of the blocks pushed so far; some may be left
-    /// out to prevent an overcut.
+    /// Returns an upper bound of the number of segments still to come from the blocks pushed so far. Blocks
+    /// left out to prevent an overcut reduce this number.
     pub fn held_back(&self) -> usize {
         usize::from(self.held_back.is_some()) + self.compensator.pending()
     }
 
-    /// Returns the number of the last motion pushed.
+    /// Returns the serial number of the last motion pushed.
     pub fn last_serial(&self) -> u64 {
         self.serial
     }
@@ -160,14 +163,14 @@ impl PathStage {
         self.serial
     }
 
-    /// Returns the programmed end of the last block; after G31 without a skip input, its target. With cutter
-    /// compensation the tool's centre is elsewhere.
+    /// Returns the programmed end of the last block; for a G31 without a skip input, this is the target of
+    /// the G31. With cutter compensation, the tool's centre is at another position.
     pub fn position(&self) -> MachinePosition {
         MachinePosition(self.at)
     }
 
-    /// Returns the position to which the next block refers: the last block's end, with a change of tool length that no
-    /// motion block has applied yet (D22).
+    /// Returns the position from which the next block is measured: the end of the last block, with a change
+    /// of tool length that no motion block has applied yet (D22).
     pub fn counts_from(&self) -> MachinePosition {
         let mut from = self.at;
         from[Axis::Z] += self.tool_shift;
@@ -239,7 +242,7 @@ impl PathStage {
 
     fn rapid(&mut self, block: &Block, words: &AxisWords, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         let to = self.target(block, words)?;
-        // G00 is never blended (M1c), so it waits for no other block.
+        // G00 is never blended (M1c), so it is not held back.
         if moves(self.at, to) {
             self.advance(block, SegmentMotion::Rapid { from: self.at, to }, true, out)?;
             self.at = to;
@@ -261,19 +264,20 @@ impl PathStage {
         Ok(())
     }
 
-    /// Returns true from a G31 that moves to [`PathStage::skipped_to`]: no block may be pushed.
+    /// Returns true from a G31 that moves until [`PathStage::skipped_to`]. During this time, no block may be
+    /// pushed.
     pub fn is_skipping(&self) -> bool {
         self.is_skipping
     }
 
-    /// Sets the position after a G31, at which the machine rests, possibly before the target. The transform
-    /// stays.
+    /// Sets the position at which the machine rests after a G31, possibly before the target. The transform
+    /// does not change.
     pub fn skipped_to(&mut self, at: MachinePosition) {
         self.at = at.0;
         self.is_skipping = false;
     }
 
-    /// Outputs a motion that always ends at rest.
+    /// Outputs a motion that always ends in an exact stop.
     pub(crate) fn push_move_to_rest(
         &mut self,
         block: &Block,
@@ -338,7 +342,7 @@ impl PathStage {
         self.feed(block, words, path, out)
     }
 
-    /// Returns the straight line from here, with the length to which F refers.
+    /// Returns the straight line from the current position, with the length to which F refers.
     fn line(&self, to: AxisVector) -> Result<Option<Path>, Alarm> {
         let path = line_between(self.at, to)?;
         match self.settings.path.rotary_feed {
@@ -347,7 +351,7 @@ impl PathStage {
         }
     }
 
-    /// Sets the direction of the motion after a corner, if the words define one.
+    /// Sets the direction of the motion after a rounded corner, if the words give a direction.
     fn corner(&mut self, words: &AxisWords) {
         let rounding = if words.named.is_empty() {
             Rounding::Free
@@ -357,7 +361,7 @@ impl PathStage {
         self.compensator.round_next(rounding);
     }
 
-    /// Takes a cutting block along this path; with `None`, the block does not move.
+    /// Processes a cutting block along this path. If the path is `None`, the block does not move.
     fn feed(
         &mut self,
         block: &Block,
@@ -383,7 +387,7 @@ impl PathStage {
         Ok(())
     }
 
-    /// Passes a block's motion through the compensation, and outputs the result.
+    /// Passes the motion of a block through the compensation, and outputs the resulting segments.
     fn advance(
         &mut self,
         block: &Block,
@@ -428,7 +432,7 @@ impl PathStage {
         joined
     }
 
-    /// Takes the next segment, which decides how the previous one ends.
+    /// Processes the next segment, which determines how the segment held back ends.
     fn join(&mut self, segment: Segment, stop_before: bool, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         self.refuse_beyond(self.segment_within_soft_limits(&segment.motion), segment.origin)?;
         if let (Some(before), false) = (&self.held_back, stop_before) {
@@ -448,7 +452,7 @@ impl PathStage {
         Ok(())
     }
 
-    /// Requests a stop between the blocks so far and the next one.
+    /// Requests a stop between the blocks pushed so far and the next block.
     fn stop(&mut self, out: &mut Vec<Segment>) {
         if self.compensator.is_on() {
             self.compensator.stop();
@@ -474,7 +478,7 @@ impl PathStage {
         Ok(Some(CompensationSide { plane, tool }))
     }
 
-    /// Returns the feedrate of a block along its path, at most the maximum.
+    /// Returns the feedrate of a block along its path, limited to the maximum feedrate.
     fn feed_along(&self, block: &Block, path: &Path) -> Result<SegmentFeed, Alarm> {
         let in_degrees = self.settings.path.rotary_feed == RotaryFeed::Degrees;
         let rotary_only = match path {
@@ -497,7 +501,8 @@ impl PathStage {
         Ok(feed)
     }
 
-    /// Returns the feedrate as programmed and ramp times; a block of rotary axes only has its own feedrate.
+    /// Returns the programmed feedrate and ramp times. A block that moves only rotary axes has a separate
+    /// feedrate.
     pub(crate) fn feed_in_force(&self, block: &Block, rotary_only: bool) -> Result<SegmentFeed, Alarm> {
         let programmed = if rotary_only {
             block.feedrate_deg_min
@@ -540,12 +545,13 @@ impl PathStage {
     }
 }
 
-/// Returns the work position of a machine position: reverses the transform (D20), including the tool length.
+/// Returns the work position of a machine position: applies the inverse transform (D20), including the tool
+/// length.
 pub fn work_position(transform: &Transform, machine: MachinePosition) -> WorkPosition {
     WorkPosition(transform.inverse(machine.0))
 }
 
-/// Returns true for a block that ends a chain if it does not move: with G501 every block, with G500 only a
+/// Returns true if the block ends a chain when it does not move: with G501 every block, with G500 only a
 /// block with G09 (M1c).
 fn ends_chain(block: &Block) -> bool {
     block.multi_block == MultiBlock::Off || block.exact_stop_before || block.exact_stop_after

@@ -1,8 +1,9 @@
-//! F on the A axis of dialect dgshape: the path of the tool on a circle about Y0 Z0 of the work coordinates, with the
-//! radius where the block begins (1-4 and 2-5).
+//! F on the A axis of dialect dgshape. F applies to the path of the tool on a circle about Y0 Z0 of the work
+//! coordinates; the radius of the circle is taken at the start of the block (1-4 and 2-5).
 //!
-//! For a block that also moves other axes, the lengths of both paths are combined. Where the Z axis is at its highest
-//! position, and where the tool is at the centre, F has no effect: A turns as fast as its motor can.
+//! For a block that also moves other axes, the lengths of both paths are combined. For a block of A alone, F
+//! has no effect if Z is at its highest position or the tool is at the centre: A then turns as fast as its
+//! motor can.
 
 use tandem_model::alarm::check_finite;
 use tandem_model::flow::Path;
@@ -13,7 +14,7 @@ use crate::length::{LENGTH_MIN, turns_only};
 use crate::stage::PathStage;
 
 impl PathStage {
-    /// Returns the same line with the length to which F refers.
+    /// Returns the line with the length to which F refers.
     pub(crate) fn along_surface(&self, line: Option<Path>) -> Result<Option<Path>, Alarm> {
         let Some(Path::Line { from, to, .. }) = line else {
             return Ok(line);
@@ -36,7 +37,7 @@ impl PathStage {
         Ok(Some(Path::Line { from, to, length }))
     }
 
-    /// Returns true for a block of A alone on which F has no effect.
+    /// Returns true for a block that moves A alone, and on which F has no effect.
     pub(crate) fn turns_freely(&self, from: AxisVector, to: AxisVector) -> bool {
         let way = to.minus(from);
         let is_alone = self.settings.path.rotary_feed == RotaryFeed::Surface
@@ -57,7 +58,8 @@ impl PathStage {
         highest.is_some_and(|(which, _)| which == "upper")
     }
 
-    /// Returns the length that takes, at the maximum feedrate, the time of the motor at its maximum velocity.
+    /// Returns the length for which a motion at the maximum feedrate takes as long as the motor of A at its
+    /// maximum velocity.
     fn length_of_free_turn(&self, way: AxisVector) -> f64 {
         let motor = self.settings.motors[Axis::A.index()].as_ref();
         let velocity = motor.map_or(1.0, |motor| motor.max_velocity);

@@ -1,4 +1,4 @@
-//! A move of a tapping cycle in the thread: along Z, with the revolutions of the spindle (M1h).
+//! Moves of a tapping cycle in the thread: along Z, with the revolutions of the spindle (M1h).
 
 use tandem_model::alarm::{SPINDLE_SPEED_MISSING, TAP_OFF_AXIS, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{
@@ -11,8 +11,8 @@ use crate::length::LENGTH_MIN;
 use crate::stage::PathStage;
 
 impl PathStage {
-    /// Raises the alarms of all holes of a cycle before it moves. The first and the last hole bound all, since the transforms
-    /// are linear.
+    /// Checks all holes of a cycle before its first motion. The first and the last hole suffice: all holes
+    /// lie between them, since the transforms are linear.
     pub(crate) fn thread_ahead(&mut self, block: &Block, ahead: &ThreadAhead) -> Result<(), Alarm> {
         let before = (self.at, self.tool_shift);
         [1, ahead.repetitions].into_iter().try_for_each(|count| {
@@ -22,7 +22,8 @@ impl PathStage {
         })
     }
 
-    /// Checks the moves to a hole of a cycle, counted from 1, into it, and back to the initial level.
+    /// Checks the moves to hole number `count` of a cycle (from 1), into the hole, and back to the initial
+    /// level.
     fn hole(&mut self, block: &Block, ahead: &ThreadAhead, count: u16) -> Result<(), Alarm> {
         let mut position = ahead.position;
         if position.distance == Distance::Incremental {
@@ -42,7 +43,7 @@ impl PathStage {
         Ok(())
     }
 
-    /// Takes a move in the thread.
+    /// Outputs a move in the thread.
     pub(crate) fn tap(&mut self, block: &Block, tap: &Tap, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         let (to, feed, revolutions) = self.thread(block, tap)?;
         self.release(SegmentEnd::ExactStop, out);
@@ -63,9 +64,9 @@ impl PathStage {
         Ok(())
     }
 
-    /// Returns the end of a move in the thread from the present position, its feedrate, and its revolutions
-    /// without sign: the machine's Z travel times S / F, whatever the transforms. 0 revolutions: no spindle
-    /// is locked to the move.
+    /// Returns the end, the feedrate and the revolutions of a move in the thread from the present position.
+    /// The revolutions have no sign: they are the machine's Z travel times S / F, whatever the transforms. If
+    /// no spindle is locked to the move, they are 0.
     fn thread(&mut self, block: &Block, tap: &Tap) -> Result<(AxisVector, SegmentFeed, f64), Alarm> {
         let to = self.target(block, &tap.target)?;
         let aside = Axis::ALL
@@ -92,7 +93,7 @@ impl PathStage {
         Ok((to, feed, revolutions))
     }
 
-    /// Rejects an F that Z cannot reach without a spindle locked to Z: the spindle would not slow down with
+    /// Rejects an F that Z cannot reach, if no spindle is locked to Z: the spindle would not slow down with
     /// Z, and the pitch would be wrong.
     fn as_fast_as_f(&self, feed: SegmentFeed) -> Result<(), Alarm> {
         let z = self.settings.motors[Axis::Z.index()].as_ref();

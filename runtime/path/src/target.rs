@@ -1,4 +1,4 @@
-//! From axis words to machine positions, and the limits that these must respect.
+//! Converts axis words to machine positions, and checks the limits of these positions.
 
 use tandem_model::alarm::{AXIS_MISSING, OFFSET_IN_FORCE, SOFT_LIMIT};
 use tandem_model::flow::{Action, AxisWords, Block, Compensation, Distance, Frame, Path, SegmentMotion};
@@ -9,7 +9,8 @@ use crate::stage::PathStage;
 use crate::transform::{self, finite};
 
 impl PathStage {
-    /// Returns the machine position of axis words, which may name only axes of the coordinate system.
+    /// Returns the machine position that axis words give. The words may name only axes of the coordinate
+    /// system.
     pub(crate) fn target(&self, block: &Block, words: &AxisWords) -> Result<AxisVector, Alarm> {
         if let Some(axis) = words.named.iter().find(|axis| !self.axes.contains(*axis)) {
             return Err(Self::axis_missing(axis));
@@ -45,7 +46,8 @@ impl PathStage {
         Alarm::new(&AXIS_MISSING, format!("The block moves axis {}", axis.letter())).of_words(axis.letter())
     }
 
-    /// Returns the target in the current coordinates. Axes that no word moves keep their position to the last bit.
+    /// Returns the target in machine coordinates. Axes that no word moves keep their position to the last
+    /// bit.
     pub(crate) fn work_target(&self, words: &AxisWords, moves: bool) -> AxisVector {
         let transform = &self.transform;
         let mut from = self.at;
@@ -73,7 +75,8 @@ impl PathStage {
         to.replaced(words.named, target)
     }
 
-    /// Ends a motion block: Z is at the position for the current tool length (D22), or at that of G53.
+    /// Ends a motion block: Z has reached the position for the current tool length (D22), or the position of
+    /// G53.
     pub(crate) fn arrived(&mut self, block: &Block, words: &AxisWords) {
         let reached = match words.frame {
             Frame::Work => is_motion(block, words),
@@ -103,8 +106,8 @@ impl PathStage {
         Err(Alarm::new(&OFFSET_IN_FORCE, text))
     }
 
-    /// Permits and records moves beyond soft limits from now on. For the check of a program, which moves
-    /// nothing.
+    /// Permits and records moves beyond soft limits from now on. The check of a program, which moves nothing,
+    /// uses this.
     pub fn let_limits_pass(&mut self) {
         self.passed_limits.get_or_insert_default();
     }
@@ -114,7 +117,8 @@ impl PathStage {
         self.passed_limits.as_mut().map_or_else(Vec::new, std::mem::take)
     }
 
-    /// Returns the alarm of a move of this block beyond a soft limit, unless such moves are permitted.
+    /// Returns the alarm of a move beyond a soft limit. If such moves are permitted, records the alarm and
+    /// returns `Ok`.
     pub(crate) fn refuse_beyond(&mut self, judged: Result<(), Alarm>, origin: Origin) -> Result<(), Alarm> {
         let refused = judged.map_err(|alarm| alarm.at(origin));
         match (refused, &mut self.passed_limits) {
@@ -126,14 +130,14 @@ impl PathStage {
         }
     }
 
-    /// Checks that the axes that move end within their limits.
+    /// Checks that the axes that move end within their soft limits.
     pub(crate) fn within_all_soft_limits(&self, from: AxisVector, to: AxisVector) -> Result<(), Alarm> {
         (self.axes.iter())
             .filter(|&axis| (to[axis] - from[axis]).abs() >= LENGTH_MIN)
             .try_for_each(|axis| self.within_soft_limits(axis, to[axis]))
     }
 
-    /// Checks that the axes that a segment moves stay within their limits.
+    /// Checks that the axes that a segment moves stay within their soft limits.
     pub(crate) fn segment_within_soft_limits(&self, motion: &SegmentMotion) -> Result<(), Alarm> {
         match motion {
             SegmentMotion::Feed { path, .. } => match path {
@@ -147,7 +151,7 @@ impl PathStage {
         }
     }
 
-    /// Checks that an arc stays within the limits of its axes, turning points included.
+    /// Checks that an arc stays within the soft limits of its axes, also at its turning points.
     fn arc_within_soft_limits(&self, arc: &ArcPath) -> Result<(), Alarm> {
         let from = arc.start();
         for axis in self.limited_axes() {
@@ -163,7 +167,7 @@ impl PathStage {
         self.settings.motors[axis.index()].as_ref()?.soft_limits
     }
 
-    /// Returns the axes with soft limits.
+    /// Returns the axes that have soft limits.
     pub(crate) fn limited_axes(&self) -> impl Iterator<Item = Axis> {
         (self.axes.iter()).filter(|axis| self.soft_limits(*axis).is_some())
     }
@@ -178,7 +182,7 @@ impl PathStage {
         Err(Alarm::new(&SOFT_LIMIT, text).of_words(letter))
     }
 
-    /// Returns the name and position of the soft limit that a value exceeds.
+    /// Returns the name and position of the soft limit that a value exceeds; `None` if it exceeds no limit.
     pub(crate) fn limit_passed(&self, axis: Axis, value: f64) -> Option<(&'static str, f64)> {
         let [lowest, highest] = self.soft_limits(axis)?;
         if value < lowest - LENGTH_MIN {
@@ -191,7 +195,7 @@ impl PathStage {
     }
 }
 
-/// Returns true for a block that moves: G02 and G03 also do so without axis words.
+/// Returns true for a block that moves. G02 and G03 move also without axis words.
 fn is_motion(block: &Block, words: &AxisWords) -> bool {
     !words.named.is_empty() || matches!(block.action, Action::Arc(_))
 }

@@ -5,8 +5,8 @@ use tandem_model::flow::Transform;
 use tandem_model::plane::Plane;
 use tandem_model::{Alarm, Axis, AxisSet, AxisVector};
 
-/// Returns the axes that words of these axes move: a word of one axis of the rotation's plane moves both
-/// axes.
+/// Returns the axes that words for the axes `named` move. A word for one axis of the rotation's plane moves
+/// both axes of the plane.
 pub(crate) fn moved(transform: &Transform, named: AxisSet) -> AxisSet {
     let mut moved = named;
     if let Some(rotation) = &transform.rotation {
@@ -20,8 +20,8 @@ pub(crate) fn moved(transform: &Transform, named: AxisSet) -> AxisSet {
     moved
 }
 
-/// Returns the scale of an arc of this plane, and whether its sense of turning changes; `None` if the
-/// result is no arc of this plane (D21).
+/// Returns the scale of an arc in this plane, and whether the direction of the arc reverses. Returns `None`
+/// if the transformed arc is no arc in this plane (D21).
 pub(crate) fn arc_scale(transform: &Transform, plane: Plane) -> Option<(f64, bool)> {
     let rotated_out = transform
         .rotation
@@ -44,13 +44,13 @@ pub(crate) fn arc_scale(transform: &Transform, plane: Plane) -> Option<(f64, boo
         }
     }
     let [first, second] = scales;
-    // Factors are typed in or read from one variable: equal means equal up to rounding.
+    // Factors come from the text or from variables: factors that differ only by rounding are equal.
     let equal = (first.abs() - second.abs()).abs() <= 1e-12 * first.abs();
     equal.then_some((first.abs(), first * second < 0.0))
 }
 
 /// Returns true if the left side of the programmed path is the right side of the machine's path, because the
-/// transformed axes of the plane turn in the opposite sense.
+/// transform reverses the sense of rotation in the plane.
 pub(crate) fn swaps_sides(transform: &Transform, plane: Plane) -> bool {
     if transform.mirror.is_none() && transform.scaling.is_none() && transform.rotation.is_none() {
         return false;
@@ -68,7 +68,7 @@ pub(crate) fn swaps_sides(transform: &Transform, plane: Plane) -> bool {
 /// Checks the values of a transform.
 ///
 /// # Errors
-/// Returns `VALUE_NOT_FINITE` if a value of the transform is not a number; `VALUE_OUT_OF_RANGE` for a scale
+/// Returns `VALUE_NOT_FINITE` if a value of the transform is not finite, and `VALUE_OUT_OF_RANGE` for a scale
 /// factor of 0.
 pub(crate) fn check(transform: &Transform) -> Result<(), Alarm> {
     finite(transform.work_offset, "work offset")?;
@@ -95,10 +95,10 @@ pub(crate) fn check(transform: &Transform) -> Result<(), Alarm> {
         .try_for_each(|(name, value)| check_finite(format_args!("The {name}"), value))
 }
 
-/// Checks the values of a vector.
+/// Checks that the values of a vector are finite.
 ///
 /// # Errors
-/// Returns `VALUE_NOT_FINITE`, with the name of the first axis whose value is not a number.
+/// Returns `VALUE_NOT_FINITE`, with the name of the first axis whose value is not finite.
 #[inline]
 pub(crate) fn finite(vector: AxisVector, name: &str) -> Result<(), Alarm> {
     if vector.0.iter().fold(true, |all, value| all & value.is_finite()) {

@@ -9,7 +9,7 @@
 //! - D and H name an entry of the tool table: D its radius, H its length.
 //! - Data that G10, G28 and G92 set are valid until the next program begins.
 //! - Motion keeps to the path within the limits of the motors, as with G500 of dialect nj and ramp times of 0.
-//! - Cutter compensation neither checks for overcuts nor holds rapids back.
+//! - Cutter compensation does not check for overcuts, and does not reject rapids.
 //!
 //! [`NcOptions`]: tandem_model::settings::NcOptions
 

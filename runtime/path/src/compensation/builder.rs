@@ -1,4 +1,4 @@
-//! Converts pieces to the segments of the tool centre: joins the motion in the plane with that of the other
+//! Converts pieces to segments of the tool centre: joins the motion in the plane with the motion of the other
 //! axes, and adds the feedrate.
 
 use tandem_model::flow::{Path, Segment, SegmentFeed, SegmentMotion};
@@ -10,10 +10,12 @@ use super::curve::{Curve, Vec2};
 use super::piece::{CentrePath, Leg, Piece};
 use crate::length::line_between;
 
-/// An arc shorter than this is output as a line, mm: an arc path between equal directions would be a full turn.
+/// Length below which an arc is output as a line, mm: an arc path between equal directions would be a full
+/// turn.
 const ARC_MIN: f64 = 1e-8;
 
-/// Builder of successive segments: each begins exactly, to the last bit, at the end of the one before.
+/// Builder of successive segments: each segment begins exactly, to the last bit, at the end of the segment
+/// before.
 #[derive(Debug, Clone)]
 pub(super) struct Builder {
     basis: CompensationFeed,
@@ -23,7 +25,7 @@ pub(super) struct Builder {
     at: AxisVector,
     /// Feedrate of the last block built.
     feed: SegmentFeed,
-    /// True if a stop is due before a block that had no motion.
+    /// True if the next segment needs a stop before it, which a block without motion has requested.
     stop: bool,
     /// True if the block built last is in G61.
     is_exact: bool,
@@ -46,10 +48,10 @@ impl Builder {
         (self.plane, self.at, self.stop) = (plane, at, false);
     }
 
-    /// Outputs a piece and the blocks after it that do not move in the plane.
+    /// Outputs the segments of a piece, and of the blocks after it that do not move in the plane.
     ///
     /// # Errors
-    /// Returns `VALUE_NOT_FINITE` for a length that is not a number, at the block.
+    /// Returns `VALUE_NOT_FINITE`, at the block, if a length is not finite.
     pub fn build(&mut self, piece: &Piece, out: &mut Vec<Leg>) -> Result<(), Alarm> {
         self.stop |= piece.leg.stop_before;
         self.is_exact = piece.leg.is_exact;
@@ -90,7 +92,7 @@ impl Builder {
         (tail.iter()).try_for_each(|tail| self.cut(segment, tail, end, self.feed, out))
     }
 
-    /// Outputs a rapid; an arc added to it is cut at the last feedrate.
+    /// Outputs a rapid. An arc added to the rapid is cut at the last feedrate.
     fn rapid(
         &mut self,
         segment: &Segment,
@@ -114,7 +116,7 @@ impl Builder {
         Ok(())
     }
 
-    /// Moves along a curve; the axes outside the plane move to their values in `others`.
+    /// Outputs a cut along a curve; the axes outside the plane move to their values in `others`.
     fn cut(
         &mut self,
         segment: &Segment,
@@ -143,7 +145,7 @@ impl Builder {
         Ok(())
     }
 
-    /// Outputs a block that moves no axis of the plane, at the position of the centre.
+    /// Outputs a block that moves no axis of the plane; in the plane, the centre stays where it is.
     fn still(&mut self, leg: &Leg, out: &mut Vec<Leg>) -> Result<(), Alarm> {
         self.stop |= leg.stop_before;
         let (segment, centre) = (&leg.segment, Vec2::project(self.at, self.plane));
@@ -185,8 +187,9 @@ impl Builder {
         self.at = to;
     }
 
-    /// Returns the feedrate of the centre on an offset curve. If F applies to the edge, the centre and the
-    /// edge take the same time for the same angle: `F |R -+ r|/R` in the plane, with the other axes included.
+    /// Returns the feedrate of the centre on an offset curve. If F applies to the edge of the tool, the
+    /// centre and the edge need the same time for the same angle: `F |R -+ r|/R` in the plane, with the other
+    /// axes included.
     fn curve_feed(&self, wall: &Curve, centre: &Curve, way: AxisVector) -> SegmentFeed {
         let (Curve::Arc(wall), Curve::Arc(centre), CompensationFeed::Edge) = (wall, centre, self.basis)
         else {

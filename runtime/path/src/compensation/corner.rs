@@ -1,12 +1,12 @@
-//! The joint of two compensated blocks (M1g).
+//! Joints of two compensated blocks (M1g).
 //!
-//! The type of a joint depends on the deflection between the blocks. On the inside, both are cut at the
-//! intersection of their offset curves. On the outside, both are extended by straight lines to the
-//! intersection of these lines, up to a deflection of 90 degrees; beyond that, an arc about the programmed
-//! corner is added. A reversal within [`REVERSAL`] is treated as an outside corner on either side; on the
-//! inside, the overcut check finds it if its blocks are apart.
+//! The deflection between two blocks determines the type of their joint. On the inside, both blocks are cut
+//! at the intersection of their offset curves. On the outside, up to a deflection of 90 degrees, both are
+//! extended by straight lines to the intersection of these lines. Beyond 90 degrees, an arc about the
+//! programmed corner is added. A reversal within [`REVERSAL`] is treated as an outside corner on either side;
+//! on the inside, the overcut check finds the reversal if its blocks are apart.
 //!
-//! Decision: an arc is extended along its tangent, by a straight piece.
+//! Decision: a straight piece along the tangent extends an arc.
 
 use std::f64::consts::PI;
 
@@ -14,19 +14,19 @@ use super::curve::{Arc, Curve, Vec2};
 use super::distance::Chord;
 use crate::length::LENGTH_MIN;
 
-/// Deflections below this are rounding, radians: for a tool of 100 mm the corner is off the curves by less than
-/// 1e-10 mm.
+/// Deflections below this angle are treated as rounding, radians: for a tool of 100 mm, the corner is then
+/// off the curves by less than 1e-10 mm.
 pub(super) const TANGENT: f64 = 1e-6;
 
-/// Blocks within this angle of the opposite direction are a reversal: 1 degree.
+/// Largest angle from the opposite direction at which two blocks are a reversal, radians: 1 degree.
 pub(super) const REVERSAL: f64 = PI / 180.0;
 
-/// Cosine of the largest deflection that is still extended: 90 degrees and rounding.
+/// Cosine of the largest deflection at which two blocks are extended: 90 degrees and rounding.
 pub(super) const RIGHT_ANGLE: f64 = -1e-9;
 
-/// The path of the tool's centre from one block to the next: along the first curve to `end`, straight to
-/// `meet`, the place of a programmed exact stop, then along `arc` or straight, through `via`, to `start` of
-/// the next curve.
+/// Path of the tool's centre from one block to the next. The centre moves along the first curve to `end`,
+/// then straight to `meet`, the place of a programmed exact stop. From there it moves along `arc`, or
+/// straight through `via`, to `start` of the next curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Joint {
     pub end: Vec2,
@@ -34,12 +34,12 @@ pub(super) struct Joint {
     pub arc: Option<Curve>,
     pub via: Option<Vec2>,
     pub start: Vec2,
-    /// Deflection, counter-clockwise positive.
+    /// Deflection, radians; counter-clockwise positive.
     pub turn: f64,
 }
 
 impl Joint {
-    /// Creates a joint in which both curves meet at this point.
+    /// Creates a joint at the point in which both curves meet.
     pub fn at(point: Vec2, turn: f64) -> Self {
         Self {
             end: point,
@@ -51,7 +51,7 @@ impl Joint {
         }
     }
 
-    /// Returns an arc about the corner.
+    /// Creates a joint with an arc about the corner.
     pub fn round(corner: Vec2, from: Vec2, to: Vec2, tool: f64, turn: f64) -> Self {
         let away = -tool.signum();
         let sweep = if turn * away > 0.0 {
@@ -77,8 +77,9 @@ impl Joint {
     }
 }
 
-/// Returns the joint of two offset curves whose programmed blocks meet in `corner`. `tool` is the tool
-/// radius, negative on the right. Without a solution the feet of the curves, and `false`.
+/// Returns the joint of two offset curves whose programmed blocks meet at `corner`. `tool` is the tool
+/// radius, negative if the tool is on the right. If the curves do not meet, returns their ends at the corner,
+/// and `false`.
 pub(super) fn between(before: &Curve, after: &Curve, corner: Vec2, tool: f64) -> (Joint, bool) {
     let (incoming, outgoing) = (before.end_direction(), after.start_direction());
     let (turn, cos) = (incoming.angle_to(outgoing), incoming.dot(outgoing));
@@ -91,7 +92,7 @@ pub(super) fn between(before: &Curve, after: &Curve, corner: Vec2, tool: f64) ->
     let straight = matches!((before, after), (Curve::Line(_), Curve::Line(_)));
     let outside = turn * tool < 0.0;
     if straight || outside || turn.abs() < TANGENT {
-        // Both normals make the same angle with the direction to the corner point.
+        // Both normals make the same angle with the direction from the corner to `meet`.
         let meet = corner + (incoming.left_normal() + outgoing.left_normal()) * (tool / (1.0 + cos));
         let mut joint = Joint::at(meet, turn);
         if outside && turn.abs() >= TANGENT {
@@ -104,8 +105,8 @@ pub(super) fn between(before: &Curve, after: &Curve, corner: Vec2, tool: f64) ->
         }
         return (joint, true);
     }
-    // The intersection on the same side of the chord's middle as the programmed corner: as the tool's radius
-    // grew from zero, the intersection moved from the corner to this point.
+    // Takes the intersection on the same side of the chord's middle as the programmed corner: if the tool's
+    // radius grew from zero, the intersection would move from the corner to this point.
     let on_line_and_circle =
         |line, arc: &Arc, radius| Chord::on_line(line, arc.centre, radius).end_towards(corner - arc.centre);
     let meet = match (before, after) {

@@ -9,11 +9,12 @@ use tandem_model::plane::Plane;
 
 use crate::length::LENGTH_MIN;
 
-/// Radius of the centre's path if the tool is as large as the arc, mm: the direction along it is still exact to
-/// [`super::corner::TANGENT`] some hundred mm away from the origin, and the wall is overcut by this value at most.
+/// Radius of the centre's path if the tool is as large as the arc, mm. The direction along this path is still
+/// exact to [`super::corner::TANGENT`] some hundred mm away from the origin; the wall is overcut by at most
+/// this radius.
 const POINT_RADIUS: f64 = 1e-7;
 
-/// A point or a direction in the plane: first and second axis.
+/// A point or a direction in the plane: its values on the first and the second axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Vec2(pub f64, pub f64);
 
@@ -23,7 +24,7 @@ impl Vec2 {
         Self(vector[first], vector[second])
     }
 
-    /// Returns the vector with these values on the plane's axes.
+    /// Returns `vector` with the values of this point on the plane's axes.
     pub fn onto_plane(self, mut vector: AxisVector, plane: Plane) -> AxisVector {
         let [first, second] = plane.axes();
         vector[first] = self.0;
@@ -40,17 +41,17 @@ impl Vec2 {
         self.0 * other.1 - self.1 * other.0
     }
 
-    /// Returns a quarter turn counter-clockwise.
+    /// Returns the vector turned by 90 degrees counter-clockwise.
     pub fn left_normal(self) -> Self {
         Self(-self.1, self.0)
     }
 
-    /// Returns the length. The squares of positions are far from an overflow.
+    /// Returns the length. The squares of positions are far too small to overflow.
     pub fn length(self) -> f64 {
         self.dot(self).sqrt()
     }
 
-    /// Returns the angle from here to `other`, counter-clockwise, -pi to pi.
+    /// Returns the angle from this direction to `other`, -pi to pi radians; counter-clockwise positive.
     pub fn angle_to(self, other: Self) -> f64 {
         self.cross(other).atan2(self.dot(other))
     }
@@ -84,29 +85,29 @@ pub(super) enum Curve {
     Arc(Arc),
 }
 
-/// A straight line. The direction stays that of the block when the line is cut, even to nothing.
+/// A straight line. If the line is cut, even to length 0, its direction stays the direction of the block.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Line {
     pub from: Vec2,
     pub to: Vec2,
-    /// Unit vector.
+    /// Direction of the line, a unit vector.
     pub along: Vec2,
 }
 
-/// An arc; its radii at the ends may differ by the rounding of the program.
+/// An arc. The radii at its ends may differ because of rounding in the program.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Arc {
     pub centre: Vec2,
     pub from: Vec2,
     pub to: Vec2,
-    /// At the start and at the end.
+    /// Radii at the start and at the end, mm.
     pub radii: [f64; 2],
-    /// Counter-clockwise positive, radians.
+    /// Angle from the start to the end, radians; counter-clockwise positive.
     pub sweep: f64,
 }
 
 impl Curve {
-    /// Returns the projection of a path to the plane; `None` if it does not move there.
+    /// Returns the projection of a path to the plane; `None` if the path does not move in the plane.
     pub fn project(path: &Path, plane: Plane) -> Option<Self> {
         let (from, to) = (
             Vec2::project(path.start(), plane),
@@ -124,7 +125,7 @@ impl Curve {
         }
     }
 
-    /// Returns the straight line; `None` without a length.
+    /// Returns the straight line between two points; `None` if its length is below [`LENGTH_MIN`].
     pub fn line(from: Vec2, to: Vec2) -> Option<Self> {
         let way = to - from;
         let length = way.length();
@@ -162,7 +163,7 @@ impl Curve {
         }
     }
 
-    /// Returns the angle by which the direction turns along the curve, counter-clockwise positive.
+    /// Returns the angle by which the direction turns along the curve, radians; counter-clockwise positive.
     pub fn turning(&self) -> f64 {
         match self {
             Self::Line(_) => 0.0,
@@ -170,9 +171,9 @@ impl Curve {
         }
     }
 
-    /// Returns the parallel curve at this distance to the left; `None` for an arc that the tool does not fit into. A
-    /// tool of the arc's own radius fits if `as_large` is set: its centre stays in that of the arc except for
-    /// [`POINT_RADIUS`].
+    /// Returns the parallel curve at the distance `left`; `None` for an arc into which the tool does not fit.
+    /// With `as_large`, a tool with the radius of the arc fits: its centre stays at the centre of the arc
+    /// except for [`POINT_RADIUS`].
     pub fn offset(&self, left: f64, as_large: bool) -> Option<Self> {
         match *self {
             Self::Line(line) => {
@@ -204,8 +205,8 @@ impl Curve {
         }
     }
 
-    /// Returns the part between two points of the curve; a line is extended beyond its ends. `None` against
-    /// the curve's direction.
+    /// Returns the part of the curve between two points; a line is extended beyond its ends. Returns `None`
+    /// if `to` is before `from` in the direction of the curve.
     pub fn between(&self, from: Vec2, to: Vec2) -> Option<Self> {
         match *self {
             Self::Line(line) => {
@@ -236,7 +237,7 @@ impl Curve {
         }
     }
 
-    /// Returns the length in the plane.
+    /// Returns the length of the curve in the plane, mm.
     pub fn length(&self) -> f64 {
         match self {
             Self::Line(line) => (line.to - line.from).length(),
@@ -251,8 +252,8 @@ impl Arc {
         (point - self.centre).left_normal() * (self.sweep.signum() / radius)
     }
 
-    /// Returns the share of the sweep at which this direction from the centre lies; `None` if the arc does
-    /// not come there.
+    /// Returns the share of the sweep at which the arc passes this direction from its centre; `None` if the
+    /// arc does not pass it.
     pub fn share(&self, towards: Vec2) -> Option<f64> {
         let angle = self.sweep.signum() * (self.from - self.centre).angle_to(towards);
         let angle = if angle < 0.0 { angle + 2.0 * PI } else { angle };
@@ -264,7 +265,7 @@ impl Arc {
     }
 }
 
-/// A rectangle along the axes that holds a curve.
+/// An axis-parallel rectangle that contains a curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Bounds {
     low: Vec2,
@@ -308,7 +309,7 @@ impl Bounds {
         }
     }
 
-    /// Returns true if the rectangles come closer than this on both axes.
+    /// Returns true if the gap between the rectangles is smaller than `distance` on both axes.
     pub fn is_near(&self, other: &Self, distance: f64) -> bool {
         self.low.0 - other.high.0 < distance
             && other.low.0 - self.high.0 < distance

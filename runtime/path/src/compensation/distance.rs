@@ -3,7 +3,7 @@
 use super::curve::{Arc, Curve, Line, Vec2};
 use crate::length::LENGTH_MIN;
 
-/// Returns the smallest distance between two curves; 0 when they cross.
+/// Returns the smallest distance between two curves; 0 if they cross.
 pub(super) fn distance(a: &Curve, b: &Curve) -> f64 {
     if intersections(a, b).iter().any(Option::is_some) {
         return 0.0;
@@ -12,7 +12,7 @@ pub(super) fn distance(a: &Curve, b: &Curve) -> f64 {
         .min(to_point(b, a.to()))
         .min(to_point(a, b.from()))
         .min(to_point(a, b.to()));
-    // Between the ends two curves that do not cross are closest where a normal of one is a normal of the other.
+    // Between their ends, two curves that do not cross are closest where they have a common normal.
     match (a, b) {
         (Curve::Line(_), Curve::Line(_)) => ends,
         (Curve::Line(line), Curve::Arc(arc)) | (Curve::Arc(arc), Curve::Line(line)) => ends.min(
@@ -26,8 +26,8 @@ pub(super) fn distance(a: &Curve, b: &Curve) -> f64 {
     }
 }
 
-/// Returns the distance from the points of an arc in this direction from its centre, and opposite, to a
-/// curve.
+/// Returns the smaller distance to `curve` of two points of an arc: the point in this direction from the
+/// arc's centre, and the opposite point. A point that is not on the arc is ignored.
 fn to_point_if_on_arc(arc: &Arc, towards: Vec2, curve: &Curve) -> f64 {
     let length = towards.length();
     if length < LENGTH_MIN {
@@ -62,10 +62,10 @@ fn to_point(curve: &Curve, point: Vec2) -> f64 {
     }
 }
 
-/// At most two points.
+/// Intersections of two curves: at most two points.
 type Points = [Option<Vec2>; 2];
 
-/// Returns the point that the curve reaches first.
+/// Returns the point of `points` that the curve reaches first.
 pub(super) fn first_on(curve: &Curve, points: Points) -> Option<Vec2> {
     let place = |point: &Vec2| match curve {
         Curve::Line(line) => (*point - line.from).dot(line.along),
@@ -107,15 +107,15 @@ fn line_intersection(a: &Line, b: &Line) -> Option<Vec2> {
     same_line.then_some(first)
 }
 
-/// The chord that a line, or another circle, cuts off a circle.
+/// The chord of a circle that a line or another circle cuts off.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Chord {
     middle: Vec2,
-    /// Unit vector.
+    /// Direction of the chord, a unit vector.
     along: Vec2,
     radius: f64,
-    /// Distance of the middle from the circle's centre. If it is above the radius, the circle and the line or
-    /// circle do not meet.
+    /// Distance of the chord's middle from the circle's centre. If the distance is above the radius, the
+    /// circle does not meet the line or the other circle.
     distance: f64,
 }
 
@@ -130,7 +130,7 @@ impl Chord {
         }
     }
 
-    /// Returns the chord of two circles; `None` for circles about one centre.
+    /// Returns the chord of two circles; `None` if both circles have the same centre.
     pub fn between_circles([a, b]: [Vec2; 2], [first, second]: [f64; 2]) -> Option<Self> {
         let way = b - a;
         let distance = way.length();
@@ -158,8 +158,8 @@ impl Chord {
         [-half, half].map(|half| (self.distance <= self.radius).then(|| self.middle + self.along * half))
     }
 
-    /// Returns the end in this direction from the circle's centre. A line that misses the circle by rounding
-    /// touches it.
+    /// Returns the end of the chord in this direction from the circle's centre. A line that misses the circle
+    /// only by rounding is treated as touching the circle.
     pub fn end_towards(self, direction: Vec2) -> Option<Vec2> {
         let side = direction.dot(self.along).signum();
         let meets = self.distance <= self.radius + LENGTH_MIN;
@@ -167,7 +167,7 @@ impl Chord {
     }
 }
 
-/// Returns true for a point of the curve's line or circle between the ends of the curve.
+/// Returns true if a point of the curve's line or circle is between the ends of the curve.
 fn is_on(curve: &Curve, point: Vec2) -> bool {
     let at_an_end = |end: Vec2| (point - end).length() < LENGTH_MIN;
     if at_an_end(curve.from()) || at_an_end(curve.to()) {

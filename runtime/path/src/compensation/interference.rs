@@ -1,9 +1,9 @@
-//! Overcut: places where the tool on one block would cut into another one (M1g).
+//! Overcut: finds places where the tool on one block would cut into another block (M1g).
 //!
-//! Blocks whose directions lie within half a turn have no overcut if a part of each remains between its
-//! neighbours: as the radius grows from zero, each keeps its direction, and curves that advance in one
-//! direction never meet again. So only blocks whose directions differ more are measured: the path of the tool
-//! centre on each against the programmed shape of the other.
+//! Blocks whose directions lie within half a turn have no overcut if a part of each block remains between its
+//! neighbours. The reason: as the radius grows from zero, each block keeps its direction, and curves that
+//! advance in one direction never meet again. So only blocks whose directions differ more are measured: the
+//! path of the tool centre on each block against the programmed shape of the other block.
 
 use std::collections::VecDeque;
 
@@ -11,23 +11,23 @@ use super::curve::Curve;
 use super::distance::distance;
 use super::piece::{CentrePath, Piece, Role};
 
-/// Overcuts by less than this are the rounding of programs, mm.
+/// Overcuts smaller than this are caused by rounding in programs, mm.
 pub(super) const OVERCUT_MIN: f64 = 1e-3;
 
-/// Directions within this angle are treated as within half a turn, radians.
+/// Range of directions up to which blocks are treated as within half a turn, radians.
 const HALF_TURN: f64 = 3.1;
 
-/// A piece that the tool on another one would cut into.
+/// An overcut between a piece and an earlier piece of the queue.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Overcut {
-    /// Place in the queue.
+    /// Index of the earlier piece in the queue.
     pub earlier: usize,
-    /// Distance of the tool's centre from it, mm.
+    /// Distance of the tool's centre on one piece from the programmed curve of the other piece, mm.
     pub distance: f64,
 }
 
-/// Returns the first piece that the piece at `place` interferes with: itself, or one of those in the queue
-/// before it and after the last move along another axis.
+/// Returns the first piece of the queue with which the piece at `place` interferes. This is the piece itself,
+/// or an earlier piece after the last move along another axis.
 pub(super) fn with_earlier(queue: &VecDeque<Piece>, place: usize, radius: f64) -> Option<Overcut> {
     let piece = queue.get(place)?;
     let [mut low, mut high] = piece.directions;
@@ -53,9 +53,9 @@ pub(super) fn with_earlier(queue: &VecDeque<Piece>, place: usize, radius: f64) -
     found
 }
 
-/// Finds an overcut of an arc added before the lead-out, which follows the pieces in the queue and leaves the
-/// last piece's corner: it belongs to no block of the contour, but the tool can cut on it too. The lead-out
-/// itself is not measured.
+/// Finds an overcut of an arc added before the lead-out. The arc follows the pieces in the queue, and begins
+/// at the corner of the last piece. It belongs to no block of the contour, but the tool can also cut on it.
+/// The lead-out itself is not measured.
 pub(super) fn with_last_arc(queue: &VecDeque<Piece>, arc: Curve, radius: f64) -> Option<Overcut> {
     let way = CentrePath::from_parts(&[Some(arc), None, None, None])?;
     let mut found = None;
@@ -70,7 +70,8 @@ pub(super) fn with_last_arc(queue: &VecDeque<Piece>, arc: Curve, radius: f64) ->
     found
 }
 
-/// Returns the distance of the tool's centre from the programmed curve of a piece, when that is too small.
+/// Returns the distance of the tool's centre from the programmed curve of a piece, if the distance is too
+/// small.
 pub(super) fn to_wall(way: &CentrePath, other: &Piece, radius: f64) -> Option<f64> {
     let allowed = radius - OVERCUT_MIN;
     if !way.bounds.is_near(&other.wall_bounds, allowed) {

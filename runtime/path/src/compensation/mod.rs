@@ -1,24 +1,25 @@
-//! G41 and G42: from programmed segments to those of the tool centre (M1g).
+//! G41 and G42: converts programmed segments to segments of the tool centre (M1g).
 //!
-//! Between lead-in and lead-out the last [`LOOK_AHEAD_MAX`] blocks that move in the plane are held back, so that an
-//! overcut is found before the first motion of the first block that it concerns. All geometry is in the plane of the
-//! compensation; the other axes move linearly with their block, and rest on extra pieces in the plane.
+//! Between lead-in and lead-out, the compensator holds back the last [`LOOK_AHEAD_MAX`] blocks that move in
+//! the plane. An overcut is thus found before the first motion of the first block that it concerns. All
+//! geometry is in the plane of the compensation; the other axes move linearly with their block, and rest on
+//! extra pieces in the plane.
 //!
 //! Decisions where the manual is silent:
-//! - The radius is in mm of the machine: the offset is applied after all transforms (D20). A mirror of one axis of the
-//!   plane, or a negative scale, puts the tool on the other side in machine coordinates.
-//! - An added arc belongs to the block that follows it: its line, feedrate and stop. A straight extension belongs to
-//!   the block that it extends. An exact stop between two blocks is made where their extensions meet, before an added
-//!   arc.
-//! - A block that moves no axis of the plane waits for the next block that does, and moves at their joint,
-//!   also before the lead-in and after G40. Blocks before and after a move along another axis are not
-//!   measured against each other: they cut at different heights.
-//! - The straight lead-in and lead-out are not measured: the manual's own examples come closer than the
-//!   radius. Arcs added to them are measured.
-//! - An arc whose radii differ by at most the arc radius tolerance is treated as the circle of each end; a spiral is
-//!   rejected, since it has no offset curve.
-//! - Blocks that prevention leaves out take their feedrate and stops with them; the next block makes the moves of the
-//!   other axes.
+//! - The radius is in mm of the machine: the offset is applied after all transforms (D20). A mirror of one
+//!   axis of the plane, or a negative scale, puts the tool on the other side in machine coordinates.
+//! - An added arc belongs to the block that follows the arc, with the line, feedrate and stop of that block.
+//!   A straight extension belongs to the block that it extends. An exact stop between two blocks is made
+//!   where their extensions meet, before an added arc.
+//! - A block that moves no axis of the plane is held back until the next block that moves in the plane, and
+//!   moves at the joint of the blocks before and after it. This also applies after G40. Blocks before and
+//!   after a move along another axis are not measured against each other: they cut at different heights.
+//! - The straight lead-in and lead-out are not measured: in the manual's own examples, they come closer to
+//!   the contour than the radius. Arcs added to them are measured.
+//! - If the radii of an arc differ by at most the arc radius tolerance, each end of the arc is treated as
+//!   part of a circle. A spiral is rejected, since it has no offset curve.
+//! - Blocks that the prevention of overcuts leaves out lose their feedrate and stops; the next block makes
+//!   the moves of their other axes.
 
 mod builder;
 mod corner;
@@ -47,24 +48,25 @@ pub(crate) use self::piece::Leg;
 use self::piece::{Piece, Role};
 use crate::length::LENGTH_MIN;
 
-/// Blocks held back for the overcut check, and limit of blocks without a move in the plane between two with one. An
-/// overcut between blocks farther apart is not found; more blocks without a move in the plane are an alarm.
+/// Maximum number of blocks held back for the overcut check, and of blocks in a row without a move in the
+/// plane. An overcut between blocks farther apart is not found; more blocks in a row without a move in the
+/// plane are an alarm.
 pub const LOOK_AHEAD_MAX: usize = 64;
 
-/// Largest deviation of the direction given at a rounded corner from that of the next motion, radians: a
-/// hundredth of a degree.
+/// Largest angle between the direction given at a rounded corner and the direction of the next motion,
+/// radians: a hundredth of a degree.
 const DIRECTION_TOLERANCE: f64 = 1.75e-4;
 
 /// Direction in which the motion continues after a rounded corner.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Rounding {
-    /// Any direction.
+    /// The motion may continue in any direction.
     Free,
-    /// This direction.
+    /// The motion must continue in this direction.
     Towards(AxisVector),
 }
 
-/// The active compensation.
+/// The active cutter compensation: its plane and the tool radius.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct CompensationSide {
     pub plane: Plane,
@@ -72,12 +74,12 @@ pub(crate) struct CompensationSide {
     pub tool: f64,
 }
 
-/// Pieces of which at least one must change or be left out.
+/// Pieces in a row of which at least one must change or be left out.
 #[derive(Debug, Clone)]
 struct Conflict {
-    /// The first of the pieces, which must not move before the conflict is solved.
+    /// Number of the first of the pieces, which must not be output before the conflict is solved.
     first: u64,
-    /// The last known of the pieces.
+    /// Number of the last of the pieces, as far as they are known.
     last: u64,
     alarm: Alarm,
 }
@@ -89,13 +91,13 @@ pub(crate) struct Compensator {
     rules: CompensationRules,
     start: CompensationStart,
     spiral_min_mm: f64,
-    /// The compensation from the lead-in to the lead-out.
+    /// The active compensation, from the lead-in to the lead-out.
     pub side: Option<CompensationSide>,
     queue: VecDeque<Piece>,
     builder: Builder,
     /// Number of pieces since the lead-in.
     count: u64,
-    /// True if the machine must rest at the start of the next piece.
+    /// True if the machine must stop before the next piece.
     stop_next: bool,
     /// Rounding of the next corner.
     round_next: Option<Rounding>,
@@ -119,7 +121,8 @@ impl Compensator {
         }
     }
 
-    /// Rounds the next corner, if it is an outside one and the motion after it has this direction.
+    /// Rounds the next corner, if it is an outside corner. The motion after it must have the direction in
+    /// `rounding`.
     pub fn round_next(&mut self, rounding: Rounding) {
         self.round_next = Some(rounding);
     }
@@ -129,7 +132,8 @@ impl Compensator {
         self.side.is_some()
     }
 
-    /// Returns the segments of the blocks held back; fewer when some are left out to prevent an overcut.
+    /// Returns the number of segments of the blocks held back; blocks left out to prevent an overcut reduce
+    /// it later.
     pub fn pending(&self) -> usize {
         let last = self.queue.len().saturating_sub(1);
         let of = |(i, piece): (usize, &Piece)| {
@@ -148,7 +152,7 @@ impl Compensator {
         self.stop_next = true;
     }
 
-    /// Drops everything held back.
+    /// Drops all blocks held back, and ends the compensation.
     pub fn clear(&mut self) {
         self.side = None;
         self.queue.clear();
@@ -157,7 +161,8 @@ impl Compensator {
         self.round_next = None;
     }
 
-    /// Outputs the pieces that do not depend on later blocks, and drops the others.
+    /// Outputs the pieces that do not depend on later blocks, drops all other pieces, and ends the
+    /// compensation.
     pub fn abandon(&mut self, out: &mut Vec<Leg>) {
         let end = self.conflict.as_ref().map_or(u64::MAX, |conflict| conflict.first);
         while let Some(piece) = self.queue.pop_front() {
@@ -169,8 +174,8 @@ impl Compensator {
         self.clear();
     }
 
-    /// Takes a segment of a block; `side` is active or requested. If `wanted` is `None`, the segment leads
-    /// out.
+    /// Processes a segment of a block; `side` is the active or requested compensation. If `wanted` is `None`,
+    /// the segment leads out.
     ///
     /// # Errors
     /// Returns the alarms of `PathStage::push`. The pieces before the block that the alarm names have been output.
@@ -289,8 +294,8 @@ impl Compensator {
         self.check_solved_piece(unsolved, side.tool.abs())
     }
 
-    /// Returns the arc about a corner that must be rounded. `None` if the corner is not to be rounded or is an inside
-    /// one.
+    /// Returns the joint with an arc about a corner that must be rounded. Returns `None` if the corner need
+    /// not be rounded, or is an inside corner.
     fn rounded(
         &mut self,
         next: &Curve,
@@ -357,7 +362,7 @@ impl Compensator {
         Ok(())
     }
 
-    /// Notes the overcut of the arc before the lead-out, the last piece, unless there is another conflict.
+    /// Records the overcut of the arc before the lead-out, unless another conflict is already recorded.
     fn cut_by_last_arc(&mut self, overcut: interference::Overcut, radius: f64) {
         let (Some(earlier), Some(lead)) = (self.queue.get(overcut.earlier), self.queue.back()) else {
             return;
@@ -371,7 +376,7 @@ impl Compensator {
         }
     }
 
-    /// Returns the curve of the tool's centre on a block.
+    /// Returns the offset curve of a block: the path of the tool's centre.
     fn offset(&self, wall: &Curve, tool: f64) -> Result<Curve, Alarm> {
         if let Curve::Arc(arc) = wall {
             let [start, end] = arc.radii;
@@ -380,8 +385,8 @@ impl Compensator {
                 return Err(Alarm::new(&COMPENSATION_SPIRAL, text));
             }
         }
-        // the error is "an offset value that is larger than the radius" (manual dgshape, G40 to G42,
-        // restriction 6)
+        // the manual's error is "an offset value that is larger than the radius" (manual dgshape, G40 to G42,
+        // restriction 6): a tool as large as the arc is allowed
         let as_large = self.rules == CompensationRules::Unchecked;
         wall.offset(tool, as_large).ok_or_else(|| {
             let radius = match wall {
@@ -396,7 +401,7 @@ impl Compensator {
         })
     }
 
-    /// Appends a piece, whose joint determines where the piece before ends.
+    /// Appends a piece. Its joint determines the end of the piece before it.
     fn append(&mut self, leg: Leg, wall: Curve, offset: Curve, joint: Joint, role: Role) {
         let mut before = 0.0;
         if let Some(last) = self.queue.back_mut() {
@@ -424,7 +429,7 @@ impl Compensator {
         self.count += 1;
     }
 
-    /// Checks whether the piece before the last one, whose end is now known, can stay as it is.
+    /// Checks the piece before the last piece, whose end is now known, and tries to solve a conflict.
     fn check_solved_piece(&mut self, unsolved: Option<Alarm>, radius: f64) -> Result<(), Alarm> {
         let Some(place) = self.queue.len().checked_sub(2) else {
             return Ok(());
@@ -475,7 +480,7 @@ impl Compensator {
     }
 }
 
-/// Returns the curve of a segment in the plane; `None` if it does not move there.
+/// Returns the curve of a segment in the plane; `None` if the segment does not move in the plane.
 fn curve_in_plane(motion: &SegmentMotion, plane: Plane) -> Result<Option<Curve>, Alarm> {
     match motion {
         SegmentMotion::Feed { path, .. } => {
@@ -499,7 +504,7 @@ fn curve_in_plane(motion: &SegmentMotion, plane: Plane) -> Result<Option<Curve>,
     }
 }
 
-/// Returns a lead-in or lead-out: straight, and not shorter than the tool's radius.
+/// Returns a lead-in or lead-out: straight and, if overcuts are checked, not shorter than the tool's radius.
 fn straight_lead(
     way: Curve,
     side: CompensationSide,

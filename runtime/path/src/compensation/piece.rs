@@ -1,16 +1,17 @@
-//! A block within the look-ahead of the compensation.
+//! A block in the look-ahead of the compensation.
 
 use tandem_model::flow::{Segment, SegmentMotion};
 
 use super::corner::Joint;
 use super::curve::{Bounds, Curve};
 
-/// A segment, and whether the machine must rest before it.
+/// A segment, and whether the machine must stop before it.
 #[derive(Debug, Clone)]
 pub(crate) struct Leg {
     pub segment: Segment,
     pub stop_before: bool,
-    /// True for a block in G61: the machine also rests at an added arc, so that neither is blended.
+    /// True for a block in G61: the machine also stops at an arc added to the block, so that arc and block do
+    /// not blend.
     pub is_exact: bool,
 }
 
@@ -25,14 +26,14 @@ pub(super) enum Role {
 /// The path of the tool centre on a block.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct CentrePath {
-    /// One or two parts from the joint with the block before to the block's own offset curve, that curve, and
-    /// a part to the joint with the next block.
+    /// In order: one or two parts from the joint with the block before to the block's offset curve, this
+    /// curve, and a part to the joint with the next block.
     pub parts: [Option<Curve>; 4],
     pub bounds: Bounds,
 }
 
 impl CentrePath {
-    /// Returns `None` without any part.
+    /// Creates a path from its parts; returns `None` if it has no part.
     pub fn from_parts(parts: &[Option<Curve>; 4]) -> Option<Self> {
         let all = parts.iter().flatten().map(Bounds::from_curve);
         let bounds = all.reduce(|all, part| all.with(&part))?;
@@ -57,17 +58,19 @@ pub(super) struct Piece {
     /// The programmed curve in the plane.
     pub wall: Curve,
     pub wall_bounds: Bounds,
-    /// The curve shifted by the tool's radius.
+    /// The programmed curve, shifted by the tool's radius.
     pub offset: Curve,
     /// Joint with the piece before.
     pub joint: Joint,
-    /// Direction at the end, continuous from that of the lead-in, radians.
+    /// Direction at the end of the piece, continuous from the direction of the lead-in, radians.
     pub heading: f64,
-    /// Lowest and highest direction, including an arc added before it.
+    /// Lowest and highest direction of the piece, including an arc added before it, radians.
     pub directions: [f64; 2],
-    /// `None` until the next block determines its end, and if no part of it is left.
+    /// Path of the tool centre. `None` until the next block determines the end of the path, and if no part of
+    /// it is left.
     pub way: Option<CentrePath>,
-    /// True if overcuts are not checked.
+    /// True if overcuts are not checked: the centre may then move backward on a line that is too short for
+    /// the tool.
     pub may_go_back: bool,
     /// True if the piece is left out to prevent an overcut.
     pub dropped: bool,
@@ -76,7 +79,8 @@ pub(super) struct Piece {
 }
 
 impl Piece {
-    /// Returns the path when the joint with the next piece is known; `None` if nothing is left.
+    /// Returns the path of the tool centre up to the joint with the next piece; `None` if no part of the path
+    /// is left.
     pub fn up_to(&self, next: &Joint) -> Option<CentrePath> {
         let joint = &self.joint;
         let curve = match self.role {
@@ -93,13 +97,14 @@ impl Piece {
         CentrePath::from_parts(&[head, second, Some(curve), Curve::line(next.end, next.meet)])
     }
 
-    /// Returns the path against the direction of a line that is too short for the tool, if overcuts are not checked.
+    /// Returns the path backward on a line that is too short for the tool; `None` for an arc, or if overcuts
+    /// are checked.
     fn back(&self, next: &Joint) -> Option<Curve> {
         let is_line = matches!(self.offset, Curve::Line(_));
         (self.may_go_back && is_line).then(|| Curve::line(self.joint.start, next.end))?
     }
 
-    /// Returns true if the tool moves along another axis before the next piece.
+    /// Returns true if the tool moves along another axis between this piece and the next piece.
     pub fn lifts(&self) -> bool {
         self.stills
             .iter()

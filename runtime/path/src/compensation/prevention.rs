@@ -1,4 +1,4 @@
-//! Prevention of overcuts: parts into which the tool does not fit are left out (M1g).
+//! Prevention of overcuts: leaves out parts of a contour into which the tool does not fit (M1g).
 
 use std::collections::VecDeque;
 
@@ -6,9 +6,9 @@ use super::distance::{first_on, intersections};
 use super::interference::to_wall;
 use super::piece::{CentrePath, Piece, Role};
 
-/// Tries to join the piece at `place` with an earlier one so that the pieces from `first` on, except these two, are
-/// omitted. Returns `false`, without any change, when each such path has an overcut. Pieces followed by blocks that do
-/// not move in the plane are not omitted.
+/// Tries to join the piece at `place` with the piece `first` or an earlier piece, and leaves out the pieces
+/// between them. Returns `false`, without any change, if each such path has an overcut. Pieces followed by
+/// blocks that do not move in the plane are not left out.
 pub(super) fn prevent(queue: &mut VecDeque<Piece>, place: usize, first: u64, radius: f64) -> bool {
     for earlier in (0..place).rev() {
         let Some(piece) = queue.get(earlier) else {
@@ -36,7 +36,8 @@ fn joined(queue: &VecDeque<Piece>, earlier: usize, place: usize) -> Option<[Cent
     join(before, queue.get(place)?.way.as_ref()?)
 }
 
-/// Returns true if neither the shortened paths nor those before them come too close to anything programmed.
+/// Returns true if neither the shortened paths nor the paths before them come too close to a programmed
+/// curve.
 fn is_free(
     queue: &VecDeque<Piece>,
     earlier: usize,
@@ -45,7 +46,7 @@ fn is_free(
     radius: f64,
 ) -> bool {
     let hits = |way: &CentrePath, piece: &Piece| to_wall(way, piece, radius).is_some();
-    // Pieces that were skipped while they had no path are measured here for the first time.
+    // Pieces that had no path until now are measured here for the first time.
     let shortened_hits = |piece: &Piece| hits(before, piece) || hits(after, piece);
     if queue.range(earlier..=place).any(shortened_hits) {
         return false;
@@ -77,7 +78,7 @@ fn apply(queue: &mut VecDeque<Piece>, earlier: usize, place: usize, [before, aft
     }
 }
 
-/// Joins two paths where they meet first, without the parts between. `None` if they do not meet.
+/// Joins two paths where they first meet, without the parts between. Returns `None` if they do not meet.
 fn join(earlier: &CentrePath, later: &CentrePath) -> Option<[CentrePath; 2]> {
     for (i, part) in earlier.parts.iter().enumerate() {
         let Some(part) = part else { continue };

@@ -1,11 +1,11 @@
-//! The joints of dialect dgshape (G40 to G42 of its manual). The manual's figures were not available, so the
-//! joints are those of most controls.
+//! Joints of dialect dgshape (G40 to G42 of its manual). The manual's figures were not available, so the
+//! joints are like those of most controls.
 //!
 //! Outside corners stay straight. Up to a deflection of 90 degrees, the offset blocks meet at the
-//! intersection of their tangents; beyond that, both are extended by the tool's radius, and a line joins
-//! them. The lead-in and the lead-out end next to the corner (type A), or have the same joints as two blocks
-//! (type B); within 1 degree of a reversal they are of type A. On the inside, the blocks meet at the
-//! intersection of their offset curves; within 1 degree of a reversal, a line joins their ends.
+//! intersection of their tangents. Beyond 90 degrees, both blocks are extended by the tool's radius, and a
+//! line joins them. The lead-in and the lead-out end next to the corner (type A), or have the same joints as
+//! two blocks (type B); within 1 degree of a reversal they are of type A. On the inside, the blocks meet at
+//! the intersection of their offset curves; within 1 degree of a reversal, a line joins their ends.
 
 use std::f64::consts::PI;
 
@@ -15,7 +15,7 @@ use super::corner::{self, Joint, REVERSAL, RIGHT_ANGLE, TANGENT};
 use super::curve::{Curve, Vec2};
 use crate::length::LENGTH_MIN;
 
-/// A curve's end at a corner: the point offset from the corner, and the direction there.
+/// End of an offset curve at a corner: its last or first point, and the direction there.
 #[derive(Clone, Copy)]
 struct End {
     foot: Vec2,
@@ -101,7 +101,7 @@ pub(super) fn leading_out(
     outside(last, lead, corner, tool)
 }
 
-/// Returns an arc about an outside corner (G39); `None` on the inside.
+/// Returns the joint with an arc about an outside corner (G39); `None` for an inside corner.
 pub(super) fn round(last: &Curve, next: &Curve, corner: Vec2, tool: f64) -> Option<Joint> {
     let turn = last.end_direction().angle_to(next.start_direction());
     let is_outside = turn * tool < 0.0 && turn.abs() >= TANGENT && tool.abs() >= LENGTH_MIN;
