@@ -1,11 +1,13 @@
-//! Speed of the language stages over a generated program of a million short blocks (15.7 MB).
+//! Speed of the parser, the checker and the interpreter on a generated program of a million short blocks
+//! (15.7 MB).
 //!
-//! Measured on one core of a virtual machine with two of an Intel Xeon, with no other load, medians: parsing 23.9
-//! million blocks a second, parsing and checking 10.8 million, interpretation 7.1 million. Compare runs of the same
-//! minutes: in a slow hour the same machine reached a third of that. The checker that follows every state takes as long
-//! to parse and check as one that discarded them at branches (74.2 to 74.0 ms, the fastest of alternating pairs on an
-//! AMD EPYC); it took 1.33 times as long before rare cases were moved out of the path of each block and word.
-//! Interpretation takes 0.85 times as long since the kind of an action is a word, not a byte (113 to 132 ms, the
+//! Medians on one core of a virtual machine with two cores of an Intel Xeon, without other load: parsing 23.9
+//! million blocks a second, parsing and checking 10.8 million, interpretation 7.1 million. Compare only runs
+//! made within minutes of each other: in a slow hour, the same machine reached a third of these values. The
+//! checker that follows every state takes as long to parse and check as the earlier checker that discarded
+//! states at branches (74.2 to 74.0 ms, the fastest of alternating pairs on an AMD EPYC). It took 1.33 times
+//! as long before the code for rare cases was moved out of the path of each block and word. Interpretation
+//! takes 0.85 times as long since the kind of an action is stored in a word, not a byte (113 to 132 ms, the
 //! fastest of four pairs on an AMD EPYC).
 
 use std::collections::BTreeMap;
@@ -81,7 +83,7 @@ fn parse_and_check(bencher: Bencher<'_, '_>) {
         });
 }
 
-/// A loaded and checked program gives its first block.
+/// Measures the time until a parsed program gives its first block.
 #[divan::bench]
 fn first_block(bencher: Bencher<'_, '_>) {
     let program = Arc::new(parse(million_blocks(), Grammar::nj()).0);

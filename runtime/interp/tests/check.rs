@@ -9,7 +9,7 @@ use tandem_model::settings::Unit;
 use tandem_model::{Axis, Severity};
 use tandem_syntax::{LineIndex, parse};
 
-/// All findings as `line:column code`.
+/// Returns all findings as `line:column code`.
 fn findings(source: &str, context: &CheckContext<'_>) -> Vec<String> {
     let (_, check) = check_source(source, nj(), context);
     let index = LineIndex::new(source);

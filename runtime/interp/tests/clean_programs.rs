@@ -1,6 +1,6 @@
-//! A program without findings does not stop by an alarm that depends on its text alone: on random programs of both
-//! dialects, with branches, loops, block skip and calls where the dialect has them. Seeded; `TANDEM_LONG` takes more
-//! programs.
+//! A program without findings does not stop with an alarm that depends only on its text. The test uses random
+//! programs of both dialects, with branches, loops, block skip and calls where the dialect has them. The
+//! programs are seeded; `TANDEM_LONG` runs more programs.
 
 #[path = "random/programs.rs"]
 mod programs;
@@ -17,17 +17,17 @@ use tandem_model::alarm::STEP_LIMIT;
 use tandem_model::{Alarm, Severity};
 use tandem_syntax::NcProgram;
 
-/// Programs that must be clean, of those that are made.
+/// Least number of generated programs that must be without findings.
 const CLEAN: u64 = 5000;
 
-/// Items that a program is run for.
+/// Maximum number of items for which a program is run.
 const ITEMS: usize = 3000;
 
 fn is_long() -> bool {
     std::env::var_os("TANDEM_LONG").is_some()
 }
 
-/// Values that other writers set in P3 to P9 and Q3 to Q9, and the block skip inputs.
+/// Value that other writers set in P3 to P9 and Q3 to Q9, and the block skip inputs.
 type Outside = (f64, u32);
 
 fn run(
@@ -53,7 +53,7 @@ fn clean_programs_run_clean(wanted: u64, make: fn(u64) -> Made, runs: &[Outside]
         let check = text.check(&programs, CheckContext::default());
         let called = check.called.values().flat_map(|of| &of.diagnostics);
         let found: Vec<_> = check.diagnostics.iter().chain(called).collect();
-        // reports on the whole text do not concern a run
+        // findings that concern the whole text do not concern a run
         let is_clean = found.iter().all(|found| found.code == "W0002");
         let is_wrong = found.iter().any(|found| found.severity == Severity::Error);
         wrong += u64::from(is_wrong);
@@ -63,14 +63,14 @@ fn clean_programs_run_clean(wanted: u64, make: fn(u64) -> Made, runs: &[Outside]
                 continue;
             };
             alarms += 1;
-            // whether a loop ends is not decided, and values from outside are not the text's
+            // whether a loop ends cannot be decided, and the text does not determine values from outside
             let from_outside = text.contains("Q1");
             let decided =
                 alarm.entry != &STEP_LIMIT && !(from_outside && matches!(alarm.entry.number, 10 | 11));
             assert!(!(is_clean && decided), "{outside:?} {alarm:?}\n{text}");
         }
     }
-    // the programs are not all clean, and not all wrong
+    // neither all programs nor no programs are without findings
     assert!(
         wrong > wanted / 10 && alarms > wanted / 10,
         "{wrong} wrong, {alarms} alarms of {made}"

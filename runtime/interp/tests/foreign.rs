@@ -1,11 +1,11 @@
-//! Programs for other controls: the help names the replacement, and the replacement is valid.
+//! Programs for other controls: the help of a finding names the replacement, and the replacement is valid.
 
 #![allow(clippy::panic, reason = "tests")]
 
 use tandem_interp::dialects::{dgshape, nj};
 use tandem_interp::{CheckContext, Dialect, check_source};
 
-/// Code and help of the first finding of a block.
+/// Returns the code and help of the first finding of a block.
 fn help(block: &str, dialect: &'static Dialect) -> (&'static str, String) {
     let (_, check) = check_source(format!("{block}\nM30\n"), dialect, &CheckContext::default());
     // the mark of the data is missing in dialect dgshape
@@ -252,13 +252,13 @@ fn the_end_that_is_missing_names_the_codes_that_the_dialect_has() {
     );
 }
 
-/// True if a test names it, with or without the leading zero of its number.
+/// Returns true if a test names the word, with or without the leading zero of its number.
 fn proved(own: &str, name: &str) -> bool {
     let (letter, number) = name.split_at(1);
     own.contains(&format!("\"{name}")) || own.contains(&format!("\"{letter}0{number}")) || own.contains(name)
 }
 
-/// Every row of the table is proved above.
+/// Checks that a test of this file covers every row of the table.
 #[test]
 fn no_row_is_without_a_test() {
     let own = include_str!("foreign.rs");

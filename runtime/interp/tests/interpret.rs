@@ -135,7 +135,7 @@ fn d11_a_feedrate_above_the_maximum_is_clipped_with_a_warning() {
             "1:2 end",
         ],
     );
-    // the path stage clips it: a thread has the pitch of F as it is written
+    // the path stage clips F; the interpreter keeps it, because a thread has the pitch of F as written
     let block = last_motion("F9000 X1\nM30");
     let written = [block.feed.feedrate_mm_min, block.feedrate_deg_min].map(f64::to_bits);
     assert_eq!(written, [9000_f64.to_bits(); 2]);
@@ -185,11 +185,11 @@ fn d27_g09_acts_at_its_place_among_the_axis_words() {
     assert_eq!(stops("G01 F5 G09 X10\nM30"), (true, false));
     assert_eq!(stops("X10 G09\nM30"), (false, true));
     assert_eq!(stops("X10 G09 Y5\nM30"), (false, true));
-    // a transform of the same block is no motion
+    // a transform in the block is not a motion
     assert_eq!(stops("G54 G09 X10\nM30"), (false, false));
     let block = last_motion("G54 G09 X10\nM30");
     assert_eq!((block.exact_stop_before, block.exact_stop_after), (true, false));
-    // without axis words it stops where its block stands, whatever the block does
+    // without axis words, G09 stops before its block, whatever else the block does
     for source in [
         "G09\nM30",
         "G09 G17\nM30",
@@ -199,7 +199,7 @@ fn d27_g09_acts_at_its_place_among_the_axis_words() {
     ] {
         assert_eq!(stops(source), (true, false), "{source}");
     }
-    // it is not modal
+    // G09 is not modal
     let block = last_motion("X10 G09\nX20\nM30");
     assert_eq!((block.exact_stop_before, block.exact_stop_after), (false, false));
 }
@@ -434,7 +434,7 @@ fn a_program_that_makes_no_progress_is_an_alarm() {
         let alarm = (0..2_000_000).find_map(|_| run.next().err());
         assert_eq!(alarm.map(|alarm| alarm.entry.number), Some(21), "{endless:?}");
     }
-    // a million blocks may be passed over, one more not
+    // a million blocks without an item are permitted, one more is an alarm
     for (skipped, ends) in [(1_000_000 - 1, true), (1_000_000, false)] {
         let mut run = Run::new(&("/1 X1\n".repeat(skipped) + "M30"));
         run.optional_skip = 1;

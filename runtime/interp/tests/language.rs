@@ -1,4 +1,5 @@
-//! Chapter 4 and the codes without path geometry, as the path stage receives them: one test for each rule.
+//! Chapter 4 of the manual, and codes without path geometry, as the path stage receives them: one test for
+//! each rule.
 
 #![allow(
     clippy::panic,
@@ -20,7 +21,7 @@ use tandem_model::flow::{
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::settings::{CoordinateSystemSettings, Unit};
 
-/// The blocks of a program up to its end.
+/// Returns the blocks of a program up to its end.
 fn blocks(source: &str) -> Vec<Block> {
     blocks_of(Run::new(source))
 }
@@ -52,7 +53,7 @@ fn last_transform(source: &str) -> Transform {
         .unwrap_or_else(|| panic!("no transform"))
 }
 
-/// L0 after a program, given out as parameter VA.
+/// Returns the value of L0 after a program, which outputs it as parameter VA.
 fn calculated(code: &str) -> f64 {
     let mut run = Run::new(&format!("{code}\nM100 VA[L0]\nM30"));
     loop {

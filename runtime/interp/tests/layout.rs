@@ -1,4 +1,5 @@
-//! The layout of programs without errors, made at random, and of the examples: the rest is in `robustness.rs`.
+//! Formatting of programs without errors: generated ones, and the examples. `robustness.rs` covers programs
+//! with errors.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 mod properties;

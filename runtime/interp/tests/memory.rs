@@ -1,4 +1,5 @@
-//! Memory of a long program: at most three times its text and 30 MB. A test of its own: the peak is the process's.
+//! Memory for a long program: at most three times its text and 30 MB. A separate test binary, because the
+//! peak is measured for the whole process.
 
 #![cfg(target_os = "linux")]
 
@@ -9,7 +10,7 @@ use tandem_interp::{CheckContext, check_source};
 
 const BLOCKS: usize = 1_000_000;
 
-/// Highest resident memory so far, bytes.
+/// Returns the highest resident memory of the process so far, bytes.
 fn peak_bytes() -> usize {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));

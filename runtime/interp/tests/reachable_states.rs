@@ -1,4 +1,5 @@
-//! The checker follows every state that a run may reach: an error is wrong in all of them, a warning in some.
+//! The checker follows every state that a run may reach. A fault in all states is an error; a fault in some,
+//! a warning.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -42,7 +43,7 @@ fn finds(source: &str, expect: &[&str]) {
     );
 }
 
-/// The message of the one finding.
+/// Returns the message of the only finding.
 #[track_caller]
 fn message(source: &str) -> String {
     let (_, check) = of(source);
@@ -107,7 +108,7 @@ fn what_is_wrong_on_some_ways_is_a_warning_that_names_the_way() {
 
 #[test]
 fn what_belongs_together_stays_together() {
-    // both ways leave a state that is right for what its own way does later
+    // both branches leave a state that is valid for the later blocks of that branch
     finds("if(P1==1) { G91\nG00 X1 } else { G90\nG02 X1 R5 }\nG01 X3", &[]);
     finds("L1=0\nif(P1==1) { L1=1\nG02 X1 R5 }\nif(L1==1) { X3 R5 }", &[]);
     finds(
@@ -233,7 +234,7 @@ fn a_called_program_is_checked_in_the_states_that_it_is_called_in() {
         (main, called),
         (vec![], vec![(1000, vec!["1:4 W0009".to_owned()])])
     );
-    // what it leaves is in force behind the call, and L is its own
+    // the changes of a called program stay after the call, but its L variables do not
     let (main, called) = with_called(
         "M98 P1000\nX3 R5\nM98 P1001\nX3 R5\nX[L1]\nM30",
         &[(1000, "G02 X1 R5\nL1=2000000\nM99"), (1001, "G01 X1\nM99")],
@@ -339,7 +340,7 @@ fn thread_without_spindle_speed_is_reported_if_the_machine_has_a_spindle() {
 
 #[test]
 fn many_ways_stay_within_bounds() {
-    // 2^40 ways
+    // 2^40 paths
     let way = |at: u8| format!("if(P{at}==1) {{ L{at}={at}\nG0{} X{at} }}\n", at % 2);
     let ways = (0..40).map(way).collect::<Vec<_>>().concat();
     let (_, check) = of(&ways);
@@ -386,7 +387,7 @@ fn a_warning_of_some_ways_cites_what_the_error_cites() {
     );
 }
 
-/// A run that does not reach a block has no alarm there: values are checked as when loading.
+/// A block that a run does not reach has no alarm: its values are checked as when a program is loaded.
 #[test]
 fn values_of_blocks_that_no_run_comes_to_are_not_told() {
     finds("L1=0/0\nif(!(isnan(L1))) X[L1]", &["1:1 W0010"]);
@@ -394,7 +395,7 @@ fn values_of_blocks_that_no_run_comes_to_are_not_told() {
     finds("L1=1\nif(L1>3) { L2=0-5\nG04 P[L2] }", &[]);
     finds("L1=1\nif(L1>3) { G43 }\nif(L1>3) { G28 X0 }", &[]);
     finds("switch(2){case 1: F[L1]\nbreak\ncase 2: X1}", &[]);
-    // faults that the text alone shows are reported there, too
+    // faults that the text alone shows are reported in such a block too
     finds("L1=1\nif(L1>3) { G02 X1 }", &["2:16 E0122"]);
 }
 

@@ -1,5 +1,5 @@
-//! No text makes parser, checker or interpreter panic or run endlessly, and they agree on errors. Seeded: the same
-//! texts in each run.
+//! No text makes the parser, checker or interpreter panic or run endlessly, and all three agree on errors.
+//! The texts are seeded: each run uses the same texts.
 
 mod properties;
 mod random;
@@ -7,7 +7,7 @@ mod random;
 use properties::all as examine;
 use random::Random;
 
-/// Texts to begin with: each construct of the language, right and wrong.
+/// Texts from which mutations begin: each construct of the language, valid and invalid.
 const CORPUS: &[&str] = &[
     "N10 G17 G54 G90 G01 ta100 td100 ts50 F1000 X10.5 Y-.5 Z5.\n/1 N20 G00 X0\nM100 VA1 VB-2 VH3\nM98 P1000 L2\nM30\n",
     "g91g61x1y2z3a4b5c6\ng09x1\nx1g09\ng64\ng04p100\ng04x1\ng04f.5\nm00\nm01\nm02\n",
@@ -25,7 +25,7 @@ const CORPUS: &[&str] = &[
     "\u{feff}X1 \u{e4} \u{0} \u{7f}\nM30",
 ];
 
-/// Pieces that mutations put in.
+/// Texts that mutations insert.
 const PIECES: &[&str] = &[
     "G",
     "M",
@@ -78,7 +78,7 @@ const PIECES: &[&str] = &[
     "sin(",
 ];
 
-/// A place between two characters of a text.
+/// Returns a random position between two characters of a text.
 fn boundary(random: &mut Random, text: &str) -> usize {
     let mut at = random.below(text.len() + 1);
     while !text.is_char_boundary(at) {

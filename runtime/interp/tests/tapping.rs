@@ -1,4 +1,4 @@
-//! Tapping cycles as the path stage gets them: one test a rule.
+//! Tapping cycles as the path stage receives them: one test for each rule.
 
 #![allow(
     clippy::panic,
@@ -12,7 +12,7 @@ use support::Run;
 use tandem_model::axis::Axis;
 use tandem_model::flow::{Action, Block, Distance, Frame, Item};
 
-/// A run that begins at machine Z20, with or without its spindle.
+/// Creates a run that begins at machine Z20, with or without a spindle.
 fn tapping(source: &str, spindle: bool) -> Vec<String> {
     let mut settings = support::settings();
     if !spindle {

@@ -1,7 +1,8 @@
-//! Speed of the path stage over 102,000 blocks: 1000 squares with rounded corners, each side as 13 lines and each corner
-//! as 12 arcs or 12 chords, with a block that leads in and one that leads out.
+//! Speed of the path stage on 102,000 blocks: 1000 squares with rounded corners. Each side has 13 lines, each
+//! corner 12 arcs or 12 chords; one block leads in and one leads out.
 //!
-//! Medians on one core of an AMD EPYC virtual machine with two, shared with other builds, millions of blocks a second:
+//! Medians in millions of blocks a second, on one core of an AMD EPYC virtual machine with two cores and
+//! other load:
 //!
 //! | blocks | without compensation | with compensation |
 //! | --- | --- | --- |
@@ -21,7 +22,7 @@ use tandem_path::PathStage;
 
 const SQUARES: u32 = 1000;
 
-/// Blocks of one square, lead-in and lead-out among them.
+/// Number of blocks of one square, including lead-in and lead-out.
 const BLOCKS: usize = 102;
 
 fn main() {
@@ -41,8 +42,8 @@ fn settings() -> CoordinateSystemSettings {
     }
 }
 
-/// The blocks of squares of 50 mm whose corners have a radius of 10 mm, each side and corner in short blocks: corners
-/// as 12 arcs or 12 chords.
+/// Returns the blocks of squares of 50 mm whose corners have a radius of 10 mm. Sides and corners consist of
+/// short blocks; a corner has 12 arcs or 12 chords.
 fn squares(arcs: bool, compensation: Compensation) -> Vec<Block> {
     let mut blocks = Vec::new();
     for square in 0..SQUARES {
@@ -61,7 +62,7 @@ fn squares(arcs: bool, compensation: Compensation) -> Vec<Block> {
             }
         }
         points.push(((-10.0, -15.0), None));
-        // The lead-in begins within the square, where the lead-out before has ended.
+        // The lead-in begins within the square, where the lead-out of the square before has ended.
         points[0] = ((-15.0, -25.0), None);
         let mut at = (-10.0, -15.0);
         let last = points.len() - 1;

@@ -1,4 +1,4 @@
-//! The layout of programs.
+//! Formatting of programs.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "tests")]
 
 use tandem_syntax::{Grammar, format, tokens};

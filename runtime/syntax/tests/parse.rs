@@ -8,7 +8,7 @@ use tandem_syntax::{
     Statement, Value, Variable, VariableKind, parse,
 };
 
-/// All findings as `line:column code`.
+/// Returns all findings as `line:column code`.
 fn findings(source: &str) -> Vec<String> {
     let (_, diagnostics) = parse(source, Grammar::nj());
     let index = LineIndex::new(source);
@@ -25,7 +25,7 @@ fn check(source: &str, expect: &[&str]) {
     assert_eq!(findings(source), expect, "{source:?}");
 }
 
-/// A clean text as `line: /skips words`, one string a block.
+/// Returns a text without errors as `line: /skips words`, one string for each block.
 fn blocks(source: &str) -> Vec<String> {
     check(source, &[]);
     let (program, _) = parse(source, Grammar::nj());

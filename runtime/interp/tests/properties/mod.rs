@@ -1,5 +1,5 @@
-//! Properties of every text, one for each stage. The robustness tests and the fuzzers of `tests/fuzz` examine texts
-//! with these functions; each panics where its property does not hold.
+//! Properties that hold for every text, one for each stage. The robustness tests and the fuzzers of
+//! `tests/fuzz` check texts with these functions; each function panics if its property does not hold.
 
 #![allow(dead_code, reason = "a fuzzer examines one stage")]
 
@@ -17,10 +17,10 @@ use tandem_syntax::{
     tokens,
 };
 
-/// Items that a program is run for.
+/// Maximum number of items for which a program is run.
 const ITEMS: usize = 200;
 
-/// All of them.
+/// Checks all properties.
 pub fn all(source: &str) {
     words_are_what_the_text_says(source);
     parsing_gives_a_sound_tree(source);
@@ -29,8 +29,8 @@ pub fn all(source: &str) {
     what_checks_clean_runs_clean(source);
 }
 
-/// Lexer: words come in the order of the text, none overlaps another, each number is the double nearest to the written
-/// one, and each block knows its line.
+/// Checks the lexer: words are in the order of the text and do not overlap, each number is the double nearest
+/// to the written number, and each block has its line number.
 pub fn words_are_what_the_text_says(source: &str) {
     in_each_dialect(|dialect| words_of_dialect(source, dialect));
 }
@@ -71,7 +71,8 @@ fn words_of_dialect(source: &str, dialect: &'static Dialect) {
     }
 }
 
-/// Parser: findings lie within the text, branches lead to blocks, and the tree can be written as intermediate code.
+/// Checks the parser: findings are within the text, branches lead to blocks, and the tree can be written as
+/// intermediate code.
 pub fn parsing_gives_a_sound_tree(source: &str) {
     in_each_dialect(|dialect| tree_of_dialect(source, dialect));
 }
@@ -95,8 +96,8 @@ fn tree_of_dialect(source: &str, dialect: &'static Dialect) {
     }
 }
 
-/// Formatting: only blanks and case change, so that the intermediate code and the findings stay the same; a formatted
-/// text does not change. Tokens omit only blanks.
+/// Checks formatting: only blanks and letter case change, so that the intermediate code and the findings stay
+/// the same. Formatting a formatted text changes nothing. Tokens omit only blanks.
 pub fn the_layout_changes_only_blanks_and_case(source: &str) {
     in_each_dialect(|dialect| layout_of_dialect(source, dialect));
 }
@@ -137,7 +138,7 @@ fn layout_of_dialect(source: &str, dialect: &'static Dialect) {
     assert_eq!(said(&laid_out), said(source), "{laid_out:?} of {source:?}");
 }
 
-/// The comments of a text without the blanks that end a line.
+/// Returns the comments of a text without the blanks at their line ends.
 fn comments(source: &str, dialect: &'static Dialect) -> Vec<String> {
     let of = |token: &Token| source[token.span.start as usize..token.span.end as usize].replace("\r\n", "\n");
     let all = tokens(source, (dialect.grammar)());
@@ -147,19 +148,21 @@ fn comments(source: &str, dialect: &'static Dialect) -> Vec<String> {
         .collect()
 }
 
-/// Checker: findings lie within the text, their number is bounded, and they are the same each time.
+/// Checks the checker: findings are within the text, their number is bounded, and they are the same each
+/// time.
 pub fn checking_gives_bounded_findings(source: &str) {
     in_each_dialect(|dialect| {
         let (_, check) = checked(source, dialect);
         let (_, again) = checked(source, dialect);
         assert_eq!(check, again, "{source:?}");
-        // errors and warnings of parser and checker, and the note that there are more
+        // errors and warnings of parser and checker, and the note that further findings are not listed
         assert!(check.diagnostics.len() <= 4 * (DIAGNOSTICS_MAX + 1));
         examine_findings(source, &check.diagnostics);
     });
 }
 
-/// Interpreter: every text runs for a number of items, and one that checks clean meets no alarm that the text shows.
+/// Checks the interpreter: every text runs for a number of items; a text without findings causes no alarm
+/// that it shows.
 pub fn what_checks_clean_runs_clean(source: &str) {
     in_each_dialect(|dialect| clean_of_dialect(source, dialect));
 }
@@ -169,8 +172,8 @@ fn clean_of_dialect(source: &str, dialect: &'static Dialect) {
     let program = Arc::new(program);
     for optional_skip in [0, 1, u32::MAX] {
         let alarm = run(&program, optional_skip, dialect);
-        // a clean program may only calculate a wrong value, miss a program that it calls, run without end or past its
-        // last block by a branch, or break a rule that the text alone does not show
+        // a program without findings may only calculate a wrong value, miss a program that it calls, run
+        // without end or past its last block by a branch, or break a rule that the text alone does not show
         let allowed = matches!(alarm, None | Some(10 | 11 | 20..=23 | 40..=43));
         assert!(
             check.has_errors() || allowed,
@@ -200,7 +203,7 @@ fn examine_findings(source: &str, findings: &[Diagnostic]) {
     }
 }
 
-/// Runs a program, which may call itself as 1000; the number of the alarm that ended it.
+/// Runs a program, which may call itself as program 1000. Returns the number of the alarm that ended it.
 fn run(program: &Arc<NcProgram>, optional_skip: u32, dialect: &'static Dialect) -> Option<u16> {
     let programs = BTreeMap::from([(1000, Arc::clone(program))]);
     let ran = run_with(
@@ -214,7 +217,7 @@ fn run(program: &Arc<NcProgram>, optional_skip: u32, dialect: &'static Dialect) 
     ran.err().map(|alarm| alarm.entry.number)
 }
 
-/// P0 to P63 and Q0 to Q63.
+/// Returns P0 to P63 and Q0 to Q63.
 pub fn few_variables() -> Variables {
     Variables {
         global: VariableArray::new(64),
@@ -222,7 +225,7 @@ pub fn few_variables() -> Variables {
     }
 }
 
-/// Runs a program to its end, for a number of items, or to an alarm.
+/// Runs a program until its end, an alarm, or the maximum number of items.
 pub fn run_with(
     main: &Arc<NcProgram>,
     programs: &BTreeMap<u16, Arc<NcProgram>>,

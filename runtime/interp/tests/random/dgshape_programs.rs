@@ -1,4 +1,4 @@
-//! Programs of dialect dgshape made at random, of blocks that are right in some states and wrong in others.
+//! Random programs of dialect dgshape, with blocks that are valid in some states and invalid in others.
 
 use crate::random::Random;
 
@@ -105,7 +105,7 @@ const BLOCKS: &[&str] = &[
 
 const RADII: &[&str] = &["3.0", "1.0", "5.0", "0"];
 
-/// The program of a seed.
+/// Returns the program for a seed.
 pub fn text(seed: u64) -> String {
     let random = &mut Random(seed | 1);
     let mut lines = vec!["%".to_owned(), "G21".to_owned()];

@@ -1,4 +1,4 @@
-//! Programs made at random, of blocks that are right in some states and wrong in others.
+//! Random programs, with blocks that are valid in some states and invalid in others.
 
 #[path = "dgshape_programs.rs"]
 mod dgshape_programs;
@@ -13,7 +13,7 @@ use tandem_syntax::{NcProgram, parse};
 
 use crate::random::Random;
 
-/// Blocks that are right in some states and wrong in others.
+/// Blocks that are valid in some states and invalid in others.
 const BLOCKS: &[&str] = &[
     "X1",
     "X1 Y2 Z3",
@@ -154,7 +154,7 @@ fn program(random: &mut Random, calls: &[u16], end: &str) -> String {
     text + random.of(&["G80 G40\n", "G80\nG40\nG01 X0 Y0\n", ""]) + end
 }
 
-/// A main program and those that it calls.
+/// A main program and the programs that it calls.
 pub struct Made {
     pub dialect: &'static Dialect,
     pub main: String,
@@ -162,7 +162,7 @@ pub struct Made {
 }
 
 impl Made {
-    /// With two programs that are called, branches, loops and block skip.
+    /// Creates a main program with two called programs, branches, loops and block skip.
     pub fn nj(seed: u64) -> Self {
         let mut random = Random(seed | 1);
         let second = program(&mut random, &[], "M99");
@@ -175,7 +175,7 @@ impl Made {
         }
     }
 
-    /// With block skip.
+    /// Creates a program with block skip.
     pub fn dgshape(seed: u64) -> Self {
         Self {
             dialect: dgshape(),

@@ -1,4 +1,4 @@
-//! A program that is interpreted, with inputs that a test sets.
+//! Runs a program in the interpreter, with inputs that a test sets.
 
 #![allow(
     clippy::panic,
@@ -52,7 +52,7 @@ pub fn program(source: &str) -> Arc<NcProgram> {
     Arc::new(parse(source, Grammar::nj()).0)
 }
 
-/// A main program 1 with subprograms and inputs.
+/// A main program with number 1, its subprograms, and its inputs.
 pub struct Run {
     pub interpreter: Interpreter,
     pub programs: BTreeMap<u16, Arc<NcProgram>>,
@@ -62,7 +62,7 @@ pub struct Run {
     pub tool: Option<Tool>,
     pub captured: [f64; 8],
     pub position: AxisVector,
-    /// A G31 has been given out and has not ended.
+    /// True if a G31 has been returned and has not ended.
     pub skips: bool,
 }
 
@@ -108,7 +108,7 @@ impl Run {
         })
     }
 
-    /// All items up to the end or an alarm, as text.
+    /// Returns all items up to the end or an alarm, as text.
     pub fn items(mut self) -> Vec<String> {
         let mut items = Vec::new();
         loop {
@@ -133,7 +133,7 @@ impl Run {
     }
 }
 
-/// `program:line what`.
+/// Returns an item as `program:line content`.
 pub fn text(item: &Item) -> String {
     let place = |origin: &Origin| format!("{}:{}", origin.program, origin.line);
     match item {
@@ -178,7 +178,7 @@ pub fn check(source: &str, expect: &[&str]) {
     assert_eq!(Run::new(source).items(), expect, "{source:?}");
 }
 
-/// The first block of a program, as the path stage gets it.
+/// Returns the first block of a program, as the path stage receives it.
 pub fn first_block(source: &str) -> tandem_model::flow::Block {
     match Run::new(source).next() {
         Ok(Item::Block(block)) => block,
@@ -186,7 +186,7 @@ pub fn first_block(source: &str) -> tandem_model::flow::Block {
     }
 }
 
-/// The last motion block of a program.
+/// Returns the last motion block of a program.
 pub fn last_motion(source: &str) -> tandem_model::flow::Block {
     let mut run = Run::new(source);
     let mut last = None;

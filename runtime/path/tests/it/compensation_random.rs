@@ -1,5 +1,5 @@
-//! Properties of every compensated contour (M1g), on random ones: lines and arcs with all kinds of corners. The random
-//! numbers are the same in each run.
+//! Properties of every compensated contour (M1g), tested on random contours of lines and arcs with all kinds
+//! of corners. The random numbers are the same in each run.
 
 use std::f64::consts::{PI, TAU};
 
@@ -18,7 +18,7 @@ use Axis::{X, Y};
 struct Random(u64);
 
 impl Random {
-    /// A whole number from 0 on.
+    /// Returns a random whole number from 0 to below the limit.
     fn below(&mut self, end: usize) -> usize {
         let share = self.within(0.0, 1.0);
         (0..end)
@@ -27,7 +27,7 @@ impl Random {
             .unwrap_or(0)
     }
 
-    /// Between two values.
+    /// Returns a random number between two values.
     fn within(&mut self, low: f64, high: f64) -> f64 {
         self.0 = self
             .0
@@ -40,11 +40,11 @@ impl Random {
 
 struct Contour {
     start: (f64, f64),
-    /// The first leads in, the last out.
+    /// Blocks of the contour: the first block leads in, the last block leads out.
     steps: Vec<Step>,
 }
 
-/// A contour of up to 20 blocks as large as the tool or a few times as large.
+/// Creates a contour of up to 20 blocks; the size of a block is one to a few times that of the tool.
 fn contour(random: &mut Random) -> Contour {
     let calm = random.within(0.0, 1.0);
     let count = 2 + random.below(18);
@@ -96,7 +96,7 @@ fn path(segment: &Segment) -> &Path {
     }
 }
 
-/// The distance of a point from a block.
+/// Returns the distance of a point from a block.
 fn distance(point: (f64, f64), from: (f64, f64), step: Step) -> f64 {
     let between = |a: (f64, f64), b: (f64, f64)| (a.0 - b.0).hypot(a.1 - b.1);
     match step {
@@ -124,7 +124,8 @@ fn distance(point: (f64, f64), from: (f64, f64), step: Step) -> f64 {
     }
 }
 
-/// How close the centre comes to the contour on the compensated blocks and on an arc added before the lead-out.
+/// Returns the smallest distance of the centre from the contour, and its line. Measures the compensated
+/// blocks and an arc added before the lead-out.
 fn closest(contour: &Contour, segments: &[Segment]) -> (f64, u32) {
     let last = u32::try_from(contour.steps.len()).unwrap() + 1;
     let mut closest = (f64::INFINITY, 0);
@@ -147,7 +148,7 @@ fn closest(contour: &Contour, segments: &[Segment]) -> (f64, u32) {
     closest
 }
 
-/// Each segment begins where the one before ends.
+/// Checks that each segment begins where the segment before ends.
 fn continuous(segments: &[Segment]) {
     for pair in segments.windows(2) {
         let gap = path(&pair[1]).start().minus(path(&pair[0]).end());
@@ -155,7 +156,7 @@ fn continuous(segments: &[Segment]) {
     }
 }
 
-/// Direction of travel in the plane at the start (0) or the end (1) of a path.
+/// Returns the direction of travel in the plane at the start (0) or the end (1) of a path.
 fn direction(path: &Path, share: f64) -> (f64, f64) {
     let point = if share == 0.0 { path.start() } else { path.end() };
     match path {

@@ -71,7 +71,7 @@ fn s1g_side_plane_and_radius_stay() {
         is(&alarm, &COMPENSATION_REFUSED, 3);
         same(&way(&segments), &[L(10.0, 5.0)]);
     }
-    // A mirror puts the tool to the other side.
+    // A mirror puts the tool on the other side.
     let mirror = Transform {
         mirror: Some(Mirror {
             axes: [X].into_iter().collect(),
@@ -251,7 +251,7 @@ fn blocks_are_held_back_for_the_look_ahead_and_counted() {
         stage.push(&with(G41, g01(i + 1, &[(X, x)])), &mut out).unwrap();
         assert_eq!(out.len() + stage.held_back(), usize::try_from(i).unwrap() + 1);
         assert!(stage.held_back() <= LOOK_AHEAD_MAX + 1);
-        // A wait outputs no segment that may still change, and drops none.
+        // A wait outputs no segment that can still change, and drops no segment.
         if i % 7 == 0 {
             stage.flush(&mut out);
             assert_eq!(out.len() + stage.held_back(), usize::try_from(i).unwrap() + 1);

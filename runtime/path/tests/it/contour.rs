@@ -1,4 +1,4 @@
-//! Compensated contours in a plane: the program and the resulting segments, in plane coordinates.
+//! Compensated contours in a plane: runs a program and converts the resulting segments to plane coordinates.
 
 use tandem_model::alarm::AlarmEntry;
 use tandem_model::flow::{
@@ -11,12 +11,12 @@ use tandem_path::PathStage;
 
 use crate::rig::{block, g01, settings, words};
 
-/// A piece of a contour, to a point of the plane.
+/// A piece of a contour, which ends at a point of the plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Step {
-    /// A line.
+    /// A straight line to the point.
     L(f64, f64),
-    /// An arc about a centre; counter-clockwise or not.
+    /// An arc to the point about a centre; true for counter-clockwise.
     A((f64, f64), (f64, f64), bool),
 }
 
@@ -31,7 +31,7 @@ impl Step {
         }
     }
 
-    /// The mirror image about the first axis.
+    /// Returns the mirror image about the first axis.
     pub fn mirrored(self) -> Self {
         match self {
             L(u, v) => L(u, -v),
@@ -54,8 +54,8 @@ pub fn right(radius: f64, plane: Plane) -> Compensation {
     Compensation::Right { radius, plane }
 }
 
-/// The blocks of a contour: the first step leads in, the last one out. Lines count from 1; the first block goes to
-/// the start without compensation.
+/// Returns the blocks of a contour: the first step leads in, the last step leads out. Lines are numbered from
+/// 1; the first block goes to the start without compensation.
 pub fn blocks(start: (f64, f64), steps: &[Step], compensation: Compensation) -> Vec<Block> {
     let plane = match compensation {
         Compensation::Left { plane, .. } | Compensation::Right { plane, .. } => plane,
@@ -96,7 +96,7 @@ pub fn blocks(start: (f64, f64), steps: &[Step], compensation: Compensation) -> 
     all
 }
 
-/// Returns the output for blocks, and the alarm that ended them.
+/// Returns the segments for blocks, and the alarm that ended them.
 pub fn outcome(settings: &CoordinateSystemSettings, blocks: &[Block]) -> (Vec<Segment>, Option<Alarm>) {
     let mut stage = PathStage::new(settings, MachinePosition::default());
     let mut out = Vec::new();
@@ -145,7 +145,8 @@ pub fn same(steps: &[Step], expected: &[Step]) {
     assert!(all, "{steps:?}\nis not\n{expected:?}");
 }
 
-/// The centre's way is this in every plane, and its mirror image on the other side of the mirrored contour.
+/// Checks that the path of the centre is as expected in every plane, and mirrored for the mirrored contour
+/// and side.
 #[track_caller]
 pub fn goes(radius: f64, start: (f64, f64), steps: &[Step], expected: &[Step]) {
     for plane in PLANES {
@@ -171,7 +172,7 @@ pub fn goes(radius: f64, start: (f64, f64), steps: &[Step], expected: &[Step]) {
     }
 }
 
-/// The alarm of a contour on the left in X, Y, and the last line that moved.
+/// Returns the alarm of a contour on the left in X, Y, and the line of the last block that moved.
 #[track_caller]
 pub fn refused(radius: f64, start: (f64, f64), steps: &[Step]) -> (Alarm, Option<u32>) {
     let blocks = blocks(start, steps, left(radius, Plane::Xy));
@@ -179,9 +180,9 @@ pub fn refused(radius: f64, start: (f64, f64), steps: &[Step]) -> (Alarm, Option
     (alarm.unwrap(), segments.last().map(|segment| segment.origin.line))
 }
 
-/// The tool's radius, mm.
+/// Radius of the tool, mm.
 pub const R: f64 = 5.0;
-/// On the left in X, Y.
+/// Compensation on the left in X, Y.
 pub const G41: Compensation = Compensation::Left {
     radius: R,
     plane: Plane::Xy,

@@ -88,7 +88,7 @@ fn d24_without_axis_words_all_axes_go_straight_to_the_reference_point() {
     let mut expected = xyz([2.0, 20.0, 110.0]);
     expected[A] = 90.0;
     assert_eq!(stage.position(), MachinePosition(expected));
-    // A middle point where the machine is already is no motion.
+    // A middle point at the present position gives no motion.
     let middle = words(Distance::Incremental, &[(X, 0.0)]);
     stage.push(&to_reference(2, middle, 1), &mut out).unwrap();
     assert_eq!(out.len(), 2);

@@ -1,4 +1,4 @@
-//! A machine, handmade blocks, and their output.
+//! A machine for tests, handmade blocks, and the segments that the path stage outputs.
 
 use tandem_model::alarm::AlarmEntry;
 use tandem_model::flow::{
@@ -16,7 +16,7 @@ pub fn motor(number: u16, kind: MotorKind) -> MotorSettings {
     }
 }
 
-/// X, Y, Z with soft limits -100 to 200, A and C without; no B.
+/// Creates X, Y, Z with soft limits -100 to 200, and A and C without soft limits; B does not exist.
 pub fn settings() -> CoordinateSystemSettings {
     let linear = |number| Some(motor(number, MotorKind::Linear));
     let rotary = |number| Some(motor(number, MotorKind::Rotary));
@@ -50,7 +50,7 @@ pub fn words(distance: Distance, values: &[(Axis, f64)]) -> AxisWords {
     }
 }
 
-/// A block in G64 at F600 on this line.
+/// Creates a block in G64 at F600 on this line.
 pub fn block(line: u32, action: Action) -> Block {
     Block {
         origin: Origin {
@@ -87,7 +87,7 @@ pub fn stage() -> PathStage {
     PathStage::new(&settings(), MachinePosition::default())
 }
 
-/// All segments of these blocks, with a flush at the end.
+/// Returns all segments of these blocks, with a flush at the end.
 pub fn run(blocks: &[Block]) -> Vec<Segment> {
     let mut stage = stage();
     let mut out = Vec::new();
@@ -141,7 +141,7 @@ pub fn refused(block: &Block, entry: &'static AlarmEntry) -> String {
     alarm.text
 }
 
-/// A vector of X, Y, Z.
+/// Creates a vector with these values of X, Y, Z.
 pub fn xyz(values: [f64; 3]) -> AxisVector {
     let mut vector = AxisVector::ZERO;
     vector.0[..3].copy_from_slice(&values);

@@ -118,7 +118,7 @@ fn d25_what_a_block_moves_says_which_f_counts() {
     stage
         .push(&in_inches(g01(3, &[(X, 1.0), (A, 90.0)])), &mut out)
         .unwrap();
-    // Z makes the tool length good (D22).
+    // The next motion of Z applies the tool length (D22).
     stage.push(&crate::rig::transform(4, longer), &mut out).unwrap();
     stage.push(&in_inches(g01(5, &[(A, 0.0)])), &mut out).unwrap();
     stage.flush(&mut out);
@@ -181,12 +181,12 @@ fn soft_limits_are_checked_first_and_text_names_axis_value_and_limit() {
         text.contains('Z') && text.contains("-100.25") && text.contains("lower limit -100.0"),
         "{text}"
     );
-    // On the limit is within it, and so is what rounding adds to it.
+    // A target at the limit is allowed, also if rounding puts it slightly beyond.
     assert_eq!(
         run(&[g01(1, &[(X, 200.0)]), g01(2, &[(Y, 200.0 + 1e-12)])]).len(),
         2
     );
-    // The limit is that of the machine position.
+    // The limit applies to the machine position.
     let mut stage = stage();
     let mut offset = AxisVector::ZERO;
     offset[X] = 150.0;
@@ -269,7 +269,7 @@ fn d07_a_value_that_is_not_a_number_is_an_alarm() {
             refused(&block, &VALUE_NOT_FINITE);
         }
     }
-    // Finite words whose length is not.
+    // The words are finite, but the length of the motion is not.
     refused(&g01(1, &[(A, 1e200), (C, 1e200)]), &VALUE_NOT_FINITE);
     refused(&block(1, Action::Dwell { dwell_s: -0.5 }), &VALUE_OUT_OF_RANGE);
 }
@@ -342,7 +342,7 @@ fn s1c_a_joint_blends_only_between_two_blocks_in_g64() {
         ends(&segments),
         [(1, ExactStop), (2, ExactStop), (3, Continuous), (4, ExactStop)]
     );
-    // In G61 nothing is held back.
+    // In G61 no segment is held back.
     let mut stage = stage();
     let mut out = Vec::new();
     stage.push(&exact(g01(1, &[(X, 1.0)])), &mut out).unwrap();

@@ -173,12 +173,12 @@ fn a_thread_needs_f_and_s_an_axis_z_and_room() {
     assert_eq!(alarm.unwrap_err().entry, &AXIS_MISSING);
 }
 
-/// A cycle of one hole here with these levels begins, at S300 with a spindle.
+/// Announces a cycle of one hole at the present position with these levels, at S300 with a spindle.
 fn ahead(line: u32, r: f64, z: f64) -> Block {
     holes(line, words(Distance::Absolute, &[]), 1, [r, z])
 }
 
-/// Returns a block with this number of holes, each at or on by `position`.
+/// Returns a block with this number of holes, each at `position`, or each farther by `position`.
 fn holes(line: u32, position: AxisWords, repetitions: u16, [r, z]: [f64; 2]) -> Block {
     let first = tap(line, z, TapLeg::In, Some(300.0));
     let Action::Tap(tap) = first.action else {

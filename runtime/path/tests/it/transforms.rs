@@ -19,7 +19,8 @@ fn set(axes: &[Axis]) -> AxisSet {
     axes.iter().copied().collect()
 }
 
-/// Mirror of X about 5, scale 2, 3, 0.5 about (1, 2, 4), 30 degrees about (10, 20), offsets.
+/// Creates a mirror of X about 5, scales 2, 3, 0.5 about (1, 2, 4), a rotation by 30 degrees about (10, 20),
+/// and offsets.
 fn everything() -> Transform {
     Transform {
         mirror: Some(Mirror {
@@ -41,7 +42,7 @@ fn everything() -> Transform {
     }
 }
 
-/// D20 for [`everything`], written out.
+/// Calculates the transform of [`everything`] step by step in the order of D20.
 fn everything_by_hand([x, y, z]: [f64; 3]) -> [f64; 3] {
     let (x, y, z) = (10.0 - x, y, z);
     let (x, y, z) = (
