@@ -74,7 +74,7 @@ pub struct BlockWords {
 /// Data that the reading of a block needs, in addition to the block.
 #[derive(Clone, Copy)]
 pub(crate) struct Reading<'a> {
-    /// The dialect.
+    /// Dialect of the program.
     pub(crate) dialect: &'static Dialect,
     /// Modal state before the block. If this state has no motion code, the code that takes axis words is
     /// unknown.

@@ -43,13 +43,13 @@ impl Programs for BTreeMap<u16, Arc<NcProgram>> {
 /// Build a context with `..CheckContext::default()`, because later versions add fields.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct CheckContext<'a> {
-    /// The axes of the coordinate system.
+    /// Axes of the coordinate system.
     pub axes: Option<AxisSet>,
-    /// The existing programs. Called programs are also checked, in the states of their calls.
+    /// The existing programs. The checker also checks called programs, in the states of their calls.
     pub programs: Option<&'a dyn Programs>,
     /// M codes for which the configuration has settings.
     pub m_codes_with_settings: Option<&'a BTreeSet<u16>>,
-    /// The unit at the start of the program.
+    /// Unit of lengths at the start of the program.
     pub unit: Unit,
     /// Maximum feedrate, mm/min; a larger F is clipped with a warning.
     pub max_feedrate_mm_min: Option<f64>,
@@ -63,7 +63,7 @@ pub struct CheckContext<'a> {
     /// Amount by which the radius R of an arc may be smaller than half the chord, mm (D26). `None` selects
     /// the default.
     pub arc_radius_tolerance_mm: Option<f64>,
-    /// Options that the dialect leaves to the machine.
+    /// NC options that the dialect leaves to the machine.
     pub options: NcOptions,
     /// True if the program continues manual data input: its initial modal state is not the start-up state.
     pub goes_on: bool,
@@ -99,13 +99,13 @@ impl CheckContext<'_> {
 /// properties (limits, offsets, tools, drives) that the context does not contain.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Check {
-    /// All findings in the order of the text.
+    /// All findings, in the order of the text.
     pub diagnostics: Vec<Diagnostic>,
     /// M codes that the program outputs to the sequence program, ascending and without duplicates.
     pub m_codes: Vec<u16>,
     /// Numbers of the programs that the program calls, ascending and without duplicates.
     pub programs: Vec<u16>,
-    /// True if the program calls programs whose numbers the text does not show.
+    /// True if the program has a call whose program number the text does not show.
     pub calls_any: bool,
     /// Results of the programs that are called directly or indirectly, by program number.
     pub called: BTreeMap<u16, Check>,

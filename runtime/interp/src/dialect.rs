@@ -16,7 +16,7 @@ pub struct Dialect {
     pub name: &'static str,
     /// Grammar with which the parser reads programs of the dialect.
     pub grammar: fn() -> &'static Grammar,
-    /// G codes.
+    /// All G codes of the dialect.
     pub g_codes: CodeTable,
     /// M codes that the runtime handles itself.
     pub m_codes: CodeTable,
@@ -24,7 +24,7 @@ pub struct Dialect {
     pub auxiliary: &'static Code,
     /// Words that need no code in their block.
     pub modal_words: ModalWords,
-    /// The codes that are active at start-up.
+    /// Codes that are active at start-up.
     pub start_up: &'static [&'static Code],
     /// The code that ends a fixed cycle, such as G80. It also becomes active if a motion code ends the cycle.
     /// `None` in a dialect without fixed cycles.
@@ -32,7 +32,7 @@ pub struct Dialect {
     /// Codes of a block that moves axes from their present positions to their first reference points. The
     /// axis words follow these codes.
     pub home: &'static str,
-    /// The word that ends each block of the intermediate code (D43).
+    /// Word that ends each block of the intermediate code (D43).
     pub block_end: &'static str,
     /// Choices for programs that different controls interpret differently.
     pub policy: Policy,
@@ -139,9 +139,9 @@ pub enum GroupConflict {
 /// takes effect after the motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MCodeTime {
-    /// After the motion of its block.
+    /// The M code takes effect after the motion of its block.
     BehindMotion,
-    /// Before the motion of its block.
+    /// The M code takes effect before the motion of its block.
     BeforeMotion,
 }
 

@@ -13,7 +13,7 @@ use crate::text_values::Values;
 /// Values of L0 to L255 in one call.
 pub(crate) type Locals = [f64; LOCAL_VARIABLES];
 
-/// The variables that a block reads.
+/// Variables that a block can read.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Scope<'a> {
     pub(crate) locals: &'a Locals,

@@ -30,9 +30,9 @@ pub struct Limits {
     pub has_spindle: bool,
     /// Amount by which the radius R of an arc may be smaller than half the chord, mm (D26).
     pub arc_radius_tolerance_mm: f64,
-    /// Maximum number of blocks in a row without motion or output.
+    /// Maximum number of blocks in a row without motion and without output.
     pub blocks_without_motion_max: u32,
-    /// Options that the dialect leaves to the machine.
+    /// NC options that the dialect leaves to the machine.
     pub options: NcOptions,
 }
 
@@ -65,14 +65,14 @@ pub enum Flow {
     },
     /// The program stops by M00, or by M01 if `optional`.
     Stop {
-        /// True for M01.
+        /// True for M01, which stops only if the optional stop input is on.
         optional: bool,
     },
     /// The program ends.
     End,
     /// The block calls a subprogram.
     Call {
-        /// Number of the subprogram.
+        /// Program number of the subprogram.
         program: u16,
         /// Number of times that the subprogram runs.
         times: u16,
@@ -105,9 +105,9 @@ pub struct Draft {
 pub struct Execution<'a> {
     /// The dialect of the program.
     pub dialect: &'static Dialect,
-    /// The words of the block.
+    /// Words of the block.
     pub words: &'a BlockWords,
-    /// The modal state, which codes change.
+    /// Modal state, which the codes of the block change.
     pub modal: &'a mut Modal,
     /// Data that G10, G28 or G92 has set. `None` before the first such code.
     pub(crate) kept: &'a mut Option<Arc<RetainedData>>,
@@ -120,7 +120,7 @@ pub struct Execution<'a> {
     /// True for the first block of words after a reset, which selects the work coordinate system of the
     /// start-up state.
     pub(crate) opens: bool,
-    /// The result of the block.
+    /// Result of the block, which its codes collect.
     pub draft: &'a mut Draft,
 }
 

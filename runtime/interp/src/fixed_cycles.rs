@@ -9,7 +9,7 @@ use tandem_model::plane::Turn;
 use tandem_model::{Axis, AxisSet, AxisVector};
 use tandem_syntax::Address;
 
-/// A fixed cycle.
+/// Definition of a fixed cycle.
 #[derive(Debug)]
 pub struct FixedCycle {
     /// Name of the cycle in messages, with its article.
@@ -37,9 +37,9 @@ pub enum CycleStep {
     Position,
     /// A rapid to the R point. If the cycle ends at the R point, only the first repetition has this rapid.
     Approach,
-    /// A rapid to a level.
+    /// A rapid along Z to this level.
     Rapid(Level),
-    /// A straight line to a level at the feedrate.
+    /// A straight line along Z to this level, at the feedrate.
     Linear(Level),
     /// A pass in the thread, to the Z point or back to the R point, with this direction of the spindle.
     Thread(TapLeg, Turn),
@@ -56,9 +56,9 @@ pub enum CycleStep {
 /// A level on the Z axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Level {
-    /// The R point.
+    /// Z of the R point.
     RPoint,
-    /// The Z point.
+    /// Z of the Z point.
     ZPoint,
     /// The initial level. If the cycle ends at the R point, the step has no motion.
     Initial,
@@ -148,7 +148,7 @@ pub(crate) struct Hole {
 /// Division of a hole into cuts, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Peck {
-    /// Increase of the depth with each cut; above 0.
+    /// Amount by which each cut is deeper than the cut before; above 0.
     pub(crate) depth: f64,
     /// Distance above the bottom of the last cut at which the next cut begins.
     pub(crate) clearance: f64,
@@ -157,11 +157,11 @@ pub(crate) struct Peck {
 /// Place of the tool in a pecking step: a retraction and a return follow each cut except the last.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum PeckPlace {
-    /// Above the next cut, after this number of cuts.
+    /// The tool is above the next cut, after this number of cuts.
     Above(u32),
-    /// At the bottom of the last cut, after this number of cuts.
+    /// The tool is at the bottom of the last cut, after this number of cuts.
     AtDepth(u32),
-    /// At the R point, after this number of cuts.
+    /// The tool is at the R point, after this number of cuts.
     Out(u32),
 }
 

@@ -90,7 +90,7 @@ pub struct Interpreter {
     state: InterpreterState,
 }
 
-/// Returns the error text for calling a program that does not exist.
+/// Returns the error text for the call of a program that does not exist.
 pub fn not_there(number: u16) -> String {
     format!("program {number} does not exist")
 }
@@ -563,7 +563,7 @@ fn execute(execution: &mut Execution<'_>) {
     }
 }
 
-/// Selects the work coordinate system of the start-up state.
+/// Selects the work coordinate system that is active in the start-up state.
 fn select_start_up_offset(execution: &mut Execution<'_>) {
     let group = |code: &&&Code| code.group == ModalGroup::WorkCoordinates;
     if let Some(code) = execution.dialect.start_up.iter().find(group) {

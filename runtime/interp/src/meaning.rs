@@ -13,9 +13,9 @@ pub enum Side {
     /// The tool's centre moves on the path: no compensation.
     #[default]
     Off,
-    /// Left of the path, seen along the motion.
+    /// The tool's centre is to the left of the path, seen along the motion.
     Left,
-    /// Right of the path.
+    /// The tool's centre is to the right of the path, seen along the motion.
     Right,
 }
 
@@ -37,7 +37,7 @@ pub enum ReturnLevel {
     /// The initial level: Z where the cycle began.
     #[default]
     Initial,
-    /// The R point.
+    /// The Z level of the R point.
     RPoint,
 }
 
@@ -59,7 +59,7 @@ pub enum ModalValue {
     Plane(Plane),
     /// Meaning of axis words: positions or distances.
     Distance(Distance),
-    /// The unit of lengths.
+    /// Unit of lengths.
     Unit(Unit),
     /// Side of cutter compensation.
     Side(Side),
@@ -84,7 +84,7 @@ pub enum ModalValue {
 pub enum MotionKind {
     /// Each motor moves alone, in its shortest time.
     Rapid,
-    /// A straight line at the feedrate.
+    /// A straight line, at the feedrate.
     Linear,
     /// An arc at the feedrate.
     Arc,
@@ -95,7 +95,7 @@ pub enum MotionKind {
 pub enum Role {
     /// A code that only sets or requests values: it moves nothing, and positions do not change.
     Plain,
-    /// A modal motion.
+    /// A motion that stays active until another motion code.
     Motion(MotionKind),
     /// A motion, in its block only, that a signal may end.
     Skip,
@@ -103,7 +103,7 @@ pub enum Role {
     ToMachine,
     /// A motion, in its block only, of the named axes to a reference point.
     ToReference,
-    /// An arc about the corner between two motions in cutter compensation.
+    /// An arc about the corner between two motions during cutter compensation.
     Corner,
     /// A dwell; its words are times, whatever their addresses.
     Dwell,

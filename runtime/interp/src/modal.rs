@@ -17,15 +17,15 @@ use crate::meaning::{InForce, ModalValue};
 pub struct CycleWords {
     /// Initial level: Z where the cycle began.
     pub initial: Option<f64>,
-    /// Z point.
+    /// Level of the Z point.
     pub z: Option<CycleLevel>,
-    /// R point.
+    /// Level of the R point.
     pub r: Option<CycleLevel>,
     /// Dwell at the Z point, s.
     pub dwell_s: Option<f64>,
-    /// Number of repetitions.
+    /// Number of repetitions of each block.
     pub repetitions: Option<u16>,
-    /// Depth of each cut of a cycle with pecks.
+    /// Depth of each cut in a cycle with several cuts, mm.
     pub peck: Option<f64>,
 }
 
@@ -57,7 +57,7 @@ pub struct RetainedData {
     pub work_offsets: [Option<AxisVector>; 6],
     /// Index of the selected work coordinate system.
     pub selected: usize,
-    /// Shift of all work coordinate systems by G92.
+    /// Shift of all work coordinate systems by G92, mm or degrees.
     pub shift: AxisVector,
     /// Tool-diameter offsets (as radius, mm) by number.
     pub radii: BTreeMap<u16, f64>,
@@ -159,7 +159,7 @@ impl Modal {
         modal
     }
 
-    /// Makes a code the active code of its group.
+    /// Makes a code the active code of its modal group.
     pub(crate) fn remember(&mut self, code: &'static Code) {
         self.codes[code.group as usize] = Some(code);
         if let Some(value) = code.sets {
@@ -202,7 +202,7 @@ impl Modal {
         cycle.or(self.code(ModalGroup::Motion))
     }
 
-    /// Returns the current plane.
+    /// Returns the current plane of arcs, cutter compensation and rotation.
     pub fn plane(&self) -> Plane {
         self.in_force.plane.unwrap_or_default()
     }
@@ -212,7 +212,7 @@ impl Modal {
         self.in_force.unit.unwrap_or_default().mm()
     }
 
-    /// Returns the name of the unit of lengths.
+    /// Returns the name of the unit of lengths, `mm` or `inch`.
     pub fn unit_text(&self) -> &'static str {
         match self.in_force.unit {
             Some(Unit::Inch) => "inch",
@@ -235,7 +235,7 @@ impl Modal {
         self.in_force.multi_block.unwrap_or_default()
     }
 
-    /// Returns the active code of a group.
+    /// Returns the active code of a modal group.
     pub fn code(&self, group: ModalGroup) -> Option<&'static Code> {
         self.codes[group as usize]
     }

@@ -10,11 +10,11 @@ use crate::meaning::Role;
 /// An auxiliary function output, with the words of its block.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProgrammedOutput<'a> {
-    /// M number.
+    /// M number of the output.
     pub m: u16,
     /// The word of the M code.
     pub word: &'a Word,
-    /// The words of VA to VH.
+    /// The words of VA to VH; `None` for a parameter that is not programmed.
     pub params: [Option<&'a Word>; 8],
     /// Line of the source file, from 1.
     pub line: u32,
@@ -23,7 +23,7 @@ pub struct ProgrammedOutput<'a> {
 /// An auxiliary function output, with the numbers in the text.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WrittenOutput {
-    /// M number.
+    /// M number of the output.
     pub m: u16,
     /// Values of VA to VH; `None` for a parameter that is not programmed.
     pub params: [Option<f64>; 8],

@@ -29,7 +29,7 @@ pub fn restrictions_of(code: &Code, dialect: &Dialect) -> Vec<String> {
     texts
 }
 
-/// Returns true if the forbidden element is this code or its effect.
+/// Returns true if the forbidden element is this code, or a consequence of this code.
 fn concerns_code(what: ForbiddenElement, code: &Code) -> bool {
     let is_cycle = matches!(code.sets, Some(ModalValue::Cycle(Some(_))));
     match what {

@@ -23,7 +23,7 @@ pub use usual::USUAL;
 pub struct Restriction {
     /// Condition under which the restriction applies.
     pub during: RestrictionScope,
-    /// The forbidden element.
+    /// The forbidden element of a block.
     pub what: ForbiddenElement,
     /// The diagnostic that reports a violation.
     pub entry: &'static DiagnosticEntry,
@@ -90,7 +90,7 @@ pub enum RestrictionScope {
     CompensatedEnd,
     /// Cutter compensation is on before or after the block, or a lead-in or lead-out is pending.
     AnyCompensation,
-    /// A tool offset is in force before the block, or the block switches one on.
+    /// A tool offset is in force before the block, or the block switches a tool offset on.
     ToolOffset,
 }
 
@@ -109,7 +109,7 @@ pub enum ForbiddenElement {
     Has(Role),
     /// A change to the other side of cutter compensation.
     OtherSide,
-    /// A plane other than the current one.
+    /// A plane other than the current plane.
     OtherPlane,
     /// An output with parameters; the program always waits for the reset of such an output.
     Parameters,

@@ -72,7 +72,7 @@ impl Values {
         }
     }
 
-    /// Discards the known values of Q and P.
+    /// Sets all Q and P to unknown.
     pub fn forget_shared(&mut self) {
         self.shared = Arc::default();
     }

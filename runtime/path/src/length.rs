@@ -28,7 +28,7 @@ pub(crate) fn line_between(from: AxisVector, to: AxisVector) -> Result<Option<Pa
     Ok(Some(Path::Line { from, to, length }))
 }
 
-/// Returns true for positions that differ by more than rounding.
+/// Returns true if two positions differ by more than rounding.
 pub(crate) fn moves(from: AxisVector, to: AxisVector) -> bool {
     to.minus(from)
         .0

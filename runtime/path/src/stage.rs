@@ -1,4 +1,4 @@
-//! Converts blocks to segments.
+//! Converts blocks to segments in machine coordinates.
 
 use tandem_model::alarm::{COMPENSATION_REFUSED, FEEDRATE_MISSING, VALUE_OUT_OF_RANGE, check_finite};
 use tandem_model::flow::{
@@ -29,7 +29,7 @@ pub struct PathStage {
     legs: Vec<Leg>,
     /// The last segment, held back until the next block determines whether this segment ends in a stop.
     held_back: Option<Segment>,
-    /// Number of the last motion.
+    /// Serial number of the last motion.
     serial: u64,
     /// True if the last segment is a G31 whose end is not yet known.
     is_skipping: bool,
@@ -88,7 +88,7 @@ impl PathStage {
         let taken = self.process_block(block, out);
         taken.map_err(|alarm| {
             self.compensator.abandon(&mut self.legs);
-            // A leg beyond a soft limit ends the path as well, but the first alarm is reported.
+            // A segment beyond a soft limit also ends the path, but only the first alarm is reported.
             let _ = self.join_legs(out);
             match alarm.origin {
                 Some(_) => alarm,

@@ -1,4 +1,4 @@
-//! Requirements of the transforms (D20) on words, arcs and numbers.
+//! Requirements that the transforms (D20) make on words, arcs and numbers.
 
 use tandem_model::alarm::{VALUE_OUT_OF_RANGE, check_finite};
 use tandem_model::flow::Transform;

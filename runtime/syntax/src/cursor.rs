@@ -13,7 +13,7 @@ const POWERS_OF_TEN: [f64; 23] = [
 /// Every whole number up to this value is exact as a 64-bit floating point number.
 const MANTISSA_EXACT_MAX: u64 = 1 << 53;
 
-/// Maximum depth of nested comments for which the end of the outermost one is searched.
+/// Maximum depth of nested comments for which the end of the outermost comment is searched.
 const COMMENT_DEPTH_MAX: usize = 8;
 
 /// Reason why the cursor could not read a number.
@@ -267,7 +267,7 @@ impl<'a> Cursor<'a> {
             });
         }
         let value = if digits <= 19 && mantissa <= MANTISSA_EXACT_MAX {
-            // both operands are exact, so the quotient is the double nearest to the written number
+            // both operands are exact, so the quotient is the double nearest to the number in the text
             let value = mantissa as f64 / POWERS_OF_TEN[decimals];
             if negative { -value } else { value }
         } else {

@@ -7,7 +7,7 @@ use tandem_model::{Diagnostic, Severity, Span};
 pub struct DiagnosticEntry {
     /// Code of the diagnostic: `E0123` for errors, `W0123` for warnings.
     pub code: &'static str,
-    /// Name of the diagnostic.
+    /// Name of the diagnostic, as a short sentence.
     pub title: &'static str,
     /// Reason why the text is wrong, with the rule.
     pub explanation: &'static str,
@@ -36,7 +36,7 @@ impl DiagnosticEntry {
         }
     }
 
-    /// Returns the entry of a code; upper and lower case are equal.
+    /// Returns the diagnostic with this code; upper and lower case are equal.
     pub fn find(code: &str) -> Option<&'static DiagnosticEntry> {
         DIAGNOSTICS
             .iter()

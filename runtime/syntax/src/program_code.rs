@@ -31,7 +31,7 @@ pub enum Statement {
     While,
     /// The end of the commands of a `while`, without text of its own: jumps to the `while`.
     Repeat,
-    /// `do`.
+    /// `do`: begins a loop.
     Do,
     /// The `while(condition)` that ends a `do`: if the condition is true, jumps to the first command after
     /// `do`.
@@ -44,18 +44,18 @@ pub enum Statement {
         /// Number of cases of the `switch`.
         count: u32,
     },
-    /// `case 1:`.
+    /// `case 1:`, a target of `switch`.
     Case {
         /// Label of the case.
         label: i64,
     },
-    /// `default:`.
+    /// `default:`, a target of `switch`.
     Default,
-    /// `break`: jumps past the `switch`, `while` or `do`.
+    /// `break`: jumps past the innermost `switch`, `while` or `do`.
     Break,
-    /// `{`.
+    /// `{`: begins the commands of a branch, a loop or a `switch`.
     Open,
-    /// `}`.
+    /// `}`: ends the commands of a branch, a loop or a `switch`.
     Close,
 }
 
@@ -66,24 +66,24 @@ pub(crate) struct CaseLabel {
     pub(crate) block: u32,
 }
 
-/// Index of a node of an expression.
+/// Index of an expression node in its program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ExpressionId(pub(crate) u32);
 
 /// A node of an expression (manual 4-1).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Expression {
-    /// A number.
+    /// A constant number.
     Number(f64),
-    /// A variable.
+    /// The value of a variable.
     Variable(Variable),
-    /// Unary minus.
+    /// Unary minus before an operand.
     Negation(ExpressionId),
-    /// `!(condition)`; a condition.
+    /// `!(condition)`: a condition that is true if the other condition is false.
     Not(ExpressionId),
     /// An operation with two operands.
     Binary {
-        /// The operation.
+        /// Operator of the operation.
         operator: Operator,
         /// Left operand.
         left: ExpressionId,
@@ -91,9 +91,9 @@ pub enum Expression {
         /// result.
         right: ExpressionId,
     },
-    /// A function of one or two arguments.
+    /// A call of a function with one or two arguments.
     Call {
-        /// The function.
+        /// The function that is called.
         function: Function,
         /// First argument.
         first: ExpressionId,
@@ -109,10 +109,10 @@ macro_rules! spelled {
         pub enum $name { $(#[doc = concat!("`", $text, "`")] $variant,)* }
 
         impl $name {
-            /// All of them.
+            /// All values of the type.
             pub const ALL: &[$name] = &[$($name::$variant),*];
 
-            /// Returns the text of the word.
+            /// Returns the text of the value in a program.
             pub const fn text(self) -> &'static str {
                 match self { $($name::$variant => $text,)* }
             }
@@ -121,7 +121,7 @@ macro_rules! spelled {
 }
 
 spelled! {
-    /// Words that begin or belong to a program code.
+    /// Words that begin a program code, or belong to one.
     Keyword {
         If "if", Else "else", Switch "switch", Case "case", Default "default", Break "break", While "while", Do "do",
     }
@@ -175,8 +175,9 @@ impl Keyword {
 }
 
 spelled! {
-    /// Operators of two operands: of conditions (manual 4-1-5), comparators (4-1-4) and arithmetic operators
-    /// (4-1-2; for `%` D07). A longer operator comes before the shorter one that is its beginning.
+    /// Operators with two operands: logical operators (manual 4-1-5), comparison operators (4-1-4) and
+    /// arithmetic operators (4-1-2; for `%` D07). An operator such as `<=`, which begins with another
+    /// operator, is listed before it.
     Operator {
         Or "||", And "&&",
         Equal "==", NotEqual "!=", LessOrEqual "<=", GreaterOrEqual ">=", Less "<", Greater ">",
@@ -218,7 +219,7 @@ impl Operator {
         }
     }
 
-    /// Returns true for `==`, `<` and the other comparators.
+    /// Returns true for a comparison operator, such as `==` or `<`.
     pub const fn compares(self) -> bool {
         self.priority() == 3
     }
@@ -235,7 +236,7 @@ macro_rules! functions {
             /// All functions.
             pub const ALL: &[Function] = &[$(Function::$name),*];
 
-            /// Returns the text of the word.
+            /// Returns the name of the function in a program.
             pub const fn text(self) -> &'static str {
                 match self { $(Function::$name => $text,)* }
             }
@@ -245,12 +246,12 @@ macro_rules! functions {
                 match self { $(Function::$name => $arguments,)* }
             }
 
-            /// Returns its meaning.
+            /// Returns a description of the result.
             pub const fn meaning(self) -> &'static str {
                 match self { $(Function::$name => $meaning,)* }
             }
 
-            /// Returns the permitted arguments.
+            /// Returns a description of the permitted arguments.
             pub const fn domain(self) -> &'static str {
                 match self { $(Function::$name => $domain,)* }
             }

@@ -67,9 +67,9 @@ pub fn tokens<'a>(source: &'a str, grammar: &'a Grammar) -> impl Iterator<Item =
 struct Lexer<'a> {
     cursor: Cursor<'a>,
     grammar: &'a Grammar,
-    /// True if an element other than a comment has been read.
+    /// True if the text has an element other than a comment before the cursor.
     begun: bool,
-    /// True if the mark after the blocks has been read.
+    /// True if the mark after the blocks is before the cursor.
     rest: bool,
     line: Line,
 }
@@ -79,11 +79,11 @@ struct Lexer<'a> {
 struct Line {
     /// True if the line has an element other than a comment or a block skip before the cursor.
     begun: bool,
-    /// Number of open parentheses.
+    /// Number of parentheses that are open at the cursor.
     parentheses: usize,
-    /// True while the right side of an assignment is read.
+    /// True if the cursor is in the right side of an assignment.
     assigns: bool,
-    /// True if the last token ends an operand.
+    /// True if the token before the cursor ends an operand.
     operand: bool,
 }
 

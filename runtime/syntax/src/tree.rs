@@ -50,7 +50,7 @@ impl NcProgram {
         &self.blocks
     }
 
-    /// Returns the words of all blocks in the order of the text, including lines with errors.
+    /// Returns the words of all blocks in the order of the text, including words of lines with errors.
     pub fn all_words(&self) -> &[Word] {
         &self.words
     }
@@ -80,7 +80,7 @@ impl NcProgram {
         first.whole().filter(|_| first.address == Address::N)
     }
 
-    /// Returns the program code of a block of this program.
+    /// Returns the program code of a block of this program; `None` for a block of words.
     #[inline]
     pub fn program_code(&self, block: &Block) -> Option<&ProgramCode> {
         match block.content {
@@ -102,7 +102,8 @@ impl NcProgram {
         cases.get(at).map(|case| case.block)
     }
 
-    /// Returns the constants with which values may be compared: numbers in expressions and labels of cases.
+    /// Returns the constants that a program can compare with values: numbers in expressions, and labels of
+    /// cases.
     pub fn compared_with(&self) -> impl Iterator<Item = f64> {
         let numbers = self.expressions.iter().filter_map(|expression| match expression {
             Expression::Number(number) => Some(*number),
@@ -305,7 +306,7 @@ impl Word {
 /// The value of a word (D04).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Value {
-    /// A number as written.
+    /// A number in the text.
     Number(f64),
     /// `X[L12]`: the variable that holds the value.
     Indirection(Variable),

@@ -332,7 +332,7 @@ impl Explorer<'_> {
         }
     }
 
-    /// Records the M codes that a fixed cycle outputs.
+    /// Records the M codes that the fixed cycle of the block outputs.
     fn cycle_outputs(&mut self, here: CurrentBlock<'_>) {
         let Some(taker) = self.words.taker else { return };
         let Some(ModalValue::Cycle(Some(cycle))) = taker.sets else {

@@ -13,13 +13,13 @@ use crate::dialect::{Dialect, OtherMCodes};
 /// A decision that leads from one node to another.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Decision {
-    /// No decision.
+    /// No decision: the path has only one continuation.
     On,
     /// `if`: true if the commands of the `if` are executed.
     If(bool),
     /// `while`: true for another turn of the loop.
     Loop(bool),
-    /// `do` with `while`: another turn.
+    /// `do` with `while`: another turn of the loop follows.
     Again,
     /// `switch`: the label of the case that matches; `None` for `default`.
     Case(Option<i64>),
@@ -72,7 +72,7 @@ pub(super) struct Node {
     pub is_certain: bool,
     /// True if a modal value of the state is unknown.
     pub is_open: bool,
-    /// The node from which this node was first reached, and the decision there.
+    /// The node from which this node was first reached, and the decision that led to this node.
     pub before: Option<(usize, Decision)>,
     /// Index after the last block of the node's run.
     pub end: usize,

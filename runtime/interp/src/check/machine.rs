@@ -24,7 +24,7 @@ const BESIDE_MAX: f64 = 0.01;
 const ROUNDING_MAX: f64 = 0.01;
 
 impl Explorer<'_> {
-    /// Checks words against the known data of the coordinate system.
+    /// Checks the words of a block against the known data of the coordinate system.
     pub(super) fn context_of_words(&mut self, here: CurrentBlock<'_>, state: &CheckState) {
         let CurrentBlock { tree, block, .. } = here;
         let words = &self.words;

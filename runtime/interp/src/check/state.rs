@@ -16,7 +16,7 @@ pub(super) struct Caller {
     pub program: usize,
     /// Index of the block at which the waiting program continues.
     pub block: usize,
-    /// Remaining repetitions of the called program. `None` if unknown.
+    /// Remaining repetitions of the called program; `None` if their number is unknown.
     pub repetitions: Option<u16>,
     pub locals: Locals,
 }
@@ -39,7 +39,7 @@ pub(super) struct CheckState {
 }
 
 impl CheckState {
-    /// Returns the state at the start of a main program.
+    /// Creates the state at the start of a main program.
     pub fn start_up(dialect: &Dialect, context: &CheckContext<'_>) -> Self {
         Self {
             modal: Modal::start_up_from_text(dialect, context.unit),

@@ -59,7 +59,7 @@ impl Groups {
         group.nodes.insert(found.node);
     }
 
-    /// Returns the reports on each program.
+    /// Returns the reports for each program, by its index.
     pub fn into_reports(
         self,
         grammar: &Grammar,
@@ -77,7 +77,7 @@ impl Groups {
     }
 }
 
-/// Certainty of a fault.
+/// Number of states in which a fault occurs: all, some or none.
 enum Verdict {
     Always,
     Sometimes { with: usize, without: Option<usize> },

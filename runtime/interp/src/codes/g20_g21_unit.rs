@@ -5,7 +5,7 @@ use tandem_model::settings::Unit;
 use super::Code;
 use crate::meaning::ModalValue;
 
-/// G20: lengths and feedrates are in inches.
+/// G20: lengths are in inches, feedrates in inches per minute.
 pub static G20: Code = Code::setting(
     ModalValue::Unit(Unit::Inch),
     "G20",
@@ -16,7 +16,7 @@ pub static G20: Code = Code::setting(
      minute (D25).",
 );
 
-/// G21: lengths and feedrates are in mm.
+/// G21: lengths are in mm, feedrates in mm/min.
 pub static G21: Code = Code::setting(
     ModalValue::Unit(Unit::Millimetre),
     "G21",

@@ -5,7 +5,7 @@ use tandem_model::flow::Action;
 use super::{AXIS_WORDS, Code};
 use crate::meaning::Role;
 
-/// G31: moves until the skip inputs turn on.
+/// G31: moves each motor until its skip input turns on.
 pub static G31: Code = Code {
     code: "G31",
     name: "Skip Function",

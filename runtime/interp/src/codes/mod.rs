@@ -61,7 +61,7 @@ pub struct Code {
     pub code: &'static str,
     /// Name of the code in the manual.
     pub name: &'static str,
-    /// The modal group; M codes are [`ModalGroup::NonModal`].
+    /// Modal group of the code; M codes are [`ModalGroup::NonModal`].
     pub group: ModalGroup,
     /// Value that the code sets in its modal group, if the interpreter and checker use this value.
     pub sets: Option<ModalValue>,
@@ -90,7 +90,7 @@ pub struct Refusal {
     pub entry: &'static DiagnosticEntry,
     /// Address of the word at which the fault is shown.
     pub address: Address,
-    /// The error text.
+    /// Error text for the fault.
     pub message: String,
     /// Text on how to correct the fault.
     pub help: String,
@@ -165,7 +165,7 @@ impl Code {
         WordSpec::addresses(self.words)
     }
 
-    /// Returns true if the code takes a word of the axis.
+    /// Returns true if the code takes a word for this axis.
     pub fn takes(&self, axis: Axis) -> bool {
         self.words.iter().any(|word| axis_of(word.address) == Some(axis))
     }
@@ -184,7 +184,7 @@ pub struct WordSpec {
     pub address: Address,
     /// Meaning of the value.
     pub meaning: &'static str,
-    /// Unit of the value; empty for plain numbers.
+    /// Unit of the value; empty for numbers without a unit.
     pub unit: &'static str,
     /// Smallest permitted value (manual, table of instruction parameters).
     pub min: f64,
@@ -192,7 +192,7 @@ pub struct WordSpec {
     pub max: f64,
     /// True if the value must be a whole number.
     pub integer: bool,
-    /// True if the code needs the word.
+    /// True if the code requires the word.
     pub required: bool,
 }
 

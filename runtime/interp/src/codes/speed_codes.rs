@@ -2,13 +2,13 @@
 
 use crate::execution::Limits;
 
-/// Lowest S that is a speed in r/min.
+/// Smallest S that is a speed in r/min.
 const SPEED_MIN: f64 = 100.0;
 
-/// Code of the slowest speed of the spindle.
+/// Speed code of the slowest speed of the spindle.
 const SLOWEST: usize = 0;
 
-/// Code of the fastest speed of the spindle.
+/// Speed code of the fastest speed of the spindle.
 const FASTEST: usize = 99;
 
 /// Speeds of codes 1 to 20, r/min. The speeds of each further 20 codes are ten times those of the 20 codes

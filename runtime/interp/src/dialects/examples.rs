@@ -4,7 +4,7 @@
 use crate::codes::{Code, Example};
 use crate::dialect::Dialect;
 
-/// Examples of dialect nj.
+/// Example programs of dialect nj.
 pub static NJ: &[Example] = &[
     (&["G00", "G01"], "G90 G00 X10 Y10\nG01 X40 F600\nY30\nG00 X0 Y0"),
     (
@@ -81,7 +81,7 @@ pub static NJ: &[Example] = &[
     ),
 ];
 
-/// Examples of dialect dgshape.
+/// Example programs of dialect dgshape.
 pub static DGSHAPE: &[Example] = &[
     (&["G00", "G01"], "G90G00X10.Y10.\nG01X40.F600.\nY30.\nG00X0Y0"),
     (

@@ -22,7 +22,7 @@ pub static NO_TEXTS: Texts = Texts {
     diagnostics: &[],
 };
 
-/// Texts of dialect dgshape.
+/// Texts of dialect dgshape that differ from the default texts.
 pub static DGSHAPE: Texts = Texts {
     codes: &[
         (

@@ -6,7 +6,7 @@ use super::Interpreter;
 use crate::codes::ModalGroup;
 use crate::modal::{Modal, RetainedData};
 
-/// The modal state between two programs, to be restored later.
+/// Modal state after a program, stored to be restored later.
 #[derive(Debug, Clone)]
 pub struct ModalState {
     modal: Modal,

@@ -1,4 +1,4 @@
-//! Checks whether the words of an arc define an arc (D26), as far as the text shows.
+//! Checks whether the words of an arc define an arc (D26), as far as the text shows it.
 
 use tandem_syntax::Address;
 use tandem_syntax::diagnostics::ARC_SHAPE;

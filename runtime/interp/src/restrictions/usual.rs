@@ -1,4 +1,5 @@
-//! The restrictions of fixed cycles, cutter compensation and machine positions (D23; manual, restrictions of G41 and G74).
+//! Restrictions of fixed cycles, cutter compensation and machine positions (D23; manual, restrictions of G41
+//! and G74).
 
 use tandem_syntax::diagnostics::{COMPENSATION_RULE, FIXED_CYCLE_RULE, TOOL_OFFSET_RULE};
 

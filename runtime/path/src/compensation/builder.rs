@@ -21,13 +21,13 @@ pub(super) struct Builder {
     basis: CompensationFeed,
     max_feedrate_mm_min: f64,
     plane: Plane,
-    /// End of the last segment.
+    /// Machine position at the end of the last segment.
     at: AxisVector,
-    /// Feedrate of the last block built.
+    /// Feedrate of the last block with a feedrate that was built.
     feed: SegmentFeed,
     /// True if the next segment needs a stop before it, which a block without motion has requested.
     stop: bool,
-    /// True if the block built last is in G61.
+    /// True if the last block that was built is in G61.
     is_exact: bool,
 }
 

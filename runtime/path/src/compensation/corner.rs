@@ -126,7 +126,7 @@ pub(super) fn between(before: &Curve, after: &Curve, corner: Vec2, tool: f64) ->
     meet.map_or((feet, false), |meet| (Joint::at(meet, turn), true))
 }
 
-/// Returns the joint of a straight lead-in with this direction and the first compensated curve.
+/// Returns the joint of a straight lead-in in this direction and the first compensated curve.
 pub(super) fn leading_in(direction: Vec2, after: &Curve, corner: Vec2, tool: f64) -> Joint {
     let outgoing = after.start_direction();
     let (turn, cos) = (direction.angle_to(outgoing), direction.dot(outgoing));
@@ -138,7 +138,7 @@ pub(super) fn leading_in(direction: Vec2, after: &Curve, corner: Vec2, tool: f64
     }
 }
 
-/// Returns the joint of the last compensated curve and a straight lead-out with this direction.
+/// Returns the joint of the last compensated curve and a straight lead-out in this direction.
 pub(super) fn leading_out(before: &Curve, direction: Vec2, corner: Vec2, tool: f64) -> Joint {
     let incoming = before.end_direction();
     let (turn, cos) = (incoming.angle_to(direction), incoming.dot(direction));

@@ -247,7 +247,7 @@ impl Curve {
 }
 
 impl Arc {
-    /// Returns the direction of travel at a point of the arc with this radius.
+    /// Returns the direction of travel, a unit vector, at a point of the arc with this radius.
     fn direction(&self, point: Vec2, radius: f64) -> Vec2 {
         (point - self.centre).left_normal() * (self.sweep.signum() / radius)
     }

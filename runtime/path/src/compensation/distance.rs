@@ -77,7 +77,7 @@ pub(super) fn first_on(curve: &Curve, points: Points) -> Option<Vec2> {
         .min_by(|a, b| place(a).total_cmp(&place(b)))
 }
 
-/// Returns the points at which two curves meet. Two overlapping lines meet at the beginning of the overlap.
+/// Returns the points at which two curves meet. Two overlapping lines meet where the overlap begins.
 pub(super) fn intersections(a: &Curve, b: &Curve) -> Points {
     let mean = |arc: &Arc| f64::midpoint(arc.radii[0], arc.radii[1]);
     let candidates = match (a, b) {

@@ -70,7 +70,7 @@ pub(crate) enum Rounding {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct CompensationSide {
     pub plane: Plane,
-    /// Tool radius, mm; negative when the tool is on the right of the path in machine coordinates.
+    /// Tool radius, mm; negative if the tool is on the right of the path in machine coordinates.
     pub tool: f64,
 }
 
@@ -99,7 +99,7 @@ pub(crate) struct Compensator {
     count: u64,
     /// True if the machine must stop before the next piece.
     stop_next: bool,
-    /// Rounding of the next corner.
+    /// Rounding of the next corner; `None` for a corner that is not rounded.
     round_next: Option<Rounding>,
     conflict: Option<Conflict>,
 }
@@ -127,7 +127,7 @@ impl Compensator {
         self.round_next = Some(rounding);
     }
 
-    /// Returns true from the lead-in to the lead-out.
+    /// Returns true from the lead-in to the lead-out, while segments are compensated.
     pub fn is_on(&self) -> bool {
         self.side.is_some()
     }
@@ -147,7 +147,7 @@ impl Compensator {
         self.queue.iter().enumerate().map(of).sum()
     }
 
-    /// Requests a stop before the next leg that the compensator receives.
+    /// Requests a stop before the next segment that the compensator receives.
     pub fn stop(&mut self) {
         self.stop_next = true;
     }

@@ -48,7 +48,7 @@ impl CentrePath {
     }
 }
 
-/// A block that moves in the plane.
+/// A block that moves in the plane of the compensation.
 #[derive(Debug, Clone)]
 pub(super) struct Piece {
     pub leg: Leg,

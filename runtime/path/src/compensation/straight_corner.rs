@@ -69,7 +69,7 @@ pub(super) fn between(before: &Curve, after: &Curve, corner: Vec2, tool: f64) ->
     corner::between(before, after, corner, tool)
 }
 
-/// Returns the joint of a straight lead-in with this direction and the first compensated curve.
+/// Returns the joint of a straight lead-in in this direction and the first compensated curve.
 pub(super) fn leading_in(
     direction: Vec2,
     after: &Curve,
@@ -85,7 +85,7 @@ pub(super) fn leading_in(
     outside(lead, next, corner, tool)
 }
 
-/// Returns the joint of the last compensated curve and a straight lead-out with this direction.
+/// Returns the joint of the last compensated curve and a straight lead-out in this direction.
 pub(super) fn leading_out(
     before: &Curve,
     direction: Vec2,

@@ -23,7 +23,7 @@ pub(super) struct IndentTracker {
     head: Option<(Keyword, usize)>,
     /// True if the next `while` is the end of a `do`.
     do_ends: bool,
-    /// True if words of a command have been read on this line.
+    /// True if the line has had words of a command.
     words: bool,
 }
 
@@ -92,7 +92,7 @@ impl IndentTracker {
             Keyword::Do => self.open.push(Frame::Single(keyword)),
             Keyword::If | Keyword::While | Keyword::Switch => {
                 if keyword == Keyword::If && self.open.last() == Some(&Frame::Single(Keyword::Else)) {
-                    // `else if` is one level
+                    // `else if` is indented by one level, not by two
                     self.open.pop();
                 }
                 self.head = Some((keyword, 0));

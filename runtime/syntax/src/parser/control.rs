@@ -34,7 +34,7 @@ pub(super) enum ForeignBraces {
     None,
     /// Such a statement has been read; its opening brace follows.
     Begun,
-    /// This number of braces is open.
+    /// The statement has this number of open braces.
     Open(u32),
 }
 
@@ -53,7 +53,7 @@ impl ForeignBraces {
     }
 }
 
-/// A `switch` that is being read.
+/// A `switch` that is being parsed.
 #[derive(Debug)]
 struct OpenSwitch {
     /// Nesting depth of the commands in the braces of the `switch`.

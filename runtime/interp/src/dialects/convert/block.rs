@@ -400,7 +400,7 @@ impl ConversionState {
     }
 }
 
-/// The G codes of a block.
+/// Result of reading the G codes of a block.
 #[derive(Default)]
 struct Codes {
     action: Action,
@@ -408,11 +408,11 @@ struct Codes {
     begins_cycle: bool,
     /// True if the motion ends with an exact stop.
     stops_exactly: bool,
-    /// M code that makes the spindle turn again after a tapping cycle.
+    /// M code that starts the spindle again after a tapping cycle.
     ends_tapping: Option<u32>,
 }
 
-/// The action of a block.
+/// Action that the G codes of a block select.
 #[derive(Default)]
 enum Action {
     #[default]

@@ -115,7 +115,8 @@ impl ConversionState {
         Ok(format!("G53 {positions}").trim_end().to_owned())
     }
 
-    /// Converts G51, with one factor for all axes or one for each. Its centre is absolute in all dialects.
+    /// Converts G51, with one factor for all axes or one factor for each axis. The centre is absolute in all
+    /// dialects.
     pub(super) fn scaling(&mut self, words: &mut Words<'_>) -> Result<String, String> {
         let mut parts = vec!["G51".to_owned()];
         for address in [Address::X, Address::Y, Address::Z] {

@@ -18,7 +18,7 @@ const CUTS_MAX: u32 = 1000;
 struct ConvertedHoleLevels {
     r: f64,
     z: f64,
-    /// Level at which the hole ends.
+    /// Level of Z at which the hole ends.
     end: f64,
 }
 
@@ -41,7 +41,7 @@ impl HolePath<'_> {
 }
 
 impl ConversionState {
-    /// Returns the motions for the holes of a block.
+    /// Returns the motions for all holes of a block.
     pub fn holes(&mut self, words: &mut Words<'_>, begins: bool) -> Result<Vec<String>, String> {
         let Some(mut cycle) = self.cycle.clone() else {
             return Ok(Vec::new());
@@ -176,7 +176,7 @@ impl ConversionState {
             way.move_to("G00", levels.end);
         }
         if stops {
-            // M03 if the text does not show the direction of the spindle
+            // if the text does not show the direction of the spindle, M03 is written
             way.lines.push(format!("M{:02}", self.spindle.unwrap_or(3)));
         }
         let at = way.at;

@@ -9,7 +9,7 @@ use crate::numbers;
 /// Dialect of the source program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
-    /// Dialect dgshape.
+    /// Dialect dgshape of Tandem.
     Dgshape,
     /// The common subset of milling programs for FANUC and similar controls: motions, offsets, drilling
     /// cycles, tool changes, subprogram calls by a number of four digits. Numbers have their written value,
@@ -39,7 +39,7 @@ pub(super) struct ConversionState {
     pub shift: [f64; 4],
     /// Additional shift of the coordinates by G52, mm or degrees.
     pub local: [f64; 4],
-    /// True if the coordinates are rotated.
+    /// True if a rotation (G68) is active.
     pub is_rotated: bool,
     pub is_scaled: bool,
     /// Positions about which X, Y and Z are mirrored, mm.
