@@ -171,8 +171,8 @@ impl Interpreter {
     /// # Errors
     /// Returns an alarm that stops the coordinate system, before any item of the faulty block. Causes are a
     /// value out of its range (D11) or not finite (D07), a lost variable, a missing program (D12), a missing
-    /// end, a program with errors, or more than `blocks_without_motion_max` blocks in a row that give no item
-    /// and read neither P nor Q.
+    /// end, and a program with errors. Another cause is a row of more than `blocks_without_motion_max` blocks
+    /// that give no item and read neither P nor Q.
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Result<Item, Alarm> {
         let item = self.next_unless(inputs, |_, _| false)?;
         Ok(item.unwrap_or_else(|| Item::End(self.origin())))

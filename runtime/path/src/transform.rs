@@ -49,8 +49,8 @@ pub(crate) fn arc_scale(transform: &Transform, plane: Plane) -> Option<(f64, boo
     equal.then_some((first.abs(), first * second < 0.0))
 }
 
-/// Returns true if the left side of the programmed path is the right side of the machine's path, because the
-/// transform reverses the sense of rotation in the plane.
+/// Returns true if the transform reverses the sense of rotation in the plane. The left side of the programmed
+/// path is then the right side of the machine's path.
 pub(crate) fn swaps_sides(transform: &Transform, plane: Plane) -> bool {
     if transform.mirror.is_none() && transform.scaling.is_none() && transform.rotation.is_none() {
         return false;

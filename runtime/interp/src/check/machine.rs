@@ -152,8 +152,8 @@ impl Explorer<'_> {
         }
     }
 
-    /// Reports a cutting motion before the first F, if the machine has no default feedrate or is unknown (alarm 101),
-    /// and a thread before the first S (alarm 113).
+    /// Reports a cutting motion before the first F (alarm 101), if the machine has no default feedrate or is
+    /// unknown. Also reports a thread before the first S (alarm 113).
     pub(super) fn feed_and_speed(&mut self, here: CurrentBlock<'_>, state: &mut CheckState) {
         let CurrentBlock { tree, block, .. } = here;
         let words = &self.words;

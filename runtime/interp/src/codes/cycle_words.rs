@@ -1,8 +1,8 @@
 //! Words that fixed cycles have in common, and the effect of a block with these words (D42).
 //!
 //! All levels are programmed positions. The initial level is Z at the start of the cycle, not at the start of
-//! each block: in the manual's examples, the last hole returns with G98 to the level before the first hole,
-//! and in G91 all holes have the same R and Z point.
+//! each block. Reason: in the manual's examples, the last hole returns with G98 to the level before the first
+//! hole. In G91 all holes have the same R and Z point.
 
 use tandem_model::alarm::FIXED_CYCLE_REFUSED;
 use tandem_model::flow::{AxisWords, Distance};

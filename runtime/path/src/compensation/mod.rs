@@ -11,9 +11,9 @@
 //! - An added arc belongs to the block that follows the arc, with the line, feedrate and stop of that block.
 //!   A straight extension belongs to the block that it extends. An exact stop between two blocks is made
 //!   where their extensions meet, before an added arc.
-//! - A block that moves no axis of the plane is held back until the next block that moves in the plane, and
-//!   moves at the joint of the blocks before and after it. This also applies after G40. Blocks before and
-//!   after a move along another axis are not measured against each other: they cut at different heights.
+//! - A block that moves no axis of the plane is held back until the next block that moves in the plane. It
+//!   then moves at the joint of the blocks before and after it. This also applies after G40. Blocks before
+//!   and after a move along another axis are not measured against each other: they cut at different heights.
 //! - The straight lead-in and lead-out are not measured: in the manual's own examples, they come closer to
 //!   the contour than the radius. Arcs added to them are measured.
 //! - If the radii of an arc differ by at most the arc radius tolerance, each end of the arc is treated as
