@@ -164,7 +164,7 @@ impl Explorer<'_> {
             && !has(Address::S)
             && !words.taken.is_empty()
             && words.taker.is_some_and(threads);
-        // a run reports this fault only once
+        // on each path, the fault is reported only once
         state.has_feed |= lacks_feed || has(Address::F);
         state.has_speed |= lacks_speed || has(Address::S);
         if lacks_feed {
