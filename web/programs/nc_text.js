@@ -1,12 +1,9 @@
 // The lines of a program, and their words for highlighting. This is not a parser: the runtime decides about validity.
 
+import { dialect } from "../dialects/dialects.js";
+
 /** @typedef {{kind: "comment" | "g" | "m" | "n" | "axis" | "", text: string}} Part */
 
-/** Comments of each dialect within a line, and whether the dialect has comments over several lines. @type {Record<string, {inLine: string, overLines: boolean}>} */
-const COMMENTS = {
-  nj: { inLine: String.raw`\/\*.*?(?:\*\/|$)|\/\/.*`, overLines: true },
-  dgshape: { inLine: String.raw`\([^)]*\)?`, overLines: false },
-};
 const [NEWLINE, SLASH, STAR] = [10, 47, 42];
 /** Bytes are kept in pieces of this size. */
 const PIECE_BYTES = 2 ** 20;
@@ -15,15 +12,15 @@ const STARTS_FIRST = 1024;
 /** Longest time without a pause while a text arrives, ms. */
 const PAUSE_AFTER_MS = 8;
 
-/** `/n` and `N`, `G`, `M` and its parameters, axis words. */
-const WORDS = String.raw`(?<n>N\d+|^\s*\/\d*)|(?<g>G\d+(?:\.\d+)?)|(?<m>M\d+|(?<![A-Z])V[A-H](?=\s*[-+.\d=\[(]))|(?<axis>(?<![A-Z])[XYZABCUVWIJK](?=\s*[-+.\d=\[(]))`;
+/** Returns the pattern of `/n` and `N`, `G`, `M` and its data words, axis words. @param {string} dataWords */
+const wordsWith = (dataWords) => String.raw`(?<n>N\d+|^\s*\/\d*)|(?<g>G\d+(?:\.\d+)?)|(?<m>M\d+|(?<![A-Z])(?:${dataWords})(?=\s*[-+.\d=\[(]))|(?<axis>(?<![A-Z])[XYZABCUVWIJK](?=\s*[-+.\d=\[(]))`;
 /** Longest line that is highlighted, characters. */
 const COLOURED_MAX = 400;
 
 /** A text as bytes, which arrives in parts; a line becomes a string when it is requested. */
 export class NcText {
   #words;
-  #overLines;
+  #spansLines;
   /** @type {Uint8Array[]} */
   #pieces = [];
   #length = 0;
@@ -38,16 +35,16 @@ export class NcText {
   /** Start of the open comment, and its line. */
   #block = { at: 0, line: 0 };
 
-  /** @param {string} dialect */
-  constructor(dialect) {
-    const comments = COMMENTS[dialect] ?? { inLine: "(?!)", overLines: false };
-    this.#overLines = comments.overLines;
-    this.#words = new RegExp(`(?<comment>${comments.inLine})|${WORDS}`, "gi");
+  /** @param {string} name of the dialect */
+  constructor(name) {
+    const { comments, dataWords } = dialect(name);
+    this.#spansLines = comments.spansLines;
+    this.#words = new RegExp(`(?<comment>${comments.inLine})|${wordsWith(dataWords)}`, "gi");
   }
 
-  /** Reads the whole text of an answer, without blocking the page. @param {ReadableStream<Uint8Array>} stream @param {string} dialect */
-  static async read(stream, dialect) {
-    const text = new NcText(dialect);
+  /** Reads the whole text of an answer, without blocking the page. @param {ReadableStream<Uint8Array>} stream @param {string} name of the dialect */
+  static async read(stream, name) {
+    const text = new NcText(name);
     const reader = stream.getReader();
     let began = performance.now();
     for (let part = await reader.read(); !part.done; part = await reader.read()) {
@@ -82,7 +79,7 @@ export class NcText {
         if (this.#within === "line") this.#within = "code";
         this.#startAt(offset + i + 1);
       }
-      const isSign = this.#overLines && (byte === SLASH || byte === STAR) && this.#comment(byte, offset + i);
+      const isSign = this.#spansLines && (byte === SLASH || byte === STAR) && this.#comment(byte, offset + i);
       // a byte belongs to one comment sign only
       this.#before = isSign ? 0 : byte;
     }

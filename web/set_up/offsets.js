@@ -1,11 +1,12 @@
 // Work offsets: their values, and setting of zero at the position of the tool or of a touch.
 
 import { disableFor, whyNot, whyNotNow } from "../access/why_not.js";
+import { dialect } from "../dialects/dialects.js";
 import { axesOf } from "../machine/model.js";
 import { position } from "../text/format.js";
 import { sentences, t } from "../text/language.js";
 import { scaleOf } from "../text/units.js";
-import { button, h, setAttr, setText } from "../ui/dom.js";
+import { button, fill, h, setAttr, setText } from "../ui/dom.js";
 import { numberField, Undo } from "./values.js";
 
 /** Codes that rotate, scale or mirror positions, by modal group, with their end codes: with them, one axis offset does
@@ -13,7 +14,6 @@ import { numberField, Undo } from "./values.js";
 const TURNS = [{ group: "16", code: "G68", end: "G69" }, { group: "11", code: "G51", end: "G50" }, { group: "22", code: "G51.1", end: "G50.1" }];
 /** Resolution of the published positions, mm or degrees. */
 const NEAR = 0.0015;
-const NAMES = ["G54", "G55", "G56", "G57", "G58", "G59"];
 
 /** @type {import("./values.js").Section} */
 export const offsets = { title: t("offsets.offsets"), create: (app) => new Offsets(app) };
@@ -27,7 +27,9 @@ class Offsets {
   #key = "";
   /** Last published offsets and tools. @type {unknown[]} */
   #applied = [];
-  #picks = NAMES.map((name) => button({ class: "button pick", role: "radio", onclick: () => this.#choose(name) }, name));
+  /** Names of the work offsets of the dialect, each with its button. @type {Map<string, HTMLButtonElement>} */
+  #picks = new Map();
+  #choice = h("div", { class: "choice", role: "radiogroup", "aria-label": t("offsets.work_offset") });
   /** @type {import("../types.d.ts").ToolData[]} */
   #tools = [];
   #body = h("div", { class: "offset-rows" });
@@ -41,10 +43,11 @@ class Offsets {
   constructor(app) {
     this.app = app;
     this.#undo = new Undo(app, () => this.read());
+    this.#buildPicks();
     this.element = h(
       "div",
       { class: "offsets" },
-      h("div", { class: "choice", role: "radiogroup", "aria-label": t("offsets.work_offset") }, ...this.#picks),
+      this.#choice,
       this.#body,
       this.#note,
       h("div", { class: "row end" }, this.#undo.element, this.#use),
@@ -57,6 +60,15 @@ class Offsets {
       [this.#values, this.#tools] = await Promise.all([api.workOffsets(model.selected), api.tools()]);
     });
     this.app.invalidate();
+  }
+
+  /** Builds a button for each work offset if the dialect has others than those shown. */
+  #buildPicks() {
+    const { workOffsets } = dialect(this.app.model.current?.info.dialect);
+    if (workOffsets.join() === [...this.#picks.keys()].join()) return;
+    this.#picks = new Map(workOffsets.map((name) => [name, button({ class: "button pick", role: "radio", onclick: () => this.#choose(name) }, name)]));
+    fill(this.#choice, ...this.#picks.values());
+    if (!this.#picks.has(this.#name)) this.#choose(workOffsets[0] ?? "");
   }
 
   /**
@@ -81,7 +93,8 @@ class Offsets {
       this.#marks.clear();
       this.#rows = axesOf(system).map((axis) => this.#row(axis));
     }
-    for (const [at, pick] of this.#picks.entries()) setAttr(pick, "aria-checked", String(NAMES[at] === this.#name));
+    this.#buildPicks();
+    for (const [name, pick] of this.#picks) setAttr(pick, "aria-checked", String(name === this.#name));
     for (const row of this.#rows) row.render();
     this.#undo.render();
     const active = system.modal?.work_offset;
@@ -167,8 +180,7 @@ class Offsets {
     const code = current?.modal?.g["08"] ?? "G49";
     if (code === "G49") return null;
     const tool = this.#tools.find(({ id }) => id === current?.modal?.tool);
-    // other dialects name a length by a separate number
-    if (!tool || current?.info.dialect !== "nj") return undefined;
+    if (!tool || !dialect(current?.info.dialect).usesSpindleToolLength) return undefined;
     return { code, tool: tool.id, adds: code === "G44" ? -tool.length : tool.length };
   }
 

@@ -1,6 +1,7 @@
 // Touches with a probe: edges, corners, bores, bosses, the top of a part, tool lengths. Each is a cycle with a preview before it runs.
 
 import { disableFor, whyNot, whyNotNow } from "../access/why_not.js";
+import { dialect } from "../dialects/dialects.js";
 import { position, readNumber } from "../text/format.js";
 import { sentences, t } from "../text/language.js";
 import { isRotary, lengthScale, unitOf } from "../text/units.js";
@@ -16,7 +17,6 @@ import { Undo } from "./values.js";
 /** @typedef {"distance" | "feed" | "ball" | "clearance" | "size" | "depth" | "tip" | "setter"} Value */
 
 const KEY = "tandem-probe";
-const OFFSETS = ["G54", "G55", "G56", "G57", "G58", "G59"];
 
 /** Inputs of each cycle. @type {Record<Kind, Value[]>} */
 const VALUES = {
@@ -214,7 +214,7 @@ class Probe {
   #whyNot() {
     const { model } = this.app;
     if (this.#runs) return t("probe.runs");
-    if (model.current?.info.dialect !== "nj") return t("probe.no_g31", { dialect: model.current?.info.dialect });
+    if (!dialect(model.current?.info.dialect).hasProbeCycles) return t("probe.no_g31", { dialect: model.current?.info.dialect });
     if (VALUES[this.#kind].some((name) => Number.isNaN(this.#values[name]))) return t("probe.write_all_values");
     const state = model.current?.state?.execution ?? "";
     return whyNotNow(model) ?? (["ACTIVE", "WAIT"].includes(state) ? t("offsets.a_run_is_on_zero") : null);
@@ -314,7 +314,9 @@ class Probe {
   /** @param {import("./cycles.js").Found["zero"]} zero */
   #zeroForm(zero) {
     const axes = Object.keys(zero);
-    const names = h("select", { class: "input", "aria-label": t("offsets.work_offset") }, ...OFFSETS.map((name) => h("option", { value: name, selected: name === this.#offset }, name)));
+    const { workOffsets } = dialect(this.app.model.current?.info.dialect);
+    if (!workOffsets.includes(this.#offset)) this.#offset = workOffsets[0] ?? "";
+    const names = h("select", { class: "input", "aria-label": t("offsets.work_offset") }, ...workOffsets.map((name) => h("option", { value: name, selected: name === this.#offset }, name)));
     names.addEventListener("change", () => {
       this.#offset = names.value;
     });

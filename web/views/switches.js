@@ -1,6 +1,7 @@
 // Inputs of the operator: single block, optional stop, block skip 1 to 9, and the locks.
 
 import { disableFor, whyNotNow } from "../access/why_not.js";
+import { dialect, OPTIONAL_SKIPS_MAX } from "../dialects/dialects.js";
 import { switchLock } from "../inputs/locks.js";
 import { t } from "../text/language.js";
 import { button, h, setAttr } from "../ui/dom.js";
@@ -11,7 +12,7 @@ export const switches = {
   create(app) {
     const optionalStop = toggle(app, "optional_stop", t("switches.opt_stop"), t("switches.optional_stop"), (cs) => cs.optionalStop?.value ?? cs.state?.optional_stop);
     const singleBlock = toggle(app, "single_block", t("switches.single"), t("switches.single_block"), (cs) => cs.singleBlock?.value ?? cs.state?.single_block);
-    const skips = Array.from({ length: 9 }, (_, i) => i + 1).map((number) =>
+    const skips = Array.from({ length: OPTIONAL_SKIPS_MAX }, (_, i) => i + 1).map((number) =>
       toggle(app, `optional_skip/${number}`, `/${number}`, t("switches.skip", { number }), (cs) =>
         (cs.optionalSkip?.requested ?? cs.state?.optional_skip)?.includes(number),
       ),
@@ -24,16 +25,13 @@ export const switches = {
       h("div", { class: "skips", role: "group", "aria-label": t("switches.block_skip") }, ...skips.map((s) => s.element)),
     );
     const render = () => {
-      const most = SKIPS[app.model.current?.info.dialect ?? ""] ?? skips.length;
+      const most = dialect(app.model.current?.info.dialect).optionalSkips;
       skips.forEach((skip, i) => setAttr(skip.element, "hidden", i >= most));
       for (const one of all) one.render();
     };
     return { element, render };
   },
 };
-
-/** Block skips of a dialect with fewer than nine. @type {Record<string, number>} */
-const SKIPS = { dgshape: 1 };
 
 /**
  * A lock that this screen can switch; it also shows the sources of other clients.
