@@ -1,4 +1,4 @@
-// The names of NC dialects stand in web/dialects/ only; other modules of the HMI use the rows.
+// The names of NC dialects are in web/dialects/ only; other modules of the HMI use the rows.
 
 import assert from "node:assert/strict";
 import { readdir, readFile } from "node:fs/promises";
