@@ -1,13 +1,13 @@
 //! A scripted machine for unit tests of handlers: a [`Port`] with the real handshake and its own clock.
 //!
-//! The test issues outputs ([`FakePort::put_out`]), and reads how each output ended ([`FakePort::closed`])
+//! The test issues outputs ([`FakePort::issue_output`]), and reads how each output ended ([`FakePort::closed`])
 //! and which other requests were made ([`FakePort::requests`]). The time of this machine advances only by
 //! [`FakePort::advance`]. In a current-thread tokio runtime, the default of `#[tokio::test]`, all runs of a
 //! test are identical.
 //!
 //! The state word changes as on a machine: READY with program 1 at first, WAIT while an output is open,
 //! ACTIVE after its reset, STOPPED with an alarm if the output fails, `PROGRAM_COMPLETED` after
-//! [`FakePort::put_end`]. The same [table](crate::execution) as on a machine decides which commands are
+//! [`FakePort::end_program`]. The same [table](crate::execution) as on a machine decides which commands are
 //! allowed; a command has its effect at once. Inputs, tool and spindle keep the values that were set.
 //!
 //! ```
@@ -16,7 +16,7 @@
 //! let fake = FakePort::new([1]);
 //! let mill = fake.plc().coordinate_system(1);
 //! mill.start().await?;
-//! fake.put_out(1, 100, Params::default());
+//! fake.issue_output(1, 100, Params::default());
 //! assert_eq!(mill.state().await?.execution, Execution::Wait);
 //! mill.hold().await?;
 //! assert_eq!(mill.state().await?.execution, Execution::FeedHold);
@@ -28,7 +28,7 @@
 //!
 //! The scripted machine has no motion and reads no NC program. Positions, captured positions, modal codes,
 //! and everything that depends on them (M00, M01, single block, `with_motion` outputs) exist only if a test
-//! publishes them by [`FakePort::say`]. For tests with NC programs and motion use `tandem_runtime::test`.
+//! publishes them by [`FakePort::publish_message`]. For tests with NC programs and motion use `tandem_runtime::test`.
 
 mod alarms;
 mod data;
@@ -135,7 +135,7 @@ impl FakePort {
     /// Issues an output with a time limit, and returns its `seq`.
     ///
     /// # Panics
-    /// Panics as [`FakePort::put_out`].
+    /// Panics as [`FakePort::issue_output`].
     #[expect(clippy::expect_used, reason = "mistakes of the test, documented")]
     pub fn issue_output_within(
         &self,
@@ -363,7 +363,7 @@ impl FakePort {
     ///     execution: Execution::FeedHold,
     ///     ..State::default()
     /// };
-    /// fake.say(1, CsTopic::State, Payload::State(held));
+    /// fake.publish_message(1, CsTopic::State, Payload::State(held));
     /// let mill = fake.plc().coordinate_system(1);
     /// assert_eq!(mill.state().await?.execution, Execution::FeedHold);
     /// # Ok(()) }

@@ -16,7 +16,7 @@
 //! use std::time::Duration;
 //! use plc_api::function_blocks::{OnDelay, RisingEdge, UpCounter};
 //! use plc_api::scan::{Image, ScanProgram};
-//! use plc_api::{Alarm, Params, SequenceProgram, fake::FakePort, handshake::Closed};
+//! use plc_api::{Alarm, Params, SequenceProgram, fake::FakePort, handshake::OutputOutcome};
 //!
 //! /// M50 counts a part, and is done when the gripper has been closed for 0.2 s.
 //! struct Gripper {
@@ -48,14 +48,14 @@
 //! let program = SequenceProgram::new().scan(50, Duration::from_millis(10), gripper);
 //! # tokio::spawn(async move { program.run(&plc).await });
 //! # fake.settle().await;
-//! # let first = fake.put_out(1, 50, Params::default());
+//! # let first = fake.issue_output(1, 50, Params::default());
 //! # fake.advance(Duration::from_millis(200)).await;
 //! # assert_eq!(fake.closed(1, first), None);
 //! # fake.advance(Duration::from_millis(20)).await;
-//! # assert_eq!(fake.closed(1, first), Some(Closed::Reset));
-//! # let second = fake.put_out(1, 50, Params::default());
+//! # assert_eq!(fake.closed(1, first), Some(OutputOutcome::Reset));
+//! # let second = fake.issue_output(1, 50, Params::default());
 //! # fake.advance(Duration::from_millis(20)).await;
-//! # assert!(matches!(fake.closed(1, second), Some(Closed::Failed { .. })));
+//! # assert!(matches!(fake.closed(1, second), Some(OutputOutcome::Failed { .. })));
 //! # }
 //! ```
 //!

@@ -130,7 +130,7 @@ impl HandlerRegistry {
     ///
     /// # Errors
     /// Fails if the id or the instance is not valid, the handler serves too many M codes, another instance is
-    /// online (`handler_taken`; [`asked`](Self::asked) returns that instance if it must confirm its
+    /// online (`handler_taken`; [`instance_to_confirm`](Self::instance_to_confirm) returns that instance if it must confirm its
     /// presence), or [`HANDLERS_MAX`] handlers are online.
     pub fn set_over(
         &mut self,

@@ -60,7 +60,7 @@ type Companion = Arc<dyn Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync
 /// A sequence program: handlers by M code.
 ///
 /// ```
-/// use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, fake::FakePort, handshake::Closed};
+/// use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, fake::FakePort, handshake::OutputOutcome};
 ///
 /// async fn clamp(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
 ///     let force = output.params().a().ok_or(Alarm::user(1, "M10 needs VA"))?;
@@ -73,13 +73,13 @@ type Companion = Arc<dyn Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync
 /// let fake = FakePort::new([1]);
 /// let plc = fake.plc();
 /// tokio::spawn(async move { SequenceProgram::new().on(10, clamp).run(&plc).await });
-/// let good = fake.put_out(1, 10, Params { a: Some(5.0), ..Params::default() });
+/// let good = fake.issue_output(1, 10, Params { a: Some(5.0), ..Params::default() });
 /// fake.advance(std::time::Duration::from_millis(300)).await;
-/// assert_eq!(fake.closed(1, good), Some(Closed::Reset));
-/// let bad = fake.put_out(1, 10, Params::default());
+/// assert_eq!(fake.closed(1, good), Some(OutputOutcome::Reset));
+/// let bad = fake.issue_output(1, 10, Params::default());
 /// fake.settle().await;
 /// let alarm = Alarm::user(1, "M10 needs VA");
-/// assert_eq!(fake.closed(1, bad), Some(Closed::Failed { alarm }));
+/// assert_eq!(fake.closed(1, bad), Some(OutputOutcome::Failed { alarm }));
 /// # }
 /// ```
 #[derive(Clone)]
@@ -200,7 +200,7 @@ impl<Scope> SequenceProgram<Scope> {
         self
     }
 
-    /// Adds a state that handlers take as an argument [`State<T>`](crate::State): each call of a handler
+    /// Adds a state that handlers take as an argument [`HandlerState<T>`](crate::HandlerState): each call of a handler
     /// receives a clone, for example of an `Arc`. A program has at most one state of each type.
     ///
     /// [`SequenceProgram::run`] refuses a second state of the same type, and a handler that takes a state

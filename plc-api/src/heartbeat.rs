@@ -21,7 +21,7 @@ const LOOKS: u32 = 4;
 
 /// A guard that sends heartbeats to the machine in the background. If the heartbeats stop, because the
 /// program has ended, hangs, or lost its connection, the machine holds every run: `FEED_HOLD`, reason
-/// `CLIENT_LOST`. Dropping the guard has the same effect. [`Heartbeat::end`] reports a regular end of the
+/// `CLIENT_LOST`. Dropping the guard has the same effect. [`HeartbeatGuard::release`] reports a regular end of the
 /// program, without a hold.
 ///
 /// ```
@@ -30,7 +30,7 @@ const LOOKS: u32 = 4;
 /// # let plc = plc_api::fake::FakePort::new([1]).plc();
 /// let heartbeat = plc.heartbeat(Duration::from_millis(500)).await?;
 /// // ... work without which the machine must not continue ...
-/// heartbeat.end().await
+/// heartbeat.release().await
 /// # }
 /// ```
 #[derive(Debug)]

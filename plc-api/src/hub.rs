@@ -1,7 +1,7 @@
 //! The hub: the latest value of each state topic, and bounded subscriptions to all topics.
 //!
 //! Publishing never waits for a subscriber. A slow subscriber receives the latest value of each state topic,
-//! and all events up to a limit; beyond it the oldest are dropped and counted by [`Subscription::lost`] (see
+//! and all events up to a limit; beyond it the oldest are dropped and counted by [`Subscription::dropped_events`] (see
 //! [`queue`](crate::queue)). Data that must not be lost is therefore also published as a state: open outputs
 //! in `m_code/pending`, alarms in `alarm/active`.
 

@@ -34,13 +34,13 @@ use crate::types::topic::Topic;
 /// let program = SequenceProgram::new().on(8, coolant_on);
 /// # tokio::spawn(async move { program.run(&plc).await });
 /// # fake.settle().await;
-/// # let seq = fake.put_out(1, 8, plc_api::Params::default());
+/// # let seq = fake.issue_output(1, 8, plc_api::Params::default());
 /// # fake.settle().await;
 /// # assert!(fake.plc().io_out("coolant_valve").value().await?.is_on());
 /// # assert_eq!(fake.closed(1, seq), None);
 /// # fake.plc().io_in("coolant_flows").set(true).await?;
 /// # fake.settle().await;
-/// # assert_eq!(fake.closed(1, seq), Some(plc_api::handshake::Closed::Reset));
+/// # assert_eq!(fake.closed(1, seq), Some(plc_api::handshake::OutputOutcome::Reset));
 /// # Ok(()) }
 /// ```
 #[derive(Debug, Clone)]

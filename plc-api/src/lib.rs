@@ -129,7 +129,7 @@
 //! # let fake = FakePort::new([1]);
 //! # let plc = fake.plc();
 //! # tokio::spawn(async move { SequenceProgram::new().on(8, rinse).run(&plc).await });
-//! # let seq = fake.put_out(1, 8, Params::default());
+//! # let seq = fake.issue_output(1, 8, Params::default());
 //! # fake.advance(Duration::from_secs(1)).await;
 //! # fake.cancel(1, CancelReason::Stop);
 //! # fake.settle().await;

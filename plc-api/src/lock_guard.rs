@@ -37,7 +37,7 @@ impl CoordinateSystem {
     /// # let fake = FakePort::new([1]);
     /// # let plc = fake.plc();
     /// # tokio::spawn(async move { SequenceProgram::new().on(60, change_pallet).run(&plc).await });
-    /// # fake.put_out(1, 60, Params::default());
+    /// # fake.issue_output(1, 60, Params::default());
     /// # fake.advance(Duration::from_secs(1)).await;
     /// # assert_eq!(fake.plc().coordinate_system(1).start_lock().await?.text, "the pallet moves");
     /// # fake.advance(Duration::from_secs(5)).await;

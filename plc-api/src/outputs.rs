@@ -37,7 +37,7 @@ use owner::OutputsOwner;
 /// ```
 /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
 /// # let fake = plc_api::fake::FakePort::new([1]);
-/// # fake.put_out(1, 100, plc_api::Params::default());
+/// # fake.issue_output(1, 100, plc_api::Params::default());
 /// # let plc = fake.plc();
 /// let mut outputs = plc.outputs().on(100);
 /// let output = outputs.next().await?;

@@ -12,7 +12,7 @@
 //! ```
 //! use std::time::Duration;
 //! use plc_api::scan::{Image, ScanProgram};
-//! use plc_api::{Alarm, Params, SequenceProgram, fake::FakePort, handshake::Closed};
+//! use plc_api::{Alarm, Params, SequenceProgram, fake::FakePort, handshake::OutputOutcome};
 //!
 //! /// M10 closes the clamp, M11 opens the clamp; each takes half a second.
 //! #[derive(Default)]
@@ -38,11 +38,11 @@
 //! # let plc = fake.plc();
 //! let program = SequenceProgram::new().scan(10..=11, Duration::from_millis(10), Clamp::default());
 //! # tokio::spawn(async move { program.run(&plc).await });
-//! # let seq = fake.put_out(1, 10, Params::default());
+//! # let seq = fake.issue_output(1, 10, Params::default());
 //! # fake.advance(Duration::from_millis(490)).await;
 //! # assert_eq!(fake.closed(1, seq), None);
 //! # fake.advance(Duration::from_millis(30)).await;
-//! # assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+//! # assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
 //! # }
 //! ```
 //!

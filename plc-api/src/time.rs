@@ -15,7 +15,7 @@ impl Plc {
     ///
     /// ```
     /// # use std::time::Duration;
-    /// # use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, fake::FakePort, handshake::Closed};
+    /// # use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, fake::FakePort, handshake::OutputOutcome};
     /// # async fn clamp_is_closed() { std::future::pending().await }
     /// async fn clamp(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     ///     let closed = plc.timeout(Duration::from_secs(3), clamp_is_closed()).await;
@@ -25,9 +25,9 @@ impl Plc {
     /// # let fake = FakePort::new([1]);
     /// # let plc = fake.plc();
     /// # tokio::spawn(async move { SequenceProgram::new().on(10, clamp).run(&plc).await });
-    /// # let seq = fake.put_out(1, 10, Params::default());
+    /// # let seq = fake.issue_output(1, 10, Params::default());
     /// # fake.advance(Duration::from_secs(3)).await;
-    /// # assert!(matches!(fake.closed(1, seq), Some(Closed::Failed { .. })));
+    /// # assert!(matches!(fake.closed(1, seq), Some(OutputOutcome::Failed { .. })));
     /// # }
     /// ```
     ///

@@ -43,7 +43,7 @@ impl SequenceProgram {
     /// own [`state`](SequenceProgram::state)s and its own [`on_redelivery`](SequenceProgram::on_redelivery).
     ///
     /// ```
-    /// # use plc_api::{Alarm, AuxOutput, SequenceProgram, State};
+    /// # use plc_api::{Alarm, AuxOutput, SequenceProgram};
     /// # #[derive(Clone)] struct Valve(u8);
     /// # async fn close(_output: AuxOutput) -> Result<(), Alarm> { Ok(()) }
     /// # async fn open(_output: AuxOutput) -> Result<(), Alarm> { Ok(()) }
@@ -52,7 +52,7 @@ impl SequenceProgram {
     ///     SequenceProgram::new().on(10, close).on(11, open).state(Valve(valve))
     /// }
     ///
-    /// let program = SequenceProgram::new().nest(10..=11, clamp(1)).nest(20..=21, clamp(2));
+    /// let program = SequenceProgram::new().merge_at(10..=11, clamp(1)).merge_at(20..=21, clamp(2));
     /// assert_eq!(program.check(), Ok(()));
     /// let codes: Vec<u16> = program.served().serves.iter().map(|one| one.m).collect();
     /// assert_eq!(codes, [10, 11, 20, 21]);

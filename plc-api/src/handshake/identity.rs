@@ -148,7 +148,7 @@ impl LiveHandlers {
         }
     }
 
-    /// Checks a reset without a claim as [`take_up`](Self::take_up) checks a claim. A sender that is neither
+    /// Checks a reset without a claim as [`check_claim`](Self::check_claim) checks a claim. A sender that is neither
     /// an online handler nor the lost handler decides as an operator does.
     pub(super) fn check_unclaimed_reset(
         &self,

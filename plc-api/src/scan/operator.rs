@@ -44,7 +44,7 @@ impl Image {
     /// questions are refused ([`Image::refusals`]).
     ///
     /// ```
-    /// # use plc_api::{Alarm, Params, SequenceProgram, fake::FakePort, handshake::Closed, scan::Image};
+    /// # use plc_api::{Alarm, Params, SequenceProgram, fake::FakePort, handshake::OutputOutcome, scan::Image};
     /// # use std::time::Duration;
     /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
     /// # let fake = FakePort::new([1]);
@@ -57,12 +57,12 @@ impl Image {
     ///     }
     /// });
     /// # tokio::spawn(async move { program.run(&plc).await });
-    /// # let seq = fake.put_out(1, 80, Params::default());
+    /// # let seq = fake.issue_output(1, 80, Params::default());
     /// # fake.advance(Duration::from_millis(50)).await;
     /// # let mill = fake.plc().coordinate_system(1);
     /// # mill.answer(&mill.question().await?, "yes").await?;
     /// # fake.advance(Duration::from_millis(50)).await;
-    /// # assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    /// # assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     /// # Ok(()) }
     /// ```
     pub fn ask<C: Into<String>>(
