@@ -1,7 +1,7 @@
-//! Operations per second of the handshake ledger. `cargo bench -p plc-api`
+//! Benchmarks of the handshake ledger, in operations per second. Run them with `cargo bench -p plc-api`.
 //!
-//! An operation is one call: an output is queued, issued, claimed or reset. Like the coordinator, the
-//! benchmark takes the effects after each call.
+//! One operation is one call of the ledger, which queues, issues, claims or resets an output. After each call
+//! the benchmark takes the effects of the ledger, as the coordinator does.
 
 use std::time::SystemTime;
 
@@ -34,8 +34,8 @@ fn spec() -> OutputSpec {
     }
 }
 
-/// One output from its creation to its reset: four operations, while `open` other outputs are open.
-// many outputs in a sample, because one takes only as long as 20 steps of the clock
+/// Measures one output from its creation to its reset: four operations, while `open` other outputs are open.
+// one sample contains 100 outputs, because one output takes only as long as 20 ticks of the clock
 #[divan::bench(args = [0, 8, 63], sample_size = 100)]
 fn life_of_an_output(bencher: Bencher<'_, '_>, open: usize) {
     let boot_id = BootId("boot".to_owned());
@@ -79,7 +79,7 @@ fn life_of_an_output(bencher: Bencher<'_, '_>, open: usize) {
     divan::black_box(effects);
 }
 
-/// A claim that arrives too late, as after a reconnection.
+/// Measures a claim of an output of an earlier boot, as a handler may send it after a reconnection.
 #[divan::bench]
 fn stale_claim(bencher: Bencher<'_, '_>) {
     let mut ledger = Ledger::new(BootId("boot".to_owned()), 1, 64);

@@ -1,14 +1,15 @@
 //! A scripted machine for unit tests of handlers: a [`Port`] with the real handshake and its own clock.
 //!
-//! The test issues outputs ([`FakePort::issue_output`]), and reads how each output ended ([`FakePort::closed`])
-//! and which other requests were made ([`FakePort::requests`]). The time of this machine advances only by
-//! [`FakePort::advance`]. In a current-thread tokio runtime, the default of `#[tokio::test]`, all runs of a
-//! test are identical.
+//! The test issues outputs ([`FakePort::issue_output`]). It reads how each output ended
+//! ([`FakePort::closed`]) and which other requests this machine received ([`FakePort::requests`]). The time
+//! advances only when the test calls [`FakePort::advance`]. In a current-thread tokio runtime, the default of
+//! `#[tokio::test]`, all runs of a test are identical.
 //!
 //! The state word changes as on a machine: READY with program 1 at first, WAIT while an output is open,
-//! ACTIVE after its reset, STOPPED with an alarm if the output fails, `PROGRAM_COMPLETED` after
+//! ACTIVE after the reset of the output, STOPPED with an alarm if the output fails, `PROGRAM_COMPLETED` after
 //! [`FakePort::end_program`]. The same [table](crate::execution) as on a machine decides which commands are
-//! allowed; a command has its effect at once. Inputs, tool and spindle keep the values that were set.
+//! allowed. An allowed command takes effect at once. Inputs, tool and spindle keep the values that requests
+//! have set.
 //!
 //! ```
 //! # use plc_api::{Execution, Params, fake::FakePort, types::request::Refusal};
@@ -28,7 +29,8 @@
 //!
 //! The scripted machine has no motion and reads no NC program. Positions, captured positions, modal codes,
 //! and everything that depends on them (M00, M01, single block, `with_motion` outputs) exist only if a test
-//! publishes them by [`FakePort::publish_message`]. For tests with NC programs and motion use `tandem_runtime::test`.
+//! publishes them by [`FakePort::publish_message`]. For tests with NC programs and motion use
+//! `tandem_runtime::test`.
 
 mod alarms;
 mod data;
@@ -73,8 +75,8 @@ use system::System;
 /// Largest number of open outputs of one coordinate system.
 const OPEN_OUTPUTS_MAX: usize = 64;
 
-/// Number of times that [`FakePort::settle`] yields to other tasks. Reason: more than the wake-ups between an
-/// output and its reset.
+/// Number of times that [`FakePort::settle`] yields to other tasks. Reason: the number of task wake-ups
+/// between an output and its reset is smaller.
 const SETTLE_TURNS: usize = 128;
 
 /// A scripted machine. Clones are handles to the same machine.
@@ -102,7 +104,7 @@ struct FakeMachine {
 }
 
 impl FakePort {
-    /// Creates a machine with these coordinate systems, which is online.
+    /// Creates a machine that is online and has these coordinate systems.
     pub fn new(coordinate_systems: impl IntoIterator<Item = CoordinateSystemNumber>) -> Self {
         let systems = coordinate_systems.into_iter().map(|cs| (cs, System::new(1, cs)));
         let inner = FakeMachine {
@@ -123,11 +125,13 @@ impl FakePort {
         Plc::in_process(Arc::new(self.clone()))
     }
 
-    /// Issues an output without a time limit, for which the program waits, and returns its `seq`. Starts a
-    /// run if no run is active. During a hold, the output is issued at the resume.
+    /// Issues an output without a time limit, and returns its `seq`. The program waits for the reset of the
+    /// output. If no run is active, starts a run. If the run is held, the output is issued when the run
+    /// resumes.
     ///
     /// # Panics
-    /// Panics if the coordinate system does not exist, or 64 of its outputs are open: mistakes of the test.
+    /// Panics if the coordinate system does not exist, or if 64 of its outputs are open. Both are mistakes of
+    /// the test.
     pub fn issue_output(&self, cs: CoordinateSystemNumber, m: u16, params: Params) -> u64 {
         self.issue_output_within(cs, m, params, None)
     }
@@ -168,8 +172,8 @@ impl FakePort {
         .expect("no such coordinate system")
     }
 
-    /// Ends the program (M30): the state word is `PROGRAM_COMPLETED` as soon as no output is open and the
-    /// program is not held.
+    /// Marks the end of the program (M30) as reached. The state word changes to `PROGRAM_COMPLETED` as soon
+    /// as no output is open and the program is not held.
     pub fn end_program(&self, cs: CoordinateSystemNumber) {
         let mut inner = lock(&self.inner);
         if let Some(system) = inner.systems.get_mut(&cs) {
@@ -192,22 +196,22 @@ impl FakePort {
             .unwrap_or_default()
     }
 
-    /// Returns all requests so far, without those of the handshake, such as claims, resets and presence of
-    /// handlers.
+    /// Returns all requests that this machine has received so far, except those of the handshake, such as
+    /// claims, resets and presences of handlers.
     pub fn requests(&self) -> Vec<Request> {
         lock(&self.inner).requests.clone()
     }
 
-    /// Returns the handlers that have announced themselves, by id.
+    /// Returns the last presence of each handler that has announced itself, by handler id.
     pub fn handlers(&self) -> BTreeMap<String, HandlerPresence> {
         self.hub.handlers()
     }
 
-    /// Makes the handlers of an M code check parameters, as a program load does. `Err` is the text of the
-    /// handler that refuses the parameters; handlers without a check accept all parameters.
+    /// Requests the handlers of an M code to check these parameters, as a program load does. A handler
+    /// without a check accepts all parameters.
     ///
     /// # Errors
-    /// Fails if a handler refuses the parameters.
+    /// Fails with the text of the first handler that refuses the parameters.
     pub async fn validate(&self, cs: CoordinateSystemNumber, m: u16, params: Params) -> Result<(), String> {
         let request_id = {
             let mut inner = lock(&self.inner);
@@ -237,28 +241,29 @@ impl FakePort {
         }
     }
 
-    /// Cancels all open outputs and ends the run, as a stop, a reset or an alarm does. With
-    /// [`CancelReason::Operator`] the run continues.
+    /// Cancels all open outputs of a coordinate system and ends its run, as a stop, a reset or an alarm does.
+    /// With [`CancelReason::Operator`] the run continues.
     pub fn cancel(&self, cs: CoordinateSystemNumber, reason: CancelReason) {
         let mut inner = lock(&self.inner);
         self.end_run(&mut inner, cs, reason);
         self.publish_system(&mut inner, cs);
     }
 
-    /// Raises an alarm of a coordinate system: its state word is STOPPED, and all its open outputs are
-    /// cancelled.
+    /// Raises an alarm of a coordinate system. The state word changes to STOPPED, and all open outputs of the
+    /// coordinate system are cancelled.
     pub fn raise(&self, cs: CoordinateSystemNumber, alarm: Alarm) {
         self.raise_alarm(&mut lock(&self.inner), Some(cs), alarm);
     }
 
-    /// Breaks the connection of a handler: its claims are released at once, because this machine has no grace
-    /// time.
+    /// Breaks the connection of a handler. The machine releases the claims of the handler at once, because
+    /// this machine has no grace time.
     pub fn disconnect_handler(&self, handler_id: &str) {
         let until_s = self.now_s();
         self.mark_handler_offline(handler_id, Departure::Unannounced { until_s });
     }
 
-    /// Handles the departure of a handler.
+    /// Releases the claims of a handler that is offline, and applies the departure to locks, inputs and
+    /// outputs.
     fn mark_handler_offline(&self, handler_id: &str, departure: Departure) {
         self.use_all_ledgers(|_, ledger, now| ledger.handler_lost(now, handler_id, None));
         let mut inner = lock(&self.inner);
@@ -272,7 +277,7 @@ impl FakePort {
         self.mark_io_owner_offline(&mut inner, handler_id, departure);
     }
 
-    /// Handles the arrival of a handler.
+    /// Notifies locks, inputs and outputs of the plant that their owner is online again.
     fn mark_handler_online(&self, handler_id: &str) {
         let mut inner = lock(&self.inner);
         inner.io.mark_handler_online(handler_id);
@@ -281,7 +286,7 @@ impl FakePort {
         }
     }
 
-    /// Sets outputs and levels of handlers that did not return in time to their `on_loss`.
+    /// Sets the levels of each handler that did not return within its waiting time to their `on_loss`.
     fn expire_absences(&self) {
         let mut inner = lock(&self.inner);
         let now_s = inner.now_s;
@@ -298,7 +303,7 @@ impl FakePort {
         self.expire_io(&mut inner);
     }
 
-    /// Declares an input or output of the plant; its current value is its safe value.
+    /// Declares an input or output of the plant. Afterwards all inputs and outputs have their initial values.
     ///
     /// ```
     /// use plc_api::fake::FakePort;
@@ -318,22 +323,22 @@ impl FakePort {
         self.publish_birth(&mut inner);
     }
 
-    /// Publishes variables from now on whenever they change, as `[[variables.published]]` of a configuration
-    /// does.
+    /// Publishes these variables from now on whenever one of them changes, as `[[variables.published]]` of a
+    /// configuration does.
     pub fn publish_variables(&self, area: VariableArea, from: u32, count: u32) {
         let mut inner = lock(&self.inner);
         inner.data.publish(area, from, count);
         self.publish_data(&mut inner);
     }
 
-    /// Decides as the operator about an output that has lost its handler.
+    /// Sends the decision of an operator about an output that has lost its handler.
     pub fn redeliver(&self, cs: CoordinateSystemNumber, seq: u64, how: Redelivery) {
         let boot_id = self.boot_id();
         let redeliver = Redeliver { boot_id, seq, how };
         let _status = self.with(cs, |ledger, now| ledger.redeliver(now, None, &redeliver));
     }
 
-    /// Restarts the runtime of this machine: a new boot without open outputs.
+    /// Restarts the runtime of this machine. The new boot has no open outputs, alarms or registered handlers.
     pub fn restart(&self) {
         let mut inner = lock(&self.inner);
         inner.boot += 1;
@@ -348,8 +353,8 @@ impl FakePort {
     }
 
     /// Publishes a message of a coordinate system, such as its state or captured positions. The payload must
-    /// be of the type of the topic. A published state also becomes the current state of this machine: it
-    /// decides which commands are allowed, and changes with commands and outputs.
+    /// be of the type of the topic. A published state also becomes the current state of this machine: this
+    /// state decides which commands are allowed, and later commands and outputs change it.
     ///
     /// ```
     /// use plc_api::types::message::Payload;
@@ -376,14 +381,14 @@ impl FakePort {
         self.publish(&mut inner, Topic::cs(cs, topic), payload);
     }
 
-    /// Runs all tasks as far as possible without an advance of the time.
+    /// Runs all other tasks as far as possible without advancing the time.
     pub async fn settle(&self) {
         for _ in 0..SETTLE_TURNS {
             tokio::task::yield_now().await;
         }
     }
 
-    /// Advances the time: sleeping tasks wake in order, outputs time out, and all tasks run.
+    /// Advances the time by `by`: sleeping tasks wake in the order of their times, and outputs time out.
     pub async fn advance(&self, by: Duration) {
         self.settle().await;
         let end_s = self.now_s() + by.as_secs_f64();
@@ -392,8 +397,8 @@ impl FakePort {
         }
     }
 
-    /// Advances the time to the next event up to `end_s`. If no event remains, advances to `end_s` and
-    /// returns false.
+    /// Advances the time to the next deadline that is not after `end_s`, and returns true. If no such
+    /// deadline exists, advances the time to `end_s` and returns false.
     fn step(&self, end_s: f64) -> bool {
         let mut inner = lock(&self.inner);
         let sleepers = inner.sleepers.iter().map(|(until_s, _)| *until_s);
@@ -432,7 +437,7 @@ impl FakePort {
         }
     }
 
-    /// Uses a ledger and applies its effects.
+    /// Calls `use_it` with the ledger of a coordinate system, and applies the effects of this call.
     fn use_ledger<T>(
         &self,
         inner: &mut FakeMachine,
@@ -457,7 +462,8 @@ impl FakePort {
         Some(result)
     }
 
-    /// Cancels open outputs, and ends the run if the reason ends a run.
+    /// Cancels the open outputs of a coordinate system. Ends its run, unless the run continues after this
+    /// reason.
     fn end_run(&self, inner: &mut FakeMachine, cs: CoordinateSystemNumber, reason: CancelReason) {
         if let (Some(word), Some(system)) = (system::word_of(reason), inner.systems.get_mut(&cs)) {
             system.end_run(word);

@@ -8,9 +8,9 @@
 //! | `CTU`, `CTD`, `CTUD` | [`UpCounter`], [`DownCounter`], [`UpDownCounter`] | counters |
 //!
 //! A function block is a value that a program keeps from scan to scan. The program calls `update` once in
-//! each scan with the inputs of the block. `update` returns the output, which stays readable until the next
-//! call. Timers receive the time of the scan, [`Image::now`]. Thus they run in simulated time in a
-//! simulation, and all timers of a scan use the same time.
+//! each scan with the inputs of the block. `update` returns the output of the block, which stays readable
+//! until the next call. Timers receive the time of the scan, [`Image::now`]. Thus in a simulation the timers
+//! run in simulated time, and all timers of a scan use the same time.
 //!
 //! ```
 //! use std::time::Duration;

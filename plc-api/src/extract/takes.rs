@@ -1,10 +1,10 @@
-//! Parameters and states that the arguments of a handler take.
+//! Parameters and states that a handler takes as arguments.
 
 use std::any::TypeId;
 
 use crate::types::m_code::{DeclaredParams, ParamDeclaration, ParamLetter};
 
-/// Parameters of the M code and states of the sequence program that the arguments of a handler take.
+/// Parameters of the M code and states of the sequence program that a handler takes as arguments.
 #[derive(Debug, Default)]
 pub struct Takes {
     pub(crate) params: Option<DeclaredParams>,
@@ -13,7 +13,7 @@ pub struct Takes {
 }
 
 impl Takes {
-    /// Adds a parameter.
+    /// Adds a parameter that an argument of the handler takes.
     pub fn param(&mut self, letter: ParamLetter, declaration: ParamDeclaration) {
         let params = self.params.get_or_insert_default();
         if params.insert(letter, declaration).is_some() {
@@ -22,12 +22,12 @@ impl Takes {
         }
     }
 
-    /// Declares that the M code has no parameters except those that other arguments declare.
+    /// Declares that the M code has no parameters except those that the arguments of the handler take.
     pub fn no_other_params(&mut self) {
         self.params.get_or_insert_default();
     }
 
-    /// Adds a state of this type.
+    /// Adds the state of type `T`, which an argument of the handler takes.
     pub fn state<T: 'static>(&mut self) {
         self.states.push((TypeId::of::<T>(), std::any::type_name::<T>()));
     }

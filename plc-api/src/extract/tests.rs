@@ -50,7 +50,8 @@ async fn serve(fake: &FakePort, program: SequenceProgram) -> JoinHandle<Result<(
     task
 }
 
-/// Returns how M12 with these parameters ends, and the arguments that its handler received.
+/// Runs the handler of M12 with these parameters. Returns how the output ended, and the arguments that the
+/// handler received.
 async fn end_of(params: Params) -> (Option<OutputOutcome>, Vec<String>) {
     let (fake, seen) = (FakePort::new([1]), ReceivedArguments::default());
     let program = SequenceProgram::new().on(CLAMP, clamp).state(Arc::clone(&seen));

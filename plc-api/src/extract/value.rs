@@ -1,4 +1,4 @@
-//! Types of parameters.
+//! Types to which the numbers of M code parameters are converted.
 
 use super::{FromOutput, Takes};
 use crate::alarm::Alarm;
@@ -6,7 +6,7 @@ use crate::aux_output::AuxOutput;
 use crate::plc::Plc;
 use crate::types::m_code::{ParamDeclaration, ParamLetter};
 
-/// A type of a parameter.
+/// A type to which the number of an M code parameter is converted.
 ///
 /// ```
 /// use plc_api::extract::ParamValue;
@@ -32,11 +32,11 @@ use crate::types::m_code::{ParamDeclaration, ParamLetter};
     note = "write `f64`, `u16` or another integer of up to 32 bits, `bool`, a unit such as `KiloNewton<1, 20>`, or an `Option` of one"
 )]
 pub trait ParamValue: Sized + Send + 'static {
-    /// Returns the declaration of the parameter: unit and bounds.
+    /// Returns the declaration of the parameter: its unit and its bounds.
     fn declaration() -> ParamDeclaration;
 
-    /// Converts a number that matches the declaration to a value. `number` is `None` if the parameter is not
-    /// programmed. If the result is `None`, the handler is not started, and an alarm names the parameter.
+    /// Converts a number that matches the declaration to a value. `number` is `None` if the NC program omits
+    /// the parameter. If the result is `None`, the handler is not started, and an alarm names the parameter.
     fn from_number(number: Option<f64>) -> Option<Self>;
 }
 
@@ -99,10 +99,10 @@ macro_rules! whole {
 
 whole!(u8 u16 u32 i8 i16 i32);
 
-/// Returns a parameter of an output as a typed value.
+/// Returns the parameter `letter` of an output, converted to the type `T`.
 ///
 /// # Errors
-/// Returns an alarm if the type does not accept the parameter.
+/// Returns an alarm if `T` does not accept the number, or if `T` requires a number that the NC program omits.
 pub fn param<T: ParamValue>(output: &AuxOutput, letter: ParamLetter) -> Result<T, Alarm> {
     let number = letter.value_in(output.params());
     T::from_number(number).ok_or_else(|| {

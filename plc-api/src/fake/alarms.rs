@@ -11,10 +11,10 @@ use crate::types::request::{Refusal, RefusalCode};
 use crate::types::topic::Topic;
 use crate::types::{CoordinateSystemNumber, Timestamp};
 
-/// Number of the alarm for an output that timed out, as on a machine (D36).
+/// Number of the alarm for an output that timed out; a machine uses the same number (D36).
 const TIMED_OUT: u16 = 301;
 
-/// Returns the alarm for an output that failed or timed out.
+/// Returns the alarm that a failed output or an output that timed out raises; `None` for any other outcome.
 pub(super) fn alarm_for_outcome(m: u16, how: &OutputOutcome) -> Option<Alarm> {
     match how {
         OutputOutcome::Failed { alarm } => Some(alarm.clone()),
@@ -27,8 +27,8 @@ pub(super) fn alarm_for_outcome(m: u16, how: &OutputOutcome) -> Option<Alarm> {
 }
 
 impl FakePort {
-    /// Raises an alarm, which ends the run of its coordinate system; an alarm of the whole machine ends all
-    /// runs.
+    /// Raises an alarm. An alarm of one coordinate system ends the run of this coordinate system; an alarm of
+    /// the whole machine ends all runs.
     pub(super) fn raise_alarm(
         &self,
         inner: &mut FakeMachine,
@@ -56,7 +56,8 @@ impl FakePort {
     }
 
     /// # Errors
-    /// Fails if the coordinate system does not exist, or code or text is out of its limits.
+    /// Fails if the coordinate system does not exist, or if the code or the text of the alarm is out of
+    /// range.
     pub(super) fn on_raise(&self, raise: &AlarmRaise) -> Result<(), Refusal> {
         let alarm = raise.alarm()?;
         let mut inner = lock(&self.inner);

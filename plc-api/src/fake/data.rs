@@ -11,7 +11,7 @@ use crate::types::message::Payload;
 use crate::types::request::{Answer, Refusal, RefusalCode};
 use crate::types::topic::{CsTopic, Topic};
 
-/// Values that were set; other variables are zero.
+/// Variables, tools and work offsets that requests have set. A variable that was never set is zero.
 #[derive(Debug, Default)]
 pub(super) struct Data {
     variables: BTreeMap<(VariableArea, u32), f64>,
@@ -47,12 +47,12 @@ impl Data {
         }
     }
 
-    /// Adds these variables to the published ones.
+    /// Adds `count` variables from number `from` on to the variables that this machine publishes.
     pub(super) fn publish(&mut self, area: VariableArea, from: u32, count: u32) {
         self.published.push((area, from, count));
     }
 
-    /// Returns all published data for these coordinate systems.
+    /// Returns the messages of variables, tools and work offsets with their current values.
     pub(super) fn messages(&self, systems: &[CoordinateSystemNumber]) -> Vec<(Topic, Payload)> {
         let mut messages = vec![
             (Topic::Variables, self.published_variables(VariableArea::Global)),

@@ -25,7 +25,7 @@ impl FakePort {
         Ok(Answer::Done)
     }
 
-    /// Handles the departure of a handler.
+    /// Notifies the inputs and outputs of the plant that their owner is offline, and publishes the changes.
     pub(super) fn mark_io_owner_offline(
         &self,
         inner: &mut FakeMachine,
@@ -38,7 +38,7 @@ impl FakePort {
         self.expire_io(inner);
     }
 
-    /// Ends the waiting time of handlers that left and did not return.
+    /// Sets the inputs and outputs of owners whose waiting time has ended to their `on_loss`.
     pub(super) fn expire_io(&self, inner: &mut FakeMachine) {
         for lost in inner.io.expire(inner.now_s, |_| false) {
             self.publish_io(inner, lost.point, lost.state);

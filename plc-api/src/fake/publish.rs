@@ -46,7 +46,7 @@ impl FakePort {
         }
     }
 
-    /// Publishes variables, tools and work offsets that have changed.
+    /// Publishes variables, tools and work offsets if they have changed.
     pub(super) fn publish_data(&self, inner: &mut FakeMachine) {
         let systems = inner.numbers();
         for (topic, payload) in inner.data.messages(&systems) {
@@ -54,7 +54,7 @@ impl FakePort {
         }
     }
 
-    /// Publishes state and inputs that have changed.
+    /// Publishes the state and the inputs of a coordinate system if they have changed.
     pub(super) fn publish_system(&self, inner: &mut FakeMachine, cs: CoordinateSystemNumber) {
         let alarm_count = inner.alarm_count(cs);
         let Some(system) = inner.systems.get_mut(&cs) else {
@@ -65,7 +65,8 @@ impl FakePort {
         }
     }
 
-    /// Publishes a value if it differs from the last value of its topic, or is the first value of this boot.
+    /// Publishes a value if it differs from the last value of its topic, or if that last value is of another
+    /// boot.
     pub(super) fn publish_new(&self, inner: &mut FakeMachine, topic: Topic, payload: Payload) {
         let last = self.hub.read(&topic);
         if last.is_none_or(|last| last.payload != payload || last.boot_id != boot_id(inner.boot)) {

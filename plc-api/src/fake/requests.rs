@@ -36,7 +36,7 @@ impl FakePort {
         }
     }
 
-    /// Rejects a request whose age limit has passed on the clock of the scripted machine.
+    /// Rejects a request if its age limit has passed on the clock of the scripted machine.
     pub(super) fn check_age(&self, not_after: &NotAfter, request: &Request) -> Result<(), Refusal> {
         let now_ms = Duration::try_from_secs_f64(lock(&self.inner).now_s).unwrap_or_default();
         let age_ms = now_ms.as_millis().saturating_sub(not_after.heartbeat.into());
@@ -102,7 +102,7 @@ impl FakePort {
         }
     }
 
-    /// Changes variables, tools or offsets, and publishes the changes.
+    /// Calls `change` to change variables, tools or offsets, and publishes the changes.
     fn change_data(
         &self,
         change: impl FnOnce(&mut Data) -> Result<Answer, Refusal>,
@@ -147,7 +147,7 @@ impl FakePort {
         Ok(Answer::Done)
     }
 
-    /// Executes a command at once, as far as a machine without motion can.
+    /// Executes a command at once. A command that would move axes only changes the state.
     fn command(
         &self,
         cs: CoordinateSystemNumber,
@@ -171,7 +171,7 @@ impl FakePort {
         Ok(Answer::Command(inner.done(meta)))
     }
 
-    /// Issues the outputs that a pause has held back (D18).
+    /// Issues the outputs that were queued while the run was paused (D18).
     fn issue_queued_outputs(&self, inner: &mut FakeMachine, cs: CoordinateSystemNumber) {
         let system = inner.systems.get(&cs).filter(|system| !system.is_paused());
         let open = system.map(|system| system.ledger.open()).unwrap_or_default();
@@ -181,7 +181,7 @@ impl FakePort {
         }
     }
 
-    /// Records requests other than those of the handshake.
+    /// Records a request, unless it belongs to the handshake.
     fn record_request(&self, request: &Request) {
         let is_handshake = matches!(
             Destination::from(request.clone()),
@@ -287,7 +287,8 @@ impl FakeMachine {
         })
     }
 
-    /// Grants every requested lease, each with its own fence.
+    /// Grants each request to take a lease; each new lease has its own fence. Returns `None` for any other
+    /// request.
     fn granted(&mut self, request: LeaseRequest, meta: &CommandMeta) -> Option<Lease> {
         let LeaseRequest::Take(take) = request else {
             return None;

@@ -1,4 +1,5 @@
-//! State word and inputs of a scripted coordinate system; they result from its outputs and from commands.
+//! State word and inputs of a coordinate system of the scripted machine. Both result from its outputs and
+//! from commands.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,19 +19,19 @@ use super::{OPEN_OUTPUTS_MAX, boot_id};
 
 type Word = (Execution, Option<Reason>);
 
-/// One coordinate system, without motion.
+/// A coordinate system of the scripted machine, without motion.
 #[derive(Debug)]
 pub(super) struct System {
     pub(super) ledger: Ledger,
-    /// Prefix of the run ids of this boot and coordinate system.
+    /// Prefix of the run ids: boot id and number of the coordinate system.
     runs_of: String,
-    /// How each output ended, by `seq`.
+    /// Outcome of each closed output, by `seq`.
     pub(super) closed: BTreeMap<u64, OutputOutcome>,
     runs: u32,
     run: Option<FakeRun>,
     /// State word while no run is active.
     idle: Word,
-    /// Published state, without the fields that [`System::state`] adds.
+    /// Fields of the published state, except those that [`System::state`] adds.
     shown: State,
     interlock: LockInput,
     start_lock: LockInput,
@@ -40,12 +41,12 @@ pub(super) struct System {
 #[derive(Debug, Default)]
 struct FakeRun {
     paused: Option<Word>,
-    /// True once the end of the program is reached; the end waits for open outputs.
+    /// True once the program has reached its end. The run ends when no output is open any more.
     at_end: bool,
 }
 
 impl System {
-    /// Creates a coordinate system that is READY, with program 1.
+    /// Creates a coordinate system that is READY and has loaded program 1.
     pub(super) fn new(boot: u32, cs: CoordinateSystemNumber) -> Self {
         Self {
             ledger: Ledger::new(boot_id(boot), cs, OPEN_OUTPUTS_MAX),
@@ -64,7 +65,7 @@ impl System {
         }
     }
 
-    /// Creates a coordinate system after a restart of the runtime.
+    /// Creates a coordinate system in its state after a restart of the runtime: STOPPED.
     pub(super) fn restarted(boot: u32, cs: CoordinateSystemNumber) -> Self {
         Self {
             idle: (Execution::Stopped, Some(Reason::Restarted)),
@@ -76,12 +77,12 @@ impl System {
         format!("{}-{}", self.runs_of, self.runs)
     }
 
-    /// Returns the number of the loaded program; 1 if the test started a run without a program.
+    /// Returns the number of the loaded program, or 1 if no program is loaded.
     pub(super) fn program(&self) -> u16 {
         self.shown.program.unwrap_or(1)
     }
 
-    /// Returns the run, and starts one if no run is active.
+    /// Returns the active run. If no run is active, starts a run.
     fn run(&mut self) -> &mut FakeRun {
         self.runs += u32::from(self.run.is_none());
         self.run.get_or_insert_default()
@@ -96,7 +97,7 @@ impl System {
         self.idle = word;
     }
 
-    /// Adds the end of the program.
+    /// Marks the end of the program as reached. If no run is active, starts a run.
     pub(super) fn end_program(&mut self) {
         self.run().at_end = true;
     }
@@ -105,7 +106,7 @@ impl System {
         self.run.as_ref().is_some_and(|run| run.paused.is_some())
     }
 
-    /// Adopts a state that the test publishes.
+    /// Adopts the program number and the state word of a state that the test publishes.
     pub(super) fn adopt_state(&mut self, state: &State) {
         use Execution::{ProgramCompleted, Ready, Stopped};
         let word = (state.execution, state.reason);
@@ -117,7 +118,7 @@ impl System {
         }
     }
 
-    /// Returns the output for which the run waits.
+    /// Returns the oldest open output, for which the run waits; `None` if the run waits for no output.
     fn awaited(&self) -> Option<&OpenOutput> {
         self.run.as_ref().and_then(|_| self.ledger.open().first())
     }
@@ -144,11 +145,11 @@ impl System {
         }
     }
 
-    /// Executes a command if it is allowed. Returns the reason to cancel outputs, if they are to be
-    /// cancelled.
+    /// Executes a command if it is allowed. If the command ends the run, returns the reason with which the
+    /// caller must cancel the open outputs.
     ///
     /// # Errors
-    /// Fails if the command is not allowed now, or a lock is on.
+    /// Fails if the command is not allowed now, or if a lock forbids the command.
     pub(super) fn command(
         &mut self,
         command: &Command,
@@ -161,7 +162,7 @@ impl System {
         };
         let verb = command.verb();
         if let Command::JogEnd { .. } = command {
-            // a jog ends as soon as it begins
+            // a jog of this machine ends as soon as it begins
             return Ok(None);
         }
         situation.check_allowed(verb)?;
@@ -197,7 +198,8 @@ impl System {
         self.shown.last_command_id = Some(id.to_owned());
     }
 
-    /// Pauses the run. No effect if the run is already paused or no run is active.
+    /// Pauses the run with the state word `word`. Has no effect if the run is already paused or no run is
+    /// active.
     fn hold(&mut self, word: Word) {
         if let Some(run) = &mut self.run {
             run.paused.get_or_insert(word);
@@ -205,8 +207,8 @@ impl System {
     }
 
     /// # Errors
-    /// Fails if another handler owns the source of the lock. `judge_writer` validates the instance that
-    /// writes for a handler.
+    /// Fails if a lock refuses the write of its source, or if `judge_writer` rejects the instance that writes
+    /// for a handler.
     pub(super) fn set_input(
         &mut self,
         input: Input,
@@ -238,7 +240,7 @@ impl System {
         Ok(())
     }
 
-    /// Handles the departure of a handler.
+    /// Notifies the interlock and the start lock that a handler is offline.
     pub(super) fn mark_handler_offline(&mut self, handler_id: &str, departure: Departure, now_s: f64) {
         for input in [&mut self.interlock, &mut self.start_lock] {
             input.mark_handler_offline(handler_id, departure);
@@ -246,14 +248,14 @@ impl System {
         self.expire_locks(now_s);
     }
 
-    /// Handles the arrival of a handler.
+    /// Notifies the interlock and the start lock that a handler is online.
     pub(super) fn mark_handler_online(&mut self, handler_id: &str) {
         for input in [&mut self.interlock, &mut self.start_lock] {
             input.mark_handler_online(handler_id);
         }
     }
 
-    /// Ends the waiting time of handlers that left and did not return.
+    /// Sets the lock sources of each handler that did not return before `now_s` to their `on_loss`.
     pub(super) fn expire_locks(&mut self, now_s: f64) {
         for input in [&mut self.interlock, &mut self.start_lock] {
             input.expire(now_s, |_| false);
@@ -261,7 +263,7 @@ impl System {
         self.follow_interlock();
     }
 
-    /// Returns the time of the next [`expire_locks`](Self::expire_locks).
+    /// Returns the earliest time at which [`expire_locks`](Self::expire_locks) must be called.
     pub(super) fn next_lock_deadline_s(&self) -> Option<f64> {
         let deadlines = [&self.interlock, &self.start_lock].into_iter();
         deadlines.filter_map(LockInput::next_deadline_s).reduce(f64::min)
@@ -273,8 +275,8 @@ impl System {
         }
     }
 
-    /// Ends the program if its end is reached, no output is open and the run is not paused. Returns the
-    /// messages to publish.
+    /// Ends the run if the program has reached its end, no output is open and the run is not paused. Returns
+    /// the current state and inputs as messages.
     pub(super) fn follow(&mut self, alarm_count: u32) -> [(CsTopic, Payload); 8] {
         let ends = |run: &FakeRun| run.at_end && run.paused.is_none() && self.ledger.is_empty();
         if self.run.as_ref().is_some_and(ends) {
@@ -299,7 +301,7 @@ impl System {
         ]
     }
 
-    /// Refuses a start or a motion while a lock is on.
+    /// Refuses a command while a lock that forbids the command is on.
     fn check_locks(&self, verb: Verb) -> Result<(), Refusal> {
         let begins = matches!(verb, Verb::Start | Verb::Run | Verb::Mdi);
         let moves = begins || matches!(verb, Verb::Resume | Verb::Jog | Verb::Home);
@@ -328,7 +330,7 @@ fn waiting_on(open: &OpenOutput) -> WaitingOn {
     }
 }
 
-/// Returns the state word after a cancellation, or `None` if the run continues.
+/// Returns the state word after a cancellation for this reason, or `None` if the run continues.
 pub(super) fn word_of(reason: CancelReason) -> Option<Word> {
     use CancelReason::{Abort, Alarm, Operator, Reset, Shutdown, Stop, Timeout};
     Some(match reason {

@@ -1,6 +1,6 @@
 //! Bistable elements: IEC 61131-3, table "Standard bistable function blocks".
 
-/// `SR`: a flag with a set input and a reset input; set has priority.
+/// `SR`: a flag with a set input and a reset input; if both inputs are on, the flag is set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SetDominant {
     q1: bool,
@@ -19,7 +19,7 @@ impl SetDominant {
     }
 }
 
-/// `RS`: a flag with a set input and a reset input; reset has priority.
+/// `RS`: a flag with a set input and a reset input; if both inputs are on, the flag is reset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ResetDominant {
     q1: bool,
@@ -42,7 +42,7 @@ impl ResetDominant {
 mod tests {
     use super::*;
 
-    /// Set, reset, the previous output, and the resulting outputs of SR and of RS.
+    /// Rows of the truth table: set, reset, the previous output, and the resulting outputs of SR and of RS.
     const TRUTH: [(bool, bool, bool, bool, bool); 8] = [
         (false, false, false, false, false),
         (false, false, true, true, true),

@@ -5,7 +5,7 @@
 
 use super::edge::RisingEdge;
 
-/// `CTU`: counts up. Its output is on while the value is at least the preset value.
+/// `CTU`: a counter that counts up. Its output is on while the value is at least the preset value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct UpCounter {
     up: RisingEdge,
@@ -14,7 +14,7 @@ pub struct UpCounter {
 }
 
 impl UpCounter {
-    /// Creates a counter at 0 with this `PV`.
+    /// Creates a counter with the value 0 and this preset value, `PV`.
     pub const fn new(preset: i64) -> Self {
         Self {
             up: RisingEdge::NEW,
@@ -40,18 +40,18 @@ impl UpCounter {
         self.value >= self.preset
     }
 
-    /// Returns `CV`, the value.
+    /// Returns `CV`, the value of the counter.
     pub fn value(&self) -> i64 {
         self.value
     }
 
-    /// Sets `PV`.
+    /// Sets `PV`, the preset value.
     pub fn set_preset(&mut self, preset: i64) {
         self.preset = preset;
     }
 }
 
-/// `CTD`: counts down from its preset value. Its output is on while the value is 0 or less.
+/// `CTD`: a counter that counts down from its preset value. Its output is on while the value is 0 or less.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DownCounter {
     down: RisingEdge,
@@ -60,7 +60,8 @@ pub struct DownCounter {
 }
 
 impl DownCounter {
-    /// Creates a counter with this `PV`. The value is 0, and thus the output on, until the first load.
+    /// Creates a counter with this preset value, `PV`. Until the first load the value is 0, and thus the
+    /// output on.
     pub const fn new(preset: i64) -> Self {
         Self {
             down: RisingEdge::NEW,
@@ -86,18 +87,18 @@ impl DownCounter {
         self.value <= 0
     }
 
-    /// Returns `CV`, the value.
+    /// Returns `CV`, the value of the counter.
     pub fn value(&self) -> i64 {
         self.value
     }
 
-    /// Sets `PV`, which applies from the next load on.
+    /// Sets `PV`, the preset value, which applies from the next load on.
     pub fn set_preset(&mut self, preset: i64) {
         self.preset = preset;
     }
 }
 
-/// `CTUD`: counts up and down.
+/// `CTUD`: a counter that counts up and down.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct UpDownCounter {
     up: RisingEdge,
@@ -107,7 +108,7 @@ pub struct UpDownCounter {
 }
 
 impl UpDownCounter {
-    /// Creates a counter at 0 with this `PV`.
+    /// Creates a counter with the value 0 and this preset value, `PV`.
     pub const fn new(preset: i64) -> Self {
         Self {
             up: RisingEdge::NEW,
@@ -145,12 +146,12 @@ impl UpDownCounter {
         self.value <= 0
     }
 
-    /// Returns `CV`, the value.
+    /// Returns `CV`, the value of the counter.
     pub fn value(&self) -> i64 {
         self.value
     }
 
-    /// Sets `PV`.
+    /// Sets `PV`, the preset value.
     pub fn set_preset(&mut self, preset: i64) {
         self.preset = preset;
     }

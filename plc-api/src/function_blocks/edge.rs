@@ -1,10 +1,10 @@
 //! Edges: IEC 61131-3, table "Standard edge detection function blocks".
 
-/// `R_TRIG`: on for one call when its input turns on. An input that is on at the first call causes an
-/// edge, as in the standard.
+/// `R_TRIG`: the output is on only at the call at which the input has turned on. If the input is on at the
+/// first call, this call is an edge, as in the standard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct RisingEdge {
-    /// The input at the previous call: `M`.
+    /// Input at the previous call; `M` of the standard.
     was: bool,
     q: bool,
 }
@@ -25,11 +25,12 @@ impl RisingEdge {
     }
 }
 
-/// `F_TRIG`: on for one call when its input turns off. An input that is off at the first call causes an
-/// edge, as in the standard. To ignore this first edge, call `update` once before.
+/// `F_TRIG`: the output is on only at the call at which the input has turned off. If the input is off at the
+/// first call, this call is an edge, as in the standard. To ignore this first edge, call `update` once
+/// before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FallingEdge {
-    /// True if the input was off at the previous call: `M`.
+    /// True if the input was off at the previous call; `M` of the standard.
     was_off: bool,
     q: bool,
 }

@@ -1,15 +1,15 @@
 //! Timers: IEC 61131-3, table "Standard timer function blocks" and its timing diagrams.
 //!
-//! Each call receives the time of the scan. If that time is before the start of a running timer, its elapsed
-//! time is 0. A changed preset time applies from the next call on, also to a running timer.
+//! Each call receives the time of the scan. If that time is before the start of a running timer, the elapsed
+//! time of the timer is 0. A changed preset time applies from the next call on, also to a running timer.
 
 use std::time::Duration;
 
-/// A time that increases up to its preset time.
+/// Measured time of a timer, which increases up to the preset time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct PresetTimer {
     preset: Duration,
-    /// Start of the running time.
+    /// Time of the scan in which the measurement started; `None` while no time is measured.
     since: Option<Duration>,
     elapsed: Duration,
 }
@@ -23,7 +23,7 @@ impl PresetTimer {
         }
     }
 
-    /// Starts or continues the time; returns true once the preset time has passed.
+    /// Starts or continues the measurement; returns true once the preset time has passed.
     fn run(&mut self, now: Duration) -> bool {
         let since = *self.since.get_or_insert(now);
         self.elapsed = now.saturating_sub(since).min(self.preset);
@@ -35,7 +35,7 @@ impl PresetTimer {
     }
 }
 
-/// `TON`: turns on when its input has been on for the preset time.
+/// `TON`: the output turns on when the input has been on for the preset time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct OnDelay {
     /// Time since the input turned on.
@@ -44,7 +44,7 @@ pub struct OnDelay {
 }
 
 impl OnDelay {
-    /// Creates a timer with this `PT`.
+    /// Creates a timer with this preset time, `PT`.
     pub const fn new(preset: Duration) -> Self {
         Self {
             time: PresetTimer::new(preset),
@@ -73,13 +73,13 @@ impl OnDelay {
         self.time.elapsed
     }
 
-    /// Sets `PT`.
+    /// Sets `PT`, the preset time.
     pub fn set_preset(&mut self, preset: Duration) {
         self.time.preset = preset;
     }
 }
 
-/// `TOF`: turns off when its input has been off for the preset time.
+/// `TOF`: the output turns off when the input has been off for the preset time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct OffDelay {
     /// Time since the input turned off.
@@ -88,7 +88,7 @@ pub struct OffDelay {
 }
 
 impl OffDelay {
-    /// Creates a timer with this `PT`. The output is off until the input has been on.
+    /// Creates a timer with this preset time, `PT`. The output is off until the input has been on.
     pub const fn new(preset: Duration) -> Self {
         Self {
             time: PresetTimer::new(preset),
@@ -118,13 +118,13 @@ impl OffDelay {
         self.time.elapsed
     }
 
-    /// Sets `PT`.
+    /// Sets `PT`, the preset time.
     pub fn set_preset(&mut self, preset: Duration) {
         self.time.preset = preset;
     }
 }
 
-/// `TP`: on for the preset time after its input turns on, independent of the input meanwhile.
+/// `TP`: the output is on for the preset time after the input turns on, independent of the later input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pulse {
     /// Time since the start of the pulse. The pulse may have ended while the input is still on.
@@ -133,7 +133,7 @@ pub struct Pulse {
 }
 
 impl Pulse {
-    /// Creates a timer with this `PT`.
+    /// Creates a timer with this preset time, `PT`.
     pub const fn new(preset: Duration) -> Self {
         Self {
             time: PresetTimer::new(preset),
@@ -163,7 +163,7 @@ impl Pulse {
         self.time.elapsed
     }
 
-    /// Sets `PT`.
+    /// Sets `PT`, the preset time.
     pub fn set_preset(&mut self, preset: Duration) {
         self.time.preset = preset;
     }
@@ -175,8 +175,8 @@ mod tests {
 
     const PRESET: Duration = Duration::from_millis(50);
 
-    /// Returns `Q` and `ET`, ms, of calls every 10 ms. `_` (off) and `#` (on) are the input, as in a timing
-    /// diagram.
+    /// Calls a timer every 10 ms; returns `Q` and `ET` (in ms) after each call. In `input`, `_` means off and
+    /// `#` means on, as in a timing diagram.
     fn diagram(
         input: &str,
         mut update: impl FnMut(bool, Duration) -> (bool, Duration),
