@@ -1,11 +1,12 @@
-//! Registry of the handlers that are or were online, with the instance of each. Pure; the runtime and the
-//! scripted machine share it.
+//! Registry of the handlers that are or were online, with the instance of each handler. The registry has no
+//! I/O and no clock; the runtime and the scripted machine use it.
 //!
-//! Only one instance of a `handler_id` can be online. A second instance is refused, unless it takes over, or
-//! unless the online instance does not confirm within [`CONFIRM_MAX_S`] that it is alive, because its last
-//! will may never arrive. The loss of an instance does not affect a later instance, because a last will may
-//! arrive late. A handler that leaves keeps its M codes, outputs and levels for the time that it announced,
-//! otherwise for the grace time.
+//! Only one instance of a `handler_id` can be online. A second instance is refused, unless it requests the
+//! take-over, or unless the online instance does not confirm its presence within [`CONFIRM_MAX_S`]. The
+//! confirmation is necessary because the last will of an ended instance may never arrive. A last will may
+//! also arrive late; therefore the loss of an instance does not affect a later instance. A handler that
+//! leaves keeps its M codes, outputs and levels for the time that it announced. Without an announcement, the
+//! handler keeps them for the grace time.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;
@@ -22,22 +23,22 @@ use crate::types::refusal::{Refusal, RefusalCode};
 /// refused.
 pub const HANDLERS_MAX: usize = 256;
 
-/// Time within which the online instance must confirm its presence after another instance has announced
-/// itself, s.
+/// Time within which the online instance must confirm its presence after another instance has announced the
+/// same handler, s.
 pub const CONFIRM_MAX_S: f64 = 2.0;
 
 /// Largest number of M codes of one handler: all M codes in each of 8 coordinate systems.
 const HANDLED_CODES_MAX: usize = 8 * 192;
 
-/// An instance that was replaced by another.
+/// An instance of a handler that another instance has replaced.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DisplacedInstance {
-    /// Presence of this instance.
+    /// Presence of the replaced instance.
     pub presence: HandlerPresence,
-    /// Text of the notification to this instance.
+    /// Text of the notification to the replaced instance.
     pub text: String,
-    /// `TakenOver` if the other instance requested the take-over, `Unannounced` if this instance did not
-    /// confirm that it is alive.
+    /// `TakenOver` if the other instance requested the take-over, `Unannounced` if the replaced instance did
+    /// not confirm its presence.
     pub departure: Departure,
 }
 
@@ -46,17 +47,17 @@ pub struct DisplacedInstance {
 pub enum PresenceEffect {
     /// The handler is online.
     Online {
-        /// The instance that this one replaced.
+        /// The other instance that this instance has replaced; `None` if no other instance was online.
         took_over: Option<Box<DisplacedInstance>>,
-        /// An offline handler that was removed to make room for this one.
+        /// Id of an offline handler that was removed because the registry was full.
         forgotten: Option<String>,
-        /// True if the same instance was offline before. The machine then requests another announcement of
-        /// it, so that it writes its levels again even if it has not noticed the loss.
+        /// True if the same instance was online before, then offline. The machine then requests another
+        /// announcement, so that the instance writes its levels again even if it has not noticed its loss.
         has_returned: bool,
     },
     /// The handler was already online, and renewed its presence before the presence expired.
     Refreshed,
-    /// The handler went offline. If it was offline already, this is the original departure.
+    /// The handler went offline. If the handler was offline already, this is its original departure.
     Offline(Departure),
     /// No effect: the presence concerns an instance that is no longer online.
     Nothing,
@@ -74,12 +75,12 @@ pub struct HandlerRegistry {
 #[derive(Debug)]
 struct RegisteredHandler {
     presence: HandlerPresence,
-    /// Time at which the handler came online.
+    /// Time of day at which the handler came online.
     since: SystemTime,
-    /// Time of the pending request to confirm the presence, seconds since the start; `None` if no request is
-    /// pending.
+    /// Time of the pending request to confirm the presence, seconds since the start of the runtime; `None` if
+    /// no request is pending.
     asked_s: Option<f64>,
-    /// Absence of the handler; `None` while it is online.
+    /// Absence of the handler; `None` while the handler is online.
     absence: Option<Absence>,
     reach: Reach,
 }
@@ -87,9 +88,10 @@ struct RegisteredHandler {
 /// Transport by which a handler receives the request to confirm its presence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reach {
-    /// The handler subscribes to `handler/{id}/result`.
+    /// The handler subscribes to `handler/{id}/result` and receives the request there.
     Subscribed,
-    /// The handler registered by an HTTP request: only the age of its presence shows whether it is online.
+    /// The handler registered by an HTTP request and receives no request to confirm. Only the age of its
+    /// presence shows whether the handler is online.
     Polling,
 }
 
@@ -125,13 +127,14 @@ impl HandlerRegistry {
         self.set_over(Reach::Subscribed, id, presence, (now, now_s))
     }
 
-    /// Records a presence message. The last argument is the current time: time of day, and seconds since the
-    /// start.
+    /// Records a presence message. The last argument is the current time: the time of day, and the seconds
+    /// since the start of the runtime.
     ///
     /// # Errors
-    /// Fails if the id or the instance is not valid, the handler serves too many M codes, another instance is
-    /// online (`handler_taken`; [`instance_to_confirm`](Self::instance_to_confirm) returns that instance if it must confirm its
-    /// presence), or [`HANDLERS_MAX`] handlers are online.
+    /// Fails if the id or the instance is not valid, if the handler serves too many M codes, or if
+    /// [`HANDLERS_MAX`] handlers are online. Fails with `handler_taken` if another instance is online;
+    /// [`instance_to_confirm`](Self::instance_to_confirm) returns that instance if it must confirm its
+    /// presence.
     pub fn set_over(
         &mut self,
         reach: Reach,
@@ -197,8 +200,8 @@ impl HandlerRegistry {
         })
     }
 
-    /// Removes an offline handler if the registry has no room for a new handler. Returns the id of the
-    /// removed handler.
+    /// Removes an offline handler if the registry is full and does not contain the handler `id`. Returns the
+    /// id of the removed handler.
     ///
     /// # Errors
     /// Fails if all handlers are online.
@@ -215,7 +218,7 @@ impl HandlerRegistry {
         Ok(Some(offline))
     }
 
-    /// Returns true if the arriving instance was online before and is offline now.
+    /// Returns true if this presence brings an instance online that was online before and is offline now.
     fn has_returned(&self, id: &str, presence: &HandlerPresence) -> bool {
         let before = self.handlers.get(id).map(|entry| &entry.presence);
         presence.online
@@ -251,7 +254,7 @@ impl HandlerRegistry {
         self.handlers.get(id).is_some_and(|entry| entry.presence.online)
     }
 
-    /// Validates that the writer of a level or an output is the online instance of the handler.
+    /// Validates that a write of a level or of an output comes from the online instance of the handler.
     ///
     /// # Errors
     /// `unavailable` if the handler is offline; `not_allowed` if another instance of the handler is online,
@@ -274,8 +277,9 @@ impl HandlerRegistry {
         }
     }
 
-    /// Returns the absence of a handler after this presence message, or `None` if the handler is online. A
-    /// last will that follows an announced departure changes nothing.
+    /// Returns the absence of a handler after this presence message, or `None` if the handler is online. If
+    /// the handler was absent already, its absence does not change: a last will may follow an announced
+    /// departure.
     fn absence_after(&self, id: &str, presence: &HandlerPresence, now_s: f64) -> Option<Absence> {
         if presence.online {
             return None;
@@ -300,7 +304,7 @@ impl HandlerRegistry {
     }
 
     /// Returns the latest time until which an absent handler of this M code may return, seconds since the
-    /// start.
+    /// start of the runtime; `None` if no absent handler of this M code may return.
     pub fn back_s(&self, cs: CoordinateSystemNumber, m: u16, now_s: f64) -> Option<f64> {
         let absent = self.handlers.values().filter_map(|entry| entry.absence.as_ref());
         let serve = absent.filter(|absence| absence.handles.contains(&HandledCode { cs, m }));
@@ -316,7 +320,8 @@ impl HandlerRegistry {
 }
 
 impl RegisteredHandler {
-    /// Replaces an instance by another; returns the text of its notification.
+    /// Decides whether `other` may replace this instance; returns the text of the notification to this
+    /// instance.
     fn admit_replacement(
         &mut self,
         id: &str,
@@ -330,7 +335,7 @@ impl RegisteredHandler {
                 "instance {by} has taken over handler_id {id}: this program must end"
             ));
         }
-        // if the server named the instance, the server itself detects the end of its connection
+        // if the server has chosen the instance name, the server itself detects the end of the connection
         let may_be_asked = self.reach == Reach::Subscribed && there.is_some_and(is_own_instance);
         let asked_s = may_be_asked.then(|| *self.asked_s.get_or_insert(now_s));
         if asked_s.is_some_and(|asked_s| now_s - asked_s >= CONFIRM_MAX_S) {

@@ -1,9 +1,9 @@
-//! Presence and claims of a named handler, for the raw queue and for sequence programs.
+//! Presence and claims of a named handler. The raw queue and sequence programs use this session.
 //!
-//! The handler is announced at each boot of the runtime, and again after a late last will of an earlier
-//! connection or of another instance. Claims that were lost with the connection are repeated. When the
-//! handler leaves, the machine releases its claims. If another instance announces the same id, the machine
-//! refuses that instance, or that instance takes over and this one ends.
+//! The session announces the handler at each boot of the runtime, and again if a late last will of an earlier
+//! connection or of another instance has arrived. It repeats the claims that were lost with the connection.
+//! When the handler leaves, the machine releases its claims. If another instance announces the same id, the
+//! machine refuses the other instance, or the other instance takes over and this session ends.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem::replace;
@@ -30,11 +30,11 @@ use crate::types::request::{Refusal, Request, typed};
 use crate::types::topic::{CsTopic, Topic};
 use crate::types::{BootId, CoordinateSystemNumber};
 
-/// Number of refusals after which an announcement has failed. Reason: an earlier program of this name may be
-/// about to end.
+/// Number of refusals after which an announcement has failed. Reason to try again: an earlier program of this
+/// name may be about to end.
 const TRIES: u32 = 5;
 
-/// Time for which a handler that leaves waits for the answer of the machine.
+/// Time for which a leaving handler waits until the machine has answered its offline report.
 const OFFLINE_REPORT_MAX: Duration = Duration::from_secs(1);
 
 /// An M code of one coordinate system, or of all coordinate systems (`None`).
@@ -57,7 +57,7 @@ pub(crate) struct HandlerDeclaration {
     pub(crate) is_exclusive: bool,
 }
 
-/// A guard that notifies the machine on drop that the handler is offline.
+/// A guard that reports to the machine on drop that the handler is offline.
 #[derive(Debug)]
 pub(crate) struct OfflineGuard {
     pub(crate) plc: Plc,
@@ -68,7 +68,7 @@ pub(crate) struct OfflineGuard {
 const NOT_SENT: &str = "the machine was not notified that the handlers are offline";
 
 impl OfflineGuard {
-    /// Notifies the machine now that the handler is offline, and waits for the answer, because the process
+    /// Reports to the machine now that the handler is offline, and waits for the answer, because the process
     /// may end next. If `returns_within` is zero, the handler does not return.
     pub(crate) async fn report_offline(mut self, returns_within: Duration) {
         self.is_sent = true;
@@ -103,18 +103,18 @@ impl Drop for OfflineGuard {
     }
 }
 
-/// The online boot of the machine, and its open outputs.
+/// The boot of the machine that is online, and its open outputs.
 #[derive(Debug, Default)]
 pub(crate) struct OpenOutputs {
     pub(crate) online: Option<BootId>,
-    // the last `pending` message of each coordinate system, of any boot
+    // the last `pending` message of each coordinate system; its boot may have ended
     pending: BTreeMap<CoordinateSystemNumber, Arc<Message>>,
 }
 
-/// Change caused by a message.
+/// Change of the open outputs or of the online boot that a message has caused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Change {
-    /// Another boot is online, or no boot is online.
+    /// Another boot is online than before, or no boot is online.
     Boot,
     /// The open outputs of a coordinate system have changed.
     Pending(CoordinateSystemNumber),
@@ -136,7 +136,7 @@ impl OpenOutputs {
         }
     }
 
-    /// Returns the `pending` message of each coordinate system of the online boot.
+    /// Returns the `pending` messages of the online boot, one for each coordinate system.
     pub(crate) fn all(&self) -> impl Iterator<Item = (CoordinateSystemNumber, &Arc<Message>)> {
         let all = self.pending.iter().map(|(&cs, message)| (cs, message));
         all.filter(|(_, message)| self.online.as_ref() == Some(&message.boot_id))
@@ -165,15 +165,15 @@ pub(crate) fn open_outputs(message: &Message) -> &[PendingOutput] {
 
 #[derive(Debug)]
 pub(crate) enum Event {
-    /// A message of the machine, and the change that it caused.
+    /// A message of the machine, and the change that the message has caused.
     Message(Arc<Message>, Option<Change>),
     /// The machine has accepted the announcement.
     Announced,
-    /// A claim was repeated; true if it was accepted.
+    /// A claim was repeated. The value is true if the machine has accepted the claim.
     Reclaimed(OutputId, bool),
 }
 
-/// State of the announcement.
+/// State of the announcement of the handler to the machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Announcement {
     Never,
@@ -182,7 +182,7 @@ enum Announcement {
     Done,
 }
 
-/// A handler that announces itself.
+/// Session of a handler: announces the handler to the machine and repeats its lost claims.
 pub(crate) struct HandlerSession {
     pub(crate) plc: Plc,
     pub(crate) by: Identity,
@@ -213,7 +213,7 @@ impl HandlerSession {
         }
     }
 
-    /// Returns a guard that takes the handler offline.
+    /// Returns a guard that reports to the machine on drop that the handler is offline.
     pub(crate) fn offline_on_drop(&self) -> OfflineGuard {
         OfflineGuard {
             plc: self.plc.clone(),
@@ -226,11 +226,11 @@ impl HandlerSession {
     /// Cancellation safe.
     ///
     /// # Errors
-    /// The machine or the connection refuses the handler, or another instance has taken over.
+    /// Fails if the machine or the connection refuses the handler, or if another instance has taken over.
     pub(crate) async fn next(&mut self) -> Result<Option<Event>> {
         loop {
             tokio::select! {
-                // messages first: a cancel reaches a handler before it is polled again
+                // messages first, so that a cancel reaches a handler before the handler is polled again
                 biased;
                 message = self.messages.next() => {
                     if let Some(text) = message.as_deref().and_then(|message| self.text_of(message, HandlerStatus::TakenOver)) {
@@ -248,7 +248,7 @@ impl HandlerSession {
         }
     }
 
-    /// Returns the text of a message that reports this status of the presence to this instance; `None` for
+    /// Returns the text of a message that reports the status `wanted` to this instance. Returns `None` for
     /// any other message.
     fn text_of(&self, message: &Message, wanted: HandlerStatus) -> Option<String> {
         let (Topic::HandlerResult(id), Payload::HandlerResult(result)) = (&message.topic, &message.payload)
@@ -276,7 +276,7 @@ impl HandlerSession {
                 let before = replace(&mut self.systems, systems);
                 before != self.systems
             }
-            // the last will of an earlier connection, or of another instance, arrived after the announcement
+            // a last will of an earlier connection or of another instance arrived after the announcement
             (Topic::HandlerPresence(id), Payload::HandlerPresence(presence)) => {
                 self.announced != Announcement::Never && **id == *self.by.handler_id && !presence.online
             }
@@ -296,7 +296,7 @@ impl HandlerSession {
             Event::Message(..) => {}
             Event::Announced => {
                 if replace(&mut self.announced, Announcement::Done) == Announcement::PendingAgain {
-                    // the boot that accepted the announcement may have ended meanwhile
+                    // the boot that accepted the announcement may have ended meanwhile, so announce again
                     self.announce();
                 } else if let Some(boot) = self.open.online.clone() {
                     let plc = self.plc.clone();
@@ -312,7 +312,7 @@ impl HandlerSession {
         }
     }
 
-    /// Returns the announcement for the existing coordinate systems.
+    /// Returns the presence message that announces the handler for the existing coordinate systems.
     fn announcement(&self) -> HandlerPresence {
         let codes = self.declaration.codes.iter().flat_map(|(cs, m)| {
             let systems = cs.as_ref().map_or(&*self.systems, std::slice::from_ref);
@@ -335,7 +335,7 @@ impl HandlerSession {
         }
     }
 
-    /// Announces that from now on the machine must not claim outputs for this handler (H20).
+    /// Announces to the machine that from now on it must not claim outputs for this handler (H20).
     pub(crate) fn claim_by_message(&mut self) {
         self.declaration.is_exclusive = false;
         if self.announced != Announcement::Never {
@@ -343,7 +343,7 @@ impl HandlerSession {
         }
     }
 
-    /// Returns true if the machine has accepted the last announcement.
+    /// Returns true if no announcement waits for the answer of the machine.
     pub(crate) fn is_settled(&self) -> bool {
         matches!(self.announced, Announcement::Never | Announcement::Done)
     }
@@ -365,14 +365,15 @@ impl HandlerSession {
         }));
     }
 
-    /// Returns the outputs that have lost their handler, with their M numbers.
+    /// Returns the open outputs that have lost their handler, each with its M number.
     pub(crate) fn lost_outputs(&self) -> Vec<(OutputId, u16)> {
         let outputs = self.open.outputs();
         let lost = outputs.filter(|(_, output)| output.lost && output.state == OutputState::Output);
         lost.map(|(id, output)| (id, output.output.m)).collect()
     }
 
-    /// Repeats the claim of an output on which this instance still works after a loss of the connection.
+    /// Claims an output again that was lost with the connection while this instance still works on the
+    /// output.
     pub(crate) fn reclaim(&mut self, id: OutputId, m: u16) {
         if !self.reclaiming.insert(id.clone()) {
             return;
@@ -385,7 +386,7 @@ impl HandlerSession {
         }));
     }
 
-    /// Returns the registration that belongs to the current announcement.
+    /// Returns a registration that contains the current announcement.
     pub(crate) fn registration(&self) -> Registration {
         Registration {
             plc: self.plc.clone(),
@@ -416,12 +417,12 @@ pub(crate) struct Registration {
 }
 
 impl Registration {
-    /// Repeats the claim of an output until the machine answers. Returns `None` if the machine refuses the
-    /// claim for good. Before each repetition the handler registers again, because the connection may have
-    /// been lost meanwhile.
+    /// Claims an output, and repeats the claim until the machine answers. Returns `None` if the machine
+    /// refuses the claim permanently. Before each repetition the handler registers again, because the
+    /// connection may have been lost meanwhile.
     ///
     /// # Errors
-    /// The machine refuses the registration for good.
+    /// Fails if the machine refuses the registration permanently.
     pub(crate) async fn claim(
         &self,
         claim: typed::Claim,
@@ -433,11 +434,11 @@ impl Registration {
         }
     }
 
-    /// Claims an output that was lost with the connection, as [`claim`](Self::claim) does, but the handler
+    /// Claims an output that was lost with the connection, as [`claim`](Self::claim) does. The handler also
     /// registers before the first claim.
     ///
     /// # Errors
-    /// The machine refuses the registration for good.
+    /// Fails if the machine refuses the registration permanently.
     pub(crate) async fn claim_lost(
         &self,
         claim: typed::Claim,
@@ -453,10 +454,10 @@ impl Registration {
     }
 }
 
-/// Repeats the announcement of a presence until the machine has accepted it.
+/// Announces a presence, and repeats the announcement until the machine has accepted it.
 ///
 /// # Errors
-/// The machine or the connection refuses the presence for good.
+/// Fails after 5 refusals by the machine or the connection; temporary errors are not counted.
 async fn send_presence(plc: &Plc, id: &str, presence: HandlerPresence) -> std::result::Result<(), Refusal> {
     let mut tries = 0;
     loop {

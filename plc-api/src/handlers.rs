@@ -1,8 +1,8 @@
 //! Sequence programs made of handlers: one async function for each M code.
 //!
-//! A handler receives the output and a handle to the machine, does its work, and returns: `Ok` resets the
-//! output, `Err` raises an alarm with the text of the `Err`. Handlers of several open outputs run
-//! concurrently, all within [`SequenceProgram::run`].
+//! A handler receives the output and a handle to the machine, does its work, and returns. `Ok` resets the
+//! output; `Err` raises an alarm with the text of the `Err`. The handlers of several open outputs run
+//! concurrently, all in the future of [`SequenceProgram::run`].
 
 mod background;
 mod device;
@@ -43,21 +43,21 @@ use followed_level::FollowedLevel;
 use run::LifecycleOptions;
 use table::{Check, Table};
 
-/// Scope of handlers for every coordinate system.
+/// Scope of a program whose handlers serve every coordinate system.
 #[derive(Debug, Clone, Copy)]
 pub struct Everywhere;
 
-/// Scope of handlers for one coordinate system.
+/// Scope of a program whose handlers serve one coordinate system.
 #[derive(Debug, Clone, Copy)]
 pub struct OneCoordinateSystem;
 
 /// Handlers of one coordinate system, within [`SequenceProgram::in_coordinate_system`].
 pub type InCoordinateSystem = SequenceProgram<OneCoordinateSystem>;
 
-/// A task that runs together with the handlers.
+/// A function that returns a task, which runs together with the handlers.
 type Companion = Arc<dyn Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync>;
 
-/// A sequence program: handlers by M code.
+/// A sequence program: the handlers that serve M codes.
 ///
 /// ```
 /// use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, fake::FakePort, handshake::OutputOutcome};
@@ -88,7 +88,7 @@ pub struct SequenceProgram<Scope = Everywhere> {
     companions: Vec<Companion>,
     how: LifecycleOptions,
     handler_id: Option<String>,
-    // coordinate system for which the next handlers are added; `None` means all coordinate systems
+    // coordinate system of the handlers that the next calls add; `None` means all coordinate systems
     cs: Option<CoordinateSystemNumber>,
     scope: PhantomData<Scope>,
 }
@@ -109,9 +109,9 @@ impl Default for SequenceProgram {
     }
 }
 
-/// Handlers for the coordinate systems of the scope.
+/// Methods for a program of any scope.
 impl<Scope> SequenceProgram<Scope> {
-    /// Adds a handler for one or several M codes. For state shared with other handlers see [`with`].
+    /// Adds a handler for one or several M codes. To share state with other handlers see [`with`].
     ///
     /// The handler of an M code with a name ([`MCode`](crate::MCode)) takes [extractors](crate::extract): the
     /// parameters are checked against the declarations of the extractors when an NC program is loaded, and
@@ -158,9 +158,9 @@ impl<Scope> SequenceProgram<Scope> {
     /// # assert_eq!(program.check(), Ok(()));
     /// ```
     ///
-    /// The check must not block: if the answer takes more than two seconds, the program is loaded with a
-    /// warning. [`SequenceProgram::run`] refuses two checks of one code, and a check of a code without a
-    /// handler.
+    /// The check must not block: if the result arrives after more than two seconds, the NC program is loaded
+    /// with a warning. [`SequenceProgram::run`] refuses two checks of one code, and a check of a code without
+    /// a handler.
     #[must_use]
     pub fn validate<T, By>(
         mut self,
@@ -172,11 +172,11 @@ impl<Scope> SequenceProgram<Scope> {
         self
     }
 
-    /// Sets the treatment of outputs of these M codes after the loss of their handler; overrides
+    /// Sets the treatment of outputs of these M codes after the loss of their handler. This setting overrides
     /// [`on_redelivery`](SequenceProgram::on_redelivery), which covers all M codes. Choose
-    /// [`Redelivery::Redo`] if the work is recorded under [`AuxOutput::id`] and can therefore be repeated,
-    /// [`Redelivery::Verify`] if the handler can check whether the work is done, such as the marking of a
-    /// part, and [`Redelivery::Ask`] if the work moves an actuator.
+    /// [`Redelivery::Redo`] if the work is recorded under [`AuxOutput::id`] and can therefore be repeated.
+    /// Choose [`Redelivery::Verify`] if the handler can check whether the work is done, such as the marking
+    /// of a part. Choose [`Redelivery::Ask`] if the work moves an actuator.
     ///
     /// ```
     /// # use plc_api::{Alarm, AuxOutput, Redelivery, SequenceProgram};
@@ -200,8 +200,9 @@ impl<Scope> SequenceProgram<Scope> {
         self
     }
 
-    /// Adds a state that handlers take as an argument [`HandlerState<T>`](crate::HandlerState): each call of a handler
-    /// receives a clone, for example of an `Arc`. A program has at most one state of each type.
+    /// Adds a state that handlers take as an argument [`HandlerState<T>`](crate::HandlerState). Each call of
+    /// a handler receives a clone of the state, for example of an `Arc`. A program has at most one state of
+    /// each type.
     ///
     /// [`SequenceProgram::run`] refuses a second state of the same type, and a handler that takes a state
     /// that was not added.
@@ -214,7 +215,7 @@ impl<Scope> SequenceProgram<Scope> {
         self
     }
 
-    /// Adds a task that runs together with the handlers. If the task ends, the handlers end.
+    /// Adds a task that runs together with the handlers. If the task ends, the program ends, too.
     pub(crate) fn add_companion(
         mut self,
         companion: impl Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync + 'static,
@@ -265,13 +266,14 @@ impl SequenceProgram {
     }
 
     /// Holds a coordinate system while a level is true, by a source of its interlock: motion is held on its
-    /// path and no motion starts; `text` is the reason. The source belongs to this program: the program
-    /// writes the source again on every connection and at every boot of the machine, and no other sender can
-    /// clear it.
+    /// path and no motion starts; `text` is the reason. The source belongs to this program, which writes the
+    /// source again on every connection and at every boot of the machine. No other sender can clear the
+    /// source.
     ///
     /// If the sender of `level` is dropped, the source is set on. If the program is lost, the source takes
-    /// its `on_loss` value: for a source that `[input.interlock]` declares the configured one, by default on;
-    /// for any other source that of `[input.interlock]`, by default the last value.
+    /// its `on_loss` value. For a source that `[input.interlock]` declares, this is the configured value, by
+    /// default on. For any other source, this is the `on_loss` of `[input.interlock]`, by default the last
+    /// value.
     ///
     /// ```
     /// # use plc_api::{SequenceProgram, fake::FakePort};
@@ -301,7 +303,7 @@ impl SequenceProgram {
     }
 
     /// Refuses program starts in a coordinate system while a level is true, by a source of its start lock.
-    /// Ownership and loss of the source are as for [`SequenceProgram::interlock`].
+    /// The owner and the loss of the source are treated as for [`SequenceProgram::interlock`].
     #[must_use]
     pub fn start_lock(
         self,
@@ -330,10 +332,10 @@ impl SequenceProgram {
         self.add_companion(move |plc| Box::pin(followed.clone().run(plc)))
     }
 
-    /// Sets the treatment of an output whose handler is lost before the reset: its process ended, or its
-    /// connection broke. The configuration of the M code may also have a `redelivery`; the stricter of the
-    /// two applies ([`Redelivery::Ask`], then [`Redelivery::Verify`], then [`Redelivery::Redo`]). If neither
-    /// is set, the output waits until an operator decides.
+    /// Sets the treatment of an output whose handler is lost before the reset, because its process ended or
+    /// its connection broke. The configuration of the M code may also have a `redelivery`; the stricter of
+    /// the two applies ([`Redelivery::Ask`], then [`Redelivery::Verify`], then [`Redelivery::Redo`]). If
+    /// neither is set, the output waits until an operator decides.
     #[must_use]
     pub fn on_redelivery(mut self, on_redelivery: Redelivery) -> Self {
         self.how.on_redelivery = Some(on_redelivery);
@@ -341,9 +343,9 @@ impl SequenceProgram {
     }
 
     /// Takes over from a running program of the same name, such as the version before an update. The earlier
-    /// program is notified, drops its handlers, and ends with [`Error::TakenOver`]; its open outputs are
-    /// treated according to [`SequenceProgram::on_redelivery`]. Without this call the machine refuses a
-    /// second program of the same name.
+    /// program is notified, drops its handlers, and ends with [`Error::TakenOver`]. The open outputs of the
+    /// earlier program are treated according to [`SequenceProgram::on_redelivery`]. Without this call the
+    /// machine refuses a second program of the same name.
     ///
     /// ```
     /// use plc_api::{Error, SequenceProgram, fake::FakePort};
@@ -377,8 +379,8 @@ impl SequenceProgram {
 
     /// Sets the time for which the machine waits for this program to return after
     /// [`run_until`](SequenceProgram::run_until) has stopped it, such as for an update: 1 ms to 1 h, by
-    /// default one minute. Until then its M codes are treated as served, and NC programs wait for them. Zero
-    /// means that it does not return.
+    /// default one minute. During this time the M codes of the program are treated as served, and NC programs
+    /// wait for them. Zero means that the program does not return.
     #[must_use]
     pub fn returns_within(mut self, time: Duration) -> Self {
         self.how.returns_within = time;
@@ -396,9 +398,9 @@ impl SequenceProgram {
     }
 
     /// Sets the name of this sequence program on the machine: 1 to 64 characters without `/ + #`. One program
-    /// may use a name at a time: the machine refuses a second program of the same name, unless that program
-    /// is to [`take_over`](SequenceProgram::take_over). Default: the user name of the connection, otherwise a
-    /// random name.
+    /// may use a name at a time: the machine refuses a second program of the same name, unless the second
+    /// program calls [`take_over`](SequenceProgram::take_over). Default: the user name of the connection,
+    /// otherwise a random name.
     #[must_use]
     pub fn handler_id(mut self, handler_id: impl Into<String>) -> Self {
         self.handler_id = Some(handler_id.into());
@@ -447,19 +449,19 @@ impl SequenceProgram {
         Err(Error::SequenceProgram(mistakes.join("; ")))
     }
 
-    /// Serves the machine: announces the handled M codes, claims outputs, runs their handlers and resets
-    /// them. It continues after every loss of the connection, and ends when the machine has ended the
-    /// connection for good.
+    /// Serves the machine: announces the handled M codes, claims outputs, runs their handlers and resets the
+    /// outputs. The program continues after every loss of the connection. It ends when the machine has ended
+    /// the connection permanently.
     ///
     /// If this future is dropped, handlers are dropped at their current await points, and the machine is
-    /// notified that they are offline.
+    /// notified that the program is offline.
     ///
     /// # Errors
     /// - [`Error::SequenceProgram`] if [`SequenceProgram::check`] finds a mistake, a scan program panics, or
     ///   a [`task`](SequenceProgram::task) fails.
     /// - [`Error::Refused`] if the machine refuses the presence of this program, such as with `handler_taken`
     ///   while another program uses its name. Over MQTT also if the connection already serves another
-    ///   sequence program: use one connection for each.
+    ///   sequence program: use a separate connection for each program.
     /// - [`Error::TakenOver`] if another program of the same name takes over.
     pub async fn run(self, plc: &Plc) -> Result<()> {
         self.run_until(plc, std::future::pending::<()>()).await
@@ -467,9 +469,9 @@ impl SequenceProgram {
 
     /// Serves the machine as [`SequenceProgram::run`] does, until `stop` completes, such as
     /// [`stop_signal`](crate::stop_signal). Then the program accepts no further output, and ends when the
-    /// handlers at work have finished, so that no work is lost; [`ends_within`](SequenceProgram::ends_within)
+    /// running handlers have finished, so that no work is lost; [`ends_within`](SequenceProgram::ends_within)
     /// limits their time. Tasks and alarms continue until that end. The program announces to the machine that
-    /// it returns within [`returns_within`](SequenceProgram::returns_within).
+    /// it will return within [`returns_within`](SequenceProgram::returns_within).
     ///
     /// ```no_run
     /// # use plc_api::{Plc, SequenceProgram};
@@ -487,10 +489,10 @@ impl SequenceProgram {
         let serving = run::run(self.table, self.how, plc, handler_id.into(), stop);
         let companions: FuturesUnordered<_> = self.companions.iter().map(|run| run(plc.clone())).collect();
         tokio::select! {
-            // the handlers first: levels that companions set belong to the handler
+            // the handlers first, because they own the levels that companions set
             biased;
             ended = Box::pin(serving) => ended,
-            // without companions this branch never completes
+            // if the program has no companions, this branch never completes
             Some(ended) = companions.into_future().map(|(ended, _)| ended) => ended,
         }
     }

@@ -1,5 +1,5 @@
-//! Parts of a sequence program that serve no M code: alarms that follow a level, and tasks. They restart at
-//! each boot of the machine.
+//! Parts of a sequence program that serve no M code: alarms that follow a level, and tasks. These parts start
+//! again at each boot of the machine.
 
 use std::future::{Future, pending};
 use std::panic::AssertUnwindSafe;
@@ -21,11 +21,11 @@ use crate::types::topic::Topic;
 use crate::types::{BootId, CoordinateSystemNumber};
 
 impl<Scope> SequenceProgram<Scope> {
-    /// Raises an alarm when a level turns true: an alarm of the whole machine, or within
-    /// [`in_coordinate_system`](SequenceProgram::in_coordinate_system) of that coordinate system. The alarm
-    /// stays active until a reset, even if the level turns false. If the level is still true after a reset,
-    /// or at a start of the machine, the alarm is raised again. The alarm is also raised if the sender of
-    /// `level` is dropped.
+    /// Raises an alarm when a level turns true. Within
+    /// [`in_coordinate_system`](SequenceProgram::in_coordinate_system), this is an alarm of that coordinate
+    /// system, otherwise of the whole machine. The alarm stays active until a reset, even if the level turns
+    /// false. If the level is still true after a reset, or at a start of the machine, the alarm is raised
+    /// again. The alarm is also raised if the sender of `level` is dropped.
     ///
     /// ```
     /// # use plc_api::{Alarm, SequenceProgram, fake::FakePort};
@@ -63,8 +63,8 @@ impl<Scope> SequenceProgram<Scope> {
 
 impl SequenceProgram {
     /// Adds a task that runs together with the handlers, such as a task that reads a sensor. The task starts
-    /// when the machine has accepted this program, and is dropped at its current await point when the machine
-    /// or the program ends. At the next start of the machine the task starts again.
+    /// when the machine has accepted this program. When the machine or the program ends, the task is dropped
+    /// at its current await point. At the next start of the machine the task starts again.
     ///
     /// If the task returns `Ok`, it does not run again until the next start of the machine. A temporary error
     /// of the connection is logged, and the task starts again after one second. Any other error, or a panic,
@@ -101,7 +101,7 @@ impl SequenceProgram {
     }
 }
 
-/// An alarm that follows a level.
+/// An alarm that is raised while a level is true.
 #[derive(Debug, Clone)]
 struct FollowedAlarm {
     cs: Option<CoordinateSystemNumber>,
@@ -109,7 +109,7 @@ struct FollowedAlarm {
     alarm: Alarm,
 }
 
-/// The online boot of the machine, and its active alarms.
+/// The boot of the machine that is online, and its active alarms.
 #[derive(Default)]
 struct Alarms {
     online: Option<BootId>,
@@ -129,7 +129,7 @@ impl Alarms {
 }
 
 impl FollowedAlarm {
-    /// Follows the level without end.
+    /// Raises the alarm whenever the level requires it; does not return except with an error.
     ///
     /// # Errors
     /// Fails if the machine refuses the alarm.
@@ -147,8 +147,8 @@ impl FollowedAlarm {
             tokio::select! {
                 biased;
                 message = messages.next() => {
-                    // without messages the machine has ended the connection, and the handlers will end as
-                    // well
+                    // no message means that the machine has ended the connection, and the handlers will end
+                    // as well
                     let Some(message) = message else { return pending().await };
                     if let Payload::Presence(presence) = &message.payload {
                         let online = presence.online.then(|| message.boot_id.clone());
@@ -187,7 +187,7 @@ impl FollowedAlarm {
 struct Task(Arc<dyn Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync>);
 
 impl Task {
-    /// Runs the task in each boot of the machine.
+    /// Runs the task once in each boot of the machine.
     ///
     /// # Errors
     /// Fails if the task returns an error that is not temporary, or panics.
@@ -210,7 +210,7 @@ impl Task {
         }
     }
 
-    /// Runs the task until it returns `Ok`.
+    /// Runs the task until it returns `Ok`; after a temporary error the task starts again.
     ///
     /// # Errors
     /// Fails if the task returns an error that is not temporary, or panics.
@@ -236,7 +236,7 @@ impl Task {
     }
 }
 
-/// Waits until a boot other than `than` is online, or no boot is online.
+/// Waits until a boot other than `than`, or no boot, is online. Returns the boot that is online then.
 async fn wait_for_other_boot(presence: &mut Subscription, than: Option<&BootId>) -> Option<BootId> {
     while let Some(message) = presence.next().await {
         if let Payload::Presence(said) = &message.payload {

@@ -1,4 +1,4 @@
-//! Handlers that are methods of one device; only one of them runs at a time.
+//! Handlers that are methods of one device. Only one method of a device runs at a time.
 
 use std::future::Future;
 use std::sync::Arc;
@@ -20,7 +20,7 @@ use crate::port::BoxFuture;
     note = "its future is `Send`: it keeps no `Rc`, `RefCell` or guard of a lock over an `.await`"
 )]
 pub trait DeviceHandler<'a, D, Arguments>: Send + Sync + 'static {
-    /// Starts the work.
+    /// Starts the work of the handler, and returns its future.
     fn call(&self, device: &'a mut D, output: AuxOutput, plc: Plc) -> BoxFuture<'a, Result<(), Alarm>>;
 }
 
@@ -44,7 +44,7 @@ where
     }
 }
 
-/// The M codes of a device, within [`SequenceProgram::device`].
+/// Builder that adds handlers for the M codes of a device, within [`SequenceProgram::device`].
 #[derive(Debug)]
 pub struct Device<D, Scope> {
     device: Arc<Mutex<D>>,

@@ -1,4 +1,4 @@
-//! Sources of interlocks and start locks that follow a level of a sequence program.
+//! Sources of interlocks and start locks, each of which follows a level of a sequence program.
 
 use tokio::sync::watch;
 
@@ -19,8 +19,8 @@ pub(super) struct FollowedLevel {
 }
 
 impl FollowedLevel {
-    /// Follows the level without end. If the sender of the level is dropped, the level is unknown and treated
-    /// as on.
+    /// Writes the source after each change of the level; does not return except with an error. If the sender
+    /// of the level is dropped, the level is unknown, and the source is set on.
     ///
     /// # Errors
     /// Fails if the machine refuses the source.

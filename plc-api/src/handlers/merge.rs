@@ -10,8 +10,8 @@ impl SequenceProgram {
     /// code, two states of one type, and two different [`handler_id`](SequenceProgram::handler_id)s.
     ///
     /// If one of the programs sets [`on_redelivery`](SequenceProgram::on_redelivery), the stricter setting of
-    /// both applies; a program without the setting has [`Redelivery::Ask`](crate::Redelivery::Ask). A call of
-    /// `on_redelivery` after the last `merge` sets it for all merged programs.
+    /// both programs applies; a program without the setting has [`Redelivery::Ask`](crate::Redelivery::Ask).
+    /// A call of `on_redelivery` after the last `merge` sets it for all merged programs.
     ///
     /// ```
     /// # use plc_api::{Alarm, AuxOutput, SequenceProgram};
@@ -37,10 +37,11 @@ impl SequenceProgram {
         self
     }
 
-    /// Adds another program as [`merge`](SequenceProgram::merge) does, but moves its M codes into this range:
-    /// its lowest M code becomes the first of the range, and the others keep their distance to the lowest.
-    /// The program of one device can thus serve several devices of the same kind. The added part keeps its
-    /// own [`state`](SequenceProgram::state)s and its own [`on_redelivery`](SequenceProgram::on_redelivery).
+    /// Adds another program as [`merge`](SequenceProgram::merge) does, but moves its M codes into this range.
+    /// The lowest M code of that program becomes the first of the range, and the other M codes keep their
+    /// distance to the lowest. Thus the program of one device can serve several devices of the same kind. The
+    /// added part keeps its own [`state`](SequenceProgram::state)s and its own
+    /// [`on_redelivery`](SequenceProgram::on_redelivery).
     ///
     /// ```
     /// # use plc_api::{Alarm, AuxOutput, SequenceProgram};

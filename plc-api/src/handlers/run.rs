@@ -29,15 +29,15 @@ use crate::types::{BootId, CoordinateSystemNumber};
 
 use super::table::{BoxedHandler, Table};
 
-/// Largest number of started outputs of one coordinate system that are remembered. A stale `pending` is older
-/// by far fewer outputs.
+/// Largest number of started outputs of one coordinate system that are remembered. Reason: far fewer outputs
+/// are started before a stale `pending` message arrives.
 const STARTED_MAX: usize = 4096;
 
-/// Largest number of pairs of boot and coordinate system whose started outputs are remembered: up to eight of
-/// each boot.
+/// Largest number of pairs of boot and coordinate system whose started outputs are remembered. Each boot has
+/// up to eight pairs.
 const STARTED_SYSTEMS_MAX: usize = 32;
 
-/// Time for which a stopping program waits until the machine knows that the program accepts no further
+/// Time for which a stopping program waits until the machine has accepted that the program takes no further
 /// output.
 const LEAVE_MAX: Duration = Duration::from_secs(2);
 
@@ -51,22 +51,22 @@ struct Runner {
     table: Table,
     on_redelivery: Option<Redelivery>,
     running: HashMap<OutputId, RunningHandler>,
-    // outputs that this instance has started: a stale `pending` may arrive after their end
+    // outputs that this instance has started: a stale `pending` may still list them after their end
     started: StartedOutputs,
     work: FuturesUnordered<BoxFuture<'static, OutputId>>,
     presence: HandlerSession,
-    // the machine knows these handlers; outputs are claimed from now on
+    // true once the machine has accepted the announcement of the handlers; outputs are claimed from then on
     is_known: bool,
-    // no further output is taken
+    // true once the program takes no further output
     is_stopping: bool,
 }
 
-/// Started outputs, by boot and coordinate system.
+/// Outputs that this instance has started, by boot and coordinate system.
 #[derive(Debug, Default)]
 struct StartedOutputs(VecDeque<(BootId, CoordinateSystemNumber, RecentSeqs)>);
 
-/// Started outputs of one boot and coordinate system, by `seq`. The output that was added first is forgotten
-/// first, whatever its number.
+/// Started outputs of one boot and coordinate system, by `seq`. At the limit, the output that was added first
+/// is forgotten, independent of its `seq`.
 #[derive(Debug, Default)]
 struct RecentSeqs {
     known: HashSet<u64>,
@@ -116,7 +116,7 @@ fn is_of(id: &OutputId, boot: &BootId, cs: CoordinateSystemNumber) -> bool {
 pub(super) struct LifecycleOptions {
     pub(super) on_redelivery: Option<Redelivery>,
     pub(super) takes_over: bool,
-    /// Time within which a stopped program returns; zero if it does not return.
+    /// Time within which the program announces to return after a stop; zero if it does not return.
     pub(super) returns_within: Duration,
     /// Time limit of the handlers after the stop; `None` means no limit.
     pub(super) ends_within: Option<Duration>,
@@ -150,7 +150,7 @@ pub(super) async fn run<T>(
         is_exclusive: true,
     };
     let presence = HandlerSession::new(plc, handler_id, said);
-    // dropped after the runner, thus after the handlers
+    // this guard is dropped after the runner, and thus after the handlers
     let offline = presence.offline_on_drop();
     let mut runner = Runner {
         table,
@@ -166,7 +166,7 @@ pub(super) async fn run<T>(
     let mut late: BoxFuture<'static, ()> = Box::pin(std::future::pending());
     while !(runner.has_ended() && runner.presence.is_settled()) {
         tokio::select! {
-            // messages first: a cancel reaches a handler before it is polled again
+            // messages first, so that a cancel reaches a handler before the handler is polled again
             biased;
             event = runner.presence.next() => match event? {
                 Some(event) => runner.on_event(event),
@@ -184,7 +184,7 @@ pub(super) async fn run<T>(
                 tracing::warn!("{} handlers had not ended at the limit", runner.running.len());
                 break;
             }
-            // if the machine does not answer, the end of the connection reports the end of the program
+            // if the machine does not answer, the end of the connection reports that the program is offline
             () = plc.sleep(LEAVE_MAX), if runner.has_ended() => break,
         }
     }
@@ -203,7 +203,7 @@ impl Drop for Runner {
 }
 
 impl Runner {
-    /// Accepts no further output: from now on the machine claims no output for this program.
+    /// Stops the program from accepting outputs: from now on the machine claims no output for this program.
     fn on_stop(&mut self) {
         self.is_stopping = true;
         self.presence.claim_by_message();
@@ -247,7 +247,7 @@ impl Runner {
         }
     }
 
-    /// Checks the parameters of an M code in a program that is being loaded.
+    /// Checks the parameters of an M code in an NC program that the machine loads, and sends the result.
     fn on_validate(&mut self, cs: CoordinateSystemNumber, m: u16, asked: &Validate) {
         if !self.table.validates() || self.table.find(cs, m).is_none() {
             return;
@@ -271,7 +271,7 @@ impl Runner {
         }
     }
 
-    /// Ends handlers if their output is no longer open or another handler owns it, and starts handlers of
+    /// Ends each handler whose output is no longer open or belongs to another handler. Starts handlers for
     /// open outputs.
     fn update_handlers(&mut self, cs: CoordinateSystemNumber) {
         let Some(message) = self.presence.open.pending_message(cs).filter(|_| self.is_known) else {
@@ -301,7 +301,7 @@ impl Runner {
         }
     }
 
-    /// Returns true for an output that the machine has claimed for this instance (H20).
+    /// Returns true if the machine has claimed the output for this instance (H20).
     fn is_claimed_for_us(&self, output: &PendingOutput) -> bool {
         let by = &self.presence.by;
         output.output.attempt == 1
@@ -309,20 +309,20 @@ impl Runner {
             && output.instance.as_deref() == Some(&*by.instance)
     }
 
-    /// Returns false for an output that this instance has started before.
+    /// Returns true if this instance has not started the output before.
     fn is_new(&self, id: &OutputId) -> bool {
         !self.running.contains_key(id) && !self.started.knows(id)
     }
 
-    /// Returns true for an output that was claimed for this instance (H20) but that this instance has never
-    /// received: the message was lost.
+    /// Returns true if the output was claimed for this instance (H20) but this instance has never started the
+    /// output, because the message was lost.
     fn is_never_started(&self, id: &OutputId, output: &PendingOutput) -> bool {
         output.lost_instance.as_deref() == Some(&*self.presence.by.instance) && self.is_new(id)
     }
 
     fn start_handler(&mut self, id: OutputId, pending: &PendingOutput, is_claimed: bool) {
         if let Some(running) = self.running.get(&id) {
-            // the handler still runs: only the connection was lost
+            // the handler still runs, because only the connection was lost
             if pending.lost && !running.abort.is_aborted() && !running.output.is_answering() {
                 self.presence.reclaim(id, pending.output.m);
             }
@@ -377,8 +377,8 @@ impl Runner {
     }
 }
 
-/// Drops the future of the handler before the end is reported. A panic in a destructor ends no other handler.
-/// The clean-ups of a cancelled handler run before the end is reported.
+/// Runs a handler to its end, and drops its future before the end is reported. A panic in a destructor ends
+/// no other handler. If the handler was cancelled, its clean-ups run before the end is reported.
 async fn run_to_end(
     mut work: Pin<Box<Abortable<impl Future<Output = ()>>>>,
     id: OutputId,
@@ -396,10 +396,10 @@ async fn run_to_end(
     id
 }
 
-/// Claim of an output that the machine has not claimed for this handler.
+/// Data for the claim of an output that the machine has not claimed for this handler.
 struct Claiming {
     registration: Registration,
-    /// True if the connection of the handler was lost, and with it the registration.
+    /// True if the output was lost with the connection of its handler, and with it the registration.
     is_lost: bool,
 }
 
@@ -424,8 +424,8 @@ impl Claiming {
     }
 }
 
-/// Claims the output if the machine has not claimed it for this handler, runs the handler, and resets the
-/// output.
+/// Claims the output, unless the machine has claimed it for this handler. Then runs the handler, and resets
+/// the output.
 async fn work(output: AuxOutput, handler: BoxedHandler, claiming: Option<Claiming>) {
     let (plc, m, seq) = (output.plc(), output.m(), output.seq());
     if let Some(claiming) = claiming
@@ -437,7 +437,7 @@ async fn work(output: AuxOutput, handler: BoxedHandler, claiming: Option<Claimin
     output.set_answering();
     let reset = output.key().reset(m, output.by(), result.err());
     let status = until_answered(plc, reset).await;
-    // `duplicate` means that this reset was sent twice, because its answer was late
+    // `duplicate` means that the machine received this reset twice, because its answer was late
     if !matches!(
         status,
         Some(HandshakeStatus::Accepted | HandshakeStatus::Duplicate)

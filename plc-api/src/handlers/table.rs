@@ -1,4 +1,4 @@
-//! The table of handlers by M code.
+//! The handlers of a sequence program, by M code.
 
 use std::any::TypeId;
 use std::collections::{BTreeMap, BTreeSet};
@@ -22,8 +22,8 @@ use crate::types::m_code::MCodeDeclaration;
 use crate::types::output::{Params, Redelivery};
 
 /// A handler: an async function or closure with the output as its argument, or with the output and the
-/// machine. For an M code with a name ([`MCode`](crate::MCode)) it has up to six [extractors](crate::extract)
-/// as arguments.
+/// machine. A handler of an M code with a name ([`MCode`](crate::MCode)) instead has up to six
+/// [extractors](crate::extract) as arguments.
 ///
 /// If the handler returns `Ok`, the output is reset and the NC program continues. If it returns `Err`, the
 /// alarm is raised, which stops the NC program; a panic also raises an alarm. If the output is cancelled, the
@@ -36,7 +36,7 @@ use crate::types::output::{Params, Redelivery};
     note = "both give `Result<(), Alarm>`, and their future is `Send`: it keeps no `Rc`, `RefCell` or guard of a lock over an `.await`"
 )]
 pub trait Handler<Arguments, By = ByNumber>: Send + Sync + 'static {
-    /// Starts the work.
+    /// Starts the work of the handler, and returns its future.
     fn call(&self, output: AuxOutput, plc: Plc) -> BoxFuture<'static, Result<(), Alarm>>;
 
     /// Returns the parameters and states that the arguments of this handler take.
@@ -121,7 +121,7 @@ pub(super) type Check = Arc<dyn Fn(&Params) -> Result<(), Alarm> + Send + Sync>;
 pub(super) type BoxedHandler =
     Arc<dyn Fn(AuxOutput, Plc) -> BoxFuture<'static, Result<(), Alarm>> + Send + Sync>;
 
-/// Returns the codes of a range, with at most one code above the highest M code.
+/// Returns the M codes of a range, but at most one M code above the highest, which causes one mistake.
 fn within_limits(codes: RangeInclusive<u16>) -> impl Iterator<Item = u16> {
     let first_above = (M_CODE_MAX + 1).max(*codes.start());
     codes.take_while(move |m| *m <= first_above)
@@ -131,21 +131,21 @@ fn scope_text(cs: Option<CoordinateSystemNumber>) -> String {
     cs.map_or_else(String::new, |cs| format!(" in coordinate system {cs}"))
 }
 
-/// Handlers by M code, for every coordinate system and for single ones.
+/// Handlers by M code, for all coordinate systems or for one coordinate system.
 #[derive(Clone, Default)]
 pub(super) struct Table {
     handlers: BTreeMap<ServedCode, BoxedHandler>,
-    /// Declarations by handlers of M codes with names.
+    /// Declarations of the M codes with names, as their handlers take the parameters.
     declared: BTreeMap<ServedCode, MCodeDeclaration>,
-    /// States that handlers take, by type.
+    /// States that handlers take as arguments: the M code, and the type of the state with its name.
     wanted: Vec<(MCode, TypeId, &'static str)>,
     pub(super) states: States,
     checks: BTreeMap<ServedCode, Check>,
-    /// Treatment of lost outputs of single M codes.
+    /// Treatment of lost outputs, for each M code that has its own setting.
     redeliveries: BTreeMap<ServedCode, Redelivery>,
     /// Texts of the alarms of the program, by their codes.
     pub(super) alarms: BTreeMap<u16, AlarmText>,
-    // mistakes in single calls
+    // mistakes that a single call of the builder shows
     pub(super) mistakes: Vec<String>,
 }
 
@@ -189,7 +189,7 @@ impl Table {
         }
     }
 
-    /// Records a handler's declaration of an M code.
+    /// Records the declaration of an M code with a name, as its handler takes the parameters.
     fn declare(&mut self, cs: Option<CoordinateSystemNumber>, code: MCode, takes: &Takes) {
         let declaration = MCodeDeclaration {
             m: code.m(),
@@ -205,15 +205,15 @@ impl Table {
         self.declared.insert((cs, code.m()), declaration);
     }
 
-    /// Returns the alarm for parameters with which the handler of an M code is not started.
+    /// Returns an alarm if the parameters do not match the declaration, so that the handler must not start.
     fn refuses(&self, cs: CoordinateSystemNumber, m: u16, params: &Params) -> Option<Alarm> {
         let declaration = self.declared.get(&self.handler_key(Some(cs), m))?;
         let fault = declaration.check(params).err()?;
         Some(Alarm::user(Alarm::CODE_OF_PARAMS, fault.text))
     }
 
-    /// Returns the declarations of the M codes. A handler for one coordinate system that has no declaration
-    /// hides the declaration for all coordinate systems.
+    /// Returns the declarations of the M codes. If a handler for one coordinate system has no declaration,
+    /// its entry is empty and hides the declaration for all coordinate systems.
     pub(super) fn declarations(&self) -> Vec<MCodeDeclaration> {
         let hidden = self.handlers.keys().filter(|(cs, m)| {
             let of_all = (None, *m);
@@ -233,8 +233,8 @@ impl Table {
         said.into_iter().map(of).collect()
     }
 
-    /// Returns the key of the handler of an M code: the handler for the coordinate system, otherwise the
-    /// handler for all.
+    /// Returns the key of the handler of an M code. The handler for the coordinate system precedes the
+    /// handler for all coordinate systems.
     fn handler_key(&self, cs: Option<CoordinateSystemNumber>, m: u16) -> ServedCode {
         let has_its_own = self.handlers.contains_key(&(cs, m));
         (cs.filter(|_| has_its_own), m)
@@ -261,7 +261,7 @@ impl Table {
         }
     }
 
-    /// Adds the handlers of another program.
+    /// Adds the handlers, checks, states and settings of another program.
     pub(super) fn merge(&mut self, other: Self) {
         for (code, handler) in other.handlers {
             self.insert(code, handler);
@@ -280,7 +280,7 @@ impl Table {
         self.add_alarms(other.alarms.into_values());
     }
 
-    /// Adds texts of alarms.
+    /// Adds texts of alarms. Two different texts of one alarm are a mistake.
     pub(super) fn add_alarms(&mut self, texts: impl IntoIterator<Item = AlarmText>) {
         for text in texts {
             let code = text.code;
@@ -297,7 +297,8 @@ impl Table {
         }
     }
 
-    /// Adds the handlers of another program, moved into a range of M codes, with the states of that program.
+    /// Adds the handlers of another program, moved into a range of M codes. These handlers keep their own
+    /// states.
     pub(super) fn merge_at(
         &mut self,
         codes: &RangeInclusive<u16>,
@@ -381,7 +382,7 @@ impl Table {
         !self.checks.is_empty()
     }
 
-    /// Checks parameters of an M code. If the check panics, the parameters are refused.
+    /// Calls the check for the parameters of an M code. If the check panics, the parameters are refused.
     pub(super) fn validate(&self, cs: CoordinateSystemNumber, m: u16, params: &Params) -> Result<(), Alarm> {
         let everywhere = || {
             self.checks
@@ -397,14 +398,14 @@ impl Table {
         })
     }
 
-    /// Returns the handler of an M code: the handler for the coordinate system, otherwise the handler for
-    /// all.
+    /// Returns the handler of an M code: the handler for the coordinate system, otherwise the handler for all
+    /// coordinate systems.
     pub(super) fn find(&self, cs: CoordinateSystemNumber, m: u16) -> Option<&BoxedHandler> {
         self.handlers.get(&self.handler_key(Some(cs), m))
     }
 
-    /// Returns the action for an output with these parameters: the work of the handler, or an alarm if the
-    /// handler does not accept the parameters.
+    /// Returns the handler to run for an output with these parameters. If the parameters do not match the
+    /// declaration, returns a handler that raises an alarm.
     pub(super) fn work(&self, cs: CoordinateSystemNumber, m: u16, params: &Params) -> Option<BoxedHandler> {
         let handler = self.find(cs, m)?;
         Some(match self.refuses(cs, m, params) {

@@ -36,7 +36,7 @@ async fn nothing(_output: AuxOutput) -> Result<(), Alarm> {
     Ok(())
 }
 
-/// Takes VA seconds.
+/// A handler that works for VA seconds.
 async fn slow(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     let time_s = output.params().a().ok_or(Alarm::user(1, "VA is missing"))?;
     plc.sleep(Duration::from_secs_f64(time_s)).await;
@@ -58,7 +58,7 @@ async fn a_handler_claims_runs_and_resets_once() {
     assert_eq!(fake.pending(1), []);
 }
 
-/// A handler that counts how often it is begun, and takes VA seconds.
+/// Returns a program with a handler that works for VA seconds, and the number of its starts.
 fn counted() -> (Arc<AtomicUsize>, SequenceProgram) {
     let begun = Arc::new(AtomicUsize::new(0));
     let count = Arc::clone(&begun);
@@ -84,7 +84,7 @@ async fn h20_output_claimed_by_the_machine_starts_once_without_a_claim() {
     let told = results.try_next().unwrap();
     assert!(matches!(&told.payload, Payload::Result(told) if told.of == Some(OutputAct::Reset)));
     assert_eq!(results.try_next(), None);
-    // an old message comes again, as from a broker that keeps it
+    // an earlier message arrives again, as from a broker that has retained the message
     fake.publish_message(1, CsTopic::Pending, Payload::Pending(Pending { outputs }));
     fake.advance(seconds(9)).await;
     assert_eq!(begun.load(Ordering::Relaxed), 1);
@@ -196,7 +196,7 @@ async fn d34_cancel_reason_is_reported_even_if_pending_shows_it_first() {
     let _task = serve(&fake, program).await;
     fake.issue_output(1, 100, Params::default());
     fake.settle().await;
-    // another output changes `pending`, and before that is read the cancel comes
+    // another output changes `pending`; the cancel arrives before the program reads that `pending`
     fake.issue_output(1, 101, Params::default());
     fake.cancel(1, CancelReason::Abort);
     fake.settle().await;
@@ -288,7 +288,7 @@ async fn an_operators_reset_cancels_the_handler_with_reason_operator() {
     assert_eq!(*reason.lock().unwrap(), Some(CancelReason::Operator));
 }
 
-/// Handlers that died with output `seq` claimed; those that come after it note `redelivered()` in the log.
+/// Loses a handler that has claimed output `seq`. The next handler records `redelivered()` in the log.
 async fn after_a_death(program: SequenceProgram) -> (FakePort, u64, Arc<Mutex<Vec<bool>>>) {
     let fake = FakePort::new([1]);
     let first = serve(&fake, SequenceProgram::new().on(100, slow).handler_id("h")).await;
