@@ -1,7 +1,7 @@
 //! The ledger: a state machine for the outputs of one coordinate system and their resets.
 //!
-//! The ledger has no I/O, no clock and no task: the runtime calls it with the time as a parameter, and
-//! executes the [`Effect`]s. All transports use the ledger, so its [`rules`] apply to all transports:
+//! The ledger has no I/O, no clock and no task. The runtime calls the ledger with the time as a parameter,
+//! and executes the [`Effect`]s. All transports use the ledger, so its [`rules`] apply to all transports:
 //!
 //! ```text
 //! QUEUED -> OUTPUT -> CLAIMED -> reset
@@ -37,17 +37,17 @@ use closed::{ClosedOutputs, Fate};
 use identity::{Denial, LiveHandlers};
 use result::{check_code, fault_alarm, result_of, status_of};
 
-/// The outputs of one coordinate system.
+/// All outputs of one coordinate system, with their states.
 #[derive(Debug)]
 pub struct Ledger {
     boot_id: BootId,
     cs: CoordinateSystemNumber,
-    /// `boot_id.cs.`: this prefix and `seq` identify an output permanently, because boot ids are never
-    /// reused.
+    /// Prefix of the output ids: `boot_id.cs.`. This prefix and `seq` identify an output permanently, because
+    /// boot ids are never reused.
     id_prefix: String,
     open_outputs_max: usize,
     next_seq: u64,
-    // ascending by seq
+    // ascending by `seq`
     open: Vec<OpenOutput>,
     closed: ClosedOutputs,
     handlers: LiveHandlers,
@@ -55,7 +55,7 @@ pub struct Ledger {
 }
 
 impl Ledger {
-    /// Creates an empty ledger; its first output has `seq` 1. `open_outputs_max` of 0 is treated as 1.
+    /// Creates an empty ledger; its first output has `seq` 1. An `open_outputs_max` of 0 is treated as 1.
     pub fn new(boot_id: BootId, cs: CoordinateSystemNumber, open_outputs_max: usize) -> Self {
         Self {
             id_prefix: format!("{}.{cs}.", boot_id.0),
@@ -70,11 +70,12 @@ impl Ledger {
         }
     }
 
-    /// Adds an output as QUEUED, and returns its `seq`, which is greater than all before.
+    /// Adds an output as QUEUED, and returns its `seq`, which is greater than the `seq` of each earlier
+    /// output.
     ///
     /// # Errors
-    /// Returns [`Full`] if `open_outputs_max` outputs are open: the caller waits and tries again; nothing is
-    /// dropped.
+    /// Returns [`Full`] if `open_outputs_max` outputs are open. The ledger drops nothing: the caller waits
+    /// and tries again.
     pub fn enqueue(&mut self, now: Now, spec: OutputSpec) -> Result<u64, Full> {
         if self.open.len() >= self.open_outputs_max {
             return Err(Full);
@@ -112,8 +113,9 @@ impl Ledger {
         Ok(seq)
     }
 
-    /// Changes QUEUED to OUTPUT, or to CLAIMED if one exclusive handler serves it (H20): publishes it, and
-    /// starts its time limit. Has no effect in any other state.
+    /// Issues a queued output: publishes the output to handlers and starts its time limit. The state changes
+    /// to CLAIMED if only one handler serves the M code and this handler is exclusive (H20), otherwise to
+    /// OUTPUT. Has no effect on an output that is not QUEUED.
     pub fn issue_output(&mut self, now: Now, seq: u64) {
         let Some(place) = self.index_of(seq) else { return };
         let output = &mut self.open[place];
@@ -134,10 +136,10 @@ impl Ledger {
         self.effects.push(Effect::Output(notice));
     }
 
-    /// Executes a request about an output. `m` is the M number of the request, if it has one.
+    /// Executes a request about an output. `m` is the M number of the request, if the request has one.
     ///
     /// # Errors
-    /// Fails if the code of a fault, or the text or choices of a question, are out of range.
+    /// Fails if the code of a fault, a checkpoint, or the text or choices of a question, are out of range.
     pub fn execute_request(
         &mut self,
         now: Now,
@@ -248,13 +250,13 @@ impl Ledger {
         };
         let cancel = foreign.then_some(CancelReason::Operator);
         self.close(place, how, cancel);
-        // the answer follows `pending` without the output, and the end of the output
+        // the answer follows the `pending` that no longer lists the output, and the end of the output
         let result = result_of(OutputAct::Reset, who, &Ok(()));
         self.publish_result(m.or(Some(output_m)), &result);
         result
     }
 
-    /// Returns the index of the output that a reset ends, and whether another handler owns it.
+    /// Returns the index of the output that a reset ends, and true if another handler owns this output.
     fn check_reset(&self, m: Option<u16>, reset: &Reset) -> Result<(usize, bool), Denial> {
         let place = self.find(&reset.boot_id, reset.seq, m)?;
         let (force, output) = (reset.force == Some(true), &self.open[place]);
@@ -278,7 +280,8 @@ impl Ledger {
     }
 
     /// Applies an operator's decision about an output without an owner: the output is published again with
-    /// `how`; `ask` withdraws an earlier decision. `not_owner` while a handler owns it.
+    /// the decision `how`. The decision `ask` withdraws an earlier decision. Returns `not_owner` while a
+    /// handler owns the output.
     pub fn redeliver(&mut self, _now: Now, m: Option<u16>, redeliver: &Redeliver) -> HandshakeStatus {
         status_of(&self.decide(m, redeliver))
     }
@@ -298,8 +301,8 @@ impl Ledger {
         Ok(())
     }
 
-    /// Registers the online instance of a handler, and publishes again the unclaimed outputs that it may
-    /// claim (H12).
+    /// Registers the online instance of a handler. Publishes the unclaimed outputs again that this instance
+    /// may claim (H12).
     pub fn handler_online(&mut self, now: Now, handler_id: &str, presence: &HandlerPresence) {
         let cs = self.cs;
         self.handlers.insert_handler(cs, handler_id, presence, now.time);
@@ -312,8 +315,9 @@ impl Ledger {
         });
     }
 
-    /// Handles the loss of a handler: each output that it owns is OUTPUT again, `redelivered` and `lost`
-    /// (H11). With `instance` only the outputs of that instance; with `None` the outputs of any instance.
+    /// Handles the loss of a handler: each output that the handler owns changes to OUTPUT, and is marked
+    /// `redelivered` and `lost` (H11). `instance` limits this to the outputs of one instance; `None` means
+    /// the outputs of all instances.
     pub fn handler_lost(&mut self, now: Now, handler_id: &str, instance: Option<&str>) {
         let is_its = |output: &&mut OpenOutput| output.is_owned_by(handler_id, instance);
         let mut any = false;
@@ -336,16 +340,17 @@ impl Ledger {
         }
     }
 
-    /// Publishes unclaimed outputs again after a new connection to the broker, if `handles` is true for their
-    /// M number and they are not withheld. They are `redelivered`, with `attempt` one higher.
+    /// Publishes unclaimed outputs again after a new connection to the broker. Selects the outputs that are
+    /// not withheld and for whose M number `handles` returns true. Each of them is marked `redelivered`, and
+    /// its `attempt` increases by one.
     pub fn republish(&mut self, _now: Now, handles: impl Fn(u16) -> bool) {
         self.publish_again(|handlers, output| {
             handles(output.notice.m) && handlers.check_claim(output, "", None).is_ok()
         });
     }
 
-    /// Ends an output as failed, such as an output without a handler. If the output has an owner, the owner
-    /// is notified.
+    /// Ends an output as failed, for example because no handler serves it. If the output has been issued, a
+    /// cancel notifies its handler.
     pub fn fail(&mut self, _now: Now, seq: u64, alarm: Alarm) {
         if let Some(place) = self.index_of(seq) {
             let cancel = self.is_issued(place).then_some(CancelReason::Alarm);
@@ -370,7 +375,7 @@ impl Ledger {
         }
     }
 
-    /// Ends the outputs whose time limit has passed (H10).
+    /// Ends the outputs whose time limit has passed as timed out (H10).
     pub fn expire(&mut self, now: Now) {
         let late = |output: &OpenOutput| {
             output
@@ -382,7 +387,7 @@ impl Ledger {
         }
     }
 
-    /// Returns the next time limit for [`Ledger::expire`], seconds on the monotonic clock.
+    /// Returns the earliest time at which [`Ledger::expire`] ends an output, seconds on the monotonic clock.
     pub fn next_deadline_s(&self) -> Option<f64> {
         self.open
             .iter()
@@ -390,19 +395,19 @@ impl Ledger {
             .reduce(f64::min)
     }
 
-    /// All open outputs, ascending by `seq`.
+    /// Returns all open outputs as the payload of `m_code/pending`, ascending by `seq`.
     pub fn pending(&self) -> Pending {
         Pending {
             outputs: self.open.iter().map(OpenOutput::to_pending).collect(),
         }
     }
 
-    /// Returns an open output.
+    /// Returns the open output with this `seq`, or `None` if no such output is open.
     pub fn get(&self, seq: u64) -> Option<&OpenOutput> {
         self.index_of(seq).map(|place| &self.open[place])
     }
 
-    /// All open outputs, ascending by `seq`.
+    /// Returns all open outputs, ascending by `seq`.
     pub fn open(&self) -> &[OpenOutput] {
         &self.open
     }
@@ -441,7 +446,7 @@ impl Ledger {
         self.open[place].state != OutputState::Queued
     }
 
-    /// Returns the index of an open output, or the reason why no open output matches.
+    /// Returns the index of an open output, or the status that rejects a request about the output.
     fn find(&self, boot_id: &BootId, seq: u64, m: Option<u16>) -> Result<usize, Denial> {
         if *boot_id != self.boot_id {
             return Err((HandshakeStatus::Stale, None));
@@ -459,7 +464,7 @@ impl Ledger {
         Ok(place)
     }
 
-    /// Changes an open output; `change` returns whether `pending` shows the change.
+    /// Calls `change` with an open output. `change` returns true if `pending` shows the change.
     fn change(
         &mut self,
         boot_id: &BootId,
@@ -514,7 +519,8 @@ impl Ledger {
         self.effects.push(Effect::Closed { seq, m, how });
     }
 
-    /// Publishes a result under the M number of the request, otherwise under that of the output.
+    /// Publishes a result on the topic of the M number in the request, otherwise of the M number of the
+    /// output.
     fn publish_result(&mut self, m: Option<u16>, result: &HandshakeResult) {
         let open = || self.get(result.seq).map(|output| output.notice.m);
         let known = || open().or_else(|| self.closed.m(result.seq));

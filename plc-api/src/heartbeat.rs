@@ -13,16 +13,16 @@ use crate::types::message::Payload;
 use crate::types::request::typed;
 use crate::types::topic::Topic;
 
-/// Heartbeats within one `ttl`, so that two may be lost.
+/// Number of heartbeats that are sent within one `ttl`. Reason: two of them may be lost.
 const BEATS: u32 = 3;
 
-/// Number of checks of the machine's heartbeat within the time limit for a missing heartbeat.
+/// Number of times that the machine's heartbeat is read within the time limit for a missing heartbeat.
 const LOOKS: u32 = 4;
 
 /// A guard that sends heartbeats to the machine in the background. If the heartbeats stop, because the
 /// program has ended, hangs, or lost its connection, the machine holds every run: `FEED_HOLD`, reason
-/// `CLIENT_LOST`. Dropping the guard has the same effect. [`HeartbeatGuard::release`] reports a regular end of the
-/// program, without a hold.
+/// `CLIENT_LOST`. Dropping the guard has the same effect. [`HeartbeatGuard::release`] reports a regular end
+/// of the program, after which the machine does not hold.
 ///
 /// ```
 /// # use std::time::Duration;
@@ -42,8 +42,8 @@ pub struct HeartbeatGuard {
 }
 
 impl Plc {
-    /// Requests that the machine watches this program: if the machine receives no heartbeat for `ttl`, 100 ms
-    /// to 60 s, it holds every run.
+    /// Requests that the machine watches this program. If the machine receives no heartbeat of the program
+    /// for `ttl` (100 ms to 60 s), the machine holds every run.
     ///
     /// # Errors
     /// Fails if `ttl` is out of its range, the machine watches too many programs, or the machine cannot be
@@ -74,7 +74,7 @@ impl Plc {
         })
     }
 
-    /// Waits until the heartbeat of the machine has not changed for `limit`, which is 400 ms or more: the
+    /// Waits until the heartbeat of the machine has not changed for `limit`; use 400 ms or more. Then the
     /// servo gets no processor time, the runtime has ended, or the connection is lost. A handler that moves
     /// an actuator itself must then stop the actuator.
     ///
@@ -106,8 +106,8 @@ impl Plc {
 }
 
 impl CoordinateSystem {
-    /// Requests that the machine watches this program as for [`Plc::heartbeat`], but the machine holds only
-    /// the runs of this coordinate system.
+    /// Requests that the machine watches this program as for [`Plc::heartbeat`]. If heartbeats are missing,
+    /// the machine holds only the runs of this coordinate system.
     ///
     /// # Errors
     /// Fails as [`Plc::heartbeat`], and if the coordinate system does not exist.
@@ -120,7 +120,7 @@ impl HeartbeatGuard {
     /// Ends the watch: the machine no longer watches this program, and does not hold a run.
     ///
     /// # Errors
-    /// Fails if the machine cannot be reached; it will then hold the runs.
+    /// Fails if the machine cannot be reached; in this case the machine will hold the runs.
     pub async fn release(self) -> Result<()> {
         self.beats.abort();
         let (id, cs) = (self.id.clone(), self.cs);

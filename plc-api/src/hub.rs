@@ -1,9 +1,9 @@
 //! The hub: the latest value of each state topic, and bounded subscriptions to all topics.
 //!
 //! Publishing never waits for a subscriber. A slow subscriber receives the latest value of each state topic,
-//! and all events up to a limit; beyond it the oldest are dropped and counted by [`Subscription::dropped_events`] (see
-//! [`queue`](crate::queue)). Data that must not be lost is therefore also published as a state: open outputs
-//! in `m_code/pending`, alarms in `alarm/active`.
+//! and all events up to a limit. Beyond this limit the oldest events are dropped, and
+//! [`Subscription::dropped_events`] counts them (see [`queue`](crate::queue)). Data that must not be lost is
+//! therefore also published as a state: open outputs in `m_code/pending`, alarms in `alarm/active`.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, Weak};
@@ -16,7 +16,7 @@ use crate::types::message::{Message, Payload};
 use crate::types::output::HandlerPresence;
 use crate::types::topic::{CsTopic, Topic};
 
-/// The topics of a subscription.
+/// Topics of a subscription.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Filter {
     /// Every topic.
@@ -24,8 +24,8 @@ pub enum Filter {
     All,
     /// These topics.
     Topics(Vec<Topic>),
-    /// Topics for a handler: presence, birth, presence of handlers, handler results, and pending, output,
-    /// result, cancel and validate of every coordinate system.
+    /// Topics that a handler needs: presence, birth, presence of handlers, handler results, and pending,
+    /// output, result, cancel and validate of every coordinate system.
     Handshake,
     /// Replies to commands.
     Replies,
@@ -60,7 +60,7 @@ impl Filter {
     }
 }
 
-/// Last values and subscribers. Clones are handles to the same hub.
+/// Last values of the state topics, and the subscribers. Clones are handles to the same hub.
 #[derive(Debug, Clone, Default)]
 pub struct Hub {
     inner: Arc<Mutex<HubInner>>,
@@ -97,9 +97,9 @@ impl Hub {
     }
 
     /// Publishes a state if its payload has changed. `message` creates the message from the topic, the next
-    /// revision and the payload; no other message is published meanwhile.
+    /// revision and the payload. During this call no other message is published.
     ///
-    /// Returns the last message of the topic, and true if this call has published it.
+    /// Returns the last message of the topic, and true if this call has published that message.
     pub fn publish_change(
         &self,
         topic: Topic,
@@ -117,17 +117,17 @@ impl Hub {
         (message, true)
     }
 
-    /// Returns the last value of a state topic.
+    /// Returns the last message of a state topic, or `None` if none was published.
     pub fn read(&self, topic: &Topic) -> Option<Arc<Message>> {
         lock(&self.inner).states.get(topic).cloned()
     }
 
-    /// Returns the last value of every state topic.
+    /// Returns the last message of every state topic.
     pub fn states(&self) -> Vec<Arc<Message>> {
         lock(&self.inner).states.values().cloned().collect()
     }
 
-    /// Returns the handlers that have announced themselves, by id.
+    /// Returns the last presence of each handler that has announced itself, by handler id.
     pub(crate) fn handlers(&self) -> BTreeMap<String, HandlerPresence> {
         let states = self.states();
         let presence = |message: &Arc<Message>| match (&message.topic, &message.payload) {
@@ -144,7 +144,7 @@ impl Hub {
         lock(&self.inner).states.remove(topic);
     }
 
-    /// Creates a subscription, which starts with the current values.
+    /// Creates a subscription. Its first messages are the current values of its state topics.
     pub fn subscribe(&self, filter: Filter) -> Subscription {
         let mut inner = lock(&self.inner);
         let mut waiting = SubscriberQueue::default();
@@ -162,7 +162,7 @@ impl Hub {
         Subscription { subscriber }
     }
 
-    /// Ends all subscriptions after their last message.
+    /// Ends all subscriptions: each returns its unread messages, then `None`.
     pub fn close(&self) {
         for subscriber in lock(&self.inner)
             .subscribers
@@ -206,7 +206,7 @@ impl Subscriber {
     }
 }
 
-/// A subscription with its unread messages.
+/// A subscription, with the messages that the subscriber has not read yet.
 #[derive(Debug)]
 pub struct Subscription {
     subscriber: Arc<Subscriber>,

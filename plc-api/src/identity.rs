@@ -12,7 +12,7 @@ pub(crate) struct Identity {
 }
 
 impl Identity {
-    /// Creates a new instance of a handler.
+    /// Creates the identity of a new instance of a handler.
     pub(crate) fn new(handler_id: Arc<str>) -> Self {
         Self {
             handler_id,

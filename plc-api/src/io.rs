@@ -60,7 +60,7 @@ impl Plc {
         self.io(IoPoint::output(name))
     }
 
-    /// An input or output of the plant.
+    /// Returns a handle to an input or output of the plant.
     pub fn io(&self, point: IoPoint) -> Io {
         Io {
             plc: self.clone(),
@@ -75,8 +75,8 @@ impl Io {
         &self.point
     }
 
-    /// Returns the current value: the forced value if an operator has forced one, otherwise the value that
-    /// the owner has written, otherwise the safe value.
+    /// Returns the current value. This is the forced value if an operator has forced a value, otherwise the
+    /// value that the owner has written, otherwise the safe value.
     ///
     /// # Errors
     /// Fails if the configuration does not declare the input or output, or the machine has not published its
@@ -99,8 +99,8 @@ impl Io {
         Err(refused(RefusalCode::NotFound, &self.point, why).into())
     }
 
-    /// Returns the current value, and then each changed value. If the value changes faster than the program
-    /// reads, only the latest value is returned.
+    /// Returns a receiver of the current value, and then of each changed value. If the value changes faster
+    /// than the program reads, the program receives only the latest value.
     pub fn changes(&self) -> IoChanges {
         IoChanges {
             messages: self.plc.port().subscribe(Filter::Topics(vec![self.topic()])),
@@ -125,10 +125,11 @@ impl Io {
         Err(Error::Closed)
     }
 
-    /// Writes a value. If a sequence program writes the value, this program owns the output: the program
-    /// writes the value again on every connection and after every start of the machine, and no other sender
-    /// can write the output while the program is online. After the end of the program the output takes its
-    /// safe value. A client without handlers owns nothing, and may write outputs that no handler owns.
+    /// Writes a value. If a sequence program writes the value, this program owns the input or output from
+    /// then on. The program writes the value again on every connection and after every start of the machine.
+    /// No other sender can write the value while the program is online. After the end of the program the
+    /// output takes its safe value. A client without handlers owns nothing, and may write outputs that no
+    /// handler owns.
     ///
     /// # Errors
     /// Fails if the configuration does not declare the input or output, the value is of the wrong kind or out
@@ -137,7 +138,7 @@ impl Io {
     pub async fn set(&self, value: impl Into<IoValue>) -> Result<()> {
         let value = value.into();
         self.check_declared(Some(value)).await?;
-        // a program that the machine has not accepted yet waits until the machine accepts it
+        // before the machine has accepted this program, the program waits here
         let levels = self.plc.levels();
         let owner = levels.owner();
         if (owner.is_some() || !levels.has_owner())
@@ -159,7 +160,7 @@ impl Io {
         }
     }
 
-    /// Forces a value that replaces the written one, as an operator does: readers receive the forced value
+    /// Forces a value that replaces the written value, as an operator does. Readers receive the forced value
     /// until [`release`](Self::release), regardless of the values that the owner writes. State and journal
     /// name the user who forced the value. A restart of the machine ends the forcing.
     ///
@@ -191,7 +192,7 @@ impl Io {
     }
 }
 
-/// Values of an input or output of the plant, returned by [`Io::changes`].
+/// Receiver of the values of an input or output of the plant, returned by [`Io::changes`].
 #[derive(Debug)]
 pub struct IoChanges {
     messages: Subscription,

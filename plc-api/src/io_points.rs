@@ -1,12 +1,13 @@
-//! Inputs and outputs of the plant. Pure; the runtime and the scripted machine share it.
+//! Inputs and outputs of the plant, without I/O and clock; the runtime and the scripted machine use this
+//! module.
 //!
 //! A point is one input or output. A point that a handler has written belongs to that handler: no other
 //! sender can write the point while the handler is online. If the handler leaves, its outputs keep their
-//! values for the time that the handler announced, otherwise for the grace time; then they take the value of
-//! their `on_loss`. An input has no grace time, because its value is unknown as soon as no handler reads the
-//! sensor. Clients without a presence own nothing: any such client may write a point that no handler owns. An
-//! operator can force a value. The owner can still write the point; the written value applies again when an
-//! operator ends the forcing.
+//! values for the time that the handler announced, or without an announcement for the grace time. Then the
+//! outputs take the value of their `on_loss`. An input has no grace time, because its value is unknown as
+//! soon as no handler reads the sensor. A client without a presence owns nothing, and may write any point
+//! that no handler owns. An operator can force a value. Meanwhile the owner can still write the point; the
+//! written value applies again when an operator ends the forcing.
 
 use std::collections::BTreeMap;
 
@@ -23,12 +24,12 @@ const NAMED_MAX: usize = 20;
 #[derive(Debug, Default)]
 pub struct IoPoints {
     points: BTreeMap<IoPoint, (IoDeclaration, IoState)>,
-    /// Owners that left, with the end of the time for which their points wait for them, seconds since the
-    /// start.
+    /// Owners that have left. The value is the end of the time for which the points wait for the return of
+    /// the owner, seconds since the start of the runtime.
     absent: BTreeMap<String, f64>,
 }
 
-/// A point whose owner is lost: its owner, and its state since then.
+/// A point whose owner is lost, with that owner and the state of the point after the loss.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LostPoint {
     /// The point.
@@ -40,7 +41,7 @@ pub struct LostPoint {
 }
 
 impl IoPoints {
-    /// Creates the points at a start: each has its first value, and no owner yet.
+    /// Creates the points at a start of the runtime: each point has its first value, and no owner.
     pub fn new(declared: &IoDeclarations) -> Self {
         let all = declared.points().map(|(point, declaration)| {
             let first = declaration.first_value();
@@ -57,8 +58,8 @@ impl IoPoints {
         }
     }
 
-    /// Restores the value of an output that was written last before the start; `None` means that the stored
-    /// value is damaged. A value that the declaration no longer allows is ignored.
+    /// Restores the last written value of an output after a restart. `None` means that the stored value is
+    /// damaged: the value is then unknown. A value that the declaration no longer allows is ignored.
     pub fn restore(&mut self, point: &IoPoint, last: Option<IoValue>) {
         let Some((declaration, state)) = self.points.get_mut(point) else {
             return;
@@ -75,8 +76,8 @@ impl IoPoints {
         self.points.iter().map(|(point, (_, state))| (point, state))
     }
 
-    /// Validates a write without changing anything. `judge_writer` validates the instance that writes for a
-    /// handler.
+    /// Validates a write without changing anything. If a handler writes, `judge_writer` validates the
+    /// instance that sends the write.
     ///
     /// # Errors
     /// Fails like [`write`](Self::write).
@@ -97,8 +98,8 @@ impl IoPoints {
         check_io_owner(point, state, set.handler_id.as_deref())
     }
 
-    /// Writes a value. `judge_writer` validates the instance that writes for a handler. The second value is
-    /// true if the value or the owner has changed.
+    /// Writes a value. If a handler writes, `judge_writer` validates the instance that sends the write.
+    /// Returns the state, and true if the value, the owner or the loss of the owner has changed.
     ///
     /// # Errors
     /// `not_found` if the point is not declared; `invalid` if a value or an id is not valid; `unavailable` if
@@ -120,7 +121,7 @@ impl IoPoints {
         Ok((state, is_news))
     }
 
-    /// Forces a value that replaces the written one, or ends the forcing.
+    /// Forces a value that replaces the written value, or ends the forcing.
     ///
     /// # Errors
     /// `not_found` if the point is not declared; `invalid` if a value or a name is not valid.
@@ -138,7 +139,7 @@ impl IoPoints {
         Ok(state)
     }
 
-    /// Handles the departure of a handler. Returns the points that changed.
+    /// Handles the departure of a handler: its points wait for its return. Returns the points that changed.
     pub fn mark_handler_offline(&mut self, handler_id: &str, departure: Departure) -> Vec<LostPoint> {
         let Some(until_s) = departure.until_s() else {
             return Vec::new();
@@ -152,13 +153,13 @@ impl IoPoints {
         }
     }
 
-    /// Handles the return of a handler: its points no longer wait for it.
+    /// Handles the return of a handler: its points no longer wait for the return.
     pub fn mark_handler_online(&mut self, handler_id: &str) {
         self.absent.remove(handler_id);
     }
 
-    /// Ends the waiting time of handlers that left and did not return. `is_there` returns whether a handler
-    /// is online. Returns the points that changed.
+    /// Sets the points of each handler whose waiting time has ended to their `on_loss`. `is_there` returns
+    /// true if a handler is online. Returns the points that changed.
     pub fn expire(&mut self, now_s: f64, is_there: impl Fn(&str) -> bool) -> Vec<LostPoint> {
         let due = self.absent.extract_if(.., |_, until_s| *until_s <= now_s);
         let due: Vec<_> = due.map(|(id, _)| id).filter(|id| !is_there(id)).collect();
@@ -167,12 +168,13 @@ impl IoPoints {
             .collect()
     }
 
-    /// Returns the end of the next waiting time of a handler that left, seconds since the start.
+    /// Returns the earliest end of a waiting time for a handler that left, seconds since the start of the
+    /// runtime.
     pub fn next_deadline_s(&self) -> Option<f64> {
         self.absent.values().copied().reduce(f64::min)
     }
 
-    /// Returns the points that a handler owns and has not lost.
+    /// Returns the points that a handler owns, without the points that are marked as lost.
     fn owned(&mut self, handler_id: &str) -> impl Iterator<Item = (&IoPoint, &IoDeclaration, &mut IoState)> {
         let all = self.points.iter_mut();
         let all = all.map(|(point, (declaration, state))| (point, &*declaration, state));
@@ -207,7 +209,8 @@ impl IoPoints {
     }
 }
 
-/// Checks that a handler, or a client without presence, may write a point in this state.
+/// Checks that a sender may write a point in this state. `handler_id` is `None` for a client without a
+/// presence.
 ///
 /// # Errors
 /// Returns `not_allowed` if another handler owns the point.
@@ -330,7 +333,7 @@ mod tests {
         IoPoint::output("clamp")
     }
 
-    /// A clamp with this declaration that handler `cell` has closed.
+    /// Returns a clamp with this declaration, which handler `cell` has closed.
     fn closed(declaration: IoDeclaration) -> IoPoints {
         let mut declared = IoDeclarations::default();
         declared.insert(clamp(), declaration);
@@ -339,7 +342,7 @@ mod tests {
         points
     }
 
-    /// Value, written value and loss of the clamp.
+    /// Returns for the clamp: the value, the written value, and true if the owner is lost.
     fn of_clamp(points: &IoPoints) -> (bool, bool, bool) {
         let (_, state) = points.states().next().unwrap();
         (state.value.is_on(), state.written.is_on(), state.lost)

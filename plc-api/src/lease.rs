@@ -13,7 +13,7 @@ use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::typed;
 
-/// Renewals within one `ttl` of a lease, so that two may be lost.
+/// Number of renewals within one `ttl` of a lease. Reason: two of them may be lost.
 const RENEWALS: u32 = 3;
 
 /// The control lease of a coordinate system. While this client holds the lease, the commands load, start,
@@ -91,8 +91,8 @@ impl CoordinateSystem {
     }
 }
 
-/// Renews the lease until the machine answers that the lease has ended. A renewal that fails for another
-/// reason is repeated.
+/// Renews the lease until the machine answers that the lease has ended. If a renewal fails for another
+/// reason, the next renewal follows at its regular time.
 async fn renew(
     coordinate_system: CoordinateSystem,
     take: LeaseTake,

@@ -1,6 +1,6 @@
-//! Sources of interlocks and start locks, and inputs and outputs of the plant, that a program has set. While
-//! the program serves the machine, its handler owns these levels, and they are written again after each new
-//! announcement of its presence.
+//! Levels that a program has set: sources of interlocks and start locks, and inputs and outputs of the plant.
+//! While the program serves the machine, its handler owns these levels. After each new announcement of the
+//! handler's presence, all levels are written again.
 
 use std::collections::BTreeMap;
 use std::sync::Mutex;
@@ -16,7 +16,7 @@ use crate::types::lock::LockSet;
 use crate::types::request::{Input, Request};
 use crate::types::{BootId, CoordinateSystemNumber};
 
-/// Kind of the input.
+/// Kind of a lock input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum LockKind {
     Interlock,
@@ -32,7 +32,7 @@ impl LockKind {
     }
 }
 
-/// The machine, and the name in which requests are sent to it.
+/// Port of the machine, and the name in which requests are sent to the machine.
 type Asking<'a> = (&'a dyn Port, &'a str);
 
 /// The target of a level: one source of an input of a coordinate system, or an input or output of the plant.
@@ -49,7 +49,7 @@ enum LevelValue {
     Io(IoValue),
 }
 
-/// Returns the request that sets a level in the name of this handler.
+/// Returns the request that sets a level in the name of the handler `owner`.
 fn request(place: &LevelTarget, level: LevelValue, owner: Option<&Identity>) -> Option<Request> {
     let handler_id = owner.map(Identity::id);
     let instance = owner.map(Identity::instance);
@@ -74,19 +74,19 @@ fn request(place: &LevelTarget, level: LevelValue, owner: Option<&Identity>) -> 
     }
 }
 
-/// The handler of a program that serves the machine.
+/// The handler that owns the levels, of a program that serves the machine.
 #[derive(Debug, Clone)]
 struct LevelOwner {
     by: Identity,
-    /// The boot of the machine that has accepted the handler.
+    /// Boot of the machine that has accepted the handler; `None` before the acceptance.
     known_in: Option<BootId>,
 }
 
-/// Levels that a program has set.
+/// Levels that a program has set, with their owner.
 #[derive(Debug, Default)]
 pub(crate) struct Levels {
     set: Mutex<BTreeMap<LevelTarget, LevelValue>>,
-    /// Number of guards that hold each source.
+    /// Number of lock guards that keep each source on.
     held: Mutex<BTreeMap<LevelTarget, usize>>,
     owner: watch::Sender<Option<LevelOwner>>,
     /// Serializes the writes, so that each write sends the current value.
@@ -107,12 +107,12 @@ impl Levels {
         }));
     }
 
-    /// Removes the owner when it has ended.
+    /// Removes the owner after the handler has ended.
     pub(crate) fn clear_owner(&self) {
         self.owner.send_replace(None);
     }
 
-    /// Waits until this boot of the machine has accepted the program that serves it.
+    /// Waits until this boot of the machine has accepted the handler that owns the levels.
     pub(crate) async fn wait_until_announced(&self, boot: &BootId) {
         let mut owner = self.owner.subscribe();
         let known = owner.wait_for(|owner| {
@@ -120,18 +120,19 @@ impl Levels {
                 .as_ref()
                 .is_some_and(|owner| owner.known_in.as_ref() == Some(boot))
         });
-        // never closed, because `self` owns the sender
+        // the wait cannot fail, because `self` owns the sender
         let _is_there = known.await.is_ok();
     }
 
-    /// Returns the handler that owns the levels, after the machine has accepted it.
+    /// Returns the handler that owns the levels, or `None` until the machine has accepted the handler.
     pub(crate) fn owner(&self) -> Option<Identity> {
         let owner = self.owner.borrow();
         let known = owner.as_ref().filter(|owner| owner.known_in.is_some());
         known.map(|owner| owner.by.clone())
     }
 
-    /// Writes all levels to this boot of the machine, after the machine has received the presence.
+    /// Writes all levels to this boot of the machine, after the machine has accepted the presence of the
+    /// handler.
     pub(crate) async fn write_all(&self, asking: Asking<'_>, boot: &BootId) {
         self.owner.send_modify(|owner| {
             if let Some(owner) = owner {
@@ -146,12 +147,12 @@ impl Levels {
         }
     }
 
-    /// Adds a guard of a source.
+    /// Counts one more lock guard of a source.
     pub(crate) fn begin_hold(&self, place: LevelTarget) {
         *lock(&self.held).entry(place).or_default() += 1;
     }
 
-    /// Removes a guard; returns true for the last one of its source.
+    /// Counts one lock guard of a source less; returns true if no guard of the source remains.
     pub(crate) fn end_hold(&self, place: &LevelTarget) -> bool {
         let mut held = lock(&self.held);
         let left = held.get(place).map_or(0, |count| count - 1);
@@ -163,7 +164,7 @@ impl Levels {
         left == 0
     }
 
-    /// Sets a source.
+    /// Sets a source of an interlock or a start lock.
     ///
     /// # Errors
     /// Fails if the machine refuses the level. While a program serves the machine, waits until the machine
@@ -200,7 +201,7 @@ impl Levels {
     async fn write(&self, (port, name): Asking<'_>, place: &LevelTarget) -> Result<()> {
         loop {
             let mut owner = self.owner.subscribe();
-            // never closed, because `self` owns the sender
+            // the wait cannot fail, because `self` owns the sender
             let ready = owner.wait_for(|owner| owner.as_ref().is_none_or(|owner| owner.known_in.is_some()));
             let owner = ready.await.ok().and_then(|owner| owner.clone());
             let turn = self.turn.lock().await;

@@ -7,9 +7,9 @@
 //! over MQTT or REST ([`Plc::connect`]), and in a unit test ([`fake::FakePort`]).
 //!
 //! # A sequence program
-//! `tandem init DIR` creates a project with a sequence program and a test. Without it, depend on `plc-api`
-//! and `tokio` (features `macros`, `rt-multi-thread`). The address below is that of the demo machine, which
-//! `tandem` without arguments starts.
+//! `tandem init DIR` creates a project with a sequence program and a test. In any other project, add the
+//! dependencies `plc-api` and `tokio` (features `macros`, `rt-multi-thread`). The address below is that of
+//! the demo machine, which `tandem` without arguments starts.
 //! ```no_run
 //! use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
 //!
@@ -109,7 +109,7 @@
 //! use plc_api::{Alarm, AuxOutput, CancelReason, Cancellation, Params, Plc, SequenceProgram, fake::FakePort};
 //!
 //! /// The pump runs while this exists, however its handler ends.
-//! struct Pump(Cancellation);
+//! /// The pump runs until this value is dropped, however its handler ends.
 //!
 //! impl Drop for Pump {
 //!     fn drop(&mut self) {
@@ -163,11 +163,11 @@
 //! ```
 //!
 //! # Levels, alarms and tasks
-//! A program also contains parts that are not M codes: levels that hold the machine
+//! A program can also contain parts that serve no M code. Levels hold the machine
 //! ([`SequenceProgram::interlock`]), refuse a start ([`SequenceProgram::start_lock`]) or raise an alarm
-//! ([`SequenceProgram::alarm_while`]), and tasks ([`SequenceProgram::task`]). These parts continue after
-//! every loss of the connection, and start again with each start of the machine. [`SequenceProgram::merge`]
-//! combines the programs of several parts of a machine.
+//! ([`SequenceProgram::alarm_while`]). Tasks ([`SequenceProgram::task`]) run next to the handlers. These
+//! parts continue after every loss of the connection, and start again with each start of the machine.
+//! [`SequenceProgram::merge`] combines the programs of several parts of a machine.
 //!
 //! # Several commanding programs
 //! If several programs command one machine, a program takes the control lease of a coordinate system before
@@ -175,15 +175,15 @@
 //! client can start motion in that coordinate system.
 //!
 //! # Watching each other
-//! If the machine must not continue without a program, that program sends heartbeats ([`Plc::heartbeat`]): if
+//! If the machine must not continue without a program, that program sends heartbeats ([`Plc::heartbeat`]). If
 //! the heartbeats stop, the machine holds all runs. A program that moves an actuator itself watches the
 //! machine ([`Plc::until_silent`]).
 //!
 //! # Scan style
-//! If you think in PLC scans, write a [`scan::ScanProgram`]: at a fixed period it reads M codes, states,
-//! inputs and variables as flags, and writes resets, inputs and commands as flags. [`SequenceProgram::scan`]
-//! runs the scan program together with handlers. [`function_blocks`] has the edges, timers and counters of
-//! IEC 61131-3.
+//! For a program in the style of PLC scans, write a [`scan::ScanProgram`]. At a fixed period it reads M
+//! codes, states, inputs and variables as flags, and writes resets, inputs and commands as flags.
+//! [`SequenceProgram::scan`] runs the scan program together with handlers. [`function_blocks`] has the edges,
+//! timers and counters of IEC 61131-3.
 //!
 //! # Without handlers
 //! A program with its own loop receives outputs from the raw queue, [`Plc::outputs`], and claims and resets
@@ -192,8 +192,8 @@
 //!
 //! # Testing
 //! [`fake::FakePort`] is a scripted machine: the test issues outputs and advances the time, as in the example
-//! of [`SequenceProgram`]. `tandem_runtime::test` (dev-dependency, feature `testing`) is a whole runtime that runs NC programs
-//! with motion in simulated time.
+//! of [`SequenceProgram`]. `tandem_runtime::test` (dev-dependency, feature `testing`) is a whole runtime that
+//! runs NC programs with motion in simulated time.
 //!
 //! # Layers
 //! [`port::Port`] is the whole interface as one trait; [`types`] contains all messages and requests;

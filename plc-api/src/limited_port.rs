@@ -11,7 +11,7 @@ use crate::types::not_after::NotAfter;
 use crate::types::request::{Answer, Refusal, Request};
 use crate::types::topic::Topic;
 
-/// A port that sends every request with the same age limit.
+/// A port that sends every request with one and the same age limit.
 pub(crate) struct LimitedPort {
     pub port: Arc<dyn Port>,
     pub not_after: NotAfter,

@@ -2,8 +2,8 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Locks the mutex. A panic of another holder leaves no partly changed value, because each value is changed
-/// in one step.
+/// Locks the mutex, even if an earlier holder has panicked. Such a panic leaves no partly changed value,
+/// because each value is changed in one step.
 pub(crate) fn lock<T: ?Sized>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -6,7 +6,7 @@ use crate::levels::{LevelTarget, LockKind};
 use crate::types::lock::LockSet;
 
 /// A guard that keeps a source of an interlock or start lock on until the guard is released or dropped, for
-/// example with a cancelled handler. Created by [`CoordinateSystem::start_lock_while_here`] and
+/// example because its handler is cancelled. Created by [`CoordinateSystem::start_lock_while_here`] and
 /// [`CoordinateSystem::interlock_while_here`].
 #[derive(Debug)]
 #[must_use = "the lock is off as soon as the guard is dropped"]
@@ -19,9 +19,10 @@ pub struct LockGuard {
 
 impl CoordinateSystem {
     /// Refuses program starts until the guard is released or dropped, by the source `source` of the start
-    /// lock; `text` is the reason. If several guards hold one source, the source is on until the last of them
-    /// is released or dropped. The source belongs to the sequence program: if the program is lost, the source
-    /// takes the value of its `on_loss`. Ownership is as for [`set_interlock`](Self::set_interlock).
+    /// lock; `text` is the reason. If several guards hold one source, the source is on until the last of
+    /// these guards is released or dropped. The source belongs to the sequence program: if the program is
+    /// lost, the source takes the value of its `on_loss`. Ownership is as for
+    /// [`set_interlock`](Self::set_interlock).
     ///
     /// ```
     /// # use std::time::Duration;
@@ -46,23 +47,23 @@ impl CoordinateSystem {
     /// ```
     ///
     /// # Errors
-    /// The source is another handler's; the machine cannot be reached.
+    /// Fails if the machine refuses the source, or if the machine cannot be reached.
     pub async fn start_lock_while_here(&self, source: &str, text: impl Into<String>) -> Result<LockGuard> {
         self.guard_lock(LockKind::StartLock, source, text.into()).await
     }
 
     /// Holds motion on its path until the guard is released or dropped, by the source `source` of the
-    /// interlock. Several guards and ownership are as for
+    /// interlock. Ownership, and the effect of several guards, are as for
     /// [`start_lock_while_here`](Self::start_lock_while_here).
     ///
     /// # Errors
-    /// The source is another handler's; the machine cannot be reached.
+    /// Fails if the machine refuses the source, or if the machine cannot be reached.
     pub async fn interlock_while_here(&self, source: &str, text: impl Into<String>) -> Result<LockGuard> {
         self.guard_lock(LockKind::Interlock, source, text.into()).await
     }
 
     async fn guard_lock(&self, kind: LockKind, source: &str, text: String) -> Result<LockGuard> {
-        // the guard first: a cancelled request may still reach the machine
+        // create the guard first, because a cancelled request may still reach the machine
         let guard = LockGuard {
             coordinate_system: self.clone(),
             kind,
@@ -81,10 +82,11 @@ impl LockGuard {
         LevelTarget::Lock(self.coordinate_system.number(), self.kind, self.source.clone())
     }
 
-    /// Releases the guard, and waits until the machine has cleared the source, if no other guard holds it.
+    /// Releases the guard. If no other guard holds the source, waits until the machine has cleared the
+    /// source.
     ///
     /// # Errors
-    /// The machine cannot be reached.
+    /// Fails if the machine cannot be reached.
     pub async fn release(mut self) -> Result<()> {
         self.is_released = true;
         let plc = self.coordinate_system.plc().clone();

@@ -1,11 +1,12 @@
-//! An interlock or start lock of one coordinate system. Pure; the runtime and the scripted machine share it.
+//! An interlock or start lock of one coordinate system, without I/O and clock. The runtime and the scripted
+//! machine use this module.
 //!
 //! The input is on while any of its sources is on. A source that a handler has set belongs to that handler:
 //! no other sender can clear the source. If the handler leaves, its sources keep their values for the time
-//! that the handler announced, otherwise for the grace time; then they take the value of their `on_loss`. A
-//! source with `on_loss = "on"` has no grace time: an unannounced loss sets the source on at once. Clients
-//! without a presence own nothing: any such client may clear a source that another such client has set. An
-//! operator can force a source; the state shows the forcing until the owner writes the source again.
+//! that the handler announced, or without an announcement for the grace time. Then the sources take the value
+//! of their `on_loss`. A source with `on_loss = "on"` has no grace time: an unannounced loss sets the source
+//! on at once. A client without a presence owns nothing, and may clear a source that another such client has
+//! set. An operator can force a source; the state shows the forcing until the owner writes the source again.
 
 use std::collections::BTreeMap;
 
@@ -21,27 +22,27 @@ pub const SOURCES_MAX: usize = 64;
 pub struct LockRules {
     /// `on_loss` of sources that the configuration does not declare.
     pub on_loss: OnLoss,
-    /// Sources that the configuration declares, each with its `on_loss`. At a start such a source has no
-    /// owner; it is on if its `on_loss` is [`OnLoss::On`], otherwise off. The state always shows every
-    /// declared source.
+    /// Sources that the configuration declares, each with its `on_loss`. At a start of the runtime such a
+    /// source has no owner; the source is on if its `on_loss` is [`OnLoss::On`], otherwise off. The state
+    /// always shows every declared source.
     pub sources: BTreeMap<String, OnLoss>,
 }
 
 /// An interlock or a start lock with its sources.
 #[derive(Debug, Default)]
 pub struct LockInput {
-    /// Name of the input in messages for people.
+    /// Name of the input in texts for people.
     name: &'static str,
     rules: LockRules,
     // sorted by name; each name has one entry for each owner, and at most one entry without an owner
     sources: Vec<LockSource>,
-    /// Owners that left, with the end of the time for which their sources wait for them, seconds since the
-    /// start.
+    /// Owners that have left. The value is the end of the time for which the sources wait for the return of
+    /// the owner, seconds since the start of the runtime.
     absent: BTreeMap<String, f64>,
 }
 
 impl LockInput {
-    /// Creates the input at a start: declared sources have no owner yet.
+    /// Creates the input at a start of the runtime: declared sources have no owner yet.
     pub fn new(name: &'static str, rules: LockRules) -> Self {
         let sources = rules.sources.iter().map(|(source, on_loss)| LockSource {
             source: source.clone(),
@@ -66,7 +67,7 @@ impl LockInput {
         self.sources.iter().any(|source| source.value)
     }
 
-    /// Returns the reasons why the input is on; empty while it is off.
+    /// Returns the reasons why the input is on, or an empty text while the input is off.
     pub fn text(&self) -> String {
         let on = self.sources.iter().filter(|source| source.value);
         let texts = on.map(|source| match source.text.as_str() {
@@ -85,12 +86,12 @@ impl LockInput {
         }
     }
 
-    /// Sets a source. `judge_writer` validates the instance that writes in the name of a handler.
+    /// Sets a source. If a handler sends the write, `judge_writer` validates the sending instance.
     ///
     /// # Errors
-    /// Fails if a name or a text is not valid or there are too many sources; `unavailable` if the handler is
-    /// offline; `not_allowed` if another instance of the handler is online, or the source stays on because a
-    /// handler owns it.
+    /// Fails if a name or a text is not valid, or if the input has too many sources. `unavailable` if the
+    /// handler is offline; `not_allowed` if another instance of the handler is online, or if the source stays
+    /// on because a handler owns the source.
     pub fn set(
         &mut self,
         set: LockSet,
@@ -124,7 +125,8 @@ impl LockInput {
         Ok(())
     }
 
-    /// Handles the departure of a handler. Returns true if a source has changed.
+    /// Handles the departure of a handler: its sources wait for its return. Returns true if a source has
+    /// changed.
     pub fn mark_handler_offline(&mut self, handler_id: &str, departure: Departure) -> bool {
         if let Some(until_s) = departure.until_s().filter(|_| self.owns(handler_id)) {
             self.absent.insert(handler_id.to_owned(), until_s);
@@ -133,13 +135,13 @@ impl LockInput {
         is_sudden && self.apply_on_loss(handler_id, |on_loss| on_loss == OnLoss::On)
     }
 
-    /// Handles the return of a handler: its sources no longer wait for it.
+    /// Handles the return of a handler: its sources no longer wait for the return.
     pub fn mark_handler_online(&mut self, handler_id: &str) {
         self.absent.remove(handler_id);
     }
 
-    /// Ends the waiting time of handlers that left and did not return. `is_there` returns whether a handler
-    /// is online. Returns true if a source has changed.
+    /// Sets the sources of each handler whose waiting time has ended to their `on_loss`. `is_there` returns
+    /// true if a handler is online. Returns true if a source has changed.
     pub fn expire(&mut self, now_s: f64, is_there: impl Fn(&str) -> bool) -> bool {
         let due = self.absent.extract_if(.., |_, until_s| *until_s <= now_s);
         let due: Vec<_> = due.map(|(id, _)| id).filter(|id| !is_there(id)).collect();
@@ -147,7 +149,8 @@ impl LockInput {
             .fold(false, |any, id| self.apply_on_loss(id, |_| true) | any)
     }
 
-    /// Returns the end of the next waiting time of a handler that left, seconds since the start.
+    /// Returns the earliest end of a waiting time for a handler that left, seconds since the start of the
+    /// runtime.
     pub fn next_deadline_s(&self) -> Option<f64> {
         self.absent.values().copied().reduce(f64::min)
     }
@@ -157,8 +160,8 @@ impl LockInput {
         owned.any(|source| source.handler_id.as_deref() == Some(handler_id))
     }
 
-    /// Marks the sources of a handler as lost if `which` is true for their `on_loss`, and sets them to this
-    /// `on_loss`. Returns true if a source was marked.
+    /// Marks the sources of a handler as lost if `which` returns true for their `on_loss`, and sets these
+    /// sources to their `on_loss`. Returns true if a source was marked.
     fn apply_on_loss(&mut self, handler_id: &str, which: impl Fn(OnLoss) -> bool) -> bool {
         let Self { sources, rules, .. } = self;
         let mut any = false;
@@ -185,8 +188,8 @@ impl LockInput {
         any
     }
 
-    /// Returns the index of the entry that a message replaces: the entry of the sender, otherwise an entry
-    /// that waits for an owner or has no owner.
+    /// Returns the index of the entry that a message replaces. This is the entry of the sender; if the sender
+    /// is a handler without an entry, this is an entry without an owner or with a lost owner.
     fn index_of(&self, set: &LockSet) -> Option<usize> {
         let of_source = |source: &LockSource| source.source == set.source();
         let is_own =
@@ -198,7 +201,7 @@ impl LockInput {
         own.or_else(|| self.sources.iter().position(is_free))
     }
 
-    /// Rejects a client without presence that clears the source of a handler.
+    /// Rejects a client without a presence that tries to clear the source of a handler.
     fn check_clear(&self, name: &str) -> Result<(), Refusal> {
         let mut on = self
             .sources
@@ -308,7 +311,7 @@ mod tests {
         Err(Refusal::new(RefusalCode::Unavailable, "it is not online"))
     }
 
-    /// Reports the loss of a handler, and ends its grace time.
+    /// Reports the loss of a handler to the lock, and ends the grace time of the handler.
     fn lose(lock: &mut LockInput, handler_id: &str) -> bool {
         lock.mark_handler_offline(handler_id, Departure::Unannounced { until_s: 0.0 })
             | lock.expire(0.0, |_| false)
@@ -325,7 +328,7 @@ mod tests {
         lock
     }
 
-    /// Returns value and loss of `air`, `door` and `oil`.
+    /// Returns for each of the sources `air`, `door` and `oil`: the value, and true if its owner is lost.
     fn shown(lock: &LockInput) -> Vec<(bool, bool)> {
         let sources = lock.state().sources;
         sources.iter().map(|source| (source.value, source.lost)).collect()

@@ -8,11 +8,13 @@ pub const M_CODE_MAX: u16 = 191;
 /// M codes that the runtime handles itself (D35); they never reach a handler.
 pub const RUNTIME_M_CODES: [u16; 6] = [0, 1, 2, 30, 98, 99];
 
-/// Marks M codes by their numbers. Their handlers take an output, or an output and the machine.
+/// Marker of M codes that a program gives by number. Their handlers take an output, or an output and the
+/// machine.
 #[derive(Debug, Clone, Copy)]
 pub struct ByNumber;
 
-/// Marks M codes by their names ([`MCode`]). Their handlers take [extractors](crate::extract).
+/// Marker of M codes that a program gives by name ([`MCode`]). Their handlers take
+/// [extractors](crate::extract).
 #[derive(Debug, Clone, Copy)]
 pub struct ByName;
 
@@ -88,7 +90,7 @@ pub trait MCodes<By = ByNumber>: Sized {
     /// Returns the M codes as ranges. A sequence program refuses an empty range.
     fn m_codes(self) -> Vec<RangeInclusive<u16>>;
 
-    /// Returns the M codes that have a name.
+    /// Returns those of the M codes that have a name.
     fn names(&self) -> Vec<MCode> {
         Vec::new()
     }

@@ -4,18 +4,18 @@ use std::collections::VecDeque;
 
 use crate::types::output::HandshakeStatus;
 
-/// Number of closed outputs that are remembered. Reason: no sender still waits for the answer to a message
-/// that is this many outputs late. A message about an output that closed earlier is answered `stale`, which
-/// also means that nothing has changed.
+/// Number of closed outputs that are remembered. Reason: no sender waits for an answer about an output that
+/// ended this many outputs ago. If an output is no longer remembered, the answer is `stale`, which also means
+/// that nothing has changed.
 pub const CLOSED_REMEMBERED: usize = 4_096;
 
-/// How an output ended.
+/// How an output ended, as far as the answers to late requests depend on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Fate {
     Reset,
     /// Cancelled, failed or timed out.
     Ended,
-    /// Cancelled while queued: no handler has received it.
+    /// Cancelled while QUEUED, so that no handler has received the output.
     NeverIssued,
 }
 
@@ -28,8 +28,8 @@ struct ClosedOutput {
 
 #[derive(Debug, Default)]
 pub(super) struct ClosedOutputs {
-    // ascending by seq: outputs end in about the order in which they were issued, so most are appended at the
-    // end
+    // ascending by seq: outputs end in about the order in which they were issued, so most outputs are
+    // appended at the end
     by_seq: VecDeque<ClosedOutput>,
 }
 

@@ -1,4 +1,4 @@
-//! Inputs and effects of the ledger.
+//! Arguments and effects of calls of the ledger.
 
 use std::time::SystemTime;
 
@@ -12,38 +12,38 @@ use crate::types::output::{
 };
 use crate::types::question::Question;
 
-/// The time of a call.
+/// Time at which the caller calls the ledger.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Now {
-    /// Seconds since the start, for time limits; simulated time in a simulation.
+    /// Seconds since the start of the runtime, for time limits; simulated time in a simulation.
     pub monotonic_s: f64,
-    /// Time of day, for messages.
+    /// Time of day, for the times in messages.
     pub time: SystemTime,
 }
 
-/// An output to be issued.
+/// Description of an output that the caller adds to the ledger.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OutputSpec {
-    /// The program run.
+    /// Identifier of the program run.
     pub run_id: String,
     /// M number, 0 to 191.
     pub m: u16,
-    /// VA to VH.
+    /// Parameters VA to VH.
     pub params: Params,
     /// Timing in force for this output (D30).
     pub timing: Timing,
-    /// Program number.
+    /// Number of the NC program.
     pub program: u16,
-    /// Line of the source file, from 1.
+    /// Line in the file of the NC program, from 1.
     pub line: u32,
-    /// Time limit of its reset from OUTPUT on, seconds (D36).
+    /// Time limit from the state OUTPUT to the reset, seconds (D36); `None` means no limit.
     pub timeout_s: Option<f64>,
-    /// `redelivery` of the configuration.
+    /// Setting `redelivery` of the M code in the configuration.
     pub redelivery: Option<Redelivery>,
 }
 
-/// Error of a full ledger: `open_outputs_max` outputs are open. Nothing has changed; try again after an
-/// output has been closed.
+/// Error of a full ledger: `open_outputs_max` outputs are open. The call has changed nothing. The caller
+/// tries again after an output has been closed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("the limit of open outputs, open_outputs_max, is reached")]
 pub struct Full;
@@ -55,26 +55,26 @@ pub struct OpenOutput {
     pub notice: OutputNotice,
     /// State of the output.
     pub state: OutputState,
-    /// Owner of the output; `None` until an owner has claimed it.
+    /// Id of the handler that owns the output; `None` until a handler has claimed the output.
     pub handler_id: Option<String>,
-    /// Instance of the owner, if it is known.
+    /// Instance of the owner; `None` if it is unknown.
     pub instance: Option<String>,
-    /// Time at which the output entered this state.
+    /// Time at which the output entered its current state.
     pub since: SystemTime,
     /// True while the output waits because its owner was lost (`HANDLER_LOST`).
     pub lost: bool,
-    /// Handler and instance that owned the output when they were lost.
+    /// Handler and instance that owned the output when the handler was lost.
     pub lost_by: Option<(String, Option<String>)>,
-    /// `redelivery` of the configuration. After a loss of the owner: the stricter of the configuration and
-    /// the setting of the last owner.
+    /// Setting `redelivery` of the configuration. After a loss of the owner, this is the stricter of the
+    /// configuration and the setting of the last owner.
     pub redelivery: Option<Redelivery>,
-    /// The decision of an operator on how to continue.
+    /// Decision of an operator on how the next handler continues.
     pub how: Option<Redelivery>,
-    /// The last progress that the owner reported.
+    /// Last progress that the owner reported.
     pub progress: Option<Progress>,
     /// Last checkpoint of the owner or of an earlier owner.
     pub checkpoint: Option<Value>,
-    /// The question of the owner to the operator.
+    /// Current question of the owner to the operator.
     pub question: Option<Question>,
     /// Time at which the output times out, seconds on the monotonic clock; `None` while queued.
     pub deadline_s: Option<f64>,
@@ -82,7 +82,7 @@ pub struct OpenOutput {
 }
 
 impl OpenOutput {
-    /// Returns sequence number, M number and state.
+    /// Returns the sequence number, the M number and the state of the output.
     pub(super) fn in_short(&self) -> (u64, u16, OutputState) {
         (self.notice.seq, self.notice.m, self.state)
     }
@@ -106,29 +106,29 @@ impl OpenOutput {
     }
 }
 
-/// An action of the caller; actions are executed in this order.
+/// An action that the caller of the ledger must execute. The caller executes actions in their order.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Effect {
-    /// Publish [`Ledger::pending`](super::Ledger::pending). This effect precedes the output that `pending`
-    /// shows.
+    /// Publish [`Ledger::pending`](super::Ledger::pending). If a new output changes `pending`, this effect
+    /// precedes the effect `Output`.
     PendingChanged,
-    /// Publish on `m_code/{m}/output`.
+    /// Publish this notice on `m_code/{m}/output`.
     Output(OutputNotice),
-    /// Publish on `m_code/{m}/result`: the answer to a claim or a reset.
+    /// Publish on `m_code/{m}/result`: the answer to a claim or a reset, or the rejection of another request.
     Result {
-        /// M number of the topic: that of the request, otherwise that of the output.
+        /// M number of the topic: the M number in the request, otherwise that of the output.
         m: u16,
-        /// The answer.
+        /// The answer to the request.
         result: HandshakeResult,
     },
-    /// Publish on `m_code/{m}/cancel`.
+    /// Publish this cancel on `m_code/{m}/cancel`.
     Cancel {
         /// M number.
         m: u16,
         /// The cancelled output and the reason.
         cancel: Cancel,
     },
-    /// An output is no longer open.
+    /// Notice that an output is no longer open.
     Closed {
         /// Sequence number.
         seq: u64,
@@ -146,7 +146,7 @@ pub enum OutputOutcome {
     Reset,
     /// Failed: the alarm stops the coordinate system.
     Failed {
-        /// The alarm, raised unchanged.
+        /// Alarm of the handler, which the caller raises unchanged.
         alarm: Alarm,
     },
     /// Not reset within its time limit: an alarm of the runtime stops the coordinate system (D36).

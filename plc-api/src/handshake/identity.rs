@@ -1,4 +1,4 @@
-//! The instance that represents a handler, and the handlers that may claim an output after the loss of its
+//! The instance that acts for a handler, and the handlers that may claim an output after the loss of its
 //! owner.
 
 use std::collections::BTreeMap;
@@ -10,17 +10,17 @@ use crate::types::{CoordinateSystemNumber, Timestamp};
 
 use super::effect::OpenOutput;
 
-/// Status of a rejection, and the reason in words if the status is not sufficient.
+/// Status of a rejection, with a text if the status alone does not explain the rejection.
 pub(super) type Denial = (HandshakeStatus, Option<String>);
 
 /// A handler that is online.
 #[derive(Debug, Clone)]
 struct Live {
     instance: Option<String>,
-    /// M codes of the coordinate system that the handler serves, with the treatment of a lost output of each
-    /// M code.
+    /// M codes of the coordinate system that the handler serves. The value is the treatment of a lost output
+    /// of this M code.
     serves: BTreeMap<u16, Option<Redelivery>>,
-    /// Treatment of the lost outputs of all other M codes.
+    /// Treatment of lost outputs of M codes that `serves` does not contain.
     redelivery: Option<Redelivery>,
     is_exclusive: bool,
     since: SystemTime,
@@ -60,7 +60,7 @@ impl LiveHandlers {
         self.0.get(id)?.instance.clone()
     }
 
-    /// Removes a handler, unless another instance of the handler has come online in the meantime.
+    /// Removes a handler, unless another instance than `instance` is online meanwhile.
     pub(super) fn remove_handler(&mut self, id: &str, instance: Option<&str>) {
         let goes = |live: &Live| instance.is_none() || live.instance.as_deref() == instance;
         if self.0.get(id).is_some_and(goes) {
@@ -68,7 +68,7 @@ impl LiveHandlers {
         }
     }
 
-    /// Returns the handler and instance that own an output of an M code from its creation (H20).
+    /// Returns the handler and the instance for which outputs of an M code are claimed when issued (H20).
     pub(super) fn owner_at_once(&self, m: u16) -> Option<(&str, &str)> {
         let mut serving = self.0.iter().filter(|(_, live)| live.serves.contains_key(&m));
         let (id, live) = serving.next().filter(|(_, live)| live.is_exclusive)?;
@@ -76,16 +76,17 @@ impl LiveHandlers {
         serving.next().is_none().then_some((id, instance))
     }
 
-    /// Returns how a handler treats a lost output of an M code.
+    /// Returns the treatment that a handler has announced for lost outputs of an M code.
     pub(super) fn redelivery(&self, id: &str, m: u16) -> Option<Redelivery> {
         let live = self.0.get(id)?;
         live.serves.get(&m).copied().unwrap_or(live.redelivery)
     }
 
-    /// Returns the instance that sends a message: the online instance if the message names no instance.
+    /// Returns the instance that sends a message. If the message names no instance, this is the online
+    /// instance.
     ///
     /// # Errors
-    /// Fails if another instance is online.
+    /// Fails if the message names an instance and another instance is online.
     pub(super) fn speaker(&self, id: &str, instance: Option<&String>) -> Result<Option<String>, Denial> {
         match (self.0.get(id), instance) {
             (Some(live), Some(named)) if live.instance.as_ref() != Some(named) => {
@@ -97,12 +98,12 @@ impl LiveHandlers {
         }
     }
 
-    /// Returns the instance that claims. The instance must be registered; the claim must name the instance if
-    /// the registration names one.
+    /// Returns the instance that sends a claim. This instance must be registered. The claim must name the
+    /// instance if the registration names one.
     ///
     /// # Errors
-    /// Fails if the handler is not registered, another instance is registered, or the claim does not name its
-    /// instance.
+    /// Fails if the handler is not registered, if another instance is registered, or if the claim does not
+    /// name its instance.
     pub(super) fn claimant(&self, id: &str, instance: Option<&String>) -> Result<Option<String>, Denial> {
         let Some(live) = self.0.get(id) else {
             let text = format!(
@@ -116,8 +117,8 @@ impl LiveHandlers {
         self.speaker(id, instance)
     }
 
-    /// Returns how a handler continues an output; `None` if no handler has worked on the output, or this
-    /// instance still works on it.
+    /// Returns how a handler must continue an output after its claim. Returns `None` if no handler has worked
+    /// on the output, or if this instance still works on the output.
     ///
     /// # Errors
     /// Fails if the output is withheld from this handler.
@@ -148,8 +149,8 @@ impl LiveHandlers {
         }
     }
 
-    /// Checks a reset without a claim as [`check_claim`](Self::check_claim) checks a claim. A sender that is neither
-    /// an online handler nor the lost handler decides as an operator does.
+    /// Checks a reset of an unclaimed output as [`check_claim`](Self::check_claim) checks a claim. A sender
+    /// that is neither an online handler nor the lost handler is accepted like an operator.
     pub(super) fn check_unclaimed_reset(
         &self,
         output: &OpenOutput,
@@ -168,7 +169,7 @@ impl OpenOutput {
     /// Checks that a handler and its instance own the output.
     ///
     /// # Errors
-    /// Fails if another handler or instance owns the output, or it has no owner.
+    /// Fails if another handler or instance owns the output, or if the output has no owner.
     pub(super) fn check_owner(&self, handler_id: &str, instance: Option<&String>) -> Result<(), Denial> {
         if self.handler_id.as_deref() != Some(handler_id) {
             return Err((HandshakeStatus::NotOwner, None));
@@ -191,22 +192,22 @@ impl OpenOutput {
             && (instance.is_none() || owner.is_none() || owner == instance)
     }
 
-    /// Returns true for the instance that owned the output when it was lost: the same process still works on
-    /// the output.
+    /// Returns true for the instance that owned the output at the loss of the connection. In this case the
+    /// same process still works on the output.
     fn is_lost_by(&self, handler_id: &str, instance: Option<&String>) -> bool {
         let named = instance.map(String::as_str);
         self.lost_instance().is_some_and(|by| Some(by) == named)
             && self.lost_by.as_ref().is_some_and(|(id, _)| id == handler_id)
     }
 
-    /// Returns the instance that owned the output when it was lost, if that instance named itself.
+    /// Returns the instance that owned the output at the loss of the connection, if it had named itself.
     pub(super) fn lost_instance(&self) -> Option<&str> {
         let (_, instance) = self.lost_by.as_ref()?;
         instance.as_deref().filter(|named| is_own_instance(named))
     }
 }
 
-/// Rejects a message that names no instance although the registered process has named its instance.
+/// Rejects a message that names no instance, if the registered process has named its instance.
 fn check_named(id: &str, there: Option<&str>) -> Result<(), Denial> {
     if there.is_none_or(|there| !is_own_instance(there)) {
         return Ok(());
@@ -214,19 +215,20 @@ fn check_named(id: &str, there: Option<&str>) -> Result<(), Denial> {
     Err((HandshakeStatus::NotOwner, Some(unnamed_text(id))))
 }
 
-/// Returns the text for a message that does not name its instance, with the remedy.
+/// Returns the text that rejects a message without an instance, with the remedy.
 pub(crate) fn unnamed_text(id: &str) -> String {
     format!(
         "this message does not name the process of handler {id} that sends it: name the instance of its presence (instance)"
     )
 }
 
-/// Returns the stricter of two values; `None` if neither is set.
+/// Returns the stricter of two settings; `None` if neither is set.
 pub(crate) fn strictest(one: Option<Redelivery>, other: Option<Redelivery>) -> Option<Redelivery> {
     one.max(other)
 }
 
-/// Returns the text for another online instance of a handler, with the remedy.
+/// Returns the text that rejects a message because another instance of the handler is online, with the
+/// remedy.
 pub(crate) fn handler_in_use_text(
     handler_id: &str,
     there: Option<&str>,

@@ -15,16 +15,17 @@ use crate::types::refusal::Refusal;
 pub const PROGRESS_TEXT_MAX: usize = 200;
 
 impl Ledger {
-    /// Records the progress that the owner reports (H13). Returns `not_owner` for any other sender, also if
-    /// the output has no owner.
+    /// Records the progress that the owner reports (H13). Returns `not_owner` if another sender reports, or
+    /// if the output has no owner.
     pub fn progress(&mut self, _now: Now, m: Option<u16>, report: &ProgressReport) -> HandshakeStatus {
         status_of(&self.report(m, report))
     }
 
-    /// Sets the text of the machine about the wait of an output that no handler serves; `None` removes it.
+    /// Sets the text by which the machine explains why an output waits that no handler serves; `None` removes
+    /// the text.
     pub fn set_wait_text(&mut self, seq: u64, text: Option<&str>) {
         let boot_id = self.boot_id.clone();
-        // a closed output has no wait that the text could describe
+        // if the output is closed, no text is needed, because no output waits
         let _ = self.change(&boot_id, seq, None, |output| {
             output.progress = text.map(|text| Progress {
                 text: text.to_owned(),
@@ -48,7 +49,7 @@ impl Ledger {
         })
     }
 
-    /// Stores a checkpoint of the owner, which is kept when the owner is lost (H21).
+    /// Stores a checkpoint of the owner. The ledger keeps the checkpoint when the owner is lost (H21).
     pub(super) fn store_checkpoint(
         &mut self,
         m: Option<u16>,
@@ -62,9 +63,9 @@ impl Ledger {
         }))
     }
 
-    /// Records a question of the owner to the operator, which replaces an earlier one. Without choices the
-    /// owner withdraws its question. A message with the same id repeats the same question. Returns
-    /// `not_owner` for any other sender (H14).
+    /// Records a question of the owner to the operator; the question replaces an earlier question. If the
+    /// message has no choices, the owner withdraws the question. If the message has the id of the current
+    /// question, nothing changes. Returns `not_owner` for any other sender (H14).
     ///
     /// # Errors
     /// Fails if the text or the choices are out of range.
@@ -97,8 +98,8 @@ impl Ledger {
         }))
     }
 
-    /// Records the answer of an operator. Returns `unknown` if the question or choice does not exist,
-    /// `duplicate` if the question has an answer.
+    /// Records the answer of an operator to a question. Returns `unknown` if the question or the choice does
+    /// not exist, and `duplicate` if the question already has an answer.
     pub fn answer_question(&mut self, _now: Now, m: Option<u16>, answer: &OperatorAnswer) -> HandshakeStatus {
         status_of(&self.take_answer(m, answer))
     }

@@ -1,4 +1,4 @@
-//! Answers of the ledger.
+//! Answers of the ledger to requests about outputs.
 
 use crate::alarm::{Alarm, USER_CODE_MAX};
 use crate::text::cut;
@@ -16,7 +16,7 @@ pub(super) fn status_of<T>(changed: &Result<T, Denial>) -> HandshakeStatus {
     }
 }
 
-/// Returns the answer to a message about an output.
+/// Returns the answer to a request about an output.
 pub(super) fn result_of(
     of: OutputAct,
     (seq, handler_id, instance): (u64, &str, &Option<String>),
@@ -37,8 +37,8 @@ pub(super) fn result_of(
     }
 }
 
-/// Checks the code of a fault. The alarm number is 10000 + code: a code out of range would give the number of
-/// another alarm.
+/// Refuses a fault whose code is out of range. Reason: the alarm number is 10000 + code, and a larger code
+/// would give the number of another alarm.
 pub(super) fn check_code(reset: &Reset) -> Result<(), Refusal> {
     match reset.code {
         Some(code) if code > USER_CODE_MAX => Err(Refusal::new(
@@ -49,7 +49,7 @@ pub(super) fn check_code(reset: &Reset) -> Result<(), Refusal> {
     }
 }
 
-/// Returns the alarm of a handler that has failed.
+/// Returns the alarm for a reset by which a handler reports a fault.
 pub(super) fn fault_alarm(m: u16, reset: &Reset) -> Alarm {
     let text = reset.text.clone().unwrap_or_else(|| {
         let mut handler_id = reset.handler_id.clone();

@@ -1,6 +1,6 @@
 //! The rules of the handshake, under the numbers that tests and comments cite.
 
-/// Number and text in Markdown, ascending.
+/// Rules, ascending by number: the number, and the text in Markdown.
 #[rustfmt::skip] // one row a line
 pub static RULES: &[(&str, &str)] = &[
     ("H1", "An output is QUEUED, then OUTPUT when it is published to handlers, then CLAIMED when one of them owns it. It ends in one of four ways: reset, failed, cancelled, timed out. Every open output can be ended."),

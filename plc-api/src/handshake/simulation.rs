@@ -1,6 +1,6 @@
-//! The ledger under random schedules: messages lost, doubled, late and out of order, handlers that fail and
-//! return, questions asked, answered and withdrawn, cancels at every point. Each run is determined by its
-//! seed. The model of the ledger is a plain list of outputs.
+//! Tests of the ledger under random schedules: messages lost, doubled, late and out of order, handlers that
+//! fail and return, questions asked, answered and withdrawn, cancels at every point. The seed of a run
+//! determines the whole run. The model of the ledger is a plain list of outputs.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;
@@ -16,7 +16,7 @@ const HANDLERS: [&str; 3] = ["a", "b", "hmi"];
 const QUESTIONS: [&str; 2] = ["q1", "q2"];
 const CHOICES: [&str; 2] = ["yes", "no"];
 
-/// Random numbers by xorshift64*, so that a seed gives the same run on every machine.
+/// Generator of random numbers (xorshift64*), so that a seed gives the same run on every machine.
 struct Random(u64);
 
 impl Random {
@@ -43,9 +43,9 @@ struct ModelOutput {
     m: u16,
     issued: bool,
     owner: Option<String>,
-    /// The current question, and its answer.
+    /// Id of the current question, and its answer.
     question: Option<(String, Option<String>)>,
-    /// The lost owner and its instance, until a decision.
+    /// Handler and instance that were lost while they owned the output; `None` after a decision.
     withheld_from: Option<(String, Option<String>)>,
     closed: Option<OutputOutcome>,
 }
@@ -60,7 +60,7 @@ struct World {
     notices: BTreeMap<u64, u32>,
     asked: u32,
     answered: u32,
-    // online handlers: their instance, and whether they are exclusive
+    // online handlers: the instance of each handler, and true if the handler is exclusive
     online: BTreeMap<&'static str, (String, bool)>,
     instances: u32,
     claimed_at_once: u32,
@@ -141,7 +141,7 @@ impl World {
         self.online.insert(handler, (instance, exclusive));
     }
 
-    /// Returns the owner of an output from its creation, by rule H20.
+    /// Returns the handler that owns an output of this M code from its creation (H20).
     fn owner_at_once(&self, m: u16) -> Option<String> {
         let only = self.online.first_key_value().filter(|_| self.online.len() == 1);
         let (handler, _) = only.filter(|(_, (_, exclusive))| *exclusive && m != 101)?;
@@ -196,7 +196,7 @@ impl World {
         }
     }
 
-    /// Sends a claim, reset or decision about any output, including past and non-existent ones.
+    /// Sends a claim, a reset or a decision about any output, including past and non-existent outputs.
     fn send_something(&mut self) {
         let made: Vec<u64> = self
             .known
@@ -204,7 +204,7 @@ impl World {
             .filter(|(_, known)| known.issued && known.closed.is_none())
             .map(|(&seq, _)| seq)
             .collect();
-        // every other message is about an open output, so that a large part is accepted
+        // every other message is about an open output, so that the ledger accepts many messages
         let seq = match self.random.below(2) {
             0 if !made.is_empty() => made[self.random.below(made.len())],
             _ => self.random.below(self.known.len() + 3) as u64,
@@ -245,8 +245,8 @@ impl World {
         self.messages.push(message);
     }
 
-    /// Sends a question or an answer about an output that was issued, mostly in the owner's name, so that a
-    /// large part is accepted.
+    /// Sends a question or an answer about an output that was issued, mostly in the name of the owner, so
+    /// that the ledger accepts many of them.
     fn send_about_a_question(&mut self) {
         let owned = self.known.iter().filter(|(_, known)| known.owner.is_some());
         let owned: Vec<u64> = owned.map(|(&seq, _)| seq).collect();
@@ -299,13 +299,13 @@ impl World {
         self.online.get(handler_id).map(|(instance, _)| instance.clone())
     }
 
-    /// Returns true for the online instance: messages of another instance are never accepted for an owner.
+    /// Returns true for the online instance. The ledger accepts no message of another instance for an owner.
     fn speaks(&self, handler_id: &str, instance: Option<&String>) -> bool {
         let there = self.instance(handler_id);
         there.is_some() && there.as_ref() == instance
     }
 
-    /// Delivers one message, in any order; it may stay in flight (doubled), or be lost.
+    /// Delivers one message, in any order. The message may be lost, or stay in flight and be delivered again.
     fn deliver(&mut self) {
         if self.messages.is_empty() {
             return;
@@ -341,7 +341,7 @@ impl World {
                 let open_before = self.ledger.open().len();
                 let status = self.ledger.reset(now, m, &reset).status;
                 assert_eq!(status, expected, "seed {} {reset:?}", self.seed);
-                // an accepted reset ends its output and no other; any other reset ends none
+                // an accepted reset ends its output and no other output; any other reset ends no output
                 let ended = usize::from(status == HandshakeStatus::Accepted);
                 assert_eq!(
                     self.ledger.open().len(),
@@ -363,7 +363,8 @@ impl World {
         }
     }
 
-    /// Returns the expected answer to a reset: for an owner only its online instance is accepted.
+    /// Returns the expected answer to a reset. If an output has an owner, only its online instance is
+    /// accepted.
     fn expected_of_reset(&self, m: Option<u16>, reset: &Reset) -> HandshakeStatus {
         let force = reset.force == Some(true);
         let mut expected = self.expected(&reset.boot_id, reset.seq, m, &reset.handler_id, force);
@@ -377,7 +378,7 @@ impl World {
         if expected == HandshakeStatus::Accepted && !force && is_of_another {
             expected = HandshakeStatus::NotOwner;
         }
-        // an operator can always end it, and so can the instance that worked on it
+        // an operator can always end the output, and so can the instance that worked on the output
         if expected == HandshakeStatus::Accepted
             && !force
             && let Some((lost, instance)) = &self.known[&reset.seq].withheld_from
@@ -391,8 +392,8 @@ impl World {
         expected
     }
 
-    /// Delivers a question. Only the owner asks; a question replaces another one, and its repetition changes
-    /// nothing.
+    /// Delivers a question, and checks the answer. Only the owner may ask. A new question replaces the
+    /// current question; a repetition of the current question changes nothing.
     fn deliver_ask(&mut self, now: Now, m: Option<u16>, ask: Ask) {
         let mut expected = self.expected(&ask.boot_id, ask.seq, m, &ask.handler_id, false);
         let speaks = self.speaks(&ask.handler_id, ask.instance.as_ref());
@@ -413,7 +414,7 @@ impl World {
         }
     }
 
-    /// Delivers an answer. The first answer to the current question is accepted, for any owner of the output.
+    /// Delivers an answer. The ledger accepts only the first answer to the current question, for any owner.
     fn deliver_answer(&mut self, now: Now, m: Option<u16>, answer: OperatorAnswer) {
         let mut expected = self.expected(&answer.boot_id, answer.seq, m, "", true);
         if expected == HandshakeStatus::Accepted {
@@ -434,7 +435,8 @@ impl World {
         }
     }
 
-    /// Returns the answer that the interface defines.
+    /// Returns the answer that the rules require, as far as boot, `seq`, M number and owner determine the
+    /// answer.
     fn expected(&self, boot: &BootId, seq: u64, m: Option<u16>, id: &str, force: bool) -> HandshakeStatus {
         if boot.0 != "b" {
             return HandshakeStatus::Stale;
@@ -469,7 +471,7 @@ impl World {
                 Effect::PendingChanged | Effect::Result { .. } | Effect::Cancel { .. } => {}
             }
         }
-        // nothing is lost: each open output is in pending, with its owner and question, and each issued
+        // nothing is lost: `pending` contains each open output with its owner and question, and each issued
         // output was published
         let pending = self.ledger.pending();
         let shown: Vec<_> = pending
@@ -491,7 +493,7 @@ impl World {
         }
     }
 
-    /// Checks that every wait can be ended: an operator ends any open output, for any owner.
+    /// Checks that no output waits without a limit: an operator ends any open output, for any owner.
     fn end_all(&mut self) {
         while self
             .known

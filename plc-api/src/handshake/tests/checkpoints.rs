@@ -64,7 +64,7 @@ fn h21_a_checkpoint_that_is_too_long_is_refused_and_the_one_before_stays() {
     let mut ledger = ledger();
     let seq = made(&mut ledger, 90);
     claim(&mut ledger, seq, "washer");
-    // the quotes count
+    // the two quotation marks are part of the length
     let longest = "x".repeat(CHECKPOINT_MAX - 2);
     assert!(checkpoint(&mut ledger, seq, "washer", json!(longest)).is_ok());
     let refused = checkpoint(&mut ledger, seq, "washer", json!("y".repeat(CHECKPOINT_MAX - 1))).unwrap_err();
