@@ -108,8 +108,8 @@
 //! use std::time::Duration;
 //! use plc_api::{Alarm, AuxOutput, CancelReason, Cancellation, Params, Plc, SequenceProgram, fake::FakePort};
 //!
-//! /// The pump runs while this exists, however its handler ends.
 //! /// The pump runs until this value is dropped, however its handler ends.
+//! struct Pump(Cancellation);
 //!
 //! impl Drop for Pump {
 //!     fn drop(&mut self) {

@@ -50,14 +50,14 @@ use owner::OutputsOwner;
 pub struct Outputs {
     plc: Plc,
     handler_id: Option<String>,
-    // `None` means all codes
+    // `None` means all M codes
     codes: Option<BTreeSet<u16>>,
     on_redelivery: Option<Redelivery>,
     takes_over: bool,
     owner: Option<Arc<OutputsOwner>>,
     subscription: Subscription,
     open: OpenOutputs,
-    // last attempt that the queue has returned
+    // for each output: the attempt that the queue returned last
     given: BTreeMap<OutputId, u32>,
 }
 
@@ -85,8 +85,8 @@ impl Outputs {
     }
 
     /// Limits the queue to these M codes, and registers them with the machine. Without this call the queue
-    /// receives all outputs without an owner, and the machine knows no handler for their M codes: the
-    /// `unhandled` setting of these M codes must be `wait`.
+    /// receives all outputs without an owner, and the machine knows no handler for the M codes of these
+    /// outputs: the `unhandled` setting of these M codes must be `wait`.
     #[must_use]
     pub fn on<By>(mut self, codes: impl MCodes<By>) -> Self {
         let within = codes.m_codes().into_iter().flatten();
@@ -95,8 +95,8 @@ impl Outputs {
         self
     }
 
-    /// Sets the handler name for claims and resets: 1 to 64 characters without `/ + #`. One queue or program
-    /// may use a name at a time. Default: the user name of the connection, otherwise a random name.
+    /// Sets the handler name for claims and resets: 1 to 64 characters without `/ + #`. Only one queue or
+    /// program may use a name at a time. Default: the user name of the connection, otherwise a random name.
     #[must_use]
     pub fn handler_id(mut self, handler_id: impl Into<String>) -> Self {
         self.handler_id = Some(handler_id.into());
@@ -112,7 +112,7 @@ impl Outputs {
         self
     }
 
-    /// Replaces an online queue or program of the same name; the replaced one is notified. Without this call
+    /// Replaces an online queue or program of the same name, which the machine notifies. Without this call
     /// the machine refuses the second queue or program of a name.
     #[must_use]
     pub fn take_over(mut self) -> Self {
@@ -132,7 +132,8 @@ impl Outputs {
         let owner = self.owner()?;
         owner.wait_until_known().await?;
         loop {
-            // an output that was cancelled meanwhile is not returned
+            // reads all waiting messages first, so that an output that was cancelled meanwhile is not
+            // returned
             while let Some(message) = self.subscription.next().now_or_never() {
                 self.on_message(&message.ok_or(Error::Closed)?);
             }
@@ -188,8 +189,8 @@ impl Outputs {
         Some(RawOutput::new(owner, id, output, verify))
     }
 
-    /// Returns `None` if the queue must not return an output, otherwise whether the machine must be checked
-    /// first.
+    /// Returns `None` if the queue must not return an output. Otherwise returns true if the receiver must
+    /// check the machine before it works.
     fn decide_offer(&self, output: &PendingOutput) -> Option<bool> {
         let m = output.output.m;
         let is_ours = self.codes.as_ref().is_none_or(|codes| codes.contains(&m));

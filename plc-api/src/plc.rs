@@ -42,13 +42,13 @@ use crate::types::topic::Topic;
 pub struct Plc {
     port: Arc<dyn Port>,
     client_id: Arc<str>,
-    /// Handler in whose name requests are sent.
+    /// Id of the handler in whose name requests are sent; `None` before a handler is named.
     handler_id: Option<Arc<str>>,
     user: Option<Arc<str>>,
     commands: Arc<AtomicU64>,
     /// Interlocks, start locks, and inputs and outputs of the plant that this program has set.
     levels: Arc<Levels>,
-    /// The tokio runtime that drives the connection.
+    /// The tokio runtime that drives the connection; `None` for a machine in this process.
     runtime: Option<tokio::runtime::Handle>,
 }
 
@@ -160,10 +160,10 @@ impl Plc {
         &self.port
     }
 
-    /// Returns a handle for a request that a person makes at this moment, such as by pressing a button.
-    /// Requests of this handle expire 1 s after the newest heartbeat that this program has received: the
-    /// machine then rejects them as `expired`. Take a new handle for each press of a button. Handlers of M
-    /// codes do not need such a handle, because an output causes their requests.
+    /// Returns a handle for a request that a person makes at this moment, such as by pressing a button. A
+    /// request of this handle expires 1 s after the newest heartbeat that this program has received: the
+    /// machine then rejects the request as `expired`. Take a new handle for each press of a button. Handlers
+    /// of M codes do not need such a handle, because an output causes their requests.
     ///
     /// ```
     /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -205,8 +205,8 @@ impl Plc {
         }))
     }
 
-    /// Returns a handle whose requests carry this age limit. It is for a program that forwards requests of a
-    /// user, with the heartbeat that was shown to this user.
+    /// Returns a handle whose requests carry this age limit. Use the handle in a program that forwards
+    /// requests of a user, with the heartbeat that the program has shown to this user.
     #[must_use]
     pub fn not_after(&self, not_after: NotAfter) -> Self {
         Self {
@@ -301,8 +301,8 @@ impl Plc {
     }
 
     /// Sets the skip input of a motor, by its CNC motor number. The input keeps its value until it is set
-    /// again. The transmission is not real time: G31 captures the position at which the servo receives the
-    /// input.
+    /// again. The transmission is not real time: G31 captures the position at the time when the servo
+    /// receives the input.
     ///
     /// # Errors
     /// Fails if no axis has such a motor, or the machine cannot be reached.
@@ -318,12 +318,13 @@ impl Plc {
         presence.is_some_and(|message| matches!(&message.payload, Payload::Presence(said) if said.online))
     }
 
-    /// Sleeps on the machine's clock: simulated time in a simulation. Handlers use no other sleep.
+    /// Sleeps on the machine's clock, which is simulated time in a simulation. Handlers must use no other
+    /// sleep.
     pub async fn sleep(&self, duration: Duration) {
         self.port.sleep(duration).await;
     }
 
-    /// Returns the seconds since the start on the machine's clock.
+    /// Returns the time of the machine's clock, seconds since the start of this clock.
     pub fn now_s(&self) -> f64 {
         self.port.now_s()
     }
@@ -332,8 +333,8 @@ impl Plc {
         self.user.as_deref()
     }
 
-    /// Returns the same machine, in the name of a handler. The first handler also owns the locks that this
-    /// program has set.
+    /// Returns a handle to the same machine that sends requests in the name of a handler. The first handler
+    /// also owns the locks that this program has set.
     pub(crate) fn of_handler(&self, handler_id: &str) -> Self {
         let levels = if self.levels.has_owner() {
             Arc::default()
@@ -347,7 +348,7 @@ impl Plc {
         }
     }
 
-    /// Sets a source of an interlock or start lock.
+    /// Sets a source of an interlock or start lock in the name of this handle.
     pub(crate) async fn set_lock(
         &self,
         cs: CoordinateSystemNumber,
@@ -357,12 +358,12 @@ impl Plc {
         self.levels.set((&*self.port, self.name()), cs, kind, set).await
     }
 
-    /// Writes an input or output of the plant.
+    /// Writes an input or output of the plant in the name of this handle.
     pub(crate) async fn set_io(&self, point: IoPoint, value: IoValue) -> Result<()> {
         self.levels.set_io((&*self.port, self.name()), point, value).await
     }
 
-    /// Writes all levels again, after the presence has been announced in this boot of the machine.
+    /// Writes all levels again, after this boot of the machine has accepted the presence.
     pub(crate) async fn write_levels(&self, boot: &BootId) {
         self.levels.write_all((&*self.port, self.name()), boot).await;
     }
@@ -384,7 +385,7 @@ impl Plc {
         Ok(self.port.ask_as(self.name(), request).await?)
     }
 
-    /// Creates the identification of a new command and its client.
+    /// Creates the metadata of a new command: the ids of the command and of its client.
     pub(crate) fn command_meta(&self) -> CommandMeta {
         let number = self.commands.fetch_add(1, Ordering::Relaxed);
         CommandMeta {
@@ -394,7 +395,7 @@ impl Plc {
         }
     }
 
-    /// Sends a request from a destructor, by [`Plc::do_without_waiting`].
+    /// Sends a request of a destructor, by [`Plc::do_without_waiting`].
     pub(crate) fn send_without_waiting(&self, request: impl Into<Request>, what_if_not: &'static str) {
         let (port, request) = (Arc::clone(&self.port), request.into());
         self.do_without_waiting(async move {
@@ -404,12 +405,13 @@ impl Plc {
         });
     }
 
-    /// Runs the work of a destructor: directly if the machine answers without waiting, otherwise in a task.
-    /// Outside of a tokio runtime, or after its end, the tokio runtime of the connection runs the work.
+    /// Runs the work of a destructor. If the machine answers without waiting, the work ends within this call;
+    /// otherwise a task runs the work. Outside of a tokio runtime, the tokio runtime of the connection runs
+    /// the task.
     pub(crate) fn do_without_waiting(&self, work: impl Future<Output = ()> + Send + 'static) {
         let here = tokio::runtime::Handle::try_current().ok();
         let mut work: BoxFuture<'static, ()> = Box::pin(work);
-        // a connection needs the clock of a runtime
+        // work over a connection needs the clock of a tokio runtime
         if (here.is_some() || self.runtime.is_none()) && (&mut work).now_or_never().is_some() {
             return;
         }

@@ -50,8 +50,8 @@ pub trait Port: Send + Sync + 'static {
         self.request(request)
     }
 
-    /// Sends a request with an age limit: the machine rejects the request as `expired` if it would take
-    /// effect later. A request that cannot cause a motion is sent without the age limit.
+    /// Sends a request with an age limit. If the request would take effect after this limit, the machine
+    /// rejects the request as `expired`. A request that cannot cause a motion is sent without the age limit.
     fn request_not_after<'a>(
         &'a self,
         _not_after: &'a NotAfter,
@@ -68,7 +68,7 @@ pub trait Port: Send + Sync + 'static {
     /// Sleeps on the port's clock, which is simulated time in a simulation.
     fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()>;
 
-    /// Returns the seconds since the start on the port's clock.
+    /// Returns the time of the port's clock, seconds since the start of this clock.
     fn now_s(&self) -> f64;
 }
 

@@ -1,8 +1,9 @@
 //! Messages for a slow reader: the latest value of each state, and all events in order, up to a limit.
 //!
-//! The latest value of a state replaces an unread value at its position, so `m_code/pending` precedes the
-//! output that it announces. A value never overtakes an event that explains it ([`Topic::explains`]): the
-//! cancel of an output precedes the `pending` that no longer shows the output.
+//! If a value of a state is unread, the latest value of the state replaces it at its position. Therefore
+//! `m_code/pending` precedes the output that `pending` announces. A value never overtakes an event that
+//! explains its state ([`Topic::explains`]): the cancel of an output precedes the `pending` that no longer
+//! shows the output.
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
@@ -10,11 +11,11 @@ use std::sync::Arc;
 use crate::types::message::Message;
 use crate::types::topic::Topic;
 
-/// Largest number of unread events of one reader. Reason: more than twice 64 open outputs, each with a
-/// notice, a result and a cancel, in each of 8 coordinate systems.
+/// Largest number of unread events of one reader. Reason: this is more than twice the notices, results and
+/// cancels of 64 open outputs in each of 8 coordinate systems.
 pub const EVENTS_MAX: usize = 4096;
 
-/// An entry of a [`Queue`].
+/// An entry of a [`Queue`]: a value of a state, or an event.
 pub trait QueueEntry {
     /// Returns the topic of the entry. An entry without a topic is an event.
     fn topic(&self) -> Option<&Topic>;
@@ -26,14 +27,14 @@ impl QueueEntry for Arc<Message> {
     }
 }
 
-/// Unread entries in order.
+/// Unread entries of one reader, in order.
 #[derive(Debug)]
 pub struct Queue<T> {
-    // can contain one value of a state before each event that explains that state
+    // may contain one value of a state before each event that explains this state
     entries: VecDeque<T>,
     // number of the first entry; each further entry has the next number
     first: u64,
-    // for each state: the number of its unread value after which no explaining event follows
+    // for each state: the number of its unread value, if no event that explains the state follows this value
     replaceable: HashMap<Topic, u64>,
     events: usize,
     dropped: u64,
@@ -52,9 +53,10 @@ impl<T> Default for Queue<T> {
 }
 
 impl<T: QueueEntry> Queue<T> {
-    /// Appends an entry. A value of a state instead replaces its unread value, unless an event that explains
-    /// the state follows that value. Beyond [`EVENTS_MAX`] the oldest event is dropped. Returns false if an
-    /// entry was replaced. The unread value is found without a search through the entries.
+    /// Appends an entry. A value of a state instead replaces the unread value of this state, unless an event
+    /// that explains the state follows that unread value. If [`EVENTS_MAX`] events are unread, a further
+    /// event drops the oldest event. Returns false if the entry has replaced another entry. The call finds
+    /// the unread value without a search through the entries.
     pub fn put(&mut self, entry: T) -> bool {
         if let Some(state) = state_of(&entry) {
             if let Some(place) = self.index_of(state) {
@@ -76,7 +78,7 @@ impl<T: QueueEntry> Queue<T> {
         true
     }
 
-    /// Returns the next entry.
+    /// Returns the next unread entry without removing the entry.
     pub fn front(&self) -> Option<&T> {
         self.entries.front()
     }
@@ -95,7 +97,7 @@ impl<T: QueueEntry> Queue<T> {
         Some(entry)
     }
 
-    /// Removes and returns all entries.
+    /// Removes and returns all entries, in order.
     pub fn take_all(&mut self) -> VecDeque<T> {
         self.first = self.number(self.entries.len());
         self.replaceable.clear();
@@ -112,7 +114,7 @@ impl<T: QueueEntry> Queue<T> {
         self.first + place as u64
     }
 
-    /// Returns the index of the unread value of this state after the last event that explains the state.
+    /// Returns the index of the unread value that a new value of this state may replace.
     fn index_of(&self, state: &Topic) -> Option<usize> {
         let number = self.replaceable.get(state)?;
         usize::try_from(number - self.first).ok()
@@ -126,8 +128,8 @@ impl<T: QueueEntry> Queue<T> {
         self.remove(place);
         self.events -= 1;
         self.dropped += 1;
-        // an earlier value of the state that the dropped event explained is obsolete if a later value exists;
-        // it may be replaced if no other event explains the state
+        // if a later value of the explained state exists, the earlier value is obsolete; otherwise the
+        // earlier value may be replaced, unless another event explains the state
         let Some(state) = explained else { return };
         let mut values = (0..self.entries.len()).filter(|&at| self.entries[at].topic() == Some(&state));
         let Some(before) = values.next().filter(|before| *before < place) else {
@@ -140,7 +142,8 @@ impl<T: QueueEntry> Queue<T> {
         }
     }
 
-    /// Removes an entry that is not in `replaceable`. The entries before it get higher numbers.
+    /// Removes an entry that `replaceable` does not contain. The numbers of the entries before it increase by
+    /// one.
     fn remove(&mut self, place: usize) {
         let removed = self.number(place);
         self.entries.remove(place);
@@ -164,7 +167,7 @@ mod tests {
     use super::*;
     use crate::types::topic::CsTopic;
 
-    /// A value of a topic.
+    /// A value of a topic, for tests.
     #[derive(Debug, PartialEq)]
     struct TopicValue(Topic, u32);
 
@@ -223,7 +226,7 @@ mod tests {
         assert_eq!(read[..2], [pending(1), cancel(1)]);
     }
 
-    /// Reference model of the rules, which searches the waiting entries one by one.
+    /// Reference model of the queue, which searches the unread entries one by one.
     #[derive(Default)]
     struct ModelQueue(Vec<TopicValue>);
 
@@ -276,7 +279,7 @@ mod tests {
                 };
                 queue.put(said());
                 waiting.put(said());
-                // the queue fills, and is read in bursts
+                // the queue fills up, and is read in bursts
                 if next() % 600 == 0 {
                     for _ in 0..next() % 300 {
                         assert_eq!(queue.pop_front(), waiting.pop_front(), "seed {seed}, {n}");

@@ -51,11 +51,11 @@ impl CoordinateSystem {
         })
     }
 
-    /// Returns the run of the loaded program that is in progress, otherwise the last run that ended; `None`
-    /// if no run has started.
+    /// Returns the run of the loaded program that is in progress, otherwise the last run that has ended.
+    /// Returns `None` if no run has started.
     ///
     /// # Errors
-    /// The machine cannot be reached.
+    /// Fails if the machine cannot be reached.
     pub async fn newest_run(&self) -> Result<Option<Run>> {
         let topic = Topic::cs(self.number(), CsTopic::Run);
         let message = self.plc().port().read(&topic).await;
@@ -116,7 +116,7 @@ impl OrderedRun {
         Err(Error::Closed)
     }
 
-    /// Returns true if `other`, which the boot `told_in` has published, is a later run.
+    /// Returns true if `other` is a later run than this run. The boot `told_in` has published `other`.
     fn is_before(&self, other: &Run, told_in: &BootId) -> bool {
         let parts = |id: &str| {
             let (place, n) = id.rsplit_once('-')?;

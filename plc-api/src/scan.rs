@@ -6,8 +6,8 @@
 //! the scan. The scan reads these values, and writes resets, failures, inputs, overrides and commands into
 //! the image. These writes are executed after the scan.
 //!
-//! Claims, resets and cancellations work as for handlers. A cancelled output is off in the next image, and a
-//! reset never reaches any output other than the one in the image.
+//! Claims, resets and cancellations work as for handlers. If an output is cancelled, its M code is off in the
+//! next image. A reset applies only to the output that the image shows, and never to another output.
 //!
 //! ```
 //! use std::time::Duration;
@@ -115,7 +115,7 @@ use writer::Writer;
 pub const SCAN_PERIOD_MIN: Duration = Duration::from_millis(1);
 
 /// A program in scan style. A scan must not block: a program that needs several scans for its work keeps the
-/// state of the work for the later scans.
+/// state of the work from scan to scan.
 ///
 /// A closure `FnMut(&mut Image)` implements this trait.
 pub trait ScanProgram: Send + 'static {
@@ -125,9 +125,9 @@ pub trait ScanProgram: Send + 'static {
     }
 
     /// Returns the time limit of a scan, from its image to its last write; `None` means the period of the
-    /// scan. Called once, before the first scan. A scan that takes longer causes a warning in the log and
-    /// increments [`Image::late_scans`]. A period in which no scan can start is skipped and increments
-    /// [`Image::overruns`].
+    /// scan. Called once, before the first scan. A scan that takes longer than the limit causes a warning in
+    /// the log and increments [`Image::late_scans`]. A period in which no scan can start is skipped and
+    /// increments [`Image::overruns`].
     fn cycle_limit(&self) -> Option<Duration> {
         None
     }
@@ -166,7 +166,7 @@ impl<Scope> SequenceProgram<Scope> {
     }
 }
 
-/// A scan program with its flags.
+/// A scan program with the flags of its M codes.
 #[derive(Clone)]
 struct Scan {
     flags: Flags,
@@ -175,7 +175,7 @@ struct Scan {
 }
 
 impl Scan {
-    /// Scans without end.
+    /// Runs the scan program at its period; does not return except with an error.
     ///
     /// # Errors
     /// Fails if the scan program panics.
@@ -214,7 +214,7 @@ impl Scan {
     }
 }
 
-/// Calls the scan program. A panic of the scan program ends its sequence program, not the process.
+/// Calls a function of the scan program. A panic of this function ends the sequence program, not the process.
 fn guarded<T>(use_it: impl FnOnce() -> T) -> Result<T> {
     std::panic::catch_unwind(AssertUnwindSafe(use_it)).map_err(|panicked| {
         Error::SequenceProgram(format!("the scan program panicked: {}", panic_text(&*panicked)))

@@ -13,12 +13,12 @@ use crate::identity::Identity;
 use crate::lock::lock;
 use crate::plc::Plc;
 
-/// Outputs that exist as [`RawOutput`](super::RawOutput), each with true while it is claimed and not
-/// answered.
+/// Outputs that exist as [`RawOutput`](super::RawOutput). The value is true while the output is claimed and
+/// not answered.
 type OutputsInUse = Arc<Mutex<BTreeMap<OutputId, bool>>>;
 
-/// The handler that the queue and its outputs share. When the last of them is dropped, the machine is
-/// notified that the handler is offline.
+/// The handler that the queue and its outputs share. When the queue and all its outputs have been dropped,
+/// the handler reports to the machine that it is offline.
 #[derive(Debug)]
 pub(super) struct OutputsOwner {
     held: OutputsInUse,
@@ -75,7 +75,7 @@ impl OutputsOwner {
         lock(&self.held).insert(id.clone(), claimed);
     }
 
-    /// Removes an output; returns true if the output was claimed and not answered.
+    /// Removes an output from the outputs in use; returns true if the output was claimed and not answered.
     pub(super) fn forget(&self, id: &OutputId) -> bool {
         lock(&self.held).remove(id).unwrap_or(false)
     }
@@ -85,7 +85,8 @@ impl OutputsOwner {
     }
 }
 
-/// Announces the handler and repeats lost claims, until the machine ends the connection or refuses it.
+/// Announces the handler and repeats lost claims, until the machine ends the connection or refuses the
+/// handler.
 async fn maintain_presence(
     mut presence: HandlerSession,
     held: OutputsInUse,

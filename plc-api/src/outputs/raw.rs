@@ -68,14 +68,14 @@ impl RawOutput {
         &self.inner.notice
     }
 
-    /// Returns true if an earlier handler may have started the work, and the redelivery is `verify`: check
-    /// the machine first. Returns false on the first delivery, and if the redelivery is `redo`.
+    /// Returns true if an earlier handler may have started the work, and the redelivery is `verify`. In this
+    /// case check the machine first. Returns false on the first delivery, and if the redelivery is `redo`.
     pub fn redelivered(&self) -> bool {
         self.inner.verify
     }
 
     /// Claims the output: from now on no other handler can reset the output. If the claim is lost with the
-    /// connection, it is repeated automatically, unless another handler has claimed the output meanwhile.
+    /// connection, this program repeats the claim, unless another handler has claimed the output meanwhile.
     ///
     /// # Errors
     /// [`Error::Handshake`](crate::Error::Handshake) if another handler owns the output, or the output is no
@@ -90,7 +90,7 @@ impl RawOutput {
     /// Resets the output: the NC program continues. The reset does not need a claim.
     ///
     /// # Errors
-    /// [`Error::Handshake`](crate::Error::Handshake) if the reset is not accepted.
+    /// [`Error::Handshake`](crate::Error::Handshake) if the machine does not accept the reset.
     pub async fn reset(&self) -> Result<()> {
         self.answer(None).await
     }

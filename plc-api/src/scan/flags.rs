@@ -11,13 +11,13 @@ use crate::handlers::AuxOutput;
 use crate::lock::lock;
 use crate::types::CoordinateSystemNumber;
 
-/// Coordinate system and M number of a flag.
+/// Key of a flag: coordinate system and M number.
 pub(super) type FlagKey = (CoordinateSystemNumber, u16);
 
-/// Sequence numbers of the outputs that were on in an image.
+/// Sequence numbers of the outputs that were on in an image, by coordinate system and M number.
 pub(super) type ShownSeqs = BTreeMap<FlagKey, u64>;
 
-/// Outputs that are on, with the receivers of their answers.
+/// Outputs that are on, each with the channel for the answer of the scan.
 #[derive(Clone, Default)]
 pub(crate) struct Flags(Arc<Mutex<Vec<Flag>>>);
 
@@ -25,11 +25,11 @@ struct Flag {
     output: AuxOutput,
     answer: oneshot::Sender<std::result::Result<(), Alarm>>,
     question: watch::Sender<Option<ScanQuestion>>,
-    /// A question with the answer of the operator.
+    /// A question that the operator has answered, with the chosen answer.
     operator_answer: Option<(ScanQuestion, String)>,
 }
 
-/// Answers of operators, with their questions.
+/// Answers of operators with their questions, by coordinate system and M number.
 pub(super) type OperatorAnswers = BTreeMap<FlagKey, (ScanQuestion, String)>;
 
 fn key(output: &AuxOutput) -> (CoordinateSystemNumber, u64) {
@@ -37,7 +37,8 @@ fn key(output: &AuxOutput) -> (CoordinateSystemNumber, u64) {
 }
 
 impl Flags {
-    /// Handles an output of a scan program: the output is on until a scan answers.
+    /// Handles an output of a scan program: keeps the output on until a scan answers, and returns this
+    /// answer.
     pub(crate) async fn on(self, output: AuxOutput) -> std::result::Result<(), Alarm> {
         let (answer, mut answered) = oneshot::channel();
         let (question, mut asked) = watch::channel(None);
@@ -62,7 +63,7 @@ impl Flags {
         }
     }
 
-    /// Asks the operator and stores the answer. Never completes; dropping the future withdraws the question.
+    /// Asks the operator and stores the answer. Never completes; a drop of the future withdraws the question.
     async fn ask_operator(&self, output: &AuxOutput, asks: Option<ScanQuestion>) {
         if let Some(asked) = asks {
             match output.ask(&*asked.text, &asked.choices).await {
@@ -72,7 +73,7 @@ impl Flags {
                         flag.operator_answer = Some((asked, choice));
                     }
                 }
-                // the output has ended
+                // the output has ended, and its question with it
                 Err(error) => {
                     tracing::debug!(%error, m = output.m(), "a question of a scan program has no answer");
                 }
@@ -81,7 +82,7 @@ impl Flags {
         std::future::pending::<()>().await;
     }
 
-    /// Asks a question about an output of the image from now on; `None` withdraws the question.
+    /// Asks this question about an output of the image from now on; `None` withdraws the current question.
     pub(super) fn ask(&self, output: &AuxOutput, asks: Option<ScanQuestion>) {
         let mut flags = self.on_now();
         let Some(flag) = flags.iter_mut().find(|flag| key(&flag.output) == key(output)) else {
@@ -112,8 +113,8 @@ impl Flags {
     }
 
     /// Returns the outputs that are on, by coordinate system and M number. If several outputs have the same
-    /// number, the oldest is returned. An output that replaces an output of the image `before` is returned
-    /// only for the next image, so that the flag is off for one scan.
+    /// number, returns the oldest of them. If an output replaces an output of the previous image `before`,
+    /// the new output is returned only for the next image, so that the flag is off for one scan.
     pub(super) fn outputs(&self, before: &ShownSeqs) -> BTreeMap<FlagKey, AuxOutput> {
         let mut on = BTreeMap::new();
         for Flag { output, .. } in self.on_now().iter() {
@@ -124,16 +125,16 @@ impl Flags {
         on
     }
 
-    /// Answers an output of the image.
+    /// Passes the answer of a scan to an output of the image.
     pub(super) fn answer(&self, output: &AuxOutput, how: std::result::Result<(), Alarm>) {
         let mut flags = self.on_now();
         if let Some(place) = flags.iter().position(|flag| key(&flag.output) == key(output)) {
-            // the receiver is dropped if the output is cancelled meanwhile
+            // if the output was cancelled meanwhile, its receiver is dropped and the answer is ignored
             let _cancelled = flags.remove(place).answer.send(how);
         }
     }
 
-    /// Removes the flags of handlers that have ended, and returns the rest.
+    /// Removes the flags of outputs whose handling has ended, and returns the other flags.
     fn on_now(&self) -> MutexGuard<'_, Vec<Flag>> {
         let mut flags = lock(&self.0);
         flags.retain(|flag| !flag.answer.is_closed());

@@ -31,7 +31,8 @@ use crate::types::topic::{CsTopic, Topic};
 /// Positions and variables that a scan program reads, returned by
 /// [`ScanProgram::reads`](super::ScanProgram::reads).
 ///
-/// Each of them is requested from the machine before each scan. With a short period, read only a few of them.
+/// Before each scan, the program requests each of these values from the machine. With a short period, read
+/// only a few of them.
 ///
 /// ```
 /// use plc_api::scan::Reads;
@@ -51,15 +52,15 @@ impl Reads {
         self
     }
 
-    /// Adds `count` P variables (1 to 1024) from number `from` on. All are read at one moment.
+    /// Adds `count` P variables (1 to 1024) from number `from` on. All of them are read at one moment.
     #[must_use]
     pub fn p(mut self, from: u32, count: u32) -> Self {
         self.variables.push((VariableArea::Global, from, count));
         self
     }
 
-    /// Adds `count` Q variables (1 to 1024) of a coordinate system from number `from` on. All are read at one
-    /// moment.
+    /// Adds `count` Q variables (1 to 1024) of a coordinate system from number `from` on. All of them are
+    /// read at one moment.
     #[must_use]
     pub fn q(mut self, cs: CoordinateSystemNumber, from: u32, count: u32) -> Self {
         self.variables
@@ -116,7 +117,7 @@ values! {
     spindle: Spindle as Spindle -> Spindle;
     /// Returns the overrides, percent.
     overrides: Override as Override -> Overrides;
-    /// Returns the optional block skip inputs, and those that the interpreter uses now.
+    /// Returns the optional block skip inputs, and the inputs that the interpreter uses now.
     optional_skip: OptionalSkip as OptionalSkip -> OptionalSkip;
     /// Returns the interlock input and its reason.
     interlock: Interlock as Lock -> Lock;
@@ -131,7 +132,7 @@ impl Image {
         self.time_s
     }
 
-    /// Returns the time of the image as a duration with nanoseconds, for the
+    /// Returns the time of the image as a duration, with a resolution of nanoseconds, for the
     /// [timers](crate::function_blocks).
     pub fn now(&self) -> Duration {
         Duration::try_from_secs_f64(self.time_s).unwrap_or_default()
@@ -165,7 +166,7 @@ impl Image {
         self.cycles.late
     }
 
-    /// Returns the refusals of writes of the previous scan, and of reads for this scan.
+    /// Returns the refusals of writes of the previous scan, and the refusals of reads for this scan.
     pub fn refusals(&self) -> &[Refusal] {
         &self.refusals
     }
@@ -295,17 +296,18 @@ impl Image {
     }
 }
 
-/// Methods that write the image. If every scan writes a flag of the machine, the flag keeps this value, even
-/// if another client writes the flag. The program does not change flags that it does not write. Commands and
-/// variables are executed each time that a scan writes them.
+/// Methods that write the image. If every scan writes a flag of the machine, the flag keeps the written
+/// value, even if another client writes the flag. The program does not change flags that no scan writes.
+/// Commands and variables are executed each time that a scan writes them.
 impl Image {
-    /// Resets an M code: its NC program continues. No effect while the M code is off, so a program may write
-    /// the reset in every scan.
+    /// Resets the output of an M code: its NC program continues. No effect while the M code is off, so a
+    /// program may write the reset in every scan.
     pub fn reset(&mut self, cs: CoordinateSystemNumber, m: u16) {
         self.answer(cs, m, Ok(()));
     }
 
-    /// Ends an M code as failed: the alarm stops its NC program. No effect while the M code is off.
+    /// Ends the output of an M code as failed: the alarm stops its NC program. No effect while the M code is
+    /// off.
     pub fn fail(&mut self, cs: CoordinateSystemNumber, m: u16, alarm: Alarm) {
         self.answer(cs, m, Err(alarm));
     }
@@ -457,14 +459,14 @@ impl Image {
 
 type StateMessages = BTreeMap<Topic, Arc<Message>>;
 
-/// Creator of images, from the latest messages and from values that it requests from the machine.
+/// Creator of images. Combines the latest messages of the machine with values requested for the image.
 #[derive(Debug)]
 pub(super) struct Camera {
     plc: Plc,
     reads: Reads,
     subscription: Subscription,
     states: Arc<StateMessages>,
-    /// Outputs of the previous image.
+    /// Outputs that were on in the previous image.
     shown: ShownSeqs,
 }
 
@@ -504,9 +506,9 @@ impl Camera {
         image
     }
 
-    /// Receives the messages since the previous image.
+    /// Stores the state messages that have arrived since the previous image.
     fn take_messages(&mut self) {
-        // the previous image has been dropped, so this copies nothing
+        // the previous image has been dropped, so this call copies nothing
         let states = Arc::make_mut(&mut self.states);
         while let Some(message) = self.subscription.try_next() {
             if message.topic.is_state() {

@@ -5,12 +5,12 @@ use super::scan_question::ScanQuestion;
 use crate::alarm::Alarm;
 use crate::types::CoordinateSystemNumber;
 
-/// Alarms and questions. Write each of them in every scan as long as it applies.
+/// Methods for alarms and questions. Call such a method in every scan while the alarm or question applies.
 impl Image {
     /// Raises an alarm when a level turns on, in a coordinate system or, with `None`, in the whole machine.
     /// Write the level in every scan. The alarm stays active until a reset, even if the level turns off. If
     /// the level is still on after a reset, the alarm is raised again. Each coordinate system, and the whole
-    /// machine, has at most one alarm of a code at a time.
+    /// machine, has at most one alarm of the same code at a time.
     ///
     /// ```
     /// # use plc_api::{Alarm, SequenceProgram, fake::FakePort, scan::Image};
@@ -35,13 +35,13 @@ impl Image {
             .insert((cs.into(), alarm.number), (level, alarm));
     }
 
-    /// Asks the operator about an M code. Returns `None` until the operator answers, then the chosen choice.
-    /// Call this method in every scan until the answer arrives; a scan without the call withdraws the
-    /// question. No effect while the M code is off. An M code has one question at a time: the last question
-    /// that the scan writes.
+    /// Asks the operator about an M code. Returns `None` until the operator answers, then the choice of the
+    /// operator. Call this method in every scan until the answer arrives; a scan without the call withdraws
+    /// the question. No effect while the M code is off. An M code has one question at a time: the last
+    /// question that the scan writes.
     ///
-    /// `text` has 1 to 200 characters; there are 1 to 8 different choices of 1 to 40 characters. Other
-    /// questions are refused ([`Image::refusals`]).
+    /// `text` has 1 to 200 characters. A question has 1 to 8 different choices of 1 to 40 characters. Any
+    /// other question is refused ([`Image::refusals`]).
     ///
     /// ```
     /// # use plc_api::{Alarm, Params, SequenceProgram, fake::FakePort, handshake::OutputOutcome, scan::Image};

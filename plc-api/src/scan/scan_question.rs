@@ -1,9 +1,9 @@
-//! A question that a scan program asks.
+//! A question of a scan program to the operator.
 
 use crate::types::question::check_question;
 use crate::types::refusal::{Refusal, RefusalCode};
 
-/// A question about an M code.
+/// A question to the operator about an M code.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct ScanQuestion {
     pub(super) text: String,

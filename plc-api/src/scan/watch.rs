@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-/// Time between two lines of the log about scans that take too long. Reason: a fast scan could otherwise fill
-/// the log.
+/// Shortest time between two lines of the log about late scans. Reason: a fast scan could otherwise fill the
+/// log.
 const REPORT_EVERY_S: f64 = 10.0;
 
 /// Durations of scans.
@@ -11,7 +11,7 @@ const REPORT_EVERY_S: f64 = 10.0;
 pub(super) struct CycleTimes {
     pub(super) last_s: f64,
     pub(super) longest_s: f64,
-    /// Scans that took longer than the limit.
+    /// Number of scans that took longer than the limit.
     pub(super) late: u64,
 }
 
@@ -20,7 +20,7 @@ pub(super) struct CycleTimes {
 pub(super) struct CycleWatch {
     limit: Duration,
     pub(super) times: CycleTimes,
-    /// Time of the last report, and the number of late scans at that time.
+    /// Time of the last report, and the number of late scans up to that time.
     reported: Option<(f64, u64)>,
 }
 

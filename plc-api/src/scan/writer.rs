@@ -18,14 +18,14 @@ use crate::types::data::{VARIABLES_AT_ONCE_MAX, VariableArea};
 use crate::types::request::{Input, Refusal, Request};
 use crate::types::state::{Lock, LockSet};
 
-/// Executor of the writes of scans, one scan after the other.
+/// Executor of the writes of scans.
 #[derive(Debug, Default)]
 pub(super) struct Writer {
-    /// Last value of each flag that the machine accepted.
+    /// Last value of each flag that the machine has accepted, as the request that sets the flag.
     written: Vec<Request>,
-    /// Alarms that scans have written, by place and number.
+    /// Levels of the alarms that scans have written, by coordinate system (`None`: whole machine) and number.
     alarms: BTreeMap<(Option<CoordinateSystemNumber>, u16), AlarmLevel>,
-    /// Refusals after the previous scan.
+    /// Refusals of writes of the last scan, which the next scan reads.
     refusals: Vec<Refusal>,
 }
 
@@ -34,8 +34,8 @@ impl Writer {
         take(&mut self.refusals)
     }
 
-    /// Executes writes of variables, flags and commands first, and answers of M codes last, so that the block
-    /// after an M code sees all writes.
+    /// Executes the writes of one scan: first variables, flags and commands, and last the answers of M codes.
+    /// Thus the block after an M code sees all writes.
     pub(super) async fn execute_writes(&mut self, plc: &Plc, flags: &Flags, mut image: Image) {
         let writes = take(&mut image.writes);
         for (output, text, percent) in writes.progress {
@@ -47,7 +47,7 @@ impl Writer {
             self.request(plc, request, &image).await;
         }
         for flag in writes.flags {
-            // written in a later scan, after the machine has accepted the handler that owns the flag
+            // a later scan writes the flag, after the machine has accepted the handler that owns the flag
             let Some(flag) = owned(flag, plc) else { continue };
             if self.written.contains(&flag) && is_in_effect(&flag, &image) {
                 continue;
@@ -82,7 +82,7 @@ impl Writer {
         }
     }
 
-    /// Raises an alarm whose level is on, unless it is active.
+    /// Raises an alarm if its level is on and the alarm is not active.
     async fn set_alarm(
         &mut self,
         plc: &Plc,
@@ -111,7 +111,7 @@ impl Writer {
         }
     }
 
-    /// Asks a question about an output from now on; `None` withdraws the question.
+    /// Asks this question about an output from now on; `None` withdraws the current question.
     fn ask(&mut self, flags: &Flags, output: &AuxOutput, asks: Option<ScanQuestion>, image: &Image) {
         let checked = asks.as_ref().map_or(Ok(()), ScanQuestion::check);
         let asks = asks.filter(|_| checked.is_ok());
@@ -182,7 +182,7 @@ fn is_source_shown(input: Option<&Lock>, set: &LockSet) -> bool {
     }
 }
 
-/// Returns true if the machine already has the written value, or if its value is not published (skip inputs).
+/// Returns true if the machine has the written value, or if the value is not published (skip inputs).
 fn is_in_effect(flag: &Request, image: &Image) -> bool {
     let is_same = |wanted: f64, now: f64| wanted.total_cmp(&now).is_eq();
     match flag {

@@ -15,18 +15,19 @@ use crate::types::request::{Input, Request};
 /// Values that one scan has written.
 #[derive(Debug, Default)]
 pub(super) struct Writes {
-    /// Flags of the machine: inputs, spindle, tool and skip inputs, each as the request that sets it.
+    /// Flags of the machine, such as inputs, spindle, tool and skip inputs, each as the request that sets the
+    /// flag.
     pub(super) flags: Vec<Request>,
     pub(super) variables: BTreeMap<(VariableArea, u32), f64>,
     pub(super) commands: Vec<(CoordinateSystemNumber, Command)>,
     pub(super) progress: Vec<(AuxOutput, String, Option<f64>)>,
-    /// Alarms by place and number, with their levels.
+    /// Alarms with their levels, by coordinate system (`None`: whole machine) and number.
     pub(super) alarms: BTreeMap<(Option<CoordinateSystemNumber>, u16), (bool, Alarm)>,
     pub(super) questions: BTreeMap<FlagKey, (AuxOutput, ScanQuestion)>,
     pub(super) answers: BTreeMap<(CoordinateSystemNumber, u16), (AuxOutput, Result<(), Alarm>)>,
 }
 
-/// Adds a flag, and removes an earlier value of the same flag.
+/// Adds the value of a flag; replaces an earlier value of the same flag.
 pub(super) fn put(flags: &mut Vec<Request>, flag: Request) {
     match flags.iter_mut().find(|known| is_same_flag(known, &flag)) {
         Some(known) => *known = flag,
