@@ -1,5 +1,5 @@
-//! Messages between a server (MQTT, REST) and its machine that are not part of the interface; no client sends
-//! them.
+//! Messages between a server (MQTT, REST) and its machine. They are not part of the interface: no client
+//! sends them.
 
 use std::net::IpAddr;
 use std::time::SystemTime;
@@ -11,19 +11,19 @@ use crate::types::not_after::NotAfter;
 use crate::types::request::{Answer, Refusal, Request};
 use crate::wire::right::Right;
 
-/// The port of a machine for its servers.
+/// The port of a machine, extended for its servers.
 pub trait ServedPort: Port {
     /// Sends a request on behalf of a user whom the server has authenticated and authorized.
     fn request_from(&self, origin: Origin, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>>;
 
-    /// Receives an event of a server; does not block.
+    /// Receives an event of a server. Does not block.
     fn notice(&self, notice: ServerNotice);
 
-    /// Publishes open outputs without an owner again, as redelivered, after a new connection to the broker,
-    /// because notices may have been lost. Returns when all are published.
+    /// Publishes open outputs without an owner again, as redelivered. A server calls this method after a new
+    /// connection to the broker, because notices may have been lost. Returns when all outputs are published.
     fn republish(&self) -> BoxFuture<'_, ()>;
 
-    /// Returns the time of day, as in the machine's own messages.
+    /// Returns the time of day from the clock that the machine uses in its messages.
     fn time(&self) -> SystemTime {
         SystemTime::now()
     }
@@ -43,7 +43,8 @@ pub struct Origin {
     /// Name of the token; `None` if the server requires no tokens, or an external broker has authenticated
     /// the user.
     pub user: Option<String>,
-    /// Address of the sending host, if the server knows it; unknown with an external broker.
+    /// Address of the sending host; `None` if the server does not know the address, as with an external
+    /// broker.
     pub from: Option<IpAddr>,
     /// Transport of the request.
     pub over: ServerTransport,
@@ -57,15 +58,15 @@ pub struct Origin {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ServerTransport {
-    /// Over HTTP.
+    /// A request over HTTP.
     Rest,
-    /// In a frame of the WebSocket.
+    /// A request in a frame of the WebSocket.
     WebSocket,
-    /// Over MQTT.
+    /// A request over MQTT.
     Mqtt,
-    /// By a sequence program in the process of the runtime.
+    /// A request of a sequence program in the process of the runtime.
     InProcess,
-    /// By a command at the command line, while the runtime does not run.
+    /// A request of a command at the command line, while the runtime does not run.
     CommandLine,
 }
 
@@ -78,9 +79,9 @@ pub struct AccessNote {
     pub user: Option<String>,
     /// Address of the host, if it is known.
     pub from: Option<IpAddr>,
-    /// Transport.
+    /// Transport of the login or the access.
     pub over: ServerTransport,
-    /// Method and route, or the topic.
+    /// Method and route of the request, or its topic.
     pub request: String,
 }
 
@@ -104,14 +105,15 @@ pub enum ServerNotice {
     BusLink {
         /// True while the connection exists.
         connected: bool,
-        /// The external broker.
+        /// The external broker to which the server is connected.
         broker: Option<BrokerInUse>,
     },
-    /// A refusal of the server, which is raised as a warning for the operator. At most 500 characters.
+    /// A refusal by the server, which the machine raises as a warning for the operator. At most 500
+    /// characters.
     Warning(String),
     /// A login or an access that was accepted or refused; the journal records a limited number of them.
     Access(AccessNote),
-    /// The server does not store retained messages of clients, for this reason; `None` if it has room again.
+    /// Reason why the server does not store retained messages of clients; `None` when it stores them again.
     NotRetained(Option<String>),
 }
 
@@ -120,13 +122,13 @@ pub enum ServerNotice {
 pub struct ServoTiming {
     /// Servo period, s.
     pub period_s: f64,
-    /// Servo cycles that were not finished when the next one was due, including the omitted ones.
+    /// Number of servo cycles that were not finished when the next cycle was due, including omitted cycles.
     pub overruns: u64,
-    /// Servo cycles that were omitted because the servo was late by more than two periods.
+    /// Number of servo cycles that were omitted because the servo was late by more than two periods.
     pub missed: u64,
-    /// Exchanges with the drives that ended late.
+    /// Number of exchanges with the drives that ended late.
     pub late_exchanges: u64,
-    /// Frames to the drives that were lost.
+    /// Number of frames to the drives that were lost.
     pub lost_frames: u64,
     /// Delay of the start of each cycle.
     pub lateness: Durations,
@@ -137,11 +139,11 @@ pub struct ServoTiming {
 /// A histogram of durations.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Durations {
-    /// Upper bound of each bucket, s, ascending, with its count, which does not include lower buckets. The
-    /// last bound is infinite.
+    /// Buckets, ascending by their upper bound, s. The second value is the number of durations in this bucket
+    /// only. The last upper bound is infinite.
     pub buckets: Vec<(f64, u64)>,
-    /// Sum of all, s.
+    /// Sum of all durations, s.
     pub sum_s: f64,
-    /// The longest, s.
+    /// The longest duration, s.
     pub max_s: f64,
 }

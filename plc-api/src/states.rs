@@ -4,7 +4,7 @@ use std::any::{Any, TypeId};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// The state of a sequence program by type.
+/// The states of a sequence program, by type.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct States(Arc<HashMap<TypeId, Named>>);
 

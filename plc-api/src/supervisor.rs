@@ -17,14 +17,14 @@ use tokio::time::Instant;
 /// Reason: if a fault recurs at once, a restart of the task does not remove its cause.
 pub const RESTARTS_MAX: usize = 2;
 
-/// Time in which panics of a restarted task are counted.
+/// Length of the time window in which the panics of a restarted task are counted.
 pub const RESTART_WINDOW: Duration = Duration::from_mins(1);
 
 /// Pause before a task is restarted.
 const RESTART_PAUSE: Duration = Duration::from_millis(100);
 
-/// Largest number of tasks in the record of faults; the fault of a further task is only reported. Reason: the
-/// names are constants of the program, and fewer than this.
+/// Largest number of tasks in the record of faults; the fault of a further task is only reported. Reason:
+/// task names are constants of the program, and the program has fewer names than this.
 const FAULTS_MAX: usize = 64;
 
 /// Consequence of a fault in a task or a thread.
@@ -105,7 +105,7 @@ pub struct Supervisor(Arc<SupervisorState>);
 struct SupervisorState {
     faults: Mutex<BTreeMap<String, TaskFault>>,
     listener: OnceLock<Listener>,
-    /// Reason why the process must end.
+    /// Reason why the process must end; `None` until a fault requires the end of the process.
     exit: watch::Sender<Option<String>>,
     /// Name of the task that panics when it next runs; empty if no fault is injected.
     injected: watch::Sender<String>,
@@ -151,7 +151,7 @@ impl Supervisor {
             }
         }
         if let Some(listener) = self.0.listener.get() {
-            // the fault is recorded even if the listener panics
+            // an error of the listener is ignored, because the fault is already recorded
             let _ = catch_unwind(AssertUnwindSafe(|| listener(report)));
         }
         if report.consequence == Consequence::Exits {
@@ -181,7 +181,7 @@ impl Supervisor {
     /// Waits until a fault requires the end of the process, and returns the reason.
     pub async fn exit(&self) -> String {
         let mut exit = self.0.exit.subscribe();
-        // the sender lives as long as `self`
+        // the wait cannot fail, because the sender lives as long as `self`
         let why = exit.wait_for(Option::is_some).await;
         why.ok().and_then(|why| why.clone()).unwrap_or_default()
     }
@@ -218,7 +218,7 @@ impl Supervisor {
         }
     }
 
-    /// Runs the work of a task, in which an injected fault also occurs while the work waits.
+    /// Runs the work of a task. If a fault is injected for this task, it also occurs while the work waits.
     async fn with_fault_point<F: Future>(&self, task: &str, work: F) -> F::Output {
         let mut injected = self.0.injected.subscribe();
         let fault = async {
@@ -243,7 +243,7 @@ impl Supervisor {
     ) -> impl Future<Output = ()> + use<F> {
         let work = self.catch_panic(task, work);
         async move {
-            // the panic is reported
+            // `catch_panic` has already reported a panic
             let _ = work.await;
         }
     }
@@ -284,8 +284,8 @@ impl Supervisor {
         }
     }
 
-    /// Supervises a task that is restarted after a panic. After [`RESTARTS_MAX`] panics within
-    /// [`RESTART_WINDOW`], the runtime shuts down at the next panic.
+    /// Supervises a task that is started by `make`, and restarted after a panic. After [`RESTARTS_MAX`]
+    /// panics within [`RESTART_WINDOW`], the runtime shuts down at the next panic.
     pub fn restarted<F: Future<Output = ()>, M: FnMut() -> F>(
         &self,
         task: &'static str,
@@ -310,7 +310,7 @@ impl Supervisor {
     }
 }
 
-/// Counter of the panics of a restarted task.
+/// Times of the panics of a restarted task.
 #[derive(Debug, Default)]
 pub struct Restarts(Vec<Instant>);
 

@@ -36,8 +36,8 @@ impl Plc {
     /// ```
     ///
     /// # Errors
-    /// Fails if a number or dimension is out of range, the table is full, or the disk cannot be written;
-    /// nothing has changed.
+    /// Fails if a number or dimension is out of range, the table is full, or the disk cannot be written. In
+    /// these cases nothing has changed.
     pub async fn set_tool(&self, tool: ToolData) -> Result<()> {
         let change = ToolChange {
             tools: vec![tool],
@@ -80,8 +80,8 @@ impl CoordinateSystem {
         Ok(table.work_offsets)
     }
 
-    /// Sets axes of a work offset, `G54` to `G59`; other axes are unchanged. The change takes effect when the
-    /// next of these codes is interpreted (D16), and is on disk when this method returns.
+    /// Sets axes of a work offset, `G54` to `G59`; other axes are unchanged. The change takes effect when a
+    /// later block with `G54` to `G59` is interpreted (D16), and is on disk when this method returns.
     ///
     /// ```
     /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -93,7 +93,7 @@ impl CoordinateSystem {
     ///
     /// # Errors
     /// Fails if the work offset, an axis or the coordinate system does not exist, a value is not a number, or
-    /// the disk cannot be written; nothing has changed.
+    /// the disk cannot be written. In these cases nothing has changed.
     pub async fn set_work_offset(
         &self,
         name: &str,

@@ -1,10 +1,10 @@
-//! Texts.
+//! Functions for texts.
 
 use std::any::Any;
 
 /// Cuts the text after `chars_max` characters.
 pub(crate) fn cut(text: &mut String, chars_max: usize) {
-    // no text has more characters than bytes
+    // a text never has more characters than bytes
     if text.len() <= chars_max {
         return;
     }

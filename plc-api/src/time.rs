@@ -42,8 +42,8 @@ impl Plc {
         }
     }
 
-    /// Creates an interval that ticks at a fixed period on the machine's clock: now, and then after each
-    /// period. The period is at least 1 ms.
+    /// Creates an interval that ticks at a fixed period on the machine's clock. The first tick is now; the
+    /// period is at least 1 ms.
     ///
     /// ```
     /// # use std::time::Duration;
@@ -70,7 +70,7 @@ impl Plc {
     }
 }
 
-/// Ticks at a fixed period, created by [`Plc::interval`].
+/// A sequence of ticks at a fixed period, created by [`Plc::interval`].
 #[derive(Debug)]
 pub struct Interval {
     plc: Plc,
@@ -79,8 +79,8 @@ pub struct Interval {
 }
 
 impl Interval {
-    /// Waits for the next tick. Ticks that were missed meanwhile are skipped: the next tick is at the next
-    /// full period. Cancellation safe.
+    /// Waits for the next tick. If ticks were missed meanwhile, they are skipped: the next tick is at the
+    /// next full period. Cancellation safe.
     pub async fn tick(&mut self) {
         let left_s = (self.next_s - self.plc.now_s()).max(0.0);
         let left = Duration::try_from_secs_f64(left_s).unwrap_or(Duration::MAX);

@@ -1,4 +1,4 @@
-//! Units of parameters, as types with bounds: `KiloNewton<1, 20>` takes 1 to 20 kN, `KiloNewton` any force.
+//! Units of parameters, as types with bounds: `KiloNewton<1, 20>` accepts 1 to 20 kN, `KiloNewton` any force.
 //!
 //! The bounds are whole numbers; for other bounds write a struct with
 //! [`#[derive(Params)]`](derive@crate::Params). To define a further unit see [`unit`](crate::unit).
@@ -6,7 +6,7 @@
 use crate::extract::ParamValue;
 use crate::types::m_code::ParamDeclaration;
 
-/// Returns a bound, or `None` for the constant that marks an open bound.
+/// Returns a bound of a unit, or `None` for the constant that means "no bound".
 #[doc(hidden)]
 pub const fn bound(bound: i64) -> Option<f64> {
     match bound {
@@ -16,7 +16,7 @@ pub const fn bound(bound: i64) -> Option<f64> {
     }
 }
 
-/// Defines a unit of parameters.
+/// Defines a type for a further unit of parameters.
 ///
 /// ```
 /// plc_api::unit!(

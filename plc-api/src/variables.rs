@@ -61,8 +61,8 @@ impl Variables {
         self.write(number, &[value]).await
     }
 
-    /// Returns the values of `count` variables (1 to 1024) from number `from` on. All are read at one moment:
-    /// no write happens in between.
+    /// Returns the values of `count` variables (1 to 1024) from number `from` on. All of them are read at one
+    /// moment: no write happens in between.
     ///
     /// # Errors
     /// Fails if a variable of the range does not exist, `count` is more than 1024, or the machine cannot be
@@ -77,12 +77,13 @@ impl Variables {
         self.plc.request(request).await
     }
 
-    /// Writes 1 to 1024 variables from number `from` on: all of them between two blocks of any NC program, or
-    /// none.
+    /// Writes 1 to 1024 variables from number `from` on. Either all of them are written, between two blocks
+    /// of any NC program, or none.
     ///
     /// # Errors
     /// Fails if a variable of the range does not exist, there are more than 1024 values, or the machine
-    /// cannot be reached. In these cases nothing was written; if the connection broke, the result is unknown.
+    /// cannot be reached. In these cases nothing was written. If the connection broke, it is unknown whether
+    /// the variables were written.
     pub async fn write(&self, from: u32, values: &[f64]) -> Result<()> {
         let request = WriteVariables {
             area: self.area,

@@ -1,5 +1,5 @@
-//! Programs that must not compile, with the expected messages of the compiler in the `.stderr` files next to
-//! them. Runs only with `TANDEM_LONG`, because the crates are built again, which takes minutes.
+//! Programs that must not compile; the `.stderr` files next to these programs contain the expected messages
+//! of the compiler. Runs only with `TANDEM_LONG`, because the crates are built again, which takes minutes.
 
 #[test]
 fn what_is_no_handler_does_not_compile_and_the_error_is_a_sentence() {

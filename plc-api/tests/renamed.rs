@@ -1,5 +1,5 @@
-//! The table of renamed names (`renamed.sed`), applied to a sequence program that was written against commit
-//! 71e10300: the result is in `renamed/after.rs`, which is built and tested here.
+//! Test of the table of renamed names (`renamed.sed`). The table is applied to a sequence program that was
+//! written against commit 71e10300. The result is in `renamed/after.rs`, which is built and tested here.
 #![allow(clippy::unwrap_used, reason = "this crate contains only tests")]
 
 use std::path::Path;

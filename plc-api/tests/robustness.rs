@@ -5,7 +5,7 @@ mod readers;
 
 use proptest::prelude::*;
 
-/// Initial messages, valid and invalid: a topic or a row, with its content.
+/// Initial messages, valid and invalid: each is a topic or a row, with its content.
 const TOPICS: &[&str] = &[
     "cs/1/m_code/20/reset",
     "cs/1/m_code/20/claim",
@@ -21,7 +21,7 @@ const TOPICS: &[&str] = &[
     "",
 ];
 
-/// Pieces of JSON.
+/// Pieces of JSON, from which payloads are built.
 const PIECES: &[&str] = &[
     "{",
     "}",
@@ -50,7 +50,7 @@ const PIECES: &[&str] = &[
     "\\u0000",
 ];
 
-/// Complete objects, and objects with pieces that are missing or in the wrong order.
+/// Returns complete objects, and objects with pieces that are missing or in the wrong order.
 fn payload() -> impl Strategy<Value = String> {
     let pieces = || proptest::collection::vec(proptest::sample::select(PIECES), 0..9);
     prop_oneof![

@@ -3,7 +3,7 @@
 use std::hash::{BuildHasher, RandomState};
 use std::time::Duration;
 
-/// First and longest wait; each wait is twice the previous one.
+/// First wait and longest wait between two attempts to connect; each wait is twice the previous wait.
 const FIRST: Duration = Duration::from_millis(100);
 const MAX: Duration = Duration::from_secs(5);
 
@@ -30,12 +30,13 @@ impl Backoff {
         }
     }
 
-    /// Starts again with the first wait, after a connection.
+    /// Sets the next wait to the first wait, after a successful connection.
     pub fn reset(&mut self) {
         self.next = FIRST;
     }
 
-    /// Returns the wait before the next attempt: 50 to 100 percent of 100 ms, doubled each time up to 5 s.
+    /// Returns the wait before the next attempt: 50 to 100 percent of a value that doubles from 100 ms up to
+    /// 5 s.
     pub fn next_wait(&mut self) -> Duration {
         let wait = self.jittered(self.next);
         self.next = (self.next * 2).min(MAX);

@@ -1,5 +1,5 @@
 //! Common part of all clients: a [`Hub`] that a connection fills with messages of the machine, and a [`Port`]
-//! over it.
+//! that reads from this hub.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,20 +16,20 @@ use crate::types::not_after::NotAfter;
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::topic::Topic;
 
-/// Time for which a new connection waits for the runtime.
+/// Time limit within which a new connection must find the runtime online.
 pub const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Time for which a request waits for its answer. After that the request fails with `no_answer`, and it is
-/// unknown whether it had its effect.
+/// Time limit for the answer to a request. After this time the request fails with `no_answer`, and it is
+/// unknown whether the request took effect.
 pub const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// A connection to a machine, over any protocol.
+/// A connection to a machine, independent of the protocol.
 pub(super) struct Link {
     /// The address without user and password.
     pub(super) address: String,
     pub(super) hub: Hub,
     started: Instant,
-    /// Notified if a message must be sent, or the port has been dropped.
+    /// Notified when a message must be sent, or when the port has been dropped.
     pub(super) wake: Notify,
     closed: AtomicBool,
 }
@@ -56,7 +56,7 @@ impl Link {
             .is_some_and(|message| matches!(&message.payload, Payload::Presence(presence) if presence.online))
     }
 
-    /// Treats the machine as offline until its next presence, because its known state may be stale.
+    /// Marks the machine as offline until its next presence, because its known state may be stale.
     pub(super) fn set_offline(&self) {
         let Some(last) = self.hub.read(&Topic::Presence) else {
             return;
@@ -79,7 +79,7 @@ impl Link {
         }
     }
 
-    /// Returns the answer, or `no_answer` if no answer arrives within `patience`.
+    /// Waits for the answer to a request; returns `no_answer` if no answer arrives within `patience`.
     pub(super) async fn within<T>(
         &self,
         patience: Duration,
@@ -99,7 +99,7 @@ impl Link {
 pub(super) trait Client: Send + Sync + 'static {
     fn link(&self) -> &Link;
 
-    /// Keeps a connection until the link is closed.
+    /// Keeps a connection to the machine until the link is closed.
     fn keep_connected(self: Arc<Self>) -> BoxFuture<'static, ()>;
 
     /// Returns the reason why no runtime is online.

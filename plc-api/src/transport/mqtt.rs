@@ -1,8 +1,9 @@
 //! A machine over MQTT 3.1.1.
 //!
-//! A request is a message that is repeated until it is answered: by the `result` of a claim or reset, by the
-//! `reply` of a command, otherwise by the acknowledgement of the broker. Unanswered requests are sent again
-//! on each new connection. If the machine receives a request twice, the second one has no effect.
+//! The client repeats the message of a request until the request is answered: a claim or reset by its
+//! `result`, a command by its `reply`, any other request by the acknowledgement of the broker. Unanswered
+//! requests are sent again on each new connection. If the machine receives a request twice, the second
+//! message has no effect.
 
 mod address;
 mod age;
@@ -70,7 +71,7 @@ pub async fn connect(address: &str, options: MqttOptions) -> Result<(Arc<dyn Por
     } else {
         Transport::tcp()
     };
-    // access rules tie the topics of a client to its user
+    // access rules permit a user only the topics with the name of the user
     let named = user
         .as_deref()
         .filter(|user| is_client_id(user) && user.len() <= USER_MAX);
@@ -92,7 +93,7 @@ pub async fn connect(address: &str, options: MqttOptions) -> Result<(Arc<dyn Por
     Ok((port.await?, user))
 }
 
-/// Returns the transport of a connection to a broker over TLS.
+/// Returns the transport for a connection to a broker over TLS.
 pub fn mqtt_over(tls: ClientConfig) -> Transport {
     Transport::tls_with_config(TlsConfiguration::from(tls))
 }
@@ -114,20 +115,20 @@ struct MqttClient {
 struct MqttConnectionState {
     outbox: Outbox,
     connected: bool,
-    /// Start of the time during which messages wait and no acknowledgement has arrived.
+    /// Time since which messages wait without an acknowledgement; `None` if no message waits.
     silent_since: Option<Instant>,
-    /// Reason why the connection does not exist.
+    /// Reason why no connection exists.
     trouble: Option<String>,
     /// Handler and instance that the broker reports as offline if this connection breaks (last will).
     will: Option<(String, Option<String>)>,
     /// True while the handler of the last will is online.
     online: bool,
-    /// True if the last will has changed; it takes effect with the next connection.
+    /// True if the last will has changed, so that a new connection must announce the new last will.
     reconnect: bool,
     /// The presence that is published periodically.
     repeated_presence: Option<(String, HandlerPresence)>,
-    /// Number of connections so far; `said_over` is the number of the connection over which the presence was
-    /// last published.
+    /// Number of connections so far. `repeated_over` is the number of the connection over which the presence
+    /// was last published.
     connections: u64,
     repeated_over: u64,
     machine: MachineAge,
@@ -164,7 +165,7 @@ impl Client for MqttClient {
 }
 
 impl MqttClient {
-    /// Sets the last will of the connection to that of this handler.
+    /// Sets the last will of the connection to the last will of this handler.
     fn announce(&self, handler_id: &str, presence: &HandlerPresence) -> Result<(), Refusal> {
         let mut state = lock(&self.state);
         let will = Some((handler_id.to_owned(), presence.instance.clone()));
@@ -196,7 +197,7 @@ impl MqttClient {
         Ok(())
     }
 
-    /// Publishes the presence of the handler again.
+    /// Publishes the presence of the handler again, and returns the receiver of the answer.
     fn refresh(&self) -> Option<oneshot::Receiver<Outcome>> {
         let mut state = lock(&self.state);
         let (id, mut presence) = state.repeated_presence.clone()?;
@@ -209,7 +210,7 @@ impl MqttClient {
         state.outbox.put(outgoing).ok()
     }
 
-    /// Returns the sender that the topic of a request names.
+    /// Returns the sender that the topic of a request must name.
     fn speaker(&self, request: &Request) -> MessageSender {
         let said = lock(&self.state).repeated_presence.clone();
         let handler = said.map(|(id, _)| id);

@@ -4,19 +4,19 @@ use std::time::Duration;
 
 use super::tls::TlsFiles;
 
-/// Options that an address cannot contain, or should not contain because other users can see the command
-/// line.
+/// Options of a connection that an address cannot contain, or should not contain because other users can see
+/// the command line.
 #[derive(Clone)]
 pub struct MqttOptions {
-    /// User name; takes precedence over a user name in the address.
+    /// User name; takes precedence over the user name in the address.
     pub username: Option<String>,
-    /// Password of the user: the token.
+    /// Password of the user, which is the token.
     pub password: Option<String>,
-    /// For `mqtts://` and `https://`: certificates and key.
+    /// Certificates and key, for `mqtts://` and `https://`.
     pub tls: TlsFiles,
     /// Validity of the presence over MQTT, 300 ms to 1 h. If the machine receives no presence of this program
-    /// for this time, it treats the handlers as lost. The program publishes its presence three times within
-    /// this time. Default: 15 s.
+    /// for this time, the machine treats the handlers as lost. The program publishes its presence three times
+    /// within this time. Default: 15 s.
     pub presence_expires: Duration,
 }
 

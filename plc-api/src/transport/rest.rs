@@ -1,6 +1,6 @@
 //! A machine over REST and WebSocket.
 //!
-//! The WebSocket carries messages of the machine, and presence and validations of handlers; all other
+//! The WebSocket carries messages of the machine, and presences and validation results of handlers. All other
 //! requests are HTTP. If an answer is lost, the request is sent again. A request that the machine receives
 //! twice has no second effect: a command has an `Idempotency-Key`, a claim or reset has `boot_id` and `seq`,
 //! and an input sets a value and does not toggle it.
@@ -40,7 +40,7 @@ use address::RestAddress;
 
 pub use crate::transport::client::{ANSWER_TIMEOUT, CONNECT_TIMEOUT};
 
-/// Time limit of a command: the time for which the server waits, plus the time of an answer.
+/// Time limit of a command: the time for which the server waits for its end, plus the time for the answer.
 pub const COMMAND_DONE_TIMEOUT: Duration = Duration::from_secs(65);
 
 /// Pause before a request is sent again.
@@ -81,8 +81,8 @@ pub async fn connect(address: &str, options: MqttOptions) -> Result<(Arc<dyn Por
     Ok((port.await?, user))
 }
 
-/// Largest number of bytes of an answer; a longer answer is an error. Reason: the longest program text, and a
-/// reserve.
+/// Largest number of bytes of an answer; a longer answer is an error. Reason: the size of the longest program
+/// text, and a reserve.
 const BODY_MAX: usize = 65 * 1024 * 1024;
 
 /// Largest number of unsent results of validations; a further result is refused.
@@ -105,13 +105,13 @@ struct RestClient {
 
 #[derive(Debug, Default)]
 struct RestConnectionState {
-    /// Reason why the connection does not exist.
+    /// Reason why no connection exists.
     trouble: Option<String>,
-    /// Handlers of this process, announced on every new connection.
+    /// Handlers of this process with their presence, which is announced on every new connection.
     handlers: BTreeMap<String, HandlerPresence>,
-    /// Last presence of the handlers of this process that have left.
+    /// Handlers of this process that have left, with their last presence.
     offline: BTreeMap<String, HandlerPresence>,
-    /// Handlers with a presence that must be sent on this connection.
+    /// Handlers whose presence must be sent on this connection.
     unsent: Vec<String>,
     /// Handlers that the machine has refused, with the refusal.
     refused: BTreeMap<String, Refusal>,
@@ -144,8 +144,8 @@ impl TransportClient for RestClient {
     fn read<'a>(&'a self, topic: &'a Topic) -> BoxFuture<'a, Option<Arc<Message>>> {
         Box::pin(async move {
             if let Topic::CoordinateSystem(_, CsTopic::Position) = topic {
-                // the WebSocket carries positions ten times a second; GET returns those of the last servo
-                // cycle
+                // the WebSocket carries positions only ten times a second; GET returns the positions of the
+                // last servo cycle
                 if let Some(exchange) = read(topic)
                     && let Ok(Ok((200, _, body))) =
                         tokio::time::timeout(ANSWER_TIMEOUT, self.send(&exchange)).await
@@ -188,7 +188,7 @@ impl RestClient {
         }
     }
 
-    /// Sends a request; returns status, `ETag` and body of the answer.
+    /// Sends a request once; returns status, `ETag` and body of the answer.
     async fn send(&self, exchange: &Exchange) -> Result<(u16, String, Vec<u8>), BoxError> {
         let url = format!("{}{}", self.address.http, exchange.path);
         let mut request = http::Request::builder().method(exchange.method).uri(url);
@@ -212,7 +212,7 @@ impl RestClient {
         Ok((status, etag, body.to_bytes().to_vec()))
     }
 
-    /// Passes the result of a validation to the connection. The machine does not answer it.
+    /// Passes the result of a validation to the connection. The machine sends no answer to this result.
     fn send_validation(&self, result: Request) -> Result<Answer, Refusal> {
         let frame = websocket::encode(result)?;
         let mut state = lock(&self.state);

@@ -61,7 +61,7 @@ impl TlsFiles {
     }
 }
 
-/// Returns the TLS configuration of a client that makes no TLS connection.
+/// Returns the TLS configuration of a client that makes no TLS connection and trusts no authority.
 #[cfg(feature = "rest")]
 pub(super) fn without_authorities() -> Result<ClientConfig, String> {
     Ok(builder()?

@@ -176,7 +176,7 @@ async fn an_answer_counts_once_and_names_question_and_choice() {
     assert_eq!(answer(id, "yes").await, HandshakeStatus::Accepted);
     assert_eq!(answer(id, "yes").await, HandshakeStatus::Duplicate);
     fake.settle().await;
-    // the late answer to the first question does not answer the second
+    // the late answer to the first question is not an answer to the second question
     assert_eq!(answer(id, "yes").await, HandshakeStatus::Unknown);
     assert_eq!(fake.closed(1, seq), None);
 }

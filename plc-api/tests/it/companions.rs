@@ -11,7 +11,7 @@ use tokio::sync::{oneshot, watch};
 
 use crate::{ms, serve};
 
-/// Events in order.
+/// Events that handlers and tasks have recorded, in order.
 type Heard = Arc<Mutex<Vec<String>>>;
 
 fn note(heard: &Heard, what: impl Into<String>) {
@@ -22,7 +22,7 @@ fn all(heard: &Heard) -> Vec<String> {
     heard.lock().unwrap().clone()
 }
 
-/// Active alarms: coordinate system and text.
+/// Returns the active alarms, each with its coordinate system and text.
 async fn alarms(fake: &FakePort) -> Vec<(Option<u8>, String)> {
     let alarms = fake.plc().alarms().await.unwrap();
     alarms.into_iter().map(|alarm| (alarm.cs, alarm.text)).collect()
@@ -36,7 +36,7 @@ async fn ok(_output: AuxOutput) -> Result<(), Alarm> {
     Ok(())
 }
 
-/// 10 s of work.
+/// A handler that works for 10 s.
 async fn long(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     plc.sleep(ms(10_000)).await;
     Ok(())
@@ -113,7 +113,7 @@ fn an_alarm_of_a_level_is_a_users_with_a_text() {
     }
 }
 
-/// A program with a task that records each start and the drop of the task.
+/// Returns a program with a task that records each start and each drop of the task.
 fn with_task(heard: &Heard) -> SequenceProgram {
     struct Dropped(Heard);
     impl Drop for Dropped {
@@ -359,7 +359,7 @@ async fn a_program_that_stops_with_nothing_open_ends_at_once() {
     assert_eq!(ended, Ok(()));
 }
 
-/// M10 registers two clean-ups, of which the second takes one second, and works for 10 s.
+/// Returns a program whose M10 works for 10 s and registers two clean-ups; the second takes one second.
 fn with_clean_up(heard: &Heard) -> SequenceProgram {
     let heard = Arc::clone(heard);
     SequenceProgram::new().on(10, move |output: AuxOutput, plc: Plc| {

@@ -32,7 +32,7 @@ struct Magazine {
 }
 
 impl Magazine {
-    /// Takes one second for each call.
+    /// A method of the device that works for one second at each call.
     async fn turn(&mut self, _output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
         note(&self.heard, format!("from {}", self.pocket));
         plc.sleep(ms(1000)).await;
@@ -114,7 +114,7 @@ async fn close(
     Err(Alarm::user(1, format!("M{} {} by {force}", output.m(), side.0)))
 }
 
-/// A part with the handlers of M10 and M11.
+/// Returns a part with handlers of M10 and M11.
 fn clamp(side: &'static str) -> SequenceProgram {
     SequenceProgram::new()
         .on(CLOSE, close)
@@ -225,7 +225,7 @@ async fn a_guard_of_a_handler_that_is_cancelled_takes_its_lock_away() {
     assert_ne!(mill.state().await.unwrap().execution, Execution::Active);
 }
 
-/// Works for five minutes, without the minutes that the last checkpoint records as done.
+/// A handler that works for five minutes, less the minutes that the last checkpoint records as done.
 async fn wash(output: AuxOutput, plc: Plc, heard: CallLog) -> Result<(), Alarm> {
     let done: u32 = output.last_checkpoint()?.unwrap_or(0);
     note(&heard, format!("from minute {done}"));

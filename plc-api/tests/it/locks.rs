@@ -46,7 +46,7 @@ async fn a_level_that_nobody_sends_any_more_is_on() {
     assert!(!task.is_finished());
 }
 
-/// A guard in the style of version 0.1.
+/// Writes the interlock after each change of a level, as programs for version 0.1 do.
 async fn follow(plc: Plc, mut open: watch::Receiver<bool>) -> plc_api::Result<()> {
     loop {
         let is_open = *open.borrow_and_update();

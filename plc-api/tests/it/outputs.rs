@@ -8,7 +8,7 @@ use tokio::task::JoinHandle;
 
 use crate::serve_raw;
 
-/// Claims the output and never answers.
+/// Claims the output, and never answers.
 async fn claim_and_work_for_ever(output: RawOutput) {
     output.claim().await.unwrap();
     std::future::pending::<()>().await;
@@ -63,7 +63,7 @@ async fn a_raw_output_that_fails_stops_the_program_with_its_alarm() {
     assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Failed { alarm }));
 }
 
-/// Returns the outputs that a queue returns now, each with true if the machine must be checked first.
+/// Returns the outputs that a queue offers now, each with true if the receiver must check the machine first.
 async fn given(fake: &FakePort, outputs: &mut Outputs) -> Vec<(u64, bool)> {
     let mut given = Vec::new();
     loop {
@@ -78,7 +78,7 @@ async fn given(fake: &FakePort, outputs: &mut Outputs) -> Vec<(u64, bool)> {
     }
 }
 
-/// Issues an output that loses its handler.
+/// Issues an output, and ends the program that has claimed the output. Returns its `seq`.
 async fn lost(fake: &FakePort) -> u64 {
     let seq = fake.issue_output(1, 100, Params::default());
     let task = begin(fake).await;

@@ -154,7 +154,7 @@ async fn a_scan_of_one_coordinate_system_serves_no_other() {
     assert_eq!(fake.closed(2, loader), Some(OutputOutcome::Reset));
 }
 
-/// State of the machine in the image of the last scan.
+/// Values that the scan has read from its last image.
 #[derive(Default)]
 struct ScanSnapshot {
     scans: u64,
@@ -194,7 +194,7 @@ impl ScanProgram for Watch {
     }
 }
 
-/// Runs a scan every 10 ms without M codes.
+/// Runs a scan program without M codes every 10 ms; the returned values are those of its last image.
 async fn watch(fake: &FakePort, write: fn(&mut Image)) -> Arc<Mutex<ScanSnapshot>> {
     let seen = Arc::new(Mutex::new(ScanSnapshot::default()));
     let program = Watch {

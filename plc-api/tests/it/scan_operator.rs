@@ -18,7 +18,7 @@ use plc_api::{Alarm, CancelReason, Execution, Params, Plc, SequenceProgram};
 
 use crate::{ms, serve};
 
-/// Runs a scan every 10 ms that raises alarm 20 of the whole machine while the level is on.
+/// Runs a scan every 10 ms that raises alarm 20 of the whole machine while the returned level is on.
 async fn with_air(fake: &FakePort) -> Arc<Mutex<bool>> {
     let low = Arc::new(Mutex::new(false));
     let level = Arc::clone(&low);
@@ -75,7 +75,7 @@ async fn an_alarm_that_is_no_users_is_refused_and_the_next_scan_sees_it() {
     assert!(refused.contains("make it by Alarm::user"), "{refused}");
 }
 
-/// Runs a scan every 10 ms that asks about M80 while `asks` is true, and records the answers.
+/// Runs a scan every 10 ms that asks about M80 while the first value is true. The second value is the answer.
 async fn asking(fake: &FakePort) -> (Arc<Mutex<bool>>, Arc<Mutex<Option<String>>>) {
     let (asks, heard) = (Arc::new(Mutex::new(true)), Arc::new(Mutex::new(None)));
     let (is_asking, noted) = (Arc::clone(&asks), Arc::clone(&heard));
@@ -197,7 +197,8 @@ impl Port for Slow {
     }
 }
 
-/// A program that takes 25 ms in its third scan, and records late scans, the last and the longest duration.
+/// A scan program that takes 25 ms in its third scan. It records late scans, the last and the longest
+/// duration.
 struct SlowScan {
     taken_ms: Arc<AtomicU64>,
     limit: Option<Duration>,

@@ -16,8 +16,8 @@ fn line<'a>(rest: &mut &'a [u8]) -> Cow<'a, str> {
     String::from_utf8_lossy(line)
 }
 
-/// Reads an MQTT message with its topic in the first line. The request that is read can be written and read
-/// again as the same request, so the authorized request is the executed one.
+/// Reads an MQTT message; the first line is its topic. The request that is read can be written and read again
+/// as an equal request, so the authorized request is the executed request.
 pub fn mqtt(data: &[u8]) {
     let mut payload = data;
     let topic = line(&mut payload);
@@ -45,7 +45,7 @@ pub fn mqtt(data: &[u8]) {
     }
 }
 
-/// The head of a request over HTTP, in which each header has the same value.
+/// The head of an HTTP request in which each header has one and the same value.
 struct UniformHeaders(String);
 
 impl Sender for UniformHeaders {
@@ -62,7 +62,7 @@ impl Sender for UniformHeaders {
     }
 }
 
-/// Reads a request over REST: the first byte names the row, the next lines are a header, `wait`, and the
+/// Reads a request over REST. The first byte names the row; the next lines are a header, `wait`, and the
 /// levels of the path; the rest is the body. The request that is read needs the right of its row.
 pub fn rest(data: &[u8]) {
     let Some((which, mut body)) = data.split_first() else {
@@ -96,8 +96,8 @@ pub fn rest(data: &[u8]) {
     }
 }
 
-/// Reads a frame of the WebSocket as each side does. The requests of a frame can be written as frames of the
-/// same requests.
+/// Reads a frame of the WebSocket as each side does. The requests of a frame can be written again as frames
+/// of equal requests.
 pub fn websocket(data: &[u8]) {
     let _ = ServerFrame::read(&String::from_utf8_lossy(data));
     let Ok(frame) = json_object::<ClientFrame>(data) else {

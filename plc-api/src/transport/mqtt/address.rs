@@ -11,7 +11,8 @@ const TLS_PORT_DEFAULT: u16 = 8883;
 /// Largest number of nodes of one broker.
 const NODES_MAX: usize = 16;
 
-/// `mqtt://[user[:password]@]host[:port][,host[:port]..]/[prefix/]machine`, parsed; `mqtts://` with TLS.
+/// Parsed address `mqtt://[user[:password]@]host[:port][,host[:port]..]/[prefix/]machine`; `mqtts://` with
+/// TLS.
 #[derive(Clone, PartialEq, Eq)]
 pub(super) struct MqttAddress {
     /// Host and port of each node of the broker; at least one.
@@ -37,7 +38,7 @@ impl MqttAddress {
         let (authority, path) = rest.split_once('/').unwrap_or((rest, ""));
         let with_user = authority.rsplit_once('@');
         let (user, host) = with_user.map_or((None, authority), |(user, host)| (Some(user), host));
-        // any text before an @ may contain a password
+        // hides all text before the last @, because this text may contain a password
         let after_user = rest.rsplit_once('@').map_or(rest, |(_, after)| after);
         let shown = format!("{scheme}://{after_user}");
         let wrong = |reason: String| Error::Address {
@@ -82,7 +83,7 @@ impl MqttAddress {
 
 fn host_and_port(text: &str, default: u16) -> Result<(String, u16), String> {
     let (host, port) = match text.strip_prefix('[') {
-        // IPv6
+        // an IPv6 address
         Some(rest) => {
             let (host, port) = rest
                 .split_once(']')
@@ -105,7 +106,7 @@ fn host_and_port(text: &str, default: u16) -> Result<(String, u16), String> {
     Ok((host.to_owned(), port))
 }
 
-/// Decodes `%40` to `@`, and so on.
+/// Decodes percent-encoded characters, such as `%40` to `@`.
 fn percent_decoded(text: &str) -> String {
     percent_encoding::percent_decode_str(text)
         .decode_utf8_lossy()

@@ -1,6 +1,6 @@
 //! The age of the machine's presence. A machine whose presence has expired is treated as offline, as if its
-//! last will had arrived: when a node of a broker fails, it publishes no last wills. Pure; the time is a
-//! parameter.
+//! last will had arrived. Reason: when a node of a broker fails, the node publishes no last wills. The age
+//! has no clock: the time is a parameter.
 
 use std::time::{Duration, Instant};
 
@@ -12,7 +12,7 @@ use crate::types::machine::Presence;
 pub(super) struct MachineAge {
     expires: Option<Duration>,
     received: Option<Instant>,
-    /// True if the presence has expired, and no new presence was received.
+    /// True if the presence has expired and no new presence has arrived since.
     was_missed: bool,
 }
 
@@ -28,9 +28,9 @@ impl MachineAge {
         self.received = None;
     }
 
-    /// Records a presence of the machine. A retained presence shows only that the machine was online, so it
-    /// does not restart the age. Returns true if the presence had expired before: the broker may have lost
-    /// more messages of this connection.
+    /// Records a presence of the machine. A retained presence only shows that the machine was online earlier,
+    /// so the age does not restart. Returns true if the presence had expired before: the broker may then have
+    /// lost more messages of this connection.
     pub(super) fn record_presence(&mut self, presence: &Presence, retained: bool, now: Instant) -> bool {
         let expires_ms = presence.expires_ms.filter(|_| presence.online);
         self.expires = expires_ms.map(Duration::from_millis);
@@ -45,7 +45,7 @@ impl MachineAge {
         Some(self.received? + self.expires?)
     }
 
-    /// Returns true if the presence has expired; only once until a new presence is received.
+    /// Returns true if the presence has expired, but only once until a new presence arrives.
     pub(super) fn take_expiry(&mut self, now: Instant) -> bool {
         let has_ended = self.expires_at().is_some_and(|end| end <= now);
         if has_ended {

@@ -1,5 +1,6 @@
-//! Messages without an answer. The client library forgets messages when its connection ends. The outbox keeps
-//! each message until it is answered, and sends it again on every new connection, in order.
+//! Messages that have not been answered. The client library forgets messages when its connection ends.
+//! Therefore the outbox keeps each message until it is answered, and sends it again on every new connection,
+//! in order.
 
 use std::collections::{HashMap, VecDeque};
 
@@ -14,8 +15,8 @@ use crate::types::topic::{CsTopic, Topic};
 
 use crate::wire::mqtt::{Outgoing, Until};
 
-/// Largest number of pending messages; a further request is refused. Reason: twice a claim or reset of 64
-/// open outputs in each of 8 coordinate systems.
+/// Largest number of pending messages; a further request is refused. Reason: this is twice the number of
+/// claims or resets of 64 open outputs in each of 8 coordinate systems.
 pub(super) const OUTBOX_MAX: usize = 1_024;
 
 pub(super) type Outcome = Result<Answer, Refusal>;
@@ -32,13 +33,13 @@ struct OutboxEntry {
 pub(super) struct Outbox {
     next_id: u64,
     entries: VecDeque<OutboxEntry>,
-    // messages that the library has received but not yet assigned a packet id; in order
+    // messages that the library has accepted and that have no packet id yet, in order
     unnumbered: VecDeque<u64>,
     by_packet: HashMap<u16, u64>,
 }
 
 impl Outbox {
-    /// Adds a message, and returns the receiver of its outcome. If the receiver is dropped, the message is
+    /// Adds a message, and returns the receiver of the answer. If the receiver is dropped, the message is
     /// removed.
     pub(super) fn put(&mut self, outgoing: Outgoing) -> Result<oneshot::Receiver<Outcome>, Refusal> {
         self.forget_abandoned();
@@ -61,9 +62,9 @@ impl Outbox {
         self.entries.retain(|entry| !entry.done.is_closed());
     }
 
-    /// Marks all messages except claims to be sent again. The registration of a handler was lost with the
-    /// connection, so the machine would refuse its claims. Claims therefore end without an answer, and their
-    /// sender registers before it repeats them.
+    /// Prepares all messages except claims to be sent again on a new connection. The registration of a
+    /// handler was lost with the old connection, so the machine would refuse its claims. Therefore each claim
+    /// ends without an answer, and the sender of the claim registers the handler before it claims again.
     pub(super) fn new_connection(&mut self) {
         self.unnumbered.clear();
         self.by_packet.clear();
@@ -78,7 +79,7 @@ impl Outbox {
         }
     }
 
-    /// Passes unsent messages to `send`, in order, until it returns false.
+    /// Passes the unsent messages to `send`, in order, until `send` returns false.
     pub(super) fn send(&mut self, mut send: impl FnMut(&Outgoing) -> bool) {
         self.forget_abandoned();
         for entry in self.entries.iter_mut().filter(|entry| !entry.sent) {
@@ -90,12 +91,12 @@ impl Outbox {
         }
     }
 
-    /// Returns true while the broker has not acknowledged a message.
+    /// Returns true while a sent message has no acknowledgement of the broker.
     pub(super) fn awaits_acknowledgement(&self) -> bool {
         !self.by_packet.is_empty()
     }
 
-    /// Records the packet id that the library has assigned to the oldest message without a packet id.
+    /// Records the packet id that the library has given to the oldest sent message without a packet id.
     pub(super) fn on_packet_id(&mut self, packet: u16) {
         if let Some(id) = self.unnumbered.pop_front() {
             self.by_packet.insert(packet, id);
@@ -111,8 +112,8 @@ impl Outbox {
         }
     }
 
-    /// Ends the requests that a message of the machine answers. `is_open` returns whether an output is still
-    /// in `pending`, which is published before the result.
+    /// Ends the requests that this message of the machine answers. `is_open` returns true if the last
+    /// `pending` lists the output; the machine publishes `pending` before the result.
     pub(super) fn on_message(&mut self, message: &Message, is_open: impl Fn(u64) -> bool) {
         match (&message.topic, &message.payload) {
             (Topic::CoordinateSystem(result_cs, CsTopic::Result(result_m)), Payload::Result(result)) => {
@@ -124,7 +125,8 @@ impl Outbox {
                             OutputAct::Claim
                         }
                     }
-                    // if the output is open, this is not the answer to a reset but the late answer to a claim
+                    // while the output is open, this result does not answer a reset: it is the late answer to
+                    // a claim
                     None => !(is_reset && result.status == HandshakeStatus::Accepted && is_open(result.seq)),
                 };
                 let is_its = |entry: &OutboxEntry| match &entry.outgoing.until {

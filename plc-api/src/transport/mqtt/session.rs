@@ -19,11 +19,11 @@ use super::super::BROKER_SILENCE_MAX;
 use super::super::backoff::Backoff;
 use super::MqttClient;
 
-/// Largest number of bytes of one packet, sent or received. Reason: many times the size of 64 open outputs
-/// with long texts.
+/// Largest number of bytes of one packet, sent or received. Reason: this is many times the size of 64 open
+/// outputs with long texts.
 const PACKET_MAX: usize = 1 << 20;
 
-/// Largest number of messages in the library; further messages wait in the outbox.
+/// Largest number of messages that wait in the client library; further messages wait in the outbox.
 const LIBRARY_QUEUE: usize = 64;
 
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
@@ -31,7 +31,7 @@ const KEEP_ALIVE: Duration = Duration::from_secs(5);
 /// Longest interval between two checks whether the presence of the machine has expired.
 const WATCH: Duration = Duration::from_millis(100);
 
-/// Topics of a machine below its root, other than `reply`.
+/// Topics of a machine to which the client subscribes, below the root of the machine, other than `reply`.
 const FILTERS: [&str; 22] = [
     "presence",
     "birth",
@@ -90,7 +90,7 @@ pub(super) async fn keep_connected(shared: std::sync::Arc<MqttClient>) {
         if must_reconnect {
             continue;
         }
-        // one node after the other, with a wait after each round and each connection
+        // tries one node after the other, and waits after each round and after each lost connection
         failures += 1;
         node = (node + 1) % nodes.len();
         if connected || failures.is_multiple_of(nodes.len()) {
@@ -184,7 +184,7 @@ fn subscribe(shared: &MqttClient, client: &AsyncClient) -> Result<(), rumqttc::C
     client.try_subscribe_many(all.map(|path| SubscribeFilter::new(path, QoS::AtLeastOnce)))
 }
 
-/// Passes the outbox to the library while there is a connection.
+/// Passes the messages of the outbox to the library while a connection exists.
 async fn send(shared: &MqttClient, client: &AsyncClient) {
     loop {
         shared.link.wake.notified().await;
@@ -226,7 +226,7 @@ async fn republish_presence(shared: &MqttClient) {
     }
 }
 
-/// Returns if the broker has acknowledged no message for [`BROKER_SILENCE_MAX`].
+/// Returns when messages wait and the broker has acknowledged none of them for [`BROKER_SILENCE_MAX`].
 async fn watch_broker(shared: &MqttClient) {
     loop {
         let since = lock(&shared.state).silent_since;
@@ -246,7 +246,7 @@ async fn watch_broker(shared: &MqttClient) {
     lock(&shared.state).trouble = Some(text);
 }
 
-/// Treats the machine as offline when its presence has expired.
+/// Marks the machine as offline when its presence has expired.
 async fn watch_machine(shared: &MqttClient) {
     loop {
         let end = lock(&shared.state).machine.expires_at();
@@ -270,7 +270,7 @@ fn on_publish(shared: &MqttClient, publish: &Publish) {
         return;
     };
     if payload.is_empty() {
-        // a cleared retained value
+        // an empty payload clears a retained value
         shared.link.hub.forget(&topic);
         return;
     }
@@ -287,8 +287,8 @@ fn on_publish(shared: &MqttClient, publish: &Publish) {
             .machine
             .record_presence(presence, publish.retain, Instant::now())
         {
-            // a separated part of a cluster may not deliver messages of the meantime: connect, read and
-            // publish everything again
+            // a separated part of a cluster may have lost messages meanwhile: connect again, read and publish
+            // everything again
             state.reconnect = true;
             shared.link.wake.notify_one();
         }

@@ -8,16 +8,16 @@ use crate::error::Error;
 /// Path of the interface below the server.
 const API: &str = "/api/v1";
 
-/// `http://[[user:]token@]host[:port]` or `https://...`, parsed.
+/// Parsed address `http://[[user:]token@]host[:port]` or `https://...`.
 #[derive(Clone, PartialEq, Eq)]
 pub(super) struct RestAddress {
-    /// True for a connection with TLS.
+    /// True for an address with TLS.
     pub(super) tls: bool,
     /// URL of the interface, without a slash at the end.
     pub(super) http: String,
-    /// URL of its WebSocket.
+    /// URL of the WebSocket of the interface.
     pub(super) websocket: String,
-    /// User of the token.
+    /// Name of the user to whom the token belongs.
     pub(super) user: Option<String>,
     /// Token, sent as `Authorization: Bearer`.
     pub(super) token: Option<String>,

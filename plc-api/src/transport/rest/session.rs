@@ -1,4 +1,4 @@
-//! The WebSocket: messages of the machine, and presence and validations of handlers.
+//! The WebSocket, which carries messages of the machine, and presences and validation results of handlers.
 
 use std::sync::Arc;
 
@@ -21,13 +21,13 @@ use super::RestClient;
 
 type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
 
-/// Largest number of bytes of unsent frames. Reason: many times the largest message of a client, and pongs.
-/// At this limit a further pong replaces the unsent pong, and a further message ends the connection, which is
-/// then opened again.
+/// Largest number of bytes of unsent frames. Reason: this is many times the size of the largest message of a
+/// client, and of pongs. At this limit a further pong replaces the unsent pong. A further message ends the
+/// connection, which the client then opens again.
 const UNSENT_BYTES_MAX: usize = 16 * PAYLOAD_MAX;
 
-/// Returns limits of the library, which by default does not limit the answers (pongs) that the server can
-/// make it send.
+/// Returns the limits of the WebSocket library. By default the library does not limit the bytes of the pongs
+/// that a server can make it send.
 fn limits() -> WebSocketConfig {
     WebSocketConfig::default()
         .write_buffer_size(0)
@@ -45,7 +45,7 @@ pub(super) async fn keep_connected(shared: Arc<RestClient>) {
                     tracing::warn!(%error, address = %shared.link.address, "connection lost");
                     lock(&shared.state).trouble = Some(error.to_string());
                 }
-                // until the next connection `pending` may be stale
+                // until the next connection the known `pending` may be stale
                 shared.link.set_offline();
             }
             Err(error) => lock(&shared.state).trouble = Some(error.to_string()),
@@ -78,7 +78,7 @@ async fn open(shared: &RestClient) -> tungstenite::Result<Socket> {
     let mut state = lock(&shared.state);
     state.trouble = None;
     state.unsent = state.handlers.keys().cloned().collect();
-    // the machine no longer waits for answers to questions of the last connection
+    // the machine no longer waits for the results of validations that it requested on the last connection
     state.validated.clear();
     drop(state);
     shared.link.wake.notify_one();
@@ -116,7 +116,7 @@ fn unsent(shared: &RestClient) -> Vec<ClientFrame> {
     let frames = unsent.filter_map(|id| {
         let gone = state.offline.remove(&id).unwrap_or_default();
         let presence = match state.handlers.get_mut(&id) {
-            // the place is taken once
+            // the announcement requests a take-over only once
             Some(known) => {
                 let said = known.clone();
                 known.take_over = false;
@@ -143,7 +143,7 @@ fn on_text(shared: &RestClient, text: &str) {
     }
 }
 
-/// Refuses the announcement of the handler that an error frame names.
+/// Records that the machine has refused the handler which an error frame names.
 fn on_error(shared: &RestClient, refusal: Refusal) {
     let mut state = lock(&shared.state);
     let is_named = |id: &&String| {

@@ -66,7 +66,7 @@ fn main() {
         .on(BLOW, blow)
         .in_coordinate_system(2, |cs| cs.on(TURN, turn).on([BLOW, OPEN], |_: Nothing| async { Ok(()) }))
         .on(MCode::new(16, "both"), with(state, shared))
-        // as in 0.1
+        // handlers without named M codes, in the form of version 0.1
         .on(20, of_number)
         .on(21..=22, |_output| async { Ok(()) })
         .on([23, 24], |_output, _plc| async { Ok(()) })
