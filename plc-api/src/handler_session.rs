@@ -1,9 +1,10 @@
 //! Presence and claims of a named handler. The raw queue and sequence programs use this session.
 //!
-//! The session announces the handler at each boot of the runtime, and again if a late last will of an earlier
-//! connection or of another instance has arrived. It repeats the claims that were lost with the connection.
-//! When the handler leaves, the machine releases its claims. If another instance announces the same id, the
-//! machine refuses the other instance, or the other instance takes over and this session ends.
+//! The session announces the handler at each boot of the runtime. It announces the handler again if a late
+//! last will of an earlier connection or of another instance has arrived. It repeats the claims that were
+//! lost with the connection. When the handler leaves, the machine releases its claims. If another instance
+//! announces the same id, the machine refuses the other instance, or the other instance takes over and this
+//! session ends.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem::replace;

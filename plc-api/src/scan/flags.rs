@@ -113,8 +113,8 @@ impl Flags {
     }
 
     /// Returns the outputs that are on, by coordinate system and M number. If several outputs have the same
-    /// number, returns the oldest of them. If an output replaces an output of the previous image `before`,
-    /// the new output is returned only for the next image, so that the flag is off for one scan.
+    /// number, returns the oldest of them. An output that replaces an output of the previous image `before`
+    /// is returned only for the next image. Thus the flag is off for one scan.
     pub(super) fn outputs(&self, before: &ShownSeqs) -> BTreeMap<FlagKey, AuxOutput> {
         let mut on = BTreeMap::new();
         for Flag { output, .. } in self.on_now().iter() {
