@@ -1,5 +1,5 @@
-//! The alarm table. An alarm stops its coordinate system; its text describes the event, its block and its
-//! cause.
+//! The alarm table. An alarm stops its coordinate system; the alarm text describes the event, its block and
+//! its cause.
 
 use std::fmt::Display;
 
@@ -8,21 +8,21 @@ use crate::span::Origin;
 /// An alarm raised by the runtime itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alarm {
-    /// Entry of the alarm table.
+    /// Entry of the alarm in the table.
     pub entry: &'static AlarmEntry,
-    /// Description of the event, with values.
+    /// Description of the event, with its values.
     pub text: String,
-    /// The block that raised the alarm.
+    /// Block that raised the alarm. `None` if no block raised it.
     pub origin: Option<Origin>,
-    /// Letters of the words that cause the alarm; empty if the whole block does. The block may lack some of
-    /// them.
+    /// Letters of the words that cause the alarm; empty if the whole block causes it. A letter may be missing
+    /// from the block.
     pub words: String,
 }
 
 /// One line of the alarm table.
 #[derive(Debug, PartialEq, Eq)]
 pub struct AlarmEntry {
-    /// 1 to 9999.
+    /// Number of the alarm, 1 to 9999.
     pub number: u16,
     /// Name of the alarm.
     pub title: &'static str,
@@ -34,18 +34,18 @@ pub struct AlarmEntry {
     pub remedy: &'static str,
 }
 
-/// How the machine continues after an alarm.
+/// Effect of an alarm on the machine, and the way to continue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum After {
     /// The alarm has stopped its coordinate system.
     Reset,
-    /// The run is held.
+    /// The run is held, and can be resumed.
     Held,
-    /// The program waits for an output.
+    /// The program waits for the reset of an output.
     Lost,
-    /// Nothing has stopped, and the event is over.
+    /// Nothing has stopped; the event has ended.
     Notice,
-    /// Nothing has stopped, and the cause lasts.
+    /// Nothing has stopped; the cause persists.
     Standing,
     /// The coordinate system has stopped, and continues only after a restart of the runtime.
     Restart,
@@ -98,14 +98,14 @@ impl Alarm {
         }
     }
 
-    /// Adds the letters of the words that cause the alarm: `IJ`.
+    /// Adds the letters of the words that cause the alarm, for example `IJ`.
     #[must_use]
     pub fn of_words(mut self, words: impl Into<String>) -> Self {
         self.words = words.into();
         self
     }
 
-    /// Adds the block of the alarm.
+    /// Adds the block that raised the alarm.
     #[must_use]
     pub fn at(mut self, origin: Origin) -> Self {
         self.origin = Some(origin);
@@ -113,7 +113,7 @@ impl Alarm {
     }
 }
 
-/// Checks a value; `name` begins the alarm's text: "The feedrate".
+/// Checks a value. The alarm text begins with `name`, for example "The feedrate".
 ///
 /// # Errors
 /// Returns `VALUE_NOT_FINITE` if the value is not a finite number.
@@ -137,7 +137,7 @@ macro_rules! alarms {
 }
 
 alarms! {
-    // 1 to 99: the program
+    // 1 to 99: alarms of the program
     VALUE_NOT_FINITE = 10, Reset, "A word's value is not a number",
         "A calculation or a variable gives no finite number: an argument outside a function's domain, a division by 0, or a variable without a value.",
         "Check the calculation that gives the value (D07).";
@@ -177,7 +177,7 @@ alarms! {
     ARC_REFUSED = 43, Reset, "The arc cannot be made",
         "No circle goes through the start and the target: the centre or the radius does not fit them, or the block has neither.",
         "Check I, J, K and R of the block (D26).";
-    // 100 to 199: path and motion
+    // 100 to 199: alarms of path and motion
     AXIS_MISSING = 100, Reset, "The coordinate system does not have this axis",
         "A word names an axis to which the coordinate system has assigned no motor.",
         "Remove the word, or assign a motor to the axis.";
@@ -223,7 +223,7 @@ alarms! {
     OVERCUT = 120, Reset, "The tool would cut into another block",
         "The compensated path of the tool crosses another block: there, the contour is narrower than the tool.",
         "Use a smaller tool, change the blocks, or set overcut = \"prevent\".";
-    // 200 to 299: servo
+    // 200 to 299: alarms of the servo
     IN_POSITION_TIMEOUT = 200, Reset, "A motor did not come into position in time",
         "The motor has not come within in_position of its target: it is blocked, its following error is too large, or the tolerance too small.",
         "Check the drive, in_position and in_position_timeout_ms.";
@@ -254,7 +254,7 @@ alarms! {
     SERVO_LATE = 209, Held, "The servo thread was late while motors moved",
         "While motors moved, the servo thread did not run for longer than servo_late_ms.",
         "Look for the program that stopped the runtime or kept the processor busy. Check the machine, then resume.";
-    // 300 to 399: sequence control
+    // 300 to 399: alarms of sequence control
     M_CODE_UNHANDLED = 300, Reset, "No handler is registered for this M code",
         "The program has output an M code that no handler serves, and unhandled is not auto_reset.",
         "Connect a handler, or set unhandled for the M code.";
@@ -267,7 +267,7 @@ alarms! {
     REQUEST_REFUSED = 310, Notice, "A request from outside was rejected",
         "A message from a client was malformed, not allowed, or had the retain flag.",
         "Look at the client; the warning names the error.";
-    // 390 to 499: runtime
+    // 390 to 499: alarms of the runtime
     SIMULATION_STALLED = 390, Simulated, "The program waits for an event that never comes",
         "Nothing moves and no event is due, but the program has not ended. Usually no handler resets an M code.",
         "Check the event that the program waits for; give the M code a handler or unhandled = \"auto_reset\".";

@@ -8,21 +8,22 @@ use crate::plane::{Plane, Turn};
 
 mod slope;
 
-/// End and start in the same direction from the centre: closer than this, mm, they are treated as equal, and the arc is
-/// a full turn. Reason: rounding of the preceding transforms is about 1e-12.
+/// Distance below which start and end are treated as equal directions from the centre, mm. The arc is then a
+/// full turn. Reason: rounding of the preceding transforms is about 1e-12.
 const SAME_DIRECTION: f64 = 1e-9;
 
-/// A change of radius below this share of it does not count in the arc length: it is rounding.
+/// Change of radius, as a share of the radius, below which the arc is a circle: a smaller change is rounding.
 const CONSTANT_RADIUS: f64 = 1e-12;
 
-/// Steps of Newton's method from an arc length to its share; 9 are enough for radii that differ a billionfold.
+/// Maximum number of Newton steps from an arc length to its share of the angle. 9 steps suffice for radii
+/// whose ratio is 1e9.
 const NEWTON_STEPS_MAX: u32 = 16;
 
-/// Steps of halving: one for each bit of a share.
+/// Number of halvings: one for each bit of a share.
 const HALVINGS: u32 = 60;
 
-/// A path whose plane axes turn about a centre with a radius linear in the angle, while all other axes move linearly in
-/// the angle.
+/// A path that turns about a centre in a plane. The radius and all axes outside the plane change linearly
+/// with the angle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ArcPath {
     from: AxisVector,
@@ -33,16 +34,16 @@ pub struct ArcPath {
     /// End radius minus start radius.
     growth: f64,
     start_angle: f64,
-    /// Signed, counter-clockwise positive.
+    /// Angle from start to end, radians, counter-clockwise positive.
     sweep: f64,
-    /// Distance of X, Y, Z outside the plane.
+    /// Distance along X, Y or Z normal to the plane, mm.
     height: f64,
     length: f64,
 }
 
 impl ArcPath {
-    /// Returns the path between two points about a centre, given as the values of the plane's two axes.
-    /// Neither end may lie on the centre. Equal directions of start and end give a full turn.
+    /// Creates the path between two points about a centre, given as the values of the plane's two axes.
+    /// Neither end may lie on the centre. Equal directions of start and end from the centre give a full turn.
     pub fn new(from: AxisVector, to: AxisVector, plane: Plane, centre: [f64; 2], turn: Turn) -> Self {
         let [first, second] = plane.axes();
         let start = [from[first] - centre[0], from[second] - centre[1]];
@@ -93,7 +94,7 @@ impl ArcPath {
         self.plane
     }
 
-    /// Returns the centre, the values of the plane's two axes.
+    /// Returns the centre as the values of the plane's two axes.
     pub fn centre(&self) -> [f64; 2] {
         self.centre
     }
@@ -124,11 +125,12 @@ impl ArcPath {
         }
     }
 
-    /// Returns the lowest and highest value of an axis at the end and at its turning points, without the
-    /// start.
+    /// Returns the lowest and highest value of an axis on the arc, from its end and its turning points. The
+    /// start is not included.
     pub fn reach(&self, axis: Axis) -> [f64; 2] {
         let mut reach = [self.to[axis]; 2];
-        // The first axis turns where the direction of travel is a quarter turn off it, the second where it is level.
+        // The first axis turns where the direction of travel is perpendicular to it, the second where it is
+        // parallel to the first.
         let offset = match self.plane.axes() {
             [first, _] if first == axis => FRAC_PI_2,
             [_, second] if second == axis => 0.0,
@@ -145,7 +147,8 @@ impl ArcPath {
         reach
     }
 
-    /// Returns the first and second derivative of the point by the distance, at a distance from the start.
+    /// Returns the first and second derivative of the point with respect to distance, at this distance from
+    /// the start.
     pub fn derivatives_at(&self, distance: f64) -> [AxisVector; 2] {
         let share = self.share_at(distance.clamp(0.0, self.length));
         let (sin, cos) = (self.start_angle + self.sweep * share).sin_cos();
@@ -176,11 +179,13 @@ impl ArcPath {
         derivatives
     }
 
-    /// Returns the bounds of the first to fourth derivative by the distance, between two distances from the
-    /// start: of an axis in the plane, and of any other axis per unit of its distance from start to end.
+    /// Returns bounds of the first to fourth derivative with respect to distance, between two distances from
+    /// the start: for an axis in the plane, and for any other axis per unit of its distance from start to
+    /// end.
     ///
-    /// With the share u of the angle and `l = ds/du`, `|l'| <= e = |A g|`, so `|u''| <= e/l^3`, `|u'''| <= 4 e^2/l^5`,
-    /// `|u''''| <= 28 e^3/l^7`; in the plane the n-th derivative by u is at most `|A|^(n-1) hypot(n g, A r)`.
+    /// Let u be the share of the angle, `l = ds/du`, A the sweep, g the growth and r the radius. Then `|l'|
+    /// <= e = |A g|`, so `|u''| <= e/l^3`, `|u'''| <= 4 e^2/l^5`, `|u''''| <= 28 e^3/l^7`. In the plane the
+    /// n-th derivative by u is at most `|A|^(n-1) hypot(n g, A r)`.
     pub fn derivative_bounds(&self, from: f64, to: f64) -> [[f64; 4]; 2] {
         if self.is_circle() {
             let rate = 1.0 / self.length;
@@ -236,14 +241,15 @@ impl ArcPath {
         self.growth.abs() <= CONSTANT_RADIUS * self.start_radius
     }
 
-    /// Returns the change of the arc length with the share of the angle.
+    /// Returns the derivative of the arc length with respect to the share of the angle.
     fn length_rate(&self, radius: f64) -> f64 {
         root_of_squares(self.sweep * radius, root_of_squares(self.growth, self.height))
     }
 
-    /// Returns the arc length up to a share u of the angle: the integral of `sqrt(A^2 r^2 + k^2)`, `r = r0 +
-    /// g u`, A the sweep, `k^2 = g^2 + height^2`, which is `[r q + k^2/A asinh(A r/k)]/(2 g)` with `q` the
-    /// root. The differences are written without cancellation, so that a small g costs no digits.
+    /// Returns the arc length up to a share u of the angle: the integral of `sqrt(A^2 r^2 + k^2)`, with `r =
+    /// r0 + g u`, A the sweep and `k^2 = g^2 + height^2`. The integral is `[r q + k^2/A asinh(A r/k)]/(2 g)`,
+    /// with `q` the root. The code avoids the cancellation in the differences, so that a small g loses no
+    /// digits.
     fn length_to(&self, share: f64) -> f64 {
         let start = self.start_radius;
         if self.is_circle() {
@@ -266,10 +272,9 @@ impl ArcPath {
         share * 0.5 * (product + rest * slope * asinh_over_x)
     }
 
-    /// Returns the share of the angle at an arc length between 0 and the path's, by Newton's method: the
-    /// length is convex or concave in the share, so that from the second step on the shares come nearer from
-    /// one side. Behind a step h the error is at most `h^2 A/4`, since `l''/l' = A^2 g r/(A^2 r^2 + k^2)`
-    /// with `k >= g` is at most A/2.
+    /// Returns the share of the angle at an arc length, by Newton's method. The length is convex or concave
+    /// in the share, so that from the second step on the shares converge from one side. After a step h the
+    /// error is at most `h^2 A/4`, because `l''/l' = A^2 g r/(A^2 r^2 + k^2)` with `k >= g` is at most A/2.
     fn share_at(&self, distance: f64) -> f64 {
         let mut share = distance / self.length;
         if self.is_circle() {
@@ -286,15 +291,15 @@ impl ArcPath {
         share
     }
 
-    /// Returns the direction of travel in the plane at a share of the angle, counter-clockwise from the first
-    /// axis; it only grows, or only falls, along the path.
+    /// Returns the direction of travel in the plane at a share of the angle, as an angle counter-clockwise
+    /// from the first axis. Along the path it only grows or only falls.
     fn travel_angle(&self, share: f64) -> f64 {
         let radius = self.start_radius + self.growth * share;
         let off_radius = (self.sweep * radius).atan2(self.growth);
         self.start_angle + self.sweep * share + off_radius
     }
 
-    /// Returns the share of the angle with this direction of travel, by halving.
+    /// Returns the share of the angle at which the direction of travel is `angle`, by bisection.
     fn share_of_travel_angle(&self, angle: f64) -> f64 {
         if self.is_circle() {
             return ((angle - self.travel_angle(0.0)) / self.sweep).clamp(0.0, 1.0);
@@ -305,8 +310,8 @@ impl ArcPath {
     }
 }
 
-/// Returns `hypot` without its care for squares beyond a float's range, which takes ten times as long;
-/// lengths are never that large.
+/// Returns `hypot` without its protection against squares outside the range of a float, which takes ten times
+/// as long. Lengths are far below that range.
 fn root_of_squares(a: f64, b: f64) -> f64 {
     (a * a + b * b).sqrt()
 }
@@ -323,7 +328,7 @@ mod tests {
         assert!((a - b).abs() < 1e-9, "{a} is not {b}");
     }
 
-    /// Length by summing chords of twenty thousand points of `r = r0 + g u`.
+    /// Returns the length as the sum of chords between twenty thousand points of `r = r0 + g u`.
     fn length_by_chords(r0: f64, r1: f64, sweep: f64, height: f64, share: f64) -> f64 {
         let n = 20_000;
         let at = |i: i32| {
@@ -481,7 +486,7 @@ mod tests {
                     assert!((differences[0] - first[axis]).abs() < 1e-5);
                     assert!((differences[1] - second[axis]).abs() < 1e-4);
                     for (n, difference) in differences.into_iter().enumerate() {
-                        // Rounding of the points, 1e-14, over the step.
+                        // Rounding of the points, 1e-14, divided by the step.
                         let rounding = 1e-13 * step.powi(-(i32::try_from(n).unwrap() + 1));
                         assert!(
                             difference.abs() <= bounds[n] * (1.0 + 1e-5) + 16.0 * rounding,
@@ -513,7 +518,7 @@ mod tests {
                     let [low, high] = path.reach(axis);
                     let lowest = (0..=1000).map(at).fold(f64::MAX, f64::min);
                     let highest = (0..=1000).map(at).fold(f64::MIN, f64::max);
-                    // A turning point between two samples is higher by at most r (half a step)^2/2.
+                    // A turning point between two samples exceeds them by at most r (half a step)^2/2.
                     assert!(
                         (lowest - low.min(at(0))).abs() < 2e-4,
                         "{n} {k} {axis:?}: {lowest} {low}"

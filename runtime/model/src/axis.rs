@@ -2,10 +2,10 @@
 
 use std::ops::{Index, IndexMut};
 
-/// The most axes that one coordinate system can have.
+/// Maximum number of axes of one coordinate system.
 ///
-/// Reason: the controller's axis letters are X Y Z A B C; two more leave room for dialects. A configuration
-/// that names more is refused when it is read.
+/// Reason: the controller has the axis letters X Y Z A B C; two more letters leave room for dialects. A
+/// configuration with more axes is rejected when the runtime reads it.
 pub const AXES_MAX: usize = 8;
 
 /// An axis letter of a coordinate system. Motors perform the motion; the configuration assigns a motor to each axis.
@@ -43,20 +43,20 @@ impl Axis {
         Axis::V,
     ];
 
-    /// The axes for whose vector F is the speed (manual: the feedrate is that of X, Y, Z).
+    /// The axes whose common vector has the speed F (manual: the feedrate is that of X, Y, Z).
     pub const ORTHOGONAL: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
 
-    /// Returns the place in an [`AxisVector`], 0 to 7.
+    /// Returns the index of the axis in an [`AxisVector`], 0 to 7.
     pub const fn index(self) -> usize {
         self as usize
     }
 
-    /// Returns the letter, upper case.
+    /// Returns the upper-case letter of the axis.
     pub const fn letter(self) -> char {
         ['X', 'Y', 'Z', 'A', 'B', 'C', 'U', 'V'][self as usize]
     }
 
-    /// Returns the axis of a letter, read without regard to case.
+    /// Returns the axis of a letter; upper and lower case are equal.
     pub fn from_letter(letter: char) -> Option<Axis> {
         Axis::ALL
             .into_iter()
@@ -82,12 +82,12 @@ impl AxisSet {
         self.0 |= 1 << axis.index();
     }
 
-    /// Returns the set as a number: bit 0 is X.
+    /// Returns the set as a number: bit 0 is X, bit 7 is V.
     pub const fn bits(self) -> u8 {
         self.0
     }
 
-    /// Returns the set of such a number.
+    /// Returns the set of a number from [`AxisSet::bits`].
     pub const fn from_bits(bits: u8) -> Self {
         AxisSet(bits)
     }
@@ -138,7 +138,7 @@ impl AxisVector {
         AxisVector(std::array::from_fn(|i| f(self.0[i], other.0[i])))
     }
 
-    /// Returns this vector with the values of another one on some axes.
+    /// Returns this vector with the values of `by` on the given axes.
     #[inline]
     #[must_use]
     pub fn replaced(self, axes: AxisSet, by: AxisVector) -> AxisVector {
@@ -175,7 +175,7 @@ impl AxisVector {
         (x * x + y * y + z * z).sqrt()
     }
 
-    /// Returns the vector length over the axes that are not X, Y or Z, degrees.
+    /// Returns the vector length over all axes except X, Y and Z, degrees.
     pub fn rotary_length(self) -> f64 {
         self.0[3..].iter().map(|value| value * value).sum::<f64>().sqrt()
     }
@@ -201,10 +201,10 @@ impl IndexMut<Axis> for AxisVector {
     }
 }
 
-/// A position in machine coordinates: mm or degrees from the machine's zero.
+/// A position in machine coordinates: mm or degrees from the zero point of the machine.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MachinePosition(pub AxisVector);
 
-/// A position in the work coordinates in force: what an operator reads next to the machine position.
+/// A position in the current work coordinates, which the HMI shows next to the machine position.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct WorkPosition(pub AxisVector);

@@ -1,11 +1,11 @@
-//! Findings of the checker, before anything moves. All findings of a file are reported together.
+//! Findings of the checker, before any motion. All findings of a file are reported together.
 
 use crate::span::Span;
 
-/// How much a diagnostic weighs.
+/// Severity of a diagnostic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// The program can run; the text deserves a look.
+    /// The program can run, but the text should be examined.
     Warning,
     /// The program cannot run.
     Error,
@@ -18,11 +18,11 @@ pub struct Diagnostic {
     pub code: &'static str,
     /// Error or warning.
     pub severity: Severity,
-    /// Where in the source.
+    /// Bytes of the source text to which the finding refers.
     pub span: Span,
-    /// Description of the error, with the words and values of the source.
+    /// Description of the finding, with the words and values of the source.
     pub message: String,
-    /// How to correct it.
+    /// Instruction for correcting the program.
     pub help: String,
 }
 

@@ -1,4 +1,5 @@
-//! The data that stages pass on: [`Item`] and [`Block`] come from `interp`, [`Segment`] comes from `path`.
+//! Data between stages: the crate `interp` produces [`Item`] and [`Block`], the crate `path` produces
+//! [`Segment`].
 
 use crate::arc::ArcPath;
 use crate::axis::{Axis, AxisSet, AxisVector};
@@ -7,195 +8,201 @@ use crate::span::Origin;
 pub use crate::transform::{Mirror, Rotation, Scaling, Transform};
 use crate::unit::Unit;
 
-/// The next item of the interpreter.
+/// One result of the interpreter; the items follow in program order.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Item {
     /// A block for the path stage.
     Block(Block),
     /// An auxiliary function for the sequence program.
     Output(Output),
-    /// M00 or M01: acts when the motion reaches it (D14).
+    /// M00 or M01. It takes effect when the motion reaches it (D14).
     Stop(ProgramStop),
-    /// The interpreter cannot continue before all motion so far is at rest; call it again then.
+    /// The interpreter needs a standstill. The caller waits until all previous motion is at rest, and then
+    /// calls the interpreter again.
     NeedsStandstill(Origin),
-    /// Something worth an event; the program continues.
+    /// A warning, which is published as an event; the program continues.
     Warning(Origin, String),
     /// The program has ended: M02, M30, or M99 in a main program.
     End(Origin),
 }
 
-/// An auxiliary function as programmed.
+/// An auxiliary function, as programmed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Output {
-    /// Its place in the program.
+    /// Position of the output in the program.
     pub origin: Origin,
     /// M number, 0 to 191.
     pub m: u16,
-    /// VA to VH in order; `None` if not programmed.
+    /// Parameters VA to VH in order; `None` if not programmed.
     pub params: [Option<f64>; 8],
 }
 
 impl Output {
-    /// Returns true if at least one of VA to VH is programmed; such an output is always `after_motion` (D30).
+    /// Returns true if at least one of VA to VH is programmed. Such an output is always `after_motion` (D30).
     pub fn has_params(&self) -> bool {
         self.params.iter().any(Option::is_some)
     }
 }
 
-/// M00 or M01.
+/// Program stop M00 or M01.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ProgramStop {
-    /// Its place in the program.
+    /// Position of the stop in the program.
     pub origin: Origin,
-    /// True for M01: stops only with the optional stop input on, read when the motion reaches it (D14).
+    /// True for M01, which stops only if the optional stop input is on when the motion reaches it (D14).
     pub optional: bool,
 }
 
-/// One block for the path stage. It carries the modal state that matters for motion.
+/// One block for the path stage, with the modal state that affects motion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Block {
-    /// Its place in the program.
+    /// Position of the block in the program.
     pub origin: Origin,
     /// Action of the block.
     pub action: Action,
-    /// Feedrate as written, and current ramp times.
+    /// Feedrate as written, and the current ramp times.
     pub feed: ProgrammedFeed,
-    /// The current unit, in which the maximum and the default feedrate are expressed (D25).
+    /// Current unit. The maximum and the default feedrate are in this unit (D25).
     pub unit: Unit,
-    /// F for a block that moves rotary axes only, deg/min: as it is written, in inches too (D25). 0: never programmed.
+    /// F for a block that moves only rotary axes, deg/min, as written, even in G20 (D25). 0 if no F was
+    /// programmed.
     pub feedrate_deg_min: f64,
-    /// G61, or G64.
+    /// G61 or G64.
     pub path_control: PathControl,
-    /// G09 before the axis words, or in a block that does not move: motion comes to an exact stop before this block (D27).
+    /// True if G09 is before the axis words, or in a block that does not move. Motion then comes to an exact
+    /// stop before this block (D27).
     pub exact_stop_before: bool,
-    /// G09 after the axis words: motion comes to an exact stop at the end of this block (D27).
+    /// True if G09 is after the axis words. Motion then comes to an exact stop at the end of this block
+    /// (D27).
     pub exact_stop_after: bool,
     /// G500 or G501.
     pub multi_block: MultiBlock,
-    /// G40, G41 or G42, with the plane that it works in.
+    /// G40, G41 or G42, with the plane of the compensation.
     pub compensation: Compensation,
 }
 
 /// Action of a block.
-// Its kind is a word of its own: the odd bytes of a smaller one are moved in overlapping pieces, and each move of a block waited
-// for the one before.
+// The discriminant has 64 bits. A smaller one would leave odd bytes, which are moved in overlapping pieces,
+// and each move of a block would wait for the previous move.
 #[repr(u64)]
 #[derive(Debug, Clone, PartialEq)]
 pub enum Action {
-    /// Modal words only. In G64 it ends a blended chain; with G500 only with G09.
+    /// No motion, only modal words. With G501, in G64, the block ends a blended chain; with G500 only
+    /// together with G09.
     None,
-    /// G00.
+    /// Rapid motion, G00.
     Rapid(AxisWords),
-    /// G01.
+    /// Linear motion, G01.
     Linear(AxisWords),
-    /// G02 or G03.
+    /// Circular motion, G02 or G03.
     Arc(Box<Arc>),
-    /// G31: each motor alone at its skip velocity, until its skip input switches on.
+    /// Skip, G31: each motor moves alone at its skip velocity, until its skip input switches on.
     Skip(AxisWords),
-    /// G28 or G30: to the middle point, then to a reference point, named axes only (none named: D24).
+    /// G28 or G30: motion of the named axes to the middle point, then to a reference point. D24 applies if no
+    /// axis is named.
     Reference {
         /// The middle point.
         middle: AxisWords,
-        /// 1 to 4.
+        /// Number of the reference point, 1 to 4.
         point: u8,
-        /// Also with an active tool length offset.
+        /// True if the motion is allowed with an active tool length offset.
         with_tool_length: bool,
     },
-    /// G39: cutter compensation rounds the corner between the motions before and after it, if the next one continues in
-    /// this direction; no motion of its own.
+    /// G39, without motion of its own: cutter compensation rounds the corner between the previous and the
+    /// next motion, if the next motion continues in this direction.
     Corner(AxisWords),
-    /// G74 or G84 begins: rejected before anything moves when a hole is out of reach or its thread cannot be cut; no
-    /// motion of its own.
+    /// Start of G74 or G84, without motion of its own. If a hole is out of reach or its thread cannot be cut,
+    /// the block is rejected before anything moves.
     ThreadAhead(Box<ThreadAhead>),
-    /// A move of G74 or G84 in the thread, into the hole or out of it, with a spindle locked to it.
+    /// A move of G74 or G84 in the thread, into the hole or out of it. The spindle is locked to the move.
     Tap(Box<Tap>),
-    /// G04.
+    /// Dwell, G04.
     Dwell {
         /// Time at rest, s.
         dwell_s: f64,
     },
-    /// The transform for the blocks from here on; moves nothing. It ends a chain as [`Action::None`] does, and whenever
-    /// the tool length changes.
+    /// The transform for all following blocks, without motion. It ends a chain as [`Action::None`] does, and
+    /// always if the tool length changes.
     Transform(Box<Transform>),
 }
 
 /// A circular, spiral, helical or conical move.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Arc {
-    /// Where it ends; axes outside the plane move linearly in the angle.
+    /// End of the arc. Axes outside the plane move linearly in the angle.
     pub target: AxisWords,
     /// Plane of the circle.
     pub plane: Plane,
     /// G02 or G03.
     pub turn: Turn,
-    /// How the circle is given.
+    /// Definition of the circle.
     pub shape: ArcShape,
 }
 
-/// How a circle is given.
+/// Definition of a circle: centre or radius.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ArcShape {
-    /// I, J, K: the centre, from the start point, mm (D26).
+    /// I, J, K: the centre relative to the start point, mm (D26).
     Centre([f64; 3]),
     /// R, mm: positive for an arc up to a half circle, negative for a larger one, 0 for a straight line.
     Radius(f64),
 }
 
-/// A move of a tapping cycle in the thread: revolutions are Z travel times S / F (M1h).
+/// A move of a tapping cycle in the thread. The spindle revolutions are the Z travel times S / F (M1h).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tap {
-    /// Where it ends: the Z point, or the R point on the way out.
+    /// End of the move: the Z point, or the R point on the way out.
     pub target: AxisWords,
-    /// Into the hole, or out of it.
+    /// Direction of the move: into the hole, or out of it.
     pub leg: TapLeg,
-    /// Direction of the spindle on this move.
+    /// Direction of spindle rotation on this move.
     pub turn: Turn,
-    /// S, r/min. `None` if the coordinate system has no spindle; then the sequence program turns it.
+    /// S, r/min. `None` if the coordinate system has no spindle; the sequence program then turns the spindle.
     pub spindle_speed_r_min: Option<f64>,
 }
 
-/// The moves of a block of a tapping cycle, for each hole: the rapids to its position and to the R point, the thread,
+/// Data of a tapping cycle's block, for each hole: the rapids to its position and to the R point, the thread,
 /// and the return.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ThreadAhead {
-    /// Position of the hole, or its distance from the last one; Z is not named.
+    /// Position of the hole, or its distance from the previous hole, without Z.
     pub position: AxisWords,
     /// Number of holes, 1 or more.
     pub repetitions: u16,
-    /// The R point, from where the thread begins.
+    /// The R point, from which the thread begins.
     pub r_point: AxisWords,
-    /// The pass into the hole.
+    /// The move into the hole.
     pub tap: Tap,
-    /// The level that each hole returns to at the end. `None` selects the R point.
+    /// Level to which the tool returns after each hole. `None` selects the R point.
     pub initial: Option<AxisWords>,
 }
 
-/// Which move in a thread.
+/// Direction of a move in a thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TapLeg {
-    /// From the R point to the Z point.
+    /// Into the hole, from the R point to the Z point.
     In,
-    /// Back to the R point.
+    /// Out of the hole, to the R point.
     Out,
 }
 
 /// Axis words of a block.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisWords {
-    /// Programmed values in mm or degrees; zero where not named.
+    /// Programmed values in mm or degrees; zero for an axis that the block does not name.
     pub values: AxisVector,
-    /// The axes that the block names; the others stay.
+    /// The axes that the block names; all other axes stay.
     pub named: AxisSet,
-    /// Distance mode of the values.
+    /// Distance mode of the values, G90 or G91.
     pub distance: Distance,
-    /// Which coordinates they are in.
+    /// Coordinates of the values.
     pub frame: Frame,
 }
 
 /// Coordinates of axis words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Frame {
-    /// The current coordinates.
+    /// The current work coordinates.
     #[default]
     Work,
     /// G53: machine coordinates.
@@ -212,7 +219,7 @@ pub enum Distance {
     Incremental,
 }
 
-/// G61 or G64.
+/// G61 or G64: behaviour at the end of a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PathControl {
     /// G61: each block ends at rest and in position.
@@ -222,20 +229,20 @@ pub enum PathControl {
     ContinuousPath,
 }
 
-/// G500 or G501.
+/// G500 or G501: whether ramps may span several blocks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum MultiBlock {
-    /// G501, the start-up default: ramps within each block.
+    /// G501, the start-up default: ramps are within each block.
     #[default]
     Off,
-    /// G500: acceleration over several blocks within the motors' limits.
+    /// G500: motion accelerates and decelerates over several blocks, within the limits of the motors.
     On,
 }
 
-/// Active cutter compensation.
+/// Active cutter compensation, G40, G41 or G42.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Compensation {
-    /// G40.
+    /// No compensation, G40.
     #[default]
     Off,
     /// G41: the tool is on the left of the path.
@@ -257,7 +264,7 @@ pub enum Compensation {
 /// Feedrate and ramp times as programmed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ProgrammedFeed {
-    /// F: mm/min over X, Y, Z. 0: never programmed.
+    /// F, mm/min over X, Y, Z. 0 if no F was programmed.
     pub feedrate_mm_min: f64,
     /// Acceleration time ta, ms.
     pub ta_ms: f64,
@@ -270,7 +277,7 @@ pub struct ProgrammedFeed {
 /// Feedrate and ramp times of a cutting segment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SegmentFeed {
-    /// mm/min over X, Y, Z (deg/min for a segment of rotary axes only).
+    /// Feedrate, mm/min over X, Y, Z (deg/min for a segment of rotary axes only).
     pub feedrate_mm_min: f64,
     /// Acceleration time ta, ms.
     pub ta_ms: f64,
@@ -278,7 +285,8 @@ pub struct SegmentFeed {
     pub td_ms: f64,
     /// Jerk time ts, ms.
     pub ts_ms: f64,
-    /// Millimetres of a programmed length of 1: the maximum and the default feedrate count in it (D25).
+    /// Millimetres per programmed unit of length: the maximum and the default feedrate are in this unit
+    /// (D25).
     pub unit_mm: f64,
 }
 
@@ -297,59 +305,62 @@ impl Default for SegmentFeed {
 /// A piece of the path in machine coordinates, for the motion stage.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Segment {
-    /// Its origin.
+    /// Position in the program of the segment's block.
     pub origin: Origin,
     /// Kind of the motion.
     pub motion: SegmentMotion,
-    /// How it ends.
+    /// End of the segment: at rest, or blended.
     pub end: SegmentEnd,
-    /// With G500 a cutting block respects the motors' maximum acceleration, and back trace can pass it.
+    /// With G500, a cutting segment respects the motors' maximum acceleration, and back trace can pass it.
     pub multi_block: MultiBlock,
-    /// Number of the motion given to the path stage; pieces added by cutter compensation have the number of their
-    /// block. 0 if it belongs to no motion.
+    /// Number of the motion that was passed to the path stage. Pieces that cutter compensation adds have the
+    /// number of their block. 0 if the segment belongs to no motion.
     pub serial: u64,
 }
 
-/// How a segment moves.
+/// Motion of a segment.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SegmentMotion {
-    /// Along a path with a programmed feedrate and ramps.
+    /// Motion along a path with a programmed feedrate and ramps.
     Feed {
-        /// The geometry.
+        /// Geometry of the path.
         path: Path,
-        /// Speed along it and ramp times. The feedrate is that of the path's length.
+        /// Feedrate along the path, which refers to the path's length, and ramp times.
         feed: SegmentFeed,
     },
-    /// G00: each motor alone, in its shortest time.
+    /// G00: each motor moves alone, in its shortest time.
     Rapid {
         /// Start, machine coordinates.
         from: AxisVector,
         /// Target, machine coordinates.
         to: AxisVector,
     },
-    /// G31: each motor alone at its skip velocity; one whose skip input switches on returns to the captured position.
+    /// G31: each motor moves alone at its skip velocity. A motor whose skip input switches on returns to the
+    /// captured position.
     Skip {
         /// Start, machine coordinates.
         from: AxisVector,
         /// Target, machine coordinates.
         to: AxisVector,
     },
-    /// A move in a thread, from rest to rest: no override acts on it, and feed hold waits until the tool is out.
+    /// A move in a thread, from rest to rest. No override acts on the move, and feed hold waits until the
+    /// tool is out of the hole.
     Tap {
         /// Start, machine coordinates.
         from: AxisVector,
-        /// End, machine coordinates; Z differs.
+        /// End, machine coordinates; its Z differs from that of the start.
         to: AxisVector,
-        /// F as it is written, perhaps above the maximum feedrate, and ramp times.
+        /// F as written, which may exceed the maximum feedrate, and ramp times.
         feed: SegmentFeed,
-        /// Revolutions of the spindle from start to end, clockwise positive; 0: no spindle is locked to the move.
+        /// Revolutions of the spindle from start to end, clockwise positive; 0 if no spindle is locked to the
+        /// move.
         revolutions: f64,
-        /// Into the hole, or out of it.
+        /// Direction of the move: into the hole, or out of it.
         leg: TapLeg,
     },
-    /// G04.
+    /// Dwell, G04.
     Dwell {
-        /// Where the machine rests, machine coordinates.
+        /// Position during the dwell, machine coordinates.
         at: AxisVector,
         /// Time at rest, s.
         dwell_s: f64,
@@ -357,7 +368,8 @@ pub enum SegmentMotion {
 }
 
 /// Geometry in machine coordinates.
-// a kind of one byte would be moved together with the odd bytes next to it, which takes longer
+// The discriminant has 64 bits. One of one byte would be moved together with its odd neighbouring bytes,
+// which takes longer.
 #[repr(u64)]
 #[derive(Debug, Clone, PartialEq)]
 pub enum Path {
@@ -391,7 +403,7 @@ impl Path {
         }
     }
 
-    /// Returns the length to which F refers: mm, or degrees for a block of rotary axes only.
+    /// Returns the length to which F refers: mm, or degrees if only rotary axes move.
     pub fn length(&self) -> f64 {
         match self {
             Path::Line { length, .. } => *length,
@@ -399,7 +411,7 @@ impl Path {
         }
     }
 
-    /// Returns the bound of the change of an axis per unit of the path's length; 0 for an axis that rests.
+    /// Returns an upper bound of an axis's change per unit of path length; 0 for an axis that rests.
     #[inline]
     pub fn steepest(&self, axis: Axis) -> f64 {
         match self {
@@ -411,7 +423,7 @@ impl Path {
         }
     }
 
-    /// Returns the point at `distance` from the start, 0 to the path's length; both ends are exact.
+    /// Returns the point at `distance` from the start, 0 to the length of the path; both ends are exact.
     pub fn point_at(&self, distance: f64) -> AxisVector {
         match self {
             Path::Line { from, to, length } => {
@@ -428,11 +440,11 @@ impl Path {
     }
 }
 
-/// How a segment ends.
+/// End of a segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SegmentEnd {
-    /// At rest and in position.
+    /// The segment ends at rest and in position.
     ExactStop,
-    /// The next segment may blend with it.
+    /// The next segment may blend with this segment.
     Continuous,
 }

@@ -1,8 +1,9 @@
 //! The plain data that the stages of the Tandem runtime pass to each other.
 //!
-//! Data flows one way: NC text -> tokens -> [program tree](https://en.wikipedia.org/wiki/Abstract_syntax_tree) ->
-//! [`Block`](flow::Block) -> [`Segment`](flow::Segment) -> [`Profile`](profile::Profile) -> setpoints. Nothing here
-//! reads a clock, a file or a socket; the same input gives the same bytes.
+//! Data flows in one direction: NC text -> tokens -> [program
+//! tree](https://en.wikipedia.org/wiki/Abstract_syntax_tree) -> [`Block`](flow::Block) ->
+//! [`Segment`](flow::Segment) -> [`Profile`](profile::Profile) -> setpoints. This crate reads no clock, file
+//! or socket; the same input gives the same bytes.
 
 pub mod alarm;
 pub mod arc;

@@ -1,9 +1,10 @@
-//! Stored values that are damaged: they have no value. Every use of one is rejected until a person writes it again.
+//! Stored values that are damaged, and therefore unknown. Every use of such a value is rejected until a
+//! person writes it again.
 
-/// Marks a lost value: a NaN whose bits no calculation gives and no interface accepts.
+/// Mark of a lost value: a NaN whose bits no calculation produces and no interface accepts.
 pub const LOST: f64 = f64::from_bits(0x7ffc_4c4f_5354_2121);
 
-/// Returns true for a lost value.
+/// Returns true if the value is [`LOST`].
 #[inline]
 pub fn is_lost(value: f64) -> bool {
     value.to_bits() == LOST.to_bits()

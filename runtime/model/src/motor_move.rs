@@ -3,15 +3,15 @@
 use crate::pace::SlewRoom;
 use crate::ramp::UnitRamp;
 
-/// The fastest move of one motor over a distance with limited speed, acceleration and jerk, from rest to rest; all zero:
-/// it does not move.
+/// The fastest move of one motor over a distance, from rest to rest, with limited speed, acceleration and
+/// jerk. If all fields are zero, the motor does not move.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MotorMove {
     /// Signed peak velocity, units per second.
     pub velocity: f64,
-    /// Time of each of the two ramps, jerk phases included, s.
+    /// Time of each of the two ramps, including its jerk phases, s.
     pub ramp_s: f64,
-    /// Time of each of the two jerk phases of a ramp, s, at most half of `ramp_s`; 0: jerk is not limited.
+    /// Time of each of the two jerk phases of a ramp, s, at most half of `ramp_s`; 0 if jerk is not limited.
     pub jerk_s: f64,
     /// Time at peak velocity, s.
     pub cruise_s: f64,
@@ -23,11 +23,13 @@ impl MotorMove {
         2.0 * self.ramp_s + self.cruise_s
     }
 
-    /// Returns the shortest move from rest to rest over a signed distance; a distance of 0 is no move.
+    /// Returns the shortest move from rest to rest over a signed distance D. For a distance of 0, all fields
+    /// are zero.
     ///
-    /// Without a jerk limit: trapezoid, or triangle when `D < v^2/a`. With one, the ramp to a speed w has jerk phases of
-    /// `ts` and an acceleration time `ta = w/a_peak`: `ts = a/j` where w is enough to reach a (`w >= a^2/j`), else
-    /// `ts = ta = sqrt(w/j)`. Both ramps take the distance `w (ta + ts)`; w is the limit, or the speed at which that is D.
+    /// Without a jerk limit, the speed forms a trapezoid, or a triangle if `D < v^2/a`. With a jerk limit j,
+    /// the ramp to a speed w has jerk phases of `ts` and an acceleration time `ta = w/a_peak`. If w is large
+    /// enough to reach a (`w >= a^2/j`), `ts = a/j`, else `ts = ta = sqrt(w/j)`. Both ramps together cover
+    /// the distance `w (ta + ts)`; w is the speed limit, or the speed at which this distance is D.
     pub fn shortest(distance: f64, limits: MotorLimits) -> Self {
         let way = distance.abs();
         if way == 0.0 {
@@ -55,8 +57,8 @@ impl MotorMove {
         self.velocity * ramp.speed(t_s).min(ramp.speed(left))
     }
 
-    /// Returns the room that a motor of this maximum acceleration leaves to overrides and feed hold between two times
-    /// of the move (M1i). A move that exceeds the maximum even without them uses all of it.
+    /// Returns the room for overrides and feed hold between two times of the move (M1i), for a motor with
+    /// this maximum acceleration. A move whose own acceleration exceeds the maximum leaves no room.
     pub fn room(&self, max_acceleration: f64, from_s: f64, to_s: f64) -> SlewRoom {
         let brakes_s = self.ramp_s + self.cruise_s;
         if self.velocity == 0.0 || to_s <= 0.0 || from_s >= self.duration_s() {
@@ -76,7 +78,7 @@ impl MotorMove {
         }
     }
 
-    /// Returns the distance from the start after `t_s` seconds.
+    /// Returns the signed distance from the start after `t_s` seconds.
     #[inline]
     pub fn distance(&self, t_s: f64) -> f64 {
         if self.ramp_s <= 0.0 || t_s <= 0.0 {
@@ -96,26 +98,26 @@ impl MotorMove {
 /// Limits of one motor, all above zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotorLimits {
-    /// Units per second.
+    /// Maximum velocity, units per second.
     pub velocity: f64,
-    /// Units per second squared.
+    /// Maximum acceleration, units per second squared.
     pub acceleration: f64,
-    /// Units per second cubed. `None` disables the limit.
+    /// Maximum jerk, units per second cubed. `None` disables the limit.
     pub jerk: Option<f64>,
 }
 
-/// Returns the peak speed, ramp time and jerk time.
+/// Returns the peak speed, ramp time and jerk time of a move without a jerk limit.
 fn without_jerk_limit(way: f64, velocity: f64, acceleration: f64) -> (f64, f64, f64) {
     if way >= velocity * velocity / acceleration {
         (velocity, velocity / acceleration, 0.0)
     } else {
-        // D = w^2/a; the ramp time from D and w keeps w * ramp = D to the last bit or two.
+        // D = w^2/a; the ramp time is D/w, so that w * ramp equals D except for the last one or two bits.
         let peak = (way * acceleration).sqrt();
         (peak, way / peak, 0.0)
     }
 }
 
-/// Returns the peak speed, ramp time and jerk time.
+/// Returns the peak speed, ramp time and jerk time of a move with a jerk limit.
 fn with_jerk_limit(way: f64, velocity: f64, acceleration: f64, jerk: f64) -> (f64, f64, f64) {
     let full_jerk_s = acceleration / jerk;
     let full = if velocity >= acceleration * full_jerk_s {
@@ -127,7 +129,7 @@ fn with_jerk_limit(way: f64, velocity: f64, acceleration: f64, jerk: f64) -> (f6
     if way >= full.0 * full.1 {
         return full;
     }
-    // Below the speed limit: D = w (w/a + a/j) while that w reaches a, else D = 2 w sqrt(w/j).
+    // Below the speed limit: D = w (w/a + a/j) if this w reaches a, else D = 2 w sqrt(w/j).
     if way >= 2.0 * acceleration * full_jerk_s * full_jerk_s {
         let discriminant = full_jerk_s * full_jerk_s + 4.0 * way / acceleration;
         let peak = 2.0 * way / (full_jerk_s + discriminant.sqrt());
@@ -211,7 +213,7 @@ mod tests {
                 close(a, b);
             }
         }
-        // A move is symmetric: backward it leaves what it leaves forward at the mirrored time.
+        // A move is symmetric: its room backward equals its room forward at the mirrored time.
         for (from_s, to_s) in [(0.05, 0.1), (0.15, 0.3), (0.25, 0.3), (0.35, 0.45), (0.1, 0.55)] {
             let mirrored = moved.room(200.0, 0.6 - to_s, 0.6 - from_s);
             let back = moved.room(200.0, from_s, to_s).reversed();
@@ -220,7 +222,7 @@ mod tests {
             close(back.driving, mirrored.driving);
         }
         assert_eq!(moved.room(200.0, 0.65, 0.7), SlewRoom::default());
-        // Acceleration beyond the maximum uses all of it.
+        // A move whose acceleration exceeds the maximum uses the whole maximum.
         close(moved.room(25.0, 0.05, 0.1).driving, 1.0);
     }
 }

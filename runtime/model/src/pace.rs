@@ -1,26 +1,27 @@
-//! The pace of a profile: with G500 it runs slower than planned wherever a motor would otherwise exceed its maximum
-//! acceleration (M1d).
+//! The pace of a profile: with G500, the motion is slower than planned wherever a motor would otherwise
+//! exceed its maximum acceleration (M1d).
 //!
-//! Plan time is the time of the motion without look-ahead; the rate is plan time per second. On each piece the square
-//! of the rate is linear in plan time, so in real time the rate is linear and plan time quadratic. On a piece with a
-//! [`SpeedGrowth`] the same holds with distance in place of plan time. Where the jerk is limited, the rate is quadratic
-//! in time.
+//! Plan time is the time of the motion without look-ahead; the rate is plan time per second. On each piece
+//! the square of the rate is linear in plan time. Therefore the rate is linear in real time, and plan time is
+//! quadratic in real time. On a piece with a [`SpeedGrowth`] the same holds for distance instead of plan
+//! time. Where the jerk is limited, the rate is quadratic in time.
 
 use crate::speed_growth::SpeedGrowth;
 
-/// The most pieces of one pace; a block that needs more takes several profiles.
+/// Maximum number of pieces of one pace. A block that needs more pieces is divided into several profiles.
 pub const PACE_PIECES_MAX: usize = 2;
 
-/// A place on the path.
+/// A position on the path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PathPlace {
     /// Number of the segment.
     pub segment: u64,
-    /// Plan time within its block, s; at its end any later time, also infinite.
+    /// Plan time within the block of this segment, s. Any later time, even infinite, means the end of the
+    /// block.
     pub plan_s: f64,
 }
 
-/// The part of a block's plan time that a profile passes at the rate 1, or -1 when it falls.
+/// The part of a block's plan time that a profile passes, at the rate 1, or at -1 if plan time falls.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stretch {
     /// Plan time at its start, s.
@@ -30,7 +31,7 @@ pub struct Stretch {
 }
 
 impl Stretch {
-    /// Returns all of a block of this plan time, forward.
+    /// Returns the stretch that passes a whole block of this plan time forward.
     pub fn whole(plan_s: f64) -> Self {
         Self {
             from_s: 0.0,
@@ -43,12 +44,12 @@ impl Stretch {
         self.to_s < self.from_s
     }
 
-    /// Its duration, s.
+    /// Returns the duration of the stretch, s.
     pub fn duration_s(self) -> f64 {
         (self.to_s - self.from_s).abs()
     }
 
-    /// Returns the plan time `t_s` seconds after its start, s.
+    /// Returns the plan time `t_s` seconds after the start of the stretch, s.
     pub fn plan_time(self, t_s: f64) -> f64 {
         if t_s >= self.duration_s() {
             self.to_s
@@ -60,53 +61,56 @@ impl Stretch {
     }
 }
 
-/// Plan time as a function of time over one profile. Backward the rates are negative.
+/// Plan time as a function of time over one profile. In backward motion the rates are negative.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pace {
     pieces: [PacePiece; PACE_PIECES_MAX],
     count: usize,
     /// Plan time at the end of the profile, s.
     pub ends_s: f64,
-    /// The feed override that its full rate was planned for; 1 or more.
+    /// Feed override for which the full rate was planned, 1 or more.
     pub feed_override: f64,
-    /// Once this profile is known, the motion may continue to the end of this segment, and backward to its start.
-    /// From there the motion can still come to rest within the known profiles.
+    /// Segment to whose end the motion may continue as soon as this profile is known; in backward motion, to
+    /// whose start. From there the motion can still come to rest within the known profiles.
     pub free_to: u64,
 }
 
 /// A piece of a pace.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PacePiece {
-    /// Time of its begin within the profile, s.
+    /// Time within the profile at which the piece begins, s.
     pub begins_s: f64,
-    /// Plan time at its start, s.
+    /// Plan time at the start of the piece, s.
     pub plan_s: f64,
-    /// Plan time per time at its start; 1: as planned without look-ahead, negative: backward.
+    /// Plan time per time at the start of the piece; 1 is the speed planned without look-ahead, a negative
+    /// rate is backward motion.
     pub rate: f64,
-    /// Change of the rate per second; with a growth, of the rate of the distance.
+    /// Change of the rate per second. With a growth, `rate` and its changes refer to distance instead of plan
+    /// time.
     pub rate_change: f64,
     /// Change of `rate_change` per second.
     pub rate_jerk: f64,
-    /// Growth of the programmed speed over it, where the rate counts distance.
+    /// Growth of the programmed speed over the piece.
     pub growth: SpeedGrowth,
     /// Room that the motors leave to overrides and feed hold.
     pub room: SlewRoom,
 }
 
 impl PacePiece {
-    /// Returns the plan time `past_s` seconds after its start, s.
+    /// Returns the plan time `past_s` seconds after the start of the piece, s.
     fn plan_time(&self, past_s: f64) -> f64 {
         let rate_change = self.rate_change + self.rate_jerk * past_s / 3.0;
         let distance_s = past_s * (self.rate + rate_change * past_s / 2.0);
         self.plan_s + self.growth.plan_s(distance_s)
     }
 
-    /// Returns the time within the profile at this plan time, s, and the rate there; `None` at rest.
+    /// Returns the time within the profile at which this plan time is reached, s, and the rate there. Returns
+    /// `None` if the rate is 0 there and at the start of the piece.
     fn when(&self, plan_s: f64) -> Option<(f64, f64)> {
         let past_s = plan_s - self.plan_s;
         let distance_s = self.growth.distance_s(past_s);
         if self.rate_jerk != 0.0 {
-            // By time the rate grows as a speed does by plan time.
+            // The rate is the same polynomial of time as the speed of a growth is of plan time.
             let by_time = SpeedGrowth {
                 first: self.rate_change / self.rate,
                 second: self.rate_jerk / self.rate,
@@ -125,15 +129,15 @@ impl PacePiece {
     }
 }
 
-/// How fast an override factor `o`, 0 to 1, may change without any motor above its maximum acceleration a: velocity V and
-/// acceleration A at 100 percent become `V o` and `A o^2 + V o'` (M1i).
+/// Limits of how fast an override factor `o`, 0 to 1, may change without any motor exceeding its maximum
+/// acceleration a. Velocity V and acceleration A at 100 percent become `V o` and `A o^2 + V o'` (M1i).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SlewRoom {
-    /// Smallest a/|V|, per second.
+    /// Smallest a/|V| of all motors, per second.
     pub slope: f64,
-    /// Largest share of a with which a motor brakes, 0 to 1.
+    /// Largest share of a that a motor uses for braking, 0 to 1.
     pub braking: f64,
-    /// Largest share of a with which a motor speeds up, 0 to 1.
+    /// Largest share of a that a motor uses for speeding up, 0 to 1.
     pub driving: f64,
 }
 
@@ -148,7 +152,7 @@ impl Default for SlewRoom {
 }
 
 impl SlewRoom {
-    /// Returns the room that both leave.
+    /// Returns the smaller room of the two, field by field.
     #[must_use]
     pub fn worst(self, other: SlewRoom) -> Self {
         Self {
@@ -168,13 +172,13 @@ impl SlewRoom {
         }
     }
 
-    /// Returns the largest fall of the override factor per second, from `factor` on.
+    /// Returns the largest fall of the override factor per second, starting at `factor`.
     pub fn fall(self, factor: f64) -> f64 {
         self.slope * (1.0 - self.braking * factor * factor).max(0.0)
     }
 
-    /// Returns the square of the factor `time_s` before it is `square`, falling as fast as this room and
-    /// `slope` per second allow.
+    /// Returns the square of the factor at `time_s` before the factor's square is `square`, if the factor
+    /// falls as fast as this room and `slope` per second allow.
     pub fn square_before(&self, square: f64, slope: f64, time_s: f64) -> f64 {
         let by_room = if self.slope.is_finite() {
             let gained = 2.0 * self.slope * time_s;
@@ -185,7 +189,7 @@ impl SlewRoom {
         by_room.min(square + 2.0 * slope * time_s)
     }
 
-    /// Returns the largest rise of the override factor per second, from `factor` on, to at most 1 within
+    /// Returns the largest rise of the override factor per second, starting at `factor`, to at most 1 within
     /// `period_s`: `s = slope (1 - driving (o + s T)^2)`, with `(o + s T)^2 <= o^2 + 2 s T`.
     pub fn rise(self, factor: f64, period_s: f64) -> f64 {
         let room = (1.0 - self.driving * factor * factor).max(0.0);
@@ -194,7 +198,7 @@ impl SlewRoom {
 }
 
 impl Pace {
-    /// Creates a pace of these pieces, in order; those beyond [`PACE_PIECES_MAX`] are dropped.
+    /// Creates a pace from pieces in order of time. Pieces beyond [`PACE_PIECES_MAX`] are dropped.
     pub fn new(
         pieces: impl IntoIterator<Item = PacePiece>,
         ends_s: f64,
@@ -234,8 +238,8 @@ impl Pace {
         }
     }
 
-    /// Returns the time within the profile at this plan time, s, and the rate there; `None` outside of this
-    /// profile.
+    /// Returns the time within the profile at which this plan time is reached, s, and the rate there. Returns
+    /// `None` if the plan time is outside this profile.
     pub fn when(&self, plan_s: f64) -> Option<(f64, f64)> {
         let way_s = |to_s: f64| if self.is_backward() { -to_s } else { to_s };
         if way_s(plan_s) < way_s(self.begins_s()) || way_s(plan_s) >= way_s(self.ends_s) {
@@ -247,7 +251,7 @@ impl Pace {
         self.pieces().get(begun.saturating_sub(1))?.when(plan_s)
     }
 
-    /// Returns the pieces in order.
+    /// Returns the pieces in order of time.
     pub fn pieces(&self) -> &[PacePiece] {
         self.pieces.get(..self.count).unwrap_or(&[])
     }

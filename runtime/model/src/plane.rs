@@ -1,20 +1,20 @@
-//! Planes of circles, and the sense in which one turns in them.
+//! Planes of circles, and the sense of rotation in them.
 
 use std::fmt;
 
 use crate::axis::Axis;
 
-/// Sense of turning, seen against the plane's third axis.
+/// Sense of rotation, seen against the direction of the plane's third axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Turn {
-    /// G02, M03.
+    /// Clockwise: G02, M03.
     Clockwise,
-    /// G03, M04.
+    /// Counter-clockwise: G03, M04.
     CounterClockwise,
 }
 
 impl Turn {
-    /// Returns the other sense.
+    /// Returns the opposite sense.
     #[must_use]
     pub const fn reversed(self) -> Self {
         match self {
@@ -24,7 +24,7 @@ impl Turn {
     }
 }
 
-/// G17, G18 or G19.
+/// Plane of G17, G18 or G19.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Plane {
     /// G17: X, Y.
@@ -37,7 +37,8 @@ pub enum Plane {
 }
 
 impl Plane {
-    /// Returns the first and second axis: counter-clockwise turns the first towards the second.
+    /// Returns the first and second axis of the plane. A counter-clockwise rotation turns the first axis
+    /// towards the second.
     pub const fn axes(self) -> [Axis; 2] {
         match self {
             Plane::Xy => [Axis::X, Axis::Y],
@@ -46,7 +47,7 @@ impl Plane {
         }
     }
 
-    /// Returns the one of X, Y and Z that is not in the plane.
+    /// Returns the axis of X, Y and Z that is normal to the plane.
     pub const fn normal(self) -> Axis {
         match self {
             Plane::Xy => Axis::Z,

@@ -1,4 +1,4 @@
-//! Position over time of one segment: the motion stage produces it, the servo cycle evaluates it.
+//! Position of one segment as a function of time: the motion stage produces it, the servo cycle evaluates it.
 
 use crate::axis::{AXES_MAX, AxisVector};
 use crate::flow::{Path, TapLeg};
@@ -8,145 +8,150 @@ use crate::ramp::UnitRamp;
 use crate::span::Origin;
 pub use crate::speed_growth::SpeedGrowth;
 
-/// One planned motion. Times count from its own start, before feed override scales them.
+/// One planned motion. Its times count from its own start at an override of 100 percent.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
-    /// Number of the segment in its run, from 1, strictly increasing.
+    /// Number of the segment in the run, from 1, strictly increasing.
     pub segment: u64,
-    /// Run of the servo queue that it belongs to; a flush raises it, and older profiles are dropped.
+    /// Epoch of the servo queue for which the profile was planned. A flush of the queue raises the epoch, and
+    /// the servo drops profiles of older epochs.
     pub epoch: u32,
-    /// Its origin.
+    /// Block from which the profile comes.
     pub origin: Origin,
     /// Position as a function of time.
     pub law: Law,
-    /// Time from start to end at 100 percent, s.
+    /// Time from start to end at an override of 100 percent, s.
     pub duration_s: f64,
-    /// True if it ends at rest with an in-position check.
+    /// True if the profile ends at rest with an in-position check.
     pub exact_stop: bool,
 }
 
-/// Which override scales the time of a profile.
+/// The override that scales the time of a profile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TimeBase {
     /// Feed override, 0 to 200 percent.
     Feed,
     /// Rapid override, 0 to 100 percent.
     Rapid,
-    /// No override: a dwell lasts as long as programmed, a thread is cut as programmed. Feed hold stops a dwell outside
-    /// of a thread.
+    /// No override: a dwell and a thread take the programmed time. Feed hold stops a dwell, except in a
+    /// thread.
     Fixed,
 }
 
-/// Position as a function of time. Nothing in it is boxed: the servo cycle would free it, and must not call the
-/// allocator.
+/// Position as a function of time. No variant contains a box, because the servo cycle would free the box, and
+/// the servo cycle must not call the allocator.
 #[allow(
     clippy::large_enum_variant,
     reason = "a box would be freed by the servo cycle"
 )]
 #[derive(Debug, Clone, PartialEq)]
 pub enum Law {
-    /// A block at feedrate as planned: from rest to rest, or blended with its neighbours.
+    /// A block at feedrate as planned: from rest to rest, or blended with the blocks before and after it.
     Ramped {
-        /// The block.
+        /// Geometry, speed and ramps of the block.
         block: RampedMotion,
-        /// Its place in its chain.
+        /// Position of the block in its chain.
         place: ChainPlace,
     },
-    /// As `Ramped`, in plan time, which advances at a pace that respects the motors' limits (M1d).
+    /// A block as in `Ramped`, but in plan time, which advances at a pace that respects the limits of the
+    /// motors (M1d).
     Paced {
-        /// The block; the pace may end before it when several profiles follow each other.
+        /// Geometry, speed and ramps of the block. If several profiles pass one block, the pace ends before
+        /// the end of the block.
         block: RampedMotion,
         /// Plan time as a function of time.
         pace: Pace,
     },
-    /// Each motor alone: start position and its own law.
+    /// A motion in which each motor moves alone, by its own law.
     Motors {
         /// Start, machine coordinates.
         from: AxisVector,
         /// Target, machine coordinates.
         to: AxisVector,
-        /// One law for each axis.
+        /// One law for each axis, over the distance from start to target.
         moves: [MotorMove; AXES_MAX],
-        /// The part of the motion that is passed, forward or backward.
+        /// The part of the motion that this profile passes, forward or backward.
         stretch: Stretch,
     },
-    /// As `Motors`, until a motor's skip input switches on: the servo cycle then returns that motor to the captured
-    /// position.
+    /// A motion as in `Motors`, until the skip input of a motor switches on. The servo cycle then returns
+    /// this motor to the captured position.
     Skip {
         /// Start, machine coordinates.
         from: AxisVector,
         /// Target, machine coordinates.
         to: AxisVector,
-        /// One law for each axis, to the target.
+        /// One law for each axis, over the distance from start to target.
         moves: [MotorMove; AXES_MAX],
     },
-    /// A move in a thread from rest to rest, as `Ramped`; the spindle turns in proportion to it (M1h).
+    /// A move in a thread from rest to rest, with ramps as in `Ramped`. The spindle turns in proportion to
+    /// the distance (M1h).
     Tap {
         /// Start, machine coordinates.
         from: AxisVector,
         /// End, machine coordinates.
         to: AxisVector,
-        /// Share of the distance covered between the ramps, per second.
+        /// Speed between the ramps, as the share of the whole distance covered per second.
         rate: f64,
         /// Ramp from rest to `rate`.
         start: UnitRamp,
         /// Ramp from `rate` to rest.
         stop: UnitRamp,
-        /// Revolutions of the spindle from start to end, clockwise positive; 0: it is not locked to the move.
+        /// Revolutions of the spindle from start to end, clockwise positive; 0 if the spindle is not locked
+        /// to the move.
         revolutions: f64,
-        /// Into the hole, or out of it.
+        /// Direction of the move: into the hole, or out of it.
         leg: TapLeg,
     },
-    /// Rest.
+    /// A wait at rest.
     Rest {
-        /// Where, machine coordinates.
+        /// Position during the wait, machine coordinates.
         at: AxisVector,
-        /// The part of its time that is waited; none when passed backward.
+        /// The part of the waiting time that this profile waits; empty in backward motion.
         stretch: Stretch,
     },
 }
 
-/// A block along its path at one speed with a ramp at each end. A blended block begins where the ramp from the block
-/// before is over, and ends with the ramp to the next one.
+/// A block along its path at one speed with a ramp at each end. A blended block begins after the ramp from
+/// the previous block, and ends with the ramp to the next block.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RampedMotion {
-    /// The geometry.
+    /// Geometry of the block.
     pub path: Path,
     /// Speed between the ramps, path units per second.
     pub speed: f64,
-    /// From rest to speed.
+    /// Ramp from rest to `speed`.
     pub start: UnitRamp,
-    /// From speed to rest, or to the speed of the next block.
+    /// Ramp from `speed` to rest, or to the speed of the next block.
     pub stop: UnitRamp,
-    /// Progress of the start ramp at plan time 0, s: 0 from rest; all of it when the block began within the profile
-    /// before.
+    /// Progress of the start ramp at plan time 0, s. It is 0 for a start from rest, and the whole ramp time
+    /// if the block began within the profile of the previous block.
     pub begun_s: f64,
-    /// The block that begins along the stop ramp. `None` if this one ends at rest.
+    /// The next block, which begins along the stop ramp. `None` if this block ends at rest.
     pub next: Option<Lead>,
-    /// Plan time at its end, s.
+    /// Plan time at the end of the block, s.
     pub plan_s: f64,
 }
 
 /// The start of the next block within the profile of the one before it (M1b).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lead {
-    /// The next block's geometry.
+    /// Geometry of the next block.
     pub path: Path,
-    /// Its speed after the ramp, path units per second.
+    /// Speed of the next block after the ramp, path units per second.
     pub speed: f64,
 }
 
-/// Progress of a chain of blocks between two stops (M1b).
+/// Position of a profile in a chain of blocks between two stops (M1b).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChainPlace {
-    /// Number of the segment that the chain begins with.
+    /// Number of the first segment of the chain.
     pub first_segment: u64,
-    /// Time from the start of the chain to the end of the profile at 100 percent, s.
+    /// Time from the start of the chain to the end of the profile at an override of 100 percent, s.
     pub ends_s: f64,
 }
 
 impl Law {
-    /// Returns the override that scales its time.
+    /// Returns the override that scales the time of the profile.
     pub fn time_base(&self) -> TimeBase {
         match self {
             Law::Ramped { .. } | Law::Paced { .. } => TimeBase::Feed,
@@ -156,7 +161,8 @@ impl Law {
     }
 }
 
-/// Returns the position `t_s` seconds after the start of motors that move alone; exact at the ends of each.
+/// Returns the position `t_s` seconds after the start of motors that each move alone. Start and end position
+/// of each motor are exact.
 fn alone([from, to]: [&AxisVector; 2], moves: &[MotorMove; AXES_MAX], t_s: f64) -> AxisVector {
     AxisVector(std::array::from_fn(|i| {
         if t_s >= moves[i].duration_s() {
@@ -168,7 +174,7 @@ fn alone([from, to]: [&AxisVector; 2], moves: &[MotorMove; AXES_MAX], t_s: f64) 
 }
 
 impl RampedMotion {
-    /// Returns the machine position at a plan time; exact at the end.
+    /// Returns the machine position at a plan time; the end position is exact.
     pub fn position(&self, plan_s: f64) -> AxisVector {
         if plan_s >= self.plan_s {
             return self.end_position();
@@ -177,8 +183,8 @@ impl RampedMotion {
         self.beyond(self.path.point_at(gone), stopped_s)
     }
 
-    /// Returns the distance along its own path at a plan time, and P of the ramp at its end: with the speed
-    /// of the next block, the distance along that one's path.
+    /// Returns two values at a plan time: the distance along the block's own path, and P of its stop ramp. P
+    /// times the speed of the next block is the distance along the path of the next block.
     #[inline]
     pub fn covered_distances(&self, plan_s: f64) -> (f64, f64) {
         let stopped_s = self
@@ -188,14 +194,14 @@ impl RampedMotion {
         (gone, stopped_s)
     }
 
-    /// Returns the machine position at its end: that of its path, and what the next block has covered by
-    /// then.
+    /// Returns the machine position at the end: the end of the block's path, moved by the distance that the
+    /// next block has covered by then.
     pub fn end_position(&self) -> AxisVector {
         self.beyond(self.path.end(), self.stop.duration_s() / 2.0)
     }
 
-    /// Returns a point of its own path, moved by what the next block has covered, `ramped_s` being P of the
-    /// common ramp.
+    /// Returns the point `own` of the block's path, moved by the distance that the next block has covered.
+    /// `ramped_s` is P of the common ramp.
     fn beyond(&self, own: AxisVector, ramped_s: f64) -> AxisVector {
         match &self.next {
             Some(Lead { path, speed }) => own.plus(path.point_at(speed * ramped_s).minus(path.start())),
@@ -205,7 +211,8 @@ impl RampedMotion {
 }
 
 impl Profile {
-    /// Returns the programmed end of the block, machine coordinates; backward, its start.
+    /// Returns the programmed end of the block, machine coordinates. For backward motion, returns the
+    /// programmed start.
     pub fn target(&self) -> AxisVector {
         match &self.law {
             Law::Paced { block, pace } if pace.is_backward() => block.path.start(),
@@ -216,8 +223,8 @@ impl Profile {
         }
     }
 
-    /// Returns the last position of the profile, machine coordinates: its target, and what the next block has
-    /// covered by then.
+    /// Returns the last position of the profile, machine coordinates: its target, moved by the distance that
+    /// the next block has covered by then.
     pub fn end_position(&self) -> AxisVector {
         match &self.law {
             Law::Ramped { block, .. } => block.end_position(),
@@ -226,8 +233,8 @@ impl Profile {
         }
     }
 
-    /// Returns the commanded machine position `t_s` seconds after the start; exact at both ends. For a time
-    /// before the start, the position at the start.
+    /// Returns the commanded machine position `t_s` seconds after the start; both ends are exact. Returns the
+    /// start position for a time before the start.
     pub fn position(&self, t_s: f64) -> AxisVector {
         if t_s >= self.duration_s {
             return self.end_position();
@@ -247,7 +254,7 @@ impl Profile {
         }
     }
 
-    /// Returns the plan time within the block `t_s` seconds after the start, s: what [`PathPlace`] counts.
+    /// Returns the plan time within the block `t_s` seconds after the start, s, as in [`PathPlace`].
     pub fn plan_time(&self, t_s: f64) -> f64 {
         match &self.law {
             Law::Paced { pace, .. } => pace.plan_time(t_s),
@@ -256,8 +263,8 @@ impl Profile {
         }
     }
 
-    /// Returns true if it begins at rest, or at a pace of its own; else the time base begins at 0, as after a
-    /// feed hold.
+    /// Returns true if the profile begins at rest, or has a pace. If false, the time base must begin at 0, as
+    /// after a feed hold.
     pub fn begins_at_its_rate(&self) -> bool {
         match &self.law {
             Law::Motors { moves, stretch, .. } => {
@@ -267,8 +274,8 @@ impl Profile {
         }
     }
 
-    /// Returns the same motion over another stretch of its plan time, if it is a rapid or rest; any other
-    /// unchanged.
+    /// Returns the same motion over another stretch of its plan time, if the profile is a rapid or rest.
+    /// Returns any other profile unchanged.
     #[must_use]
     pub fn over(&self, passed: Stretch) -> Self {
         let mut profile = self.clone();
@@ -279,9 +286,9 @@ impl Profile {
         profile
     }
 
-    /// Returns the revolutions that the spindle has turned `t_s` seconds after the start, clockwise positive.
-    /// `None` if the spindle is not locked to this profile. At any time in proportion to the distance, exact
-    /// at both ends.
+    /// Returns the revolutions that the spindle has turned `t_s` seconds after the start, clockwise positive,
+    /// in proportion to the distance and exact at both ends. Returns `None` if the spindle is not locked to
+    /// this profile.
     pub fn spindle_revolutions(&self, t_s: f64) -> Option<f64> {
         match self.law {
             Law::Tap { revolutions, .. } if revolutions != 0.0 => Some(revolutions * self.tap_share(t_s)),
@@ -289,7 +296,7 @@ impl Profile {
         }
     }
 
-    /// Returns the share of a move in a thread, 0 to 1; 0 for another law.
+    /// Returns the share of a thread move that is covered, 0 to 1. Returns 0 for any other law.
     fn tap_share(&self, t_s: f64) -> f64 {
         let Law::Tap {
             rate, start, stop, ..

@@ -1,6 +1,7 @@
 //! The unit ramp: from rest to speed 1 with limited acceleration and jerk.
 //!
-//! A ramp takes `ta + ts`: jerk phases of `ts` at both ends, constant acceleration for `ta - ts` between.
+//! The ramp takes the time `ta + ts`: a jerk phase of `ts` at each end, and constant acceleration for `ta -
+//! ts` between them.
 
 /// The unit ramp S(t) with acceleration time `ta_s` and jerk time `ts_s`, both in seconds, `ta_s >= ts_s`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -10,7 +11,8 @@ pub struct UnitRamp {
 }
 
 impl UnitRamp {
-    /// Returns the ramp of these times. An acceleration time below the jerk time is raised to it.
+    /// Creates the ramp with these times. An acceleration time below the jerk time is raised to the jerk
+    /// time.
     pub fn new(ta_s: f64, ts_s: f64) -> Self {
         Self {
             ta_s: ta_s.max(ts_s),
@@ -18,7 +20,8 @@ impl UnitRamp {
         }
     }
 
-    /// Shortens the ramp to `duration_s`: first the jerk time, then the acceleration time.
+    /// Returns the ramp shortened to `duration_s`: first the jerk time is reduced, then the acceleration
+    /// time.
     #[must_use]
     pub fn at_most(self, duration_s: f64) -> Self {
         if self.duration_s() <= duration_s {
@@ -31,8 +34,8 @@ impl UnitRamp {
         }
     }
 
-    /// Returns the shortest ramp with at least these times whose slope `dS/dt` is at most `slope` per second,
-    /// and whose change of slope at most `change` per second squared.
+    /// Returns the shortest ramp whose times are at least those of `self`, whose slope `dS/dt` is at most
+    /// `slope` per second, and whose change of slope is at most `change` per second squared.
     #[must_use]
     pub fn within(self, slope: f64, change: f64) -> Self {
         let ta_s = self.ta_s.max(1.0 / slope);
@@ -40,7 +43,7 @@ impl UnitRamp {
         if ts_s <= ta_s {
             return Self { ta_s, ts_s };
         }
-        // Too steep for its jerk: no phase of constant acceleration.
+        // The ramp would need `ts > ta`, so it has no phase of constant acceleration: `ta = ts`.
         let both_s = change.sqrt().recip();
         Self {
             ta_s: both_s,
@@ -48,8 +51,8 @@ impl UnitRamp {
         }
     }
 
-    /// Returns the largest slope of S, per second, and the largest change of that, per second squared;
-    /// infinite without a jerk time.
+    /// Returns the largest slope of S, per second, and the largest change of the slope, per second squared.
+    /// The change is infinite without a jerk time.
     #[inline]
     pub fn steepest(self) -> [f64; 2] {
         [1.0 / self.ta_s, 1.0 / (self.ta_s * self.ts_s)]
@@ -82,8 +85,8 @@ impl UnitRamp {
         }
     }
 
-    /// Returns P(t): the integral of S up to `t_s` seconds; half the duration at its end, growing with t
-    /// after it.
+    /// Returns P(t), the integral of S from 0 to `t_s` seconds. At the end of the ramp P is half the
+    /// duration; after it, P grows with t.
     #[inline]
     pub fn distance(self, t_s: f64) -> f64 {
         let duration = self.duration_s();
@@ -98,8 +101,8 @@ impl UnitRamp {
         }
     }
 
-    /// Returns begin and end of the jerk phase, of the phase of constant acceleration, and of the second jerk
-    /// phase, s.
+    /// Returns begin and end of the three phases, s: first jerk phase, constant acceleration, second jerk
+    /// phase.
     #[inline]
     pub fn phases(self) -> [[f64; 2]; 3] {
         let Self { ta_s: ta, ts_s: ts } = self;
@@ -107,7 +110,7 @@ impl UnitRamp {
     }
 
     /// Returns the first and second derivative of S at `t_s`, by the formula of the phase that contains
-    /// `within_s`; 0 outside the ramp.
+    /// `within_s`. Returns 0 if `within_s` is outside the ramp.
     #[inline]
     pub fn slopes(self, t_s: f64, within_s: f64) -> [f64; 2] {
         let Self { ta_s: ta, ts_s: ts } = self;
@@ -122,7 +125,7 @@ impl UnitRamp {
         }
     }
 
-    /// Returns S(t) up to ta: first jerk phase and constant acceleration.
+    /// Returns S(t) for t up to ta: first jerk phase and constant acceleration.
     #[inline]
     fn rising_speed(self, t_s: f64) -> f64 {
         let Self { ta_s: ta, ts_s: ts } = self;
@@ -133,7 +136,7 @@ impl UnitRamp {
         }
     }
 
-    /// Returns P(t) up to ta: first jerk phase and constant acceleration.
+    /// Returns P(t) for t up to ta: first jerk phase and constant acceleration.
     #[inline]
     fn rising_distance(self, t_s: f64) -> f64 {
         let Self { ta_s: ta, ts_s: ts } = self;
@@ -198,9 +201,9 @@ mod tests {
     #[test]
     fn the_shortest_ramp_within_limits_of_slope_and_jerk() {
         let ramp = UnitRamp::new(0.1, 0.02);
-        // As it is: slope 1/ta = 10, change 1/(ta ts) = 500.
+        // Limits above the ramp's own values change nothing: slope 1/ta = 10, change 1/(ta ts) = 500.
         assert_eq!(ramp.within(10.5, 505.0), ramp);
-        // ta = 1/slope; ts stays while its change of 1/(0.2 0.02) = 250 is within.
+        // ta = 1/slope; ts stays while its change of 1/(0.2 0.02) = 250 is within the limit.
         let longer = ramp.within(5.0, 260.0);
         close(longer.ta_s, 0.2);
         close(longer.ts_s, 0.02);

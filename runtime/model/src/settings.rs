@@ -1,4 +1,4 @@
-//! The machine as the stages see it: its motors and coordinate systems.
+//! Settings of the motors and coordinate systems, as the stages use them.
 
 use crate::axis::{AXES_MAX, Axis, AxisSet, AxisVector};
 use crate::flow::MultiBlock;
@@ -11,35 +11,36 @@ pub use crate::unit::Unit;
 pub struct CoordinateSystemSettings {
     /// Number of the coordinate system, from 1.
     pub number: u8,
-    /// The motor of each axis; `None` for an axis that it does not have.
+    /// The motor of each axis. `None` if the coordinate system does not have the axis.
     pub motors: [Option<MotorSettings>; AXES_MAX],
-    /// The spindle's motor.
+    /// Motor of the spindle. `None` if the coordinate system has no spindle.
     pub spindle: Option<MotorSettings>,
-    /// The unit at start-up.
+    /// Unit of programmed lengths at start-up.
     pub unit: Unit,
-    /// F above it is clipped with a warning, mm/min; in G20 inch/min (D25).
+    /// Maximum feedrate, mm/min, in G20 inch/min (D25). A higher F is clipped with a warning.
     pub max_feedrate_mm_min: f64,
-    /// F before one is programmed, mm/min, in G20 inch/min (D25); 0: F must be programmed.
+    /// Feedrate until the program writes F, mm/min, in G20 inch/min (D25). If 0, a program must write F.
     pub default_feedrate_mm_min: f64,
-    /// ta before one is programmed, ms.
+    /// Acceleration time ta until the program sets it, ms.
     pub default_ta_ms: f64,
-    /// td before one is programmed, ms.
+    /// Deceleration time td until the program sets it, ms.
     pub default_td_ms: f64,
-    /// ts before one is programmed, ms.
+    /// Jerk time ts until the program sets it, ms.
     pub default_ts_ms: f64,
-    /// Feedrate of blocks that move only rotary axes, deg/min; 0: F.
+    /// Feedrate of blocks that move only rotary axes, deg/min. If 0, F applies.
     pub rotary_feedrate_deg_min: f64,
-    /// Time for the override to go from 0 to 100 percent, ms.
+    /// Time in which the override changes from 0 to 100 percent, ms.
     pub override_slew_ms: f64,
-    /// Time for feed hold to come from 100 percent to rest, ms.
+    /// Time in which feed hold stops the motion from 100 percent, ms.
     pub hold_slew_ms: f64,
     /// Servo period, s.
     pub servo_period_s: f64,
-    /// Blocks without motion or output after which a program makes no progress (alarm 21).
+    /// Number of consecutive blocks without motion or output after which alarm 21 is raised: the program
+    /// makes no progress.
     pub blocks_without_motion_max: u32,
-    /// Rules of path and motion with a default.
+    /// Options of path and motion, each with a default.
     pub motion: MotionOptions,
-    /// Path rules of the programs' dialect.
+    /// Path rules of the dialect in which the programs are written.
     pub path: PathRules,
     /// Options that a dialect leaves to the machine.
     pub nc: NcOptions,
@@ -54,12 +55,12 @@ pub struct PathRules {
     pub rotary_feed: RotaryFeed,
     /// Lead-in and checks of cutter compensation.
     pub compensation: CompensationRules,
-    /// Whether ramps span blocks before a code selects it.
+    /// State of G500 or G501 until a program selects one.
     pub multi_block: MultiBlock,
 }
 
 impl PathRules {
-    /// Those of dialect nj.
+    /// Path rules of dialect nj.
     pub const NJ: Self = Self {
         rapid: RapidPath::EachMotor,
         rotary_feed: RotaryFeed::Degrees,
@@ -71,57 +72,58 @@ impl PathRules {
 /// Path of a rapid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RapidPath {
-    /// Each motor alone, in its shortest time.
+    /// Each motor moves alone, in its shortest time.
     EachMotor,
-    /// Straight, as fast as the motors can together.
+    /// All motors move on a straight line, as fast as all of them can together.
     Straight,
 }
 
 /// Meaning of F on rotary axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RotaryFeed {
-    /// Degrees, and nothing where a linear axis moves, too.
+    /// F is in deg/min. If a linear axis moves too, F does not apply to rotary axes.
     Degrees,
-    /// The path of the tool on a circle about the A axis, whose centre is Y0 Z0 of the work coordinates, with the
-    /// radius where the block begins (manual dgshape, 1-4 and 2-5).
+    /// F is the speed of the tool along a circle about the A axis. The centre is Y0 Z0 of the work
+    /// coordinates; the radius is that at the start of the block (manual dgshape, 1-4 and 2-5).
     Surface,
 }
 
-/// The rules of cutter compensation that dialects have different.
+/// Rules of cutter compensation that differ between dialects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CompensationRules {
-    /// Led in and out over the tool's radius at least; rapids do not move in it, and overcuts are looked for.
+    /// Lead-in and lead-out are at least as long as the tool's radius. Rapids are not allowed in
+    /// compensation, and overcuts are detected.
     Checked,
-    /// Led in and out over any length, also by rapids, which move in it; overcuts are not looked for (manual dgshape,
-    /// G40 to G42).
+    /// Lead-in and lead-out have any length and may be rapids. Rapids are allowed in compensation, and
+    /// overcuts are not detected (manual dgshape, G40 to G42).
     Unchecked,
 }
 
 /// Options that a dialect leaves to the machine.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NcOptions {
-    /// Which numbers without a decimal point are read as by a calculator.
+    /// Numbers without a decimal point that are read in the unit itself.
     pub calculator: Calculator,
-    /// Degrees of 1 in an angle without a decimal point.
+    /// Degrees per increment, for an angle without a decimal point.
     pub angle_increment_deg: f64,
-    /// In a dialect that has a least feedrate, smaller F are replaced by this, mm/min; 0 for none.
+    /// Minimum feedrate, mm/min; 0 for none. In a dialect with a minimum, it replaces any smaller F.
     pub min_feedrate_mm_min: f64,
-    /// Smaller S are replaced by this, r/min.
+    /// Minimum spindle speed, r/min. It replaces any smaller S.
     pub min_spindle_speed_r_min: f64,
-    /// Larger S are replaced by this, r/min; 0 selects the maximum of the spindle's motor.
+    /// Maximum spindle speed, r/min. It replaces any larger S; 0 selects the maximum of the spindle's motor.
     pub max_spindle_speed_r_min: f64,
-    /// How far above the last depth a peck of a fixed cycle begins to cut, mm.
+    /// Height above the previous depth at which a peck of a fixed cycle begins to cut, mm.
     pub peck_clearance_mm: f64,
-    /// The path of lead-in and lead-out of cutter compensation on the outside of a corner.
+    /// Path of lead-in and lead-out of cutter compensation on the outside of a corner.
     pub compensation_start: CompensationStart,
-    /// EXOFS: shift of all work coordinate systems.
+    /// External offset EXOFS, which shifts all work coordinate systems.
     pub external_offset: AxisVector,
-    /// M codes with settings.
+    /// M codes with settings of their own.
     pub m_codes: MCodeSet,
 }
 
 impl NcOptions {
-    /// Returns a speed within those of the spindle that are set here, r/min.
+    /// Returns the wanted speed, limited to the minimum and maximum spindle speed of these options, r/min.
     pub fn spindle_speed_within(&self, wanted_r_min: f64) -> f64 {
         let fastest = match self.max_spindle_speed_r_min {
             max if max > 0.0 => max,
@@ -147,28 +149,29 @@ impl Default for NcOptions {
     }
 }
 
-/// Numbers without a decimal point that are read as by a calculator, in the unit itself; all others count increments
-/// (manual dgshape, 1-5).
+/// Numbers without a decimal point that are read in the unit itself (calculator format). All other numbers
+/// without a point count increments (manual dgshape, 1-5).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Calculator {
-    /// None.
+    /// No numbers.
     #[default]
     None,
-    /// All.
+    /// All numbers.
     All,
-    /// Those of F.
+    /// Numbers of F.
     F,
-    /// Those of I, J, K, R, X, Y, Z and A.
+    /// Numbers of I, J, K, R, X, Y, Z and A.
     Dimensions,
 }
 
-/// The path of lead-in and lead-out of cutter compensation on the outside of a corner (manual dgshape, G40 to G42).
+/// Path of lead-in and lead-out of cutter compensation on the outside of a corner (manual dgshape, G40 to
+/// G42).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum CompensationStart {
-    /// Straight to the point next to the corner.
+    /// Straight line to the point perpendicular to the corner.
     #[default]
     A,
-    /// Through the point where the offset paths meet.
+    /// Path through the intersection of the offset paths.
     B,
 }
 
@@ -177,7 +180,7 @@ pub enum CompensationStart {
 pub struct MCodeSet([u64; 3]);
 
 impl MCodeSet {
-    /// Returns true for an M code of the set.
+    /// Returns true if the set contains the M code.
     pub fn contains(&self, m: u16) -> bool {
         let word = self.0.get(usize::from(m / 64));
         word.is_some_and(|word| word & (1 << (m % 64)) != 0)
@@ -196,55 +199,57 @@ impl FromIterator<u16> for MCodeSet {
     }
 }
 
-/// Default of [`MotionOptions::arc_radius_tolerance_mm`].
+/// Default value of [`MotionOptions::arc_radius_tolerance_mm`].
 pub const ARC_RADIUS_TOLERANCE_MM: f64 = 0.01;
 
-/// Rules of path and motion with a default.
+/// Options of path and motion, each with a default.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MotionOptions {
-    /// R form of an arc: how much the radius may fall short of half the chord, mm (D26).
+    /// Tolerance by which the radius R of an arc may be smaller than half the chord, mm (D26).
     pub arc_radius_tolerance_mm: f64,
-    /// How much the radii at start and end of an arc may differ, mm; 0: any difference makes a spiral.
+    /// Tolerance for the difference of the radii at start and end of an arc, mm. If 0, any difference makes a
+    /// spiral.
     pub spiral_tolerance_mm: f64,
-    /// Feedrate of dry run, mm/min or deg/min; 0: the maximum feedrate.
+    /// Feedrate of dry run, mm/min or deg/min. If 0, the maximum feedrate applies.
     pub dry_run_feedrate_mm_min: f64,
-    /// Path to which F refers with cutter compensation.
+    /// Path to which F refers in cutter compensation.
     pub compensation_feed: CompensationFeed,
-    /// The reaction to an overcut with cutter compensation.
+    /// Reaction to an overcut in cutter compensation.
     pub overcut: Overcut,
-    /// Quantity that is reduced in a chain of blended blocks that are too short for their ramps (M1b).
+    /// Quantity that is reduced if the blocks of a blended chain are too short for their ramps (M1b).
     pub short_block: ShortBlock,
-    /// The simulated skip input of each axis's motor (G31). With `None` the input never switches on.
+    /// Simulated skip input of each axis's motor (G31). `None` is an input that never switches on.
     pub simulated_skip: [Option<SimulatedSkip>; AXES_MAX],
-    /// Object that a simulated probe touches with X and Y.
+    /// Round object that a simulated probe touches with X and Y.
     pub simulated_round: Option<SimulatedRound>,
 }
 
-/// When a simulated skip input is on, by the motor's actual machine position, mm or degrees.
+/// Condition under which a simulated skip input is on: the motor's actual machine position, mm or degrees.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SimulatedSkip {
-    /// Below this position.
+    /// The input is on below this position.
     Below(f64),
-    /// Above this position.
+    /// The input is on above this position.
     Above(f64),
 }
 
-/// A round wall about Z that a simulated probe touches with X and Y, below its upper edge: machine positions, mm.
+/// A round wall about a vertical axis (Z). A simulated probe touches it with X and Y, below its upper edge.
+/// Machine positions, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimulatedRound {
     /// X and Y of the centre.
     pub centre: [f64; 2],
-    /// Radius of the circle on which the centre of the probe's ball touches.
+    /// Radius of the circle on which the centre of the probe's ball lies at contact.
     pub radius: f64,
-    /// True for a bore, which is touched from within; false for a boss, which is touched from outside.
+    /// True for a bore, which the probe touches from inside; false for a boss, which it touches from outside.
     pub is_bore: bool,
-    /// The wall is where Z is below this.
+    /// Z position of the wall's upper edge. The wall exists only below it.
     pub below: f64,
 }
 
 impl SimulatedRound {
-    /// Returns where an axis reaches the wall that the probe at this position of X, Y and Z touches; `axis`: 0 for X, 1
-    /// for Y.
+    /// Returns the position of an axis (0 for X, 1 for Y) at contact with the wall. Returns `None` if the
+    /// probe at this position of X, Y and Z does not touch the wall.
     pub fn touched(&self, axis: usize, [x, y, z]: [f64; 3]) -> Option<f64> {
         let away = [x - self.centre[0], y - self.centre[1]];
         let is_touched = z < self.below && (away[0].hypot(away[1]) > self.radius) == self.is_bore;
@@ -255,14 +260,14 @@ impl SimulatedRound {
 }
 
 impl SimulatedSkip {
-    /// Returns the position at which it turns on.
+    /// Returns the position at which the input switches.
     pub fn threshold(self) -> f64 {
         match self {
             SimulatedSkip::Below(threshold) | SimulatedSkip::Above(threshold) => threshold,
         }
     }
 
-    /// Returns true if the input is on at this position.
+    /// Returns true if the input is on at this position of the motor.
     pub fn is_on(self, position: f64) -> bool {
         match self {
             SimulatedSkip::Below(threshold) => position < threshold,
@@ -271,33 +276,33 @@ impl SimulatedSkip {
     }
 }
 
-/// Path to which F refers with cutter compensation.
+/// Path to which F refers in cutter compensation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum CompensationFeed {
-    /// The path of the tool's centre.
+    /// The path of the centre of the tool.
     #[default]
     Centre,
-    /// On the programmed arc, where the tool's edge cuts.
+    /// The programmed path, which the edge of the tool cuts.
     Edge,
 }
 
-/// The reaction to an overcut with cutter compensation.
+/// Reaction to an overcut in cutter compensation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Overcut {
-    /// An alarm before the first block that it concerns moves.
+    /// Alarm before the first affected block moves.
     #[default]
     Detect,
-    /// The blocks that the tool does not fit between are left out; an alarm where that does not help.
+    /// Omission of the blocks between which the tool does not fit. If this does not help, an alarm.
     Prevent,
 }
 
-/// Quantity that is reduced in a chain of blended blocks that are too short for their ramps.
+/// Quantity that is reduced if the blocks of a blended chain are too short for their ramps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ShortBlock {
-    /// The ramps: the feedrate is kept.
+    /// The ramps; the feedrate is kept.
     #[default]
     Shrink,
-    /// The feedrate: the ramps are kept.
+    /// The feedrate; the ramps are kept.
     Extend,
 }
 
@@ -317,7 +322,7 @@ impl Default for MotionOptions {
 }
 
 impl Default for CoordinateSystemSettings {
-    /// Returns coordinate system 1 without motors, with the defaults of a configuration.
+    /// Returns coordinate system 1 without motors, with the default values of a configuration.
     fn default() -> Self {
         Self {
             number: 1,
@@ -351,20 +356,21 @@ impl CoordinateSystemSettings {
     }
 }
 
-/// Settings of one motor. Units: mm for linear, degrees for rotary motors, r/min for spindles.
+/// Settings of one motor. Units: mm for linear motors, degrees for rotary motors, r/min for spindles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MotorSettings {
-    /// CNC motor number.
+    /// Number of the CNC motor.
     pub number: u16,
-    /// Kind of its load.
+    /// Kind of the motor's load.
     pub kind: MotorKind,
-    /// Units per second (spindle: r/min).
+    /// Maximum velocity, units per second (spindle: r/min).
     pub max_velocity: f64,
-    /// Units per second squared (spindle: r/min per second).
+    /// Maximum acceleration, units per second squared (spindle: r/min per second).
     pub max_acceleration: f64,
-    /// Units per second cubed, of G00, G28, G30 and G31 (M1e) and, with G500, of lines, arcs and the ramps between them
-    /// (M1d). `None` disables the limit. Other feed motion has the jerk that ta, td and ts give it, and steps within
-    /// `max_acceleration` where look-ahead changes the rate.
+    /// Maximum jerk, units per second cubed. `None` disables the limit. It applies to G00, G28, G30 and G31
+    /// (M1e), and with G500 to lines, arcs and the ramps between them (M1d). The jerk of other feed motion
+    /// results from ta, td and ts. Where look-ahead changes the rate of such motion, the acceleration steps
+    /// within `max_acceleration`.
     pub max_jerk: Option<f64>,
     /// Speed of G00, units per second.
     pub rapid_velocity: f64,
@@ -376,28 +382,30 @@ pub struct MotorSettings {
     pub in_position: f64,
     /// Time after which a motor that is not in position raises an alarm, ms.
     pub in_position_timeout_ms: f64,
-    /// Lowest and highest machine position; leaving them is an alarm before the motion starts.
+    /// Lowest and highest machine position. A motion that would leave this range raises an alarm before it
+    /// starts.
     pub soft_limits: Option<[f64; 2]>,
-    /// First to fourth reference point, machine position.
+    /// Machine positions of the first to fourth reference point.
     pub reference_points: [f64; 4],
-    /// Time constant of the simulated drive's following error, ms; 0: ideal.
+    /// Time constant of the simulated drive's following error, ms; 0 for no following error.
     pub lag_ms: f64,
-    /// Machine position of the simulated drive when it is switched on.
+    /// Machine position of the simulated drive at switch-on.
     pub start_at: f64,
-    /// The simulated drive knows its position when it is switched on.
+    /// True if the simulated drive knows its position at switch-on.
     pub is_homed_at_start: bool,
-    /// Spindle: speed of orientation, r/min.
+    /// Speed of spindle orientation, r/min.
     pub orientation_velocity: f64,
-    /// Spindle: position of orientation, degrees.
+    /// Position of spindle orientation, degrees.
     pub orientation_position: f64,
-    /// Spindle: difference from the commanded speed within which that speed is reached, percent of it.
+    /// Deviation from the commanded spindle speed within which that speed counts as reached, percent of the
+    /// commanded speed.
     pub at_speed_percent: f64,
 }
 
 impl MotorSettings {
-    /// Creates a motor of these limits without jerk limit, soft limits and lag, and otherwise with the
-    /// defaults of a configuration: rapid at the limits, G31 at a tenth of the velocity, in position within
-    /// 0.01 in 2 s, oriented at 100 r/min to 0 degrees.
+    /// Creates a motor with these limits, without jerk limit, soft limits and following error. Other values
+    /// are the defaults of a configuration: rapid at the limits, G31 at a tenth of the velocity, in position
+    /// within 0.01 in 2 s, orientation at 100 r/min to 0 degrees.
     pub fn new(number: u16, kind: MotorKind, max_velocity: f64, max_acceleration: f64) -> Self {
         Self {
             number,
@@ -422,7 +430,7 @@ impl MotorSettings {
     }
 }
 
-/// Load of a motor.
+/// Kind of a motor's load, with its unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MotorKind {
     /// A linear axis, mm.
@@ -437,23 +445,23 @@ pub enum MotorKind {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct WorkOffsets(pub [AxisVector; 6]);
 
-/// The tool that G41 to G44 use (D17).
+/// Data of the tool that G41 to G44 use (D17).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tool {
     /// Length, mm: G43 adds it to Z, G44 subtracts it.
     pub length: f64,
-    /// Radius, mm: the offset of G41 and G42.
+    /// Radius, mm: the offset with G41 and G42.
     pub radius: f64,
 }
 
 impl Tool {
-    /// A tool whose data is lost.
+    /// A tool with lost data.
     pub const LOST: Tool = Tool {
         length: LOST,
         radius: LOST,
     };
 
-    /// Returns true if its data is lost.
+    /// Returns true if the length or the radius is lost.
     pub fn is_lost(&self) -> bool {
         is_lost(self.length) || is_lost(self.radius)
     }

@@ -5,7 +5,7 @@
 pub struct Span {
     /// First byte.
     pub start: u32,
-    /// One past the last byte.
+    /// Position after the last byte.
     pub end: u32,
 }
 
@@ -15,14 +15,14 @@ impl Span {
         Self { start, end }
     }
 
-    /// Returns the smallest range that holds both.
+    /// Returns the smallest range that contains both ranges.
     #[must_use]
     pub fn to(self, other: Span) -> Span {
         Span::new(self.start.min(other.start), self.end.max(other.end))
     }
 }
 
-/// Where a block comes from.
+/// Position of a block in its program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
 pub struct Origin {
     /// Program number; 0 for a program without a number (manual data input).

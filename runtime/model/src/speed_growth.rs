@@ -1,25 +1,26 @@
-//! The programmed speed as a function of plan time on a ramp between two feedrates, and the distance covered so far.
+//! Programmed speed and covered distance as functions of plan time, on a ramp between two feedrates.
 //!
-//! At a joint of different feedrates the speed along both blocks changes with plan time: `U = v_1 (1 - S) + v_2 S`.
-//! Measured by distance, the integral of U, a ramp between two blocks of one direction is a straight line for any ramp
-//! times.
+//! At a joint of different feedrates the speed along both blocks changes with plan time: `U = v_1 (1 - S) +
+//! v_2 S`. If two blocks have one direction, the path of the ramp is a straight line in the distance, the
+//! integral of U, for any ramp times.
 
-/// Most Newton steps.
+/// Largest number of Newton steps.
 const STEPS_MAX: u32 = 16;
 
-/// Newton begins at most at this multiple of the solution for the third power alone; no piece of a falling speed is longer.
+/// Upper bound of the first Newton value, as a multiple of the solution for the third power alone. No piece
+/// with a falling speed is longer.
 const THIRD_POWERS: f64 = 4.0;
 
-/// A step shorter than this share of the plan time is rounding.
+/// Share of the plan time below which a Newton step is only rounding.
 const ROUNDING: f64 = 1e-16;
 
-/// The speed relative to the speed at the start of the piece.
+/// The speed within a piece, relative to the speed at the start of the piece.
 ///
-/// It is a polynomial of second degree in the plan time since the start, and above zero on the whole piece. Without
-/// growth, it is 1.
+/// It is a polynomial of second degree in the plan time since the start, and is above zero on the whole
+/// piece. Without growth, the polynomial is 1.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SpeedGrowth {
-    /// First derivative at the start, per second.
+    /// First derivative at the start of the piece, per second.
     pub first: f64,
     /// Second derivative, per second squared.
     pub second: f64,
@@ -31,7 +32,7 @@ impl SpeedGrowth {
         self.first == 0.0 && self.second == 0.0
     }
 
-    /// Returns the growth for falling plan time.
+    /// Returns the same growth for backward motion, in which plan time falls.
     #[must_use]
     pub fn reversed(self) -> Self {
         Self {
@@ -40,24 +41,24 @@ impl SpeedGrowth {
         }
     }
 
-    /// Returns the speed `plan_s` seconds of plan time after the start, relative to that at the start.
+    /// Returns the speed `plan_s` seconds of plan time after the start, relative to the speed at the start.
     pub fn speed(self, plan_s: f64) -> f64 {
         1.0 + plan_s * (self.first + plan_s * self.second / 2.0)
     }
 
-    /// Returns the distance covered `plan_s` seconds of plan time after the start, in seconds at the initial
-    /// speed.
+    /// Returns the distance covered `plan_s` seconds of plan time after the start, divided by the initial
+    /// speed, s.
     pub fn distance_s(self, plan_s: f64) -> f64 {
         plan_s * (1.0 + plan_s * (self.first + plan_s * self.second / 3.0) / 2.0)
     }
 
-    /// Returns the plan time after the begin at which this distance is covered, s: the inverse of
-    /// [`SpeedGrowth::distance_s`].
+    /// Returns the plan time from the start to the point at which this distance is covered, s. It is the
+    /// inverse of [`SpeedGrowth::distance_s`].
     pub fn plan_s(self, distance_s: f64) -> f64 {
         if self.is_none() {
             return distance_s;
         }
-        // With a constant slope in closed form, then by Newton.
+        // The solution for a constant slope has a closed form, with which Newton's method begins.
         let square = 1.0 + 2.0 * self.first * distance_s;
         let mut plan_s = 2.0 * distance_s / (1.0 + square.max(0.0).sqrt());
         if self.second == 0.0 {
@@ -86,7 +87,7 @@ impl SpeedGrowth {
 mod tests {
     use super::*;
 
-    /// A third of the ramp from 5 to 1 with a jerk of its own, and other ones.
+    /// A third of the ramp from 5 to 1 with jerk phases, and further growths.
     const GROWTHS: [SpeedGrowth; 6] = [
         SpeedGrowth {
             first: 0.0,

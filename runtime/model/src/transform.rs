@@ -1,26 +1,26 @@
-//! The coordinate transforms of D20, and their effect on points and distances.
+//! The coordinate transforms of D20, applied to points and distances.
 
 use crate::axis::{Axis, AxisSet, AxisVector};
 use crate::plane::Plane;
 
-/// From the programmed point to the machine position, in the order of the fields (D20).
+/// Transform from the programmed point to the machine position, applied in the order of the fields (D20).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Transform {
-    /// G51.1.
+    /// Mirror image, G51.1.
     pub mirror: Option<Mirror>,
-    /// G51.
+    /// Scaling, G51.
     pub scaling: Option<Scaling>,
-    /// G68.
+    /// Rotation, G68.
     pub rotation: Option<Rotation>,
-    /// G52, added.
+    /// Offset of the local coordinates (G52), added to the point.
     pub local: AxisVector,
-    /// G54 to G59, added.
+    /// Work offset (G54 to G59), added to the point.
     pub work_offset: AxisVector,
-    /// G43 (positive) or G44 (negative): added to Z, mm.
+    /// Tool length, positive with G43 and negative with G44, added to Z, mm.
     pub tool_length: f64,
 }
 
-/// G51.1: each of these axes changes its sign about the centre.
+/// Mirror image of G51.1: each of these axes changes its sign about the centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mirror {
     /// The mirrored axes.
@@ -29,7 +29,7 @@ pub struct Mirror {
     pub centre: AxisVector,
 }
 
-/// G51: distances from the centre times the factor of the axis.
+/// Scaling of G51: distances from the centre are multiplied by the factor of the axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scaling {
     /// The centre.
@@ -38,20 +38,20 @@ pub struct Scaling {
     pub factors: [f64; 3],
 }
 
-/// G68: a turn in the plane about the centre.
+/// Rotation of G68 in a plane about a centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rotation {
     /// The plane.
     pub plane: Plane,
     /// The centre.
     pub centre: AxisVector,
-    /// Counter-clockwise, degrees.
+    /// Angle of the rotation, degrees, counter-clockwise positive.
     pub angle_deg: f64,
 }
 
 impl Transform {
-    /// Returns the machine position of a programmed point: mirror, scaling, rotation, local, work offset,
-    /// tool length.
+    /// Returns the machine position of a programmed point: applies mirror, scaling, rotation, local offset,
+    /// work offset and tool length, in this order.
     #[inline]
     pub fn forward(&self, point: AxisVector) -> AxisVector {
         let point = if self.only_shifts() {
@@ -66,8 +66,8 @@ impl Transform {
         point
     }
 
-    /// Returns true without mirror, scaling and rotation: most programs, for which a point stays in the
-    /// registers.
+    /// Returns true without mirror, scaling and rotation. Most programs use none of these, and the point then
+    /// stays in processor registers.
     #[inline]
     fn only_shifts(&self) -> bool {
         self.mirror.is_none() && self.scaling.is_none() && self.rotation.is_none()
@@ -85,8 +85,8 @@ impl Transform {
         self.rotated(point, 1.0)
     }
 
-    /// Returns the machine distance of a programmed distance: [`forward`](Self::forward) without centres and
-    /// offsets.
+    /// Returns the machine distance of a programmed distance, as [`forward`](Self::forward) but without
+    /// centres and offsets.
     pub fn linear(&self, mut distance: AxisVector) -> AxisVector {
         if let Some(mirror) = &self.mirror {
             for axis in mirror.axes.iter() {
@@ -118,7 +118,7 @@ impl Transform {
         }
     }
 
-    /// Returns the point rotated, scaled and mirrored back.
+    /// Returns the point after the inverse of rotation, scaling and mirror, in this order.
     #[inline(never)]
     fn formed_back(&self, point: AxisVector) -> AxisVector {
         let mut point = self.rotated(point, -1.0);
@@ -130,7 +130,7 @@ impl Transform {
         self.mirrored(point)
     }
 
-    /// Returns the point mirrored about the centre; the inverse is the same function.
+    /// Returns the point mirrored about the centre. The inverse is this same function.
     fn mirrored(&self, mut point: AxisVector) -> AxisVector {
         if let Some(mirror) = &self.mirror {
             for axis in mirror.axes.iter() {
@@ -140,7 +140,7 @@ impl Transform {
         point
     }
 
-    /// Returns the point rotated about the centre, forth (`sense` 1) or back (-1).
+    /// Returns the point rotated about the centre: forward if `sense` is 1, backward if it is -1.
     fn rotated(&self, mut point: AxisVector, sense: f64) -> AxisVector {
         if let Some(rotation) = &self.rotation {
             let from_centre = rotated(rotation, point.minus(rotation.centre), sense);
@@ -151,7 +151,7 @@ impl Transform {
         point
     }
 
-    /// Returns the position of a tool at this machine position in the coordinates that G51 scales.
+    /// Returns the coordinates that G51 scales, of the tool at this machine position.
     pub fn before_scaling(&self, machine: AxisVector) -> AxisVector {
         Self {
             mirror: None,
@@ -161,7 +161,7 @@ impl Transform {
         .inverse(machine)
     }
 
-    /// Returns the position of a tool at this machine position in the coordinates that G68 turns.
+    /// Returns the coordinates that G68 rotates, of the tool at this machine position.
     pub fn before_rotation(&self, machine: AxisVector) -> AxisVector {
         Self {
             rotation: None,
@@ -171,7 +171,7 @@ impl Transform {
     }
 }
 
-/// Returns the vector turned in the rotation's plane, forth (`sense` 1) or back (-1).
+/// Returns the vector turned in the plane of the rotation: forward if `sense` is 1, backward if it is -1.
 fn rotated(rotation: &Rotation, vector: AxisVector, sense: f64) -> AxisVector {
     let [first, second] = rotation.plane.axes();
     let (sin, cos) = sine_and_cosine(rotation.angle_deg);
@@ -182,7 +182,8 @@ fn rotated(rotation: &Rotation, vector: AxisVector, sense: f64) -> AxisVector {
     turned
 }
 
-/// Returns sine and cosine, exact at whole quarter turns, which leave no rounding error on the other axis.
+/// Returns sine and cosine. They are exact at multiples of 90 degrees, so that such a rotation causes no
+/// rounding error on the other axis.
 fn sine_and_cosine(angle_deg: f64) -> (f64, f64) {
     let within = angle_deg.rem_euclid(360.0);
     let quarters = [

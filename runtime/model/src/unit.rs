@@ -3,15 +3,15 @@
 /// The unit of programmed lengths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Unit {
-    /// G21.
+    /// Millimetres, G21.
     #[default]
     Millimetre,
-    /// G20.
+    /// Inches, G20.
     Inch,
 }
 
 impl Unit {
-    /// Returns the millimetres of a programmed length of 1.
+    /// Returns the length in millimetres of one programmed unit.
     pub const fn mm(self) -> f64 {
         match self {
             Unit::Millimetre => 1.0,

@@ -1,31 +1,32 @@
-//! User variables that outlive a program (manual 4-3): P, shared by all coordinate systems, and Q, of one.
+//! User variables that keep their value after a program ends (manual 4-3): P is shared by all coordinate
+//! systems, each coordinate system has its own Q.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 
 use crate::lost::LOST;
 
-/// P0 to P32767.
+/// Number of P variables: P0 to P32767.
 pub const GLOBAL_VARIABLES: usize = 32_768;
 
-/// Q0 to Q4095.
+/// Number of Q variables: Q0 to Q4095.
 pub const COORDINATE_SYSTEM_VARIABLES: usize = 4096;
 
-/// L0 to L255.
+/// Number of L variables: L0 to L255.
 pub const LOCAL_VARIABLES: usize = 256;
 
-/// Mark of a variable that was set.
+/// Mark of a variable that a program has set.
 const WRITTEN: u8 = 1;
 
-/// Mark of a variable that was read before it was set.
+/// Mark of a variable that a program has read before setting it.
 const READ_FIRST: u8 = 2;
 
-/// An array of 64-bit floating point variables, initially zero. Each is atomic on its own, without any order among
-/// them; a clone is another handle of the same array.
+/// An array of 64-bit floating point variables, initially zero. Each variable is atomic; the order of
+/// accesses to different variables is not defined. A clone refers to the same array.
 #[derive(Debug, Clone)]
 pub struct VariableArray {
     values: Arc<[AtomicU64]>,
-    /// In a watched copy, how each variable was used.
+    /// Marks of the variables, only in a copy made by [`VariableArray::watched_copy`].
     marks: Option<Arc<[AtomicU8]>>,
 }
 
@@ -38,8 +39,8 @@ impl VariableArray {
         }
     }
 
-    /// Returns an array of its own with the same values, which remembers the variables that are set or read
-    /// from now on.
+    /// Returns a separate array with the same values. The copy records which variables are set or read from
+    /// now on.
     #[must_use]
     pub fn watched_copy(&self) -> Self {
         let copy = |value: &AtomicU64| AtomicU64::new(value.load(Ordering::Relaxed));
@@ -49,15 +50,15 @@ impl VariableArray {
         }
     }
 
-    /// Returns the index and value of each variable that was set since [`VariableArray::watched_copy`],
-    /// ascending.
+    /// Returns the index and value of each variable that was set since [`VariableArray::watched_copy`], in
+    /// ascending order of the index.
     pub fn written(&self) -> impl Iterator<Item = (usize, f64)> {
         self.marked(WRITTEN)
             .filter_map(|index| Some((index, self.value(index)?)))
     }
 
-    /// Returns the index of each variable that was read since [`VariableArray::watched_copy`] before it was
-    /// set, ascending.
+    /// Returns the index of each variable that was read before it was set, since
+    /// [`VariableArray::watched_copy`], in ascending order.
     pub fn read_first(&self) -> impl Iterator<Item = usize> {
         self.marked(READ_FIRST)
     }
@@ -70,7 +71,7 @@ impl VariableArray {
             .map(|(index, _)| index)
     }
 
-    /// Marks the variables as lost that have not been set since [`VariableArray::watched_copy`].
+    /// Sets each variable that was not set since [`VariableArray::watched_copy`] to [`LOST`].
     pub fn lose_unwritten(&self) {
         let Some(marks) = &self.marks else { return };
         for (value, mark) in self.values.iter().zip(marks.iter()) {
@@ -80,7 +81,7 @@ impl VariableArray {
         }
     }
 
-    /// Returns the value of a variable; `None` beyond the array.
+    /// Returns the value of a variable. Returns `None` for an index beyond the array.
     pub fn get(&self, index: usize) -> Option<f64> {
         if let Some(mark) = self.marks.as_ref().and_then(|marks| marks.get(index))
             && mark.load(Ordering::Relaxed) == 0
@@ -95,7 +96,7 @@ impl VariableArray {
         Some(f64::from_bits(cell.load(Ordering::Relaxed)))
     }
 
-    /// Sets a variable. False beyond the array, where nothing changes.
+    /// Sets a variable. Returns false, without any change, for an index beyond the array.
     pub fn set(&self, index: usize, value: f64) -> bool {
         let Some(cell) = self.values.get(index) else {
             return false;
@@ -112,23 +113,23 @@ impl VariableArray {
         self.values.len()
     }
 
-    /// Returns true for an array of no variables.
+    /// Returns true if the array has no variables.
     pub fn is_empty(&self) -> bool {
         self.values.is_empty()
     }
 }
 
-/// The variables of the programs of one coordinate system, except for L.
+/// The P and Q variables that the programs of one coordinate system use.
 #[derive(Debug, Clone)]
 pub struct Variables {
-    /// P: the same array for all coordinate systems.
+    /// P, the same array for all coordinate systems.
     pub global: VariableArray,
-    /// Q: of this coordinate system.
+    /// Q, an array of this coordinate system only.
     pub coordinate_system: VariableArray,
 }
 
 impl Variables {
-    /// Returns the variables of a coordinate system together with the P variables of the controller.
+    /// Creates the variables of a coordinate system, with the P variables that the whole controller shares.
     pub fn new(global: VariableArray) -> Self {
         Self {
             global,
@@ -138,7 +139,7 @@ impl Variables {
 }
 
 impl Default for Variables {
-    /// Variables of their own, all zero: for a machine of one coordinate system.
+    /// Creates variables that no other coordinate system shares, all zero.
     fn default() -> Self {
         Self::new(VariableArray::new(GLOBAL_VARIABLES))
     }

@@ -1,4 +1,4 @@
-//! The steepest slope of an axis along an arc: it limits the path speed where a motor has a maximum velocity.
+//! The steepest slope of an axis along an arc. It limits the path speed if a motor has a maximum velocity.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -6,14 +6,15 @@ use super::ArcPath;
 use crate::axis::Axis;
 use crate::bisect;
 
-/// Halvings of the share of the angle. Around its highest place the slope falls with the square of the distance, so
-/// 2^-40 of the arc leaves nothing but rounding.
+/// Number of halvings of the share of the angle. Near its maximum the slope falls with the square of the
+/// distance, so that an error of 2^-40 of the arc causes only rounding errors.
 const HALVINGS: u32 = 40;
 
 impl ArcPath {
-    /// Returns the largest change of an axis per mm of the path, but for rounding.
+    /// Returns the largest change of an axis per mm of the path, except for rounding.
     pub fn steepest(&self, axis: Axis) -> f64 {
-        // The first axis is steepest where the direction of travel is level, the second where it is a quarter turn off.
+        // The first axis is steepest where the direction of travel is parallel to it, the second where the
+        // direction is perpendicular to the first.
         let offset = match self.plane.axes() {
             [first, _] if first == axis => 0.0,
             [_, second] if second == axis => FRAC_PI_2,
@@ -32,7 +33,7 @@ impl ArcPath {
             .map_or(ends, |share| ends.max(self.slope(share, offset)))
     }
 
-    /// Returns the change per mm of an axis of the plane, without sign, at a share of the angle.
+    /// Returns the absolute change per mm of an axis in the plane, at a share of the angle.
     fn slope(&self, share: f64, offset: f64) -> f64 {
         let in_plane = self
             .growth
@@ -40,17 +41,18 @@ impl ArcPath {
         (self.travel_angle(share) - offset).cos().abs() * in_plane / in_plane.hypot(self.height)
     }
 
-    /// Returns the share of the angle where the slope of an axis of the plane is highest, if that is not at
-    /// an end.
+    /// Returns the share of the angle at which the slope of an axis in the plane is largest. Returns `None`
+    /// if this is at an end of the arc.
     ///
-    /// With the direction of travel f from the axis, `y = A r` and `p^2 = g^2 + y^2` the slope is `|cos f| p/sqrt(p^2 +
-    /// h^2)`, g the growth of the radius, h the height, A the sweep. Its logarithm has the derivative by the share
-    /// `-f' tan f + A y g h^2/(p^2 (p^2 + h^2))`, and `f' = A (p^2 + g^2)/p^2`. So it rests where `tan f = m`, with
-    /// `m = y g h^2/((p^2 + h^2) (p^2 + g^2))`.
+    /// Let f be the direction of travel from the axis, g the growth of the radius r, h the height, A the
+    /// sweep, `y = A r` and `p^2 = g^2 + y^2`. The slope is `|cos f| p/sqrt(p^2 + h^2)`. Its logarithm has
+    /// the derivative by the share `-f' tan f + A y g h^2/(p^2 (p^2 + h^2))`, and `f' = A (p^2 + g^2)/p^2`.
+    /// So the derivative is zero where `tan f = m`, with `m = y g h^2/((p^2 + h^2) (p^2 + g^2))`.
     ///
-    /// `|dm/du| <= |A|/2` where m grows with f, and `|f'| >= |A|`: `f - atan m` has no way back, and there is one such
-    /// place in each half turn of f. Towards the larger radius each is at least as high as the one before: between
-    /// them lies `cos f = 1` with a larger p. So the one nearest to the larger radius counts.
+    /// Where m grows with f, `|dm/du| <= |A|/2`, and always `|f'| >= |A|`. So `f - atan m` is monotonic, and
+    /// each half turn of f contains one such maximum. Towards the larger radius each maximum is at least as
+    /// high as the previous one, because between them lies `cos f = 1` with a larger p. The largest slope is
+    /// therefore at the maximum nearest to the larger radius.
     fn steepest_between(&self, offset: f64) -> Option<f64> {
         let (growth_2, height_2) = (self.growth * self.growth, self.height * self.height);
         let lean = |share: f64| {
@@ -81,7 +83,8 @@ mod tests {
     use crate::axis::AxisVector;
     use crate::plane::{Plane, Turn};
 
-    /// From (2 + r0, 1) about (2, 1), and how far X, Y and Z go in a share of the angle per mm.
+    /// Creates an arc from (2 + r0, 1) about (2, 1), and a function: the changes of X, Y and Z per mm at a
+    /// share of the angle.
     fn arc(r0: f64, r1: f64, sweep: f64, height: f64) -> (ArcPath, impl Fn(f64) -> [f64; 3]) {
         let xyz = |x: f64, y: f64, z: f64| AxisVector([x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0]);
         let to = xyz(2.0 + r1 * sweep.cos(), 1.0 + r1 * sweep.sin(), height);
@@ -101,7 +104,8 @@ mod tests {
         (path, slopes)
     }
 
-    /// The largest value, from 1000 places and by thirds between the neighbours of each that is as high as both.
+    /// Returns the largest of 1000 values, refined by thirds around each value that is at least as high as
+    /// its neighbours.
     fn largest(of: impl Fn(f64) -> f64) -> f64 {
         let n = 1000;
         let place = |i: i32| f64::from(i.clamp(0, n)) / f64::from(n);
