@@ -397,7 +397,7 @@ pub struct MotorSettings {
     pub orientation_velocity: f64,
     /// Position of spindle orientation, degrees.
     pub orientation_position: f64,
-    /// Deviation from the commanded spindle speed within which that speed counts as reached, percent of the
+    /// Deviation from the commanded spindle speed up to which the spindle is at speed, percent of the
     /// commanded speed.
     pub at_speed_percent: f64,
 }

@@ -3,7 +3,8 @@
 use tandem_model::Origin;
 use tandem_model::profile::{ChainPlace, Law, Pace, Profile, RampedMotion};
 
-/// The contents of a ramped profile, without room for a pace: held back and recorded by the ten thousand.
+/// The contents of a ramped profile without a pace. Tens of thousands of these blocks are held back and
+/// recorded, so they must be small.
 #[derive(Debug, Clone)]
 pub(crate) struct RampedBlock {
     pub(crate) segment: u64,
@@ -14,7 +15,7 @@ pub(crate) struct RampedBlock {
 }
 
 impl RampedBlock {
-    /// Returns true if its path itself rests at a plan time.
+    /// Returns true if the block's own path is at rest at this plan time.
     pub(crate) fn begins_at_rest(&self, plan_s: f64) -> bool {
         self.ramped.begun_s + plan_s == 0.0
     }
@@ -23,7 +24,7 @@ impl RampedBlock {
         self.ramped.next.is_none()
     }
 
-    /// Returns the profile as planned.
+    /// Returns the profile as planned, without look-ahead.
     pub(crate) fn profile(&self) -> Profile {
         let law = Law::Ramped {
             block: self.ramped.clone(),
@@ -32,7 +33,7 @@ impl RampedBlock {
         self.by(law, self.ramped.plan_s, self.ends_at_rest())
     }
 
-    /// Converts the block to a pace that takes this time.
+    /// Converts the block to a profile that passes it at this pace, in this time.
     #[inline]
     pub(crate) fn paced(&self, pace: Pace, duration_s: f64, exact_stop: bool) -> Profile {
         let block = self.ramped.clone();

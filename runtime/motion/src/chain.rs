@@ -1,8 +1,9 @@
 //! A chain of blended blocks between two stops (M1b, G64 with G501).
 //!
-//! There is one ramp at each joint, centred on the time `t_i = t_(i-1) + L_i/v_i` at which the block would end without
-//! ramps. It decelerates one block and accelerates the next at the same time. A ramp never extends beyond the middle of
-//! either block, so at most two blocks move at any time, and the profile of a block depends on the next block only.
+//! Each joint has one ramp, centred on the time `t_i = t_(i-1) + L_i/v_i` at which the block would end
+//! without ramps. The ramp decelerates one block and accelerates the next block at the same time. A ramp
+//! never extends beyond the middle of either block. Therefore at most two blocks move at any time, and the
+//! profile of a block depends on the next block only.
 
 use std::collections::VecDeque;
 
@@ -15,22 +16,22 @@ use tandem_model::settings::ShortBlock;
 use crate::block::RampedBlock;
 use crate::ramped::SingleBlock;
 
-/// The blocks of the chain that are not planned to their end.
+/// The blocks of the chain whose plan is not complete.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Chain {
     links: VecDeque<Link>,
-    /// Place of the last output block. `None` before the first one.
+    /// Position in the chain of the last output block. `None` before the first output block.
     place: Option<ChainPlace>,
 }
 
-/// A segment as input of a chain.
+/// A segment, as input of a chain.
 #[derive(Debug, Clone)]
 pub(crate) struct ChainBlock {
     pub(crate) segment: u64,
     pub(crate) epoch: u32,
     pub(crate) origin: Origin,
     pub(crate) path: Path,
-    /// The block from rest to rest.
+    /// The same block planned from rest to rest.
     pub(crate) alone: SingleBlock,
 }
 
@@ -38,10 +39,11 @@ pub(crate) struct ChainBlock {
 #[derive(Debug, Clone)]
 struct Link {
     block: ChainBlock,
-    /// Path units per second; final once the stop ramp is known, with [`ShortBlock::Shrink`] from the beginning.
+    /// Speed, path units per second. It is final when the stop ramp is known; with [`ShortBlock::Shrink`]
+    /// from the beginning.
     speed: f64,
     is_first: bool,
-    /// The start ramp; until the second block is known, as programmed for the first block.
+    /// The start ramp. For the first block it is as programmed until the second block is known.
     start: UnitRamp,
     /// Ramp to the next block, or to rest. `None` if it is not known yet.
     stop: Option<UnitRamp>,
@@ -53,7 +55,7 @@ impl Chain {
         self.place = None;
     }
 
-    /// Adds a block, and outputs those that are final.
+    /// Adds a block, and outputs the blocks whose plan is final.
     pub(crate) fn push(&mut self, rule: ShortBlock, block: ChainBlock, out: impl FnMut(RampedBlock)) {
         let mut link = Link {
             speed: block.alone.limit,
@@ -75,14 +77,15 @@ impl Chain {
         self.release_final(rule, out);
     }
 
-    /// Ends the chain at rest and outputs all of it.
+    /// Ends the chain at rest and outputs all remaining blocks.
     pub(crate) fn finish(&mut self, rule: ShortBlock, mut out: impl FnMut(RampedBlock)) {
         if let Some(last) = self.links.back_mut()
             && !last.is_first
         {
             let ramp = match rule {
                 ShortBlock::Shrink => last.block.alone.stop_to_rest(last.block_s()),
-                // the ramps are as programmed, because they determine the speed, and so the path
+                // The ramps stay as programmed, because they determine the speed, and the speed determines
+                // the path.
                 ShortBlock::Extend => last.block.alone.stop,
             };
             last.end_with(ramp, rule);
@@ -105,8 +108,8 @@ impl Chain {
         }
     }
 
-    /// Plans a link, blended into the first of the remaining links, with its place in the chain. A link alone in its
-    /// chain is the block from rest to rest.
+    /// Plans a link that blends into the first of the remaining links. If the link is the only one of its
+    /// chain, it is planned from rest to rest.
     fn planned(&mut self, link: Link) -> RampedBlock {
         let length = link.block.path.length();
         let (speed, [start, stop], begun_s, plan_s) = match link.stop {
@@ -155,14 +158,14 @@ impl Chain {
 }
 
 impl Link {
-    /// Returns the time of the block at its speed, s.
+    /// Returns the time of the whole block at its speed, s.
     fn block_s(&self) -> f64 {
         self.block.path.length() / self.speed
     }
 
     fn end_with(&mut self, stop: UnitRamp, rule: ShortBlock) {
         if rule == ShortBlock::Extend {
-            // Both half ramps must have room: the block takes at least their time.
+            // Half of each ramp must fit into the block: the block takes at least the time of both halves.
             let ramps_s = f64::midpoint(self.start.duration_s(), stop.duration_s());
             self.speed = self.speed.min(self.block.path.length() / ramps_s);
         }

@@ -1,15 +1,15 @@
-//! From path segments to motion profiles: ramps, limits, look-ahead.
+//! Conversion of path segments to motion profiles: ramps, limits, look-ahead.
 //!
 //! [`Planner`] is pure: the same segments give the same profiles. A profile is position as a function of time in closed
 //! form ([`Law`](tandem_model::profile::Law)), which the servo cycle evaluates while it scales its time.
 //!
-//! Segments that may blend ([`SegmentEnd::Continuous`](tandem_model::flow::SegmentEnd::Continuous)) form a chain with
-//! superposed ramps (M1b, G501). With G500 the chain keeps its path and slows down before a motor would exceed its
-//! maximum acceleration (M1d, `look_ahead`).
+//! Segments that may blend ([`SegmentEnd::Continuous`](tandem_model::flow::SegmentEnd::Continuous)) form a
+//! chain with superposed ramps (M1b, G501). With G500 a chain keeps its path, and slows down before a motor
+//! would exceed its maximum acceleration (M1d, `look_ahead`).
 //!
-//! Decisions: the rapid limits of a motor apply as configured, even above its maxima. With G501 a block at
-//! feedrate respects `max_velocity` but not `max_acceleration`, which the manual does not check there; with
-//! G500 it respects both.
+//! Decisions: The rapid limits of a motor apply as configured, even above its maxima. With G501 a block at
+//! feedrate respects `max_velocity` but not `max_acceleration`, because the manual does not check
+//! `max_acceleration` with G501. With G500 the block respects both.
 
 mod block;
 mod chain;

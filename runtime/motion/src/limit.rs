@@ -5,14 +5,14 @@ use std::fmt::Display;
 use tandem_model::alarm::LIMIT_ZERO;
 use tandem_model::{Alarm, Axis};
 
-/// The share of the maximum acceleration reserved for feed hold and rounding, so that a hold acts at any time. It costs
-/// a thousandth of the time.
+/// Share of the maximum acceleration that is reserved for feed hold and rounding, so that a feed hold can act
+/// at any time. The reserve increases the motion time by a thousandth.
 pub(crate) const ACCELERATION_RESERVE: f64 = 2e-3;
 
 /// Returns a limit of the motor of an axis.
 ///
 /// # Errors
-/// `LIMIT_ZERO` unless it is a number above zero.
+/// Returns `LIMIT_ZERO` if the limit is not a number above zero.
 pub(crate) fn check_axis_limit(axis: Axis, name: &str, limit: f64) -> Result<f64, Alarm> {
     check_limit(format_args!("axis {}", axis.letter()), name, limit)
 }
@@ -20,7 +20,7 @@ pub(crate) fn check_axis_limit(axis: Axis, name: &str, limit: f64) -> Result<f64
 /// Returns a limit of a motor.
 ///
 /// # Errors
-/// `LIMIT_ZERO` unless it is a number above zero.
+/// Returns `LIMIT_ZERO` if the limit is not a number above zero.
 pub(crate) fn check_limit(motor: impl Display, name: &str, limit: f64) -> Result<f64, Alarm> {
     if is_valid(limit) {
         return Ok(limit);
@@ -29,7 +29,7 @@ pub(crate) fn check_limit(motor: impl Display, name: &str, limit: f64) -> Result
     Err(Alarm::new(&LIMIT_ZERO, text))
 }
 
-/// Returns true for a number above zero.
+/// Returns true for a finite number above zero.
 pub(crate) fn is_valid(limit: f64) -> bool {
     limit > 0.0 && limit.is_finite()
 }

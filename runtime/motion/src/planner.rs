@@ -1,4 +1,4 @@
-//! Converts segments to profiles.
+//! Conversion of segments to profiles.
 
 use std::collections::VecDeque;
 
@@ -16,7 +16,8 @@ use crate::record::{Entry, Record};
 use crate::replan::Replan;
 use crate::{rapid, tapping};
 
-/// The longest profile, s: about 31 years. A longer one is an alarm, so that counting servo periods stays exact.
+/// Maximum duration of a profile, s: about 31 years. A longer profile raises an alarm, so that counting servo
+/// periods stays exact.
 const DURATION_MAX_S: f64 = 1e9;
 
 /// The motion stage of one coordinate system.
@@ -26,7 +27,7 @@ pub struct Planner {
     epoch: u32,
     last_segment: u64,
     chain: Chain,
-    /// Multi-block setting of the chain's blocks.
+    /// Multi-block setting (G500 or G501) of the blocks in the chain.
     multi_block: MultiBlock,
     look_ahead: LookAhead,
     record: Record,
@@ -46,7 +47,7 @@ impl Planner {
         }
     }
 
-    /// Replaces everything by a new planner, after a fault in this one. Segment numbers and epoch continue.
+    /// Replaces the planner by a new one after a fault. Segment numbers and epoch continue.
     pub fn renew(&mut self, settings: &CoordinateSystemSettings) {
         *self = Self {
             epoch: self.epoch,
@@ -55,7 +56,7 @@ impl Planner {
         };
     }
 
-    /// Drops the blocks held back; profiles carry this epoch from now on. Segment numbers continue.
+    /// Drops all blocks that are held back. All further profiles have this epoch. Segment numbers continue.
     pub fn restart(&mut self, epoch: u32) {
         self.epoch = epoch;
         self.chain.clear();
@@ -63,49 +64,51 @@ impl Planner {
         self.record.clear();
     }
 
-    /// Plans further G500 blocks for this feed override, 1.0 being 100 percent, at most 2.0. Up to 100 percent the plan is
-    /// the same, since the servo scales its time.
+    /// Plans further G500 blocks for this feed override: 1.0 is 100 percent, 2.0 the maximum. Up to 100
+    /// percent the plan is the same, because the servo scales its time.
     pub fn set_feed_override(&mut self, factor: f64) {
         self.look_ahead.set_feed_override(factor);
     }
 
-    /// Records that the motion has passed this segment. The last 10,000 passed segments are kept, and fewer
-    /// than 128 more.
+    /// Records that the motion has passed this segment. The planner keeps the last 10,000 passed segments,
+    /// and at most 127 more.
     pub fn passed(&mut self, segment: u64) {
         self.record.passed(segment);
     }
 
-    /// Prevents a return past the end of the last segment taken.
+    /// Prevents backward motion into the last pushed segment and all segments before it.
     pub fn forbid_retrace(&mut self) {
         self.record.bar(self.last_segment);
     }
 
-    /// Returns a place within a G500 block already output, at least `ahead_s` of plan time beyond this one, where a
-    /// [`Planner::replan`] may begin while the machine moves; `None` without such a place.
+    /// Returns a position within an output G500 block, at least `ahead_s` of plan time after `from`. There a
+    /// [`Planner::replan`] may begin while the machine moves. Returns `None` if there is no such position.
     pub fn place_ahead(&self, from: PathPlace, ahead_s: f64) -> Option<PathPlace> {
         self.record.place_ahead(from, ahead_s)
     }
 
-    /// Plans the output profiles again from a place on, for the current feed override: from rest there, or for a motion
-    /// that arrives no faster than the new plan allows. Nothing changes before [`Planner::adopt`].
+    /// Plans the output profiles again, beginning at `from`, for the current feed override. If `at_rest`, the
+    /// motion begins at rest; otherwise it must arrive no faster than the new plan allows. Nothing changes
+    /// before [`Planner::adopt`].
     pub fn replan(&self, from: PathPlace, at_rest: bool) -> Replan {
         Replan::forward(&self.record, &self.look_ahead, from, at_rest)
     }
 
-    /// Continues with a new plan; nothing may have been pushed since it was made.
+    /// Adopts a new plan. The caller must not have pushed a segment since the plan was made.
     pub fn adopt(&mut self, new: Replan) {
         self.look_ahead = new.look_ahead;
         self.record.replace(new.from, new.record);
     }
 
-    /// Returns true if [`Planner::retrace`] finds a return path from this place.
+    /// Returns true if [`Planner::retrace`] finds a backward path from this position.
     pub fn can_retrace(&self, from: PathPlace) -> bool {
         self.record.can_retrace(from)
     }
 
-    /// Returns the path back from a place at rest, along the blocks that moved with G500, to rest: up to a block with
-    /// G501, a thread, a G31, a bar, or the oldest block kept. Dwells are skipped, and a later [`Planner::replan`] does
-    /// not repeat the part of a dwell waited before this place. Empty if there is no path back.
+    /// Returns the profiles of backward motion from `from`, where the machine is at rest, along blocks that
+    /// moved with G500. The motion ends at rest at a block with G501, a thread, a G31, a bar, or the oldest
+    /// block kept. Dwells are skipped. A later [`Planner::replan`] does not repeat the part of a dwell that
+    /// was waited before `from`. The result is empty if no backward motion is possible.
     pub fn retrace(&mut self, from: PathPlace) -> VecDeque<Profile> {
         let back = Replan::backward(&self.record, &self.look_ahead, from);
         if !back.profiles.is_empty() {
@@ -114,14 +117,15 @@ impl Planner {
         back.profiles
     }
 
-    /// Plans a segment. One that may blend is held back until the next one, or [`Planner::flush`], decides how it ends;
-    /// with G500 until no later block can change its speed. A chain ends at rest where G500 changes to G501 or back.
-    /// Segment numbers follow the order of the segments in any case.
+    /// Plans a segment. A segment that may blend is held back until the next segment or [`Planner::flush`]
+    /// decides how it ends, with G500 until no later block can change its speed. A chain ends at rest where
+    /// G500 changes to G501, or G501 to G500. Segment numbers follow the order of the segments in any case.
     ///
     /// # Errors
-    /// Returns an alarm at the segment's origin; the segment outputs nothing, and those held back end at rest:
-    /// `LIMIT_ZERO` when a motor that moves has a limit that is not above zero, `VALUE_NOT_FINITE`,
-    /// `VALUE_OUT_OF_RANGE` for a negative time, a feedrate that is not above zero, or a duration above 1e9 s.
+    /// Returns an alarm at the segment's origin. The segment then outputs nothing, and the blocks held back
+    /// end at rest. Alarms: `LIMIT_ZERO` if a moving motor has a limit that is not above zero,
+    /// `VALUE_NOT_FINITE`, and `VALUE_OUT_OF_RANGE` for a negative time, a feedrate that is not above zero,
+    /// or a duration above 1e9 s.
     pub fn push(&mut self, segment: &Segment, out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
         let pushed = self.plan_segment(segment, out);
         if pushed.is_err() || segment.end == SegmentEnd::ExactStop {
@@ -130,7 +134,7 @@ impl Planner {
         pushed.map_err(|alarm| alarm.at(segment.origin))
     }
 
-    /// Outputs the blocks held back, ending at rest.
+    /// Outputs the blocks held back; the last of them ends at rest.
     pub fn flush(&mut self, out: &mut VecDeque<Profile>) {
         let onward = onward(self.multi_block, &mut self.look_ahead, &mut self.record, out);
         self.chain.finish(self.settings.motion.short_block, onward);
@@ -204,23 +208,23 @@ impl Planner {
         Ok(())
     }
 
-    /// Returns the settings in use.
+    /// Returns the current settings.
     pub fn settings(&self) -> &CoordinateSystemSettings {
         &self.settings
     }
 
-    /// Plans with these settings from the next segment on.
+    /// Replaces the settings, which apply from the next segment on.
     pub fn set_settings(&mut self, settings: &CoordinateSystemSettings) {
         self.settings = settings.clone();
     }
 
-    /// Returns the number of the last segment pushed; 0 before the first.
+    /// Returns the number of the last segment pushed; 0 before the first segment.
     pub fn last_segment(&self) -> u64 {
         self.last_segment
     }
 }
 
-/// Returns the consumer of a chain's blocks.
+/// Returns the function that receives the planned blocks of a chain.
 fn onward(
     multi_block: MultiBlock,
     look_ahead: &mut LookAhead,

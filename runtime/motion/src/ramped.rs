@@ -1,4 +1,4 @@
-//! G01 along a path: from rest to rest (M1a), and the parts of it that a chain uses.
+//! A block along a path at feedrate: from rest to rest (M1a), and the parts of it that a chain uses.
 
 use tandem_model::alarm::{VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE, check_finite};
 use tandem_model::flow::{MultiBlock, Path, SegmentFeed};
@@ -8,36 +8,37 @@ use tandem_model::{Alarm, Axis, bisect};
 
 use crate::limit::{self, ACCELERATION_RESERVE};
 
-/// Halvings of the range of a peak speed: to the last significant bits.
+/// Number of halvings of the range of a peak speed, enough for the last significant bits.
 const HALVINGS: u32 = 60;
 
-/// Below the reserve of look-ahead, so that rounding does not make it slow a ramp down.
+/// Margin for rounding below the reserve of look-ahead. It prevents look-ahead from slowing a ramp down
+/// because of rounding.
 const ROUNDING: f64 = 2e-9;
 
 /// A block from rest to rest, outside of any chain.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SingleBlock {
-    /// F within its limits, path units per second: the speed of a block that is long enough.
+    /// Limited F, path units per second: the speed of a block that is long enough to reach it.
     pub(crate) limit: f64,
     /// Ramp with ta, as programmed.
     pub(crate) start: UnitRamp,
     /// Ramp with td, as programmed.
     pub(crate) stop: UnitRamp,
-    /// Limits of the ramps from rest and to rest. `None` keeps the programmed ones.
+    /// Limits of the ramps from rest and to rest. With `None`, the ramps are as programmed.
     soft: Option<JerkLimits>,
 }
 
-/// The limits of the motors along a line.
+/// The limits of all motors, converted to limits along a line.
 #[derive(Debug, Clone, Copy)]
 struct JerkLimits {
-    /// Path units per second squared.
+    /// Maximum acceleration, path units per second squared.
     acceleration: f64,
-    /// Path units per second cubed.
+    /// Maximum jerk, path units per second cubed.
     jerk: f64,
 }
 
 impl SingleBlock {
-    /// Returns the ramps from rest to this speed and back.
+    /// Returns the ramps from rest to this speed and from this speed to rest.
     fn ramps(&self, speed: f64) -> [UnitRamp; 2] {
         [self.start_to(speed), self.stop_from(speed)]
     }
@@ -52,14 +53,14 @@ impl SingleBlock {
         self.soft.map_or(self.stop, |soft| soft.ramp(self.stop, speed))
     }
 
-    /// Returns the ramp at the start of a chain whose first block takes this time. If that is too short for the limits
-    /// of the motors, it is the ramp of the smallest jerk, which look-ahead slows down; without a jerk limit the
-    /// programmed ramp is shortened (rule `shrink`).
+    /// Returns the ramp at the start of a chain whose first block takes this time. If the time is too short
+    /// for the limits of the motors, returns the ramp of the smallest jerk, at which look-ahead then slows
+    /// the motion down. Without a jerk limit, returns the programmed ramp, shortened (rule `shrink`).
     pub(crate) fn start_from_rest(&self, block_s: f64) -> UnitRamp {
         self.within(self.start_to(self.limit), self.start, block_s)
     }
 
-    /// Returns the ramp at the end of a chain, by the same rule.
+    /// Returns the ramp at the end of a chain, by the rule of [`SingleBlock::start_from_rest`].
     pub(crate) fn stop_to_rest(&self, block_s: f64) -> UnitRamp {
         self.within(self.stop_from(self.limit), self.stop, block_s)
     }
@@ -74,15 +75,15 @@ impl SingleBlock {
         }
     }
 
-    /// Returns the upper bound of the duration of [`Alone::rest_to_rest`], s.
+    /// Returns an upper bound of the duration of [`SingleBlock::rest_to_rest`], s.
     pub(crate) fn duration_s_max(&self, length: f64) -> f64 {
         stop_to_stop(length, self.limit, self.ramps(self.limit)).1
     }
 
-    /// Returns the speed between the ramps, the ramps and the duration over this length, from rest to rest:
-    /// `t_end = L/v + (Ta + Td)/2`, or, when it is too short to reach v, the peak at which the ramps fill it.
-    /// Ramps as programmed keep their time (rule `extend`); those within limits of the motors are shorter for
-    /// a lower peak.
+    /// Returns the speed between the ramps, the ramps, and the duration from rest to rest over this length:
+    /// `t_end = L/v + (Ta + Td)/2`. If the length is too short to reach v, the speed is the peak at which the
+    /// ramps fill the length. Programmed ramps keep their time (rule `extend`); ramps within limits of the
+    /// motors are shorter for a lower peak.
     pub(crate) fn rest_to_rest(&self, length: f64) -> (f64, [UnitRamp; 2], f64) {
         let fits = |speed: f64| {
             let [start, stop] = self.ramps(speed);
@@ -100,7 +101,8 @@ impl SingleBlock {
 }
 
 impl JerkLimits {
-    /// Returns the limits along a line; `None` unless a motor with a maximum jerk moves.
+    /// Returns the limits along a line. Returns `None` if no moving motor has a maximum jerk, or if the path
+    /// is an arc.
     fn along(settings: &CoordinateSystemSettings, path: &Path) -> Result<Option<Self>, Alarm> {
         let mut motors = settings.motors.iter().flatten();
         if motors.all(|motor| motor.max_jerk.is_none()) {
@@ -128,15 +130,15 @@ impl JerkLimits {
         Ok(Some(soft).filter(|soft| is_line && soft.jerk.is_finite()))
     }
 
-    /// Returns the programmed ramp, lengthened until no motor exceeds its limits.
+    /// Returns the programmed ramp to this speed, lengthened until no motor exceeds its limits.
     fn ramp(self, programmed: UnitRamp, speed: f64) -> UnitRamp {
         programmed.within(self.acceleration / speed, self.jerk / speed)
     }
 }
 
-/// Returns the speed of a block along a path and its ramps. With G500, where a motor that moves on a line has
-/// a maximum jerk, the ramps from rest and to rest respect it and the maximum accelerations: a line between
-/// two stops then has the 7 segments of M1d.
+/// Returns the speed of a block along a path, and its ramps. With G500, on a line that moves a motor with a
+/// maximum jerk, the ramps from rest and to rest respect the maximum jerk and the maximum accelerations. Such
+/// a line between two stops has the 7 segments of M1d.
 pub(crate) fn plan(
     settings: &CoordinateSystemSettings,
     path: &Path,
@@ -166,8 +168,8 @@ pub(crate) fn plan(
     })
 }
 
-/// Returns the speed and duration from rest to rest: the limit where the length is enough for both ramps,
-/// else the peak at which they fill it.
+/// Returns the speed and duration from rest to rest. The speed is the limit if both ramps fit into the
+/// length, otherwise the peak at which they fill the length.
 pub(crate) fn stop_to_stop(length: f64, limit: f64, [start, stop]: [UnitRamp; 2]) -> (f64, f64) {
     let ramps_s = start.duration_s() + stop.duration_s();
     if length / limit >= ramps_s / 2.0 {
@@ -177,11 +179,12 @@ pub(crate) fn stop_to_stop(length: f64, limit: f64, [start, stop]: [UnitRamp; 2]
     }
 }
 
-/// Returns F in units per second, limited by the coordinate system's maximum feedrate and slowed until no
-/// motor exceeds its maximum velocity.
+/// Returns F in units per second, limited by the maximum feedrate of the coordinate system and by the maximum
+/// velocity of each motor.
 ///
 /// # Errors
-/// Fails if the feedrate, its maximum, or the velocity of a motor that moves is not a number above 0.
+/// Returns an alarm if the feedrate, its maximum, or the maximum velocity of a moving motor is not a number
+/// above 0.
 pub fn speed_limit(
     settings: &CoordinateSystemSettings,
     path: &Path,
@@ -198,7 +201,7 @@ pub fn speed_limit(
     for axis in Axis::ALL {
         let motor = settings.motors[axis.index()].as_ref();
         let max_velocity = motor.map_or(0.0, |motor| motor.max_velocity);
-        // X, Y and Z never go farther than the path.
+        // X, Y and Z move at most the distance of the path, so that `max_velocity >= speed` is sufficient.
         if axis.is_orthogonal() && max_velocity >= speed && max_velocity.is_finite() {
             continue;
         }
@@ -216,7 +219,7 @@ pub fn speed_limit(
     }
 }
 
-/// Checks for G500 that each motor that moves has a maximum acceleration.
+/// Returns an alarm if a moving motor has no valid maximum acceleration, as G500 requires.
 fn check_acceleration(settings: &CoordinateSystemSettings, path: &Path) -> Result<(), Alarm> {
     for axis in Axis::ALL {
         let motor = settings.motors[axis.index()].as_ref();
@@ -228,8 +231,8 @@ fn check_acceleration(settings: &CoordinateSystemSettings, path: &Path) -> Resul
     Ok(())
 }
 
-/// Returns a programmed ramp. An acceleration time of 0 is replaced by one servo period; then it is at least the jerk
-/// time.
+/// Returns a programmed ramp. An acceleration time of 0 is replaced by one servo period; the jerk time is the
+/// lower limit of the acceleration time.
 pub(crate) fn ramp(
     settings: &CoordinateSystemSettings,
     name: &str,

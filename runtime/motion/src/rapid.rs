@@ -7,7 +7,7 @@ use tandem_model::{AXES_MAX, Alarm, Axis, AxisVector};
 
 use crate::limit;
 
-/// Returns the motion of a G00 block and its duration, which is that of the slowest motor.
+/// Returns the motion of a G00 block, and its duration: the time of the slowest motor.
 pub(crate) fn plan(
     settings: &CoordinateSystemSettings,
     from: AxisVector,
@@ -25,7 +25,7 @@ pub(crate) fn plan(
     Ok((law, duration_s))
 }
 
-/// Returns the motion of a G31 block without a skip input: as G00, at the skip velocities.
+/// Returns the motion of a G31 block whose skip inputs stay off: as G00, but at the skip velocities.
 pub(crate) fn plan_skip(
     settings: &CoordinateSystemSettings,
     from: AxisVector,
@@ -35,7 +35,8 @@ pub(crate) fn plan_skip(
     Ok((Law::Skip { from, to, moves }, duration_s))
 }
 
-/// Returns the shortest move of each motor at a velocity of this name, and the time of the slowest.
+/// Returns the shortest move of each motor, and the time of the slowest motor. `velocity` returns the
+/// velocity limit of a motor, `name` is the name of this limit.
 fn moves(
     settings: &CoordinateSystemSettings,
     [from, to]: [AxisVector; 2],
@@ -79,7 +80,7 @@ fn moves(
 }
 
 /// Sets the limits of each motor in proportion to its distance, as high as all motors allow. Then all motors
-/// cover the same share of their distances at each time, and the path is straight.
+/// cover the same share of their distances at any time, so that the path is straight.
 fn keep_together(moving: &mut [Option<(f64, MotorLimits)>; AXES_MAX]) {
     let of_way = |of: fn(&MotorLimits) -> f64| {
         let ratios = moving

@@ -1,4 +1,4 @@
-//! The output profiles, kept so that they can be planned again ([`crate::replan`]).
+//! Record of the output profiles, from which the planner can plan them again ([`crate::replan`]).
 
 use std::collections::VecDeque;
 
@@ -6,25 +6,26 @@ use tandem_model::profile::{Law, PathPlace, Profile};
 
 use crate::block::RampedBlock;
 
-/// Passed segments that are kept: the reach of back trace.
+/// Number of passed segments that are kept, which is the reach of back trace.
 pub(crate) const PASSED_MAX: usize = 10_000;
 
-/// Older segments are dropped this many at a time: dropping them one by one costs a cache miss each.
+/// Number of old segments that are dropped at a time. Reason: dropping a single segment costs a cache miss.
 const FORGOTTEN_AT_ONCE: usize = 128;
 
-/// The record grows by this many segments at a time: doubling it would waste memory.
+/// Number of segments by which the record grows. Reason: doubling the record would waste memory.
 const ROOM: usize = 2048;
 
-/// Most segments kept; the oldest are dropped.
+/// Maximum number of segments kept; the oldest segments are dropped.
 const SEGMENTS_MAX: usize = 65_536;
 
-/// Output segments, in order; those of a G500 chain in their form before look-ahead.
+/// Output segments in order. Blocks of a G500 chain are kept in their form before look-ahead.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Record {
     entries: VecDeque<Entry>,
-    /// The last segment into which no return is possible.
+    /// The last segment that backward motion cannot enter.
     barrier: u64,
-    /// The farthest place where a return has begun: dwells before it are not repeated.
+    /// The farthest position at which backward motion has begun. Dwells before this position are not
+    /// repeated.
     turned_at: Option<PathPlace>,
 }
 
@@ -35,13 +36,13 @@ pub(crate) struct Record {
     reason = "blocks are moved here by the ten thousand: none of them is allocated"
 )]
 pub(crate) enum Entry {
-    /// A block of a G500 chain, paced by look-ahead: it can be passed either way.
+    /// A block of a G500 chain, paced by look-ahead. It can be passed in both directions.
     Paced(RampedBlock),
-    /// A rapid or a dwell with G500: it can be passed either way.
+    /// A rapid or a dwell with G500. It can be passed in both directions.
     Alone(Box<Profile>),
-    /// A block of a G501 chain.
+    /// A block of a G501 chain. It can be passed forward only.
     Ramped(RampedBlock),
-    /// Any other segment outside of chains.
+    /// Any other segment outside of chains. It can be passed forward only.
     OneWay(Box<Profile>),
 }
 
@@ -53,7 +54,7 @@ impl Entry {
         }
     }
 
-    /// Returns the plan time at its end, s.
+    /// Returns the plan time at the end of the entry, s.
     pub(crate) fn plan_s(&self) -> f64 {
         match self {
             Entry::Paced(block) | Entry::Ramped(block) => block.ramped.plan_s,
@@ -61,12 +62,12 @@ impl Entry {
         }
     }
 
-    /// Returns true if it can be passed backward.
+    /// Returns true if the entry can be passed backward.
     fn is_reversible(&self) -> bool {
         matches!(self, Entry::Paced(_) | Entry::Alone(_))
     }
 
-    /// Returns true for a time at rest.
+    /// Returns true if the entry is a dwell that can be passed backward.
     pub(crate) fn is_dwell(&self) -> bool {
         matches!(self, Entry::Alone(profile) if matches!(profile.law, Law::Rest { .. }))
     }
@@ -98,7 +99,7 @@ impl Record {
         let Some(first) = self.entries.front().map(Entry::segment) else {
             return;
         };
-        // Segments are numbered one after another.
+        // Segment numbers are consecutive.
         let behind = (segment + 1).saturating_sub(first);
         let behind = usize::try_from(behind).unwrap_or(usize::MAX);
         let too_many = behind.saturating_sub(PASSED_MAX).min(self.entries.len());
@@ -107,12 +108,13 @@ impl Record {
         }
     }
 
-    /// Prevents a return past the end of this segment.
+    /// Prevents backward motion into this segment.
     pub(crate) fn bar(&mut self, segment: u64) {
         self.barrier = segment;
     }
 
-    /// Returns the index of the segment at a place or after it, and plan time within it, s.
+    /// Returns the index of the segment that contains a position, or else of the next segment, and the plan
+    /// time within it, s.
     fn find(&self, place: PathPlace) -> (usize, f64) {
         let at = self
             .entries
@@ -138,7 +140,7 @@ impl Record {
             if let Entry::Paced(block) = entry
                 && left_s < whole_s
             {
-                // never exactly at the ends, where the block changes
+                // The position is never exactly at an end of a block, where the segment number changes.
                 let plan_s = left_s.max(0.5 * whole_s.min(ahead_s));
                 return Some(PathPlace {
                     segment: block.segment,
@@ -150,20 +152,21 @@ impl Record {
         None
     }
 
-    /// Replaces everything from the segment of this place on by another record.
+    /// Replaces all entries from the segment of `from` on by those of another record.
     pub(crate) fn replace(&mut self, from: PathPlace, by: Record) {
         let (first, _) = self.find(from);
         self.entries.truncate(first);
         self.extend(by.entries.into_iter());
     }
 
-    /// Returns the entries after a place, and plan time within the first, s.
+    /// Returns the entries after a position, and the plan time within the first entry, s.
     pub(crate) fn ahead(&self, from: PathPlace) -> (impl Iterator<Item = &Entry>, f64) {
         let (first, from_s) = self.find(from);
         (self.entries.range(first.min(self.entries.len())..), from_s)
     }
 
-    /// Returns the part of a dwell that was already waited, s. In total, a dwell is waited once.
+    /// Returns the part of a dwell that was already waited, s. The waits of a dwell add up to its programmed
+    /// time.
     pub(crate) fn waited_s(&self, entry: &Entry) -> f64 {
         match self.turned_at {
             Some(at) if entry.is_dwell() && entry.segment() < at.segment => entry.plan_s(),
@@ -172,8 +175,8 @@ impl Record {
         }
     }
 
-    /// Returns the entries before a place, in reverse, as far as a return is possible, and plan time within the first,
-    /// s.
+    /// Returns the entries before a position in reverse order, as far as backward motion is possible. Also
+    /// returns the plan time within the first entry, s.
     pub(crate) fn entries_before(&self, from: PathPlace) -> (impl Iterator<Item = &Entry>, f64) {
         let (at, plan_s) = self.find(from);
         let end = (at + usize::from(plan_s > 0.0)).min(self.entries.len());
@@ -181,13 +184,13 @@ impl Record {
         (self.entries.range(..end).rev().take_while(is_open), plan_s)
     }
 
-    /// Returns true if a return from this place is possible.
+    /// Returns true if backward motion from this position is possible.
     pub(crate) fn can_retrace(&self, from: PathPlace) -> bool {
         let (mut behind, _) = self.entries_before(from);
         behind.any(|entry| !entry.is_dwell() && entry.plan_s() > 0.0)
     }
 
-    /// Records that a return begins at this place.
+    /// Records that backward motion begins at this position.
     pub(crate) fn record_turn(&mut self, from: PathPlace) {
         let is_farther = |at: PathPlace| (at.segment, at.plan_s) < (from.segment, from.plan_s);
         if self.turned_at.is_none_or(is_farther) {

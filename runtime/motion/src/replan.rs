@@ -1,4 +1,5 @@
-//! A new plan, from the current place on, for output profiles: with another override, or backwards (back trace).
+//! A new plan for output profiles, from the current position on the path: for another override, or for
+//! backward motion (back trace).
 
 use std::collections::VecDeque;
 
@@ -7,15 +8,15 @@ use tandem_model::profile::{Law, PathPlace, Profile, Stretch};
 use crate::look_ahead::{LookAhead, Passage};
 use crate::record::{Entry, Record};
 
-/// A new plan from a place on.
+/// A new plan that begins at a position on the path.
 #[derive(Debug)]
 pub struct Replan {
     pub(crate) from: PathPlace,
-    /// The last segment before that place.
+    /// The last segment before `from`.
     pub passed: u64,
     pub(crate) look_ahead: LookAhead,
     pub(crate) record: Record,
-    /// The new profiles from that place on.
+    /// The new profiles, beginning at `from`.
     pub profiles: VecDeque<Profile>,
 }
 
@@ -30,7 +31,7 @@ impl Replan {
         }
     }
 
-    /// Plans the entries after a place, and then the blocks that look-ahead holds.
+    /// Plans the entries after `from`, and then the blocks that look-ahead holds.
     pub(crate) fn forward(record: &Record, held: &LookAhead, from: PathPlace, at_rest: bool) -> Self {
         let (entries, from_s) = record.ahead(from);
         let mut entries = entries.cloned().peekable();
@@ -46,7 +47,8 @@ impl Replan {
         new
     }
 
-    /// Plans the way back from a place at rest; without profiles if no way back exists.
+    /// Plans backward motion from `from`, where the machine is at rest. The plan has no profiles if backward
+    /// motion is not possible.
     pub(crate) fn backward(record: &Record, held: &LookAhead, from: PathPlace) -> Self {
         let mut new = Self::empty(from, held);
         if !record.can_retrace(from) {
@@ -63,7 +65,7 @@ impl Replan {
         new
     }
 
-    /// Returns true if the motion may continue from its place, because it can stop within the new plan.
+    /// Returns true if the motion may continue from `from`, because it can stop within the new plan.
     pub fn can_begin(&self) -> bool {
         self.profiles.back().is_some_and(|last| match &last.law {
             Law::Paced { pace, .. } => pace.free_to >= self.from.segment,
@@ -71,8 +73,9 @@ impl Replan {
         })
     }
 
-    /// Plans entries one after another, the first from its passage on, the others whole. Backward the last of them ends at
-    /// rest even where its path continues; forward more may follow.
+    /// Plans entries in order: the first entry from its passage on, all other entries whole. In backward
+    /// motion the last entry ends at rest even if its path continues. In forward motion more entries may
+    /// follow.
     fn pass_all(
         &mut self,
         record: &Record,
@@ -95,7 +98,7 @@ impl Replan {
         }
     }
 
-    /// Passes on a segment. `is_last`: the motion stops at its end.
+    /// Passes on a segment. If `is_last`, the motion stops at the end of the segment.
     fn pass(&mut self, record: &Record, entry: Entry, passage: Passage, is_last: bool) {
         let alone = match entry {
             Entry::Paced(block) => {
@@ -112,7 +115,7 @@ impl Replan {
     }
 }
 
-/// Returns true if the path is at rest at the point where a passage leaves an entry.
+/// Returns true if the path is at rest where the passage leaves the entry.
 fn passes_to_rest(entry: &Entry, passage: Passage) -> bool {
     match entry {
         Entry::Paced(block) if passage.is_backward => block.begins_at_rest(0.0),
@@ -121,7 +124,7 @@ fn passes_to_rest(entry: &Entry, passage: Passage) -> bool {
     }
 }
 
-/// Returns true if the motion begins at rest at a point where the planned path moves.
+/// Returns true if a motion from rest begins at a point where the planned path moves.
 fn begins_within(entry: &Entry, passage: Passage) -> bool {
     match entry {
         Entry::Paced(block) if passage.is_backward => passage.from_s > 0.0 || !block.ends_at_rest(),
@@ -130,7 +133,7 @@ fn begins_within(entry: &Entry, passage: Passage) -> bool {
     }
 }
 
-/// Returns the stretch of an entry outside of chains. On the way back, dwells are skipped.
+/// Returns the stretch of an entry outside of chains. In backward motion, dwells are skipped.
 fn stretch(record: &Record, entry: &Entry, passage: Passage) -> Stretch {
     let whole_s = entry.plan_s();
     if passage.is_backward {

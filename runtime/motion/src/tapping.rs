@@ -1,7 +1,7 @@
 //! A move in a thread: Z from rest to rest, with the spindle locked to it (M1h).
 //!
-//! The spindle turns in proportion to Z, so its limits are limits of Z: the speed is at most the one at which the
-//! spindle turns at its maximum, and each ramp takes at least as long as the spindle needs to reach that speed.
+//! The spindle turns in proportion to Z, so its limits are limits of Z. At the largest speed of Z, the
+//! spindle turns at its maximum. Each ramp takes at least the time in which the spindle reaches its speed.
 
 use tandem_model::alarm::VALUE_NOT_FINITE;
 use tandem_model::flow::{Path, SegmentFeed, TapLeg};
@@ -11,7 +11,7 @@ use tandem_model::{Alarm, AxisVector};
 
 use crate::{limit, ramped};
 
-/// Returns the motion and its duration, as a G01 block from rest to rest within the limits of Z and of the
+/// Returns the motion and its duration: as a G01 block from rest to rest, within the limits of Z and of the
 /// spindle.
 pub(crate) fn plan(
     settings: &CoordinateSystemSettings,

@@ -1,23 +1,25 @@
-//! A blended block as planned: velocity and acceleration of each axis by plan time, with bounds between the samples.
+//! A blended block as planned: velocity and acceleration of each axis as functions of plan time, with bounds
+//! between the samples.
 
 use tandem_model::flow::Path;
 use tandem_model::profile::{Lead, RampedMotion};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::{ArcPath, Axis, AxisVector};
 
-/// Speeds that differ by less than this share are treated as equal.
+/// Relative difference below which two speeds are treated as equal.
 const SAME_SPEED: f64 = 1e-3;
 
-/// From this ratio on two speeds are not measured by distance: its square is lost in the digits of plan time.
+/// Ratio from which two speeds are not measured by distance, because rounding of plan time would hide the
+/// square of the ratio.
 const RATIO_MAX: f64 = 1e4;
 
-/// The motion of a block and the start of the next one in plan time.
+/// The motion of a block, and of the start of the next block, in plan time.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct BlendedBlock<'a> {
     pub(super) block: &'a RampedMotion,
-    /// Change of each axis per unit of length, of the block and the next one.
+    /// Change of each axis per unit of length, for the block and for the next block.
     pub(super) slopes: [AxisVector; 2],
-    /// Speeds of both blocks, if they differ.
+    /// Speeds of both blocks. `None` if they are equal.
     pub(super) uneven: Option<[f64; 2]>,
     pub(super) passage: Passage,
 }
@@ -25,13 +27,13 @@ pub(super) struct BlendedBlock<'a> {
 /// Start and direction of the motion along a block.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Passage {
-    /// Its start, in s from the end of the block that it passes first.
+    /// Start of the motion, s: plan time from the end of the block where a whole passage begins.
     pub(crate) from_s: f64,
-    /// True from the end of the block to its start; plan time is then measured from its end.
+    /// True for motion from the end of the block to its start. Plan time is then measured from the end.
     pub(crate) is_backward: bool,
 }
 
-/// A phase of a ramp, or the way between the ramps, by its begin and end in plan time, s.
+/// A phase of a ramp, or the part between the ramps, with its begin and end in plan time, s.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Phase {
     pub(super) from_s: f64,
@@ -39,28 +41,29 @@ pub(super) struct Phase {
     pub(super) part: BlockPart,
 }
 
-/// The part of a block that a phase belongs to.
+/// The part of a block to which a phase belongs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum BlockPart {
-    /// The ramp at the start of its block.
+    /// The ramp at the start of the block.
     Start,
-    /// Its block between its ramps.
+    /// The part between the ramps.
     Between,
-    /// The ramp at the end of its block, along which the next one begins.
+    /// The ramp at the end of the block, along which the next block begins.
     Stop,
 }
 
-/// One end of a piece in plan time: velocity and acceleration by plan time.
+/// One end of a piece: plan time, and velocity and acceleration with respect to plan time.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PieceEnd {
     pub(super) t_s: f64,
-    /// Motion along its own block and along the next one.
+    /// Motion along the block and along the next block.
     along: [PathDerivatives; 2],
     velocity: AxisVector,
     acceleration: AxisVector,
 }
 
-/// Bounds of the derivatives of the distance along a block over a piece, by plan time or by distance along both blocks.
+/// Bounds of the derivatives of the distance along a block over a piece. They are with respect to plan time,
+/// or to the distance along both blocks.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct DerivativeBounds {
     pub(super) speed: f64,
@@ -68,8 +71,8 @@ pub(super) struct DerivativeBounds {
     pub(super) jerk: f64,
 }
 
-/// First and second derivative of the position by plan time at both ends of a piece, and bounds of the third and fourth
-/// derivative over it.
+/// First and second derivative of the position with respect to plan time at both ends of a piece, and bounds
+/// of the third and fourth derivative over the piece.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct PieceMotion {
     pub(super) velocity: [AxisVector; 2],
@@ -78,7 +81,7 @@ pub(super) struct PieceMotion {
     pub(super) fourth: AxisVector,
 }
 
-/// Distance along a path and its first three derivatives by plan time; the third is constant within a phase.
+/// Distance along a path and its first three derivatives by plan time. The third is constant within a phase.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PathDerivatives {
     pub(super) distance: f64,
@@ -101,12 +104,12 @@ impl<'a> BlendedBlock<'a> {
         }
     }
 
-    /// Returns true if its path begins at rest.
+    /// Returns true if the path of the block begins at rest.
     pub(super) fn begins_at_rest(&self) -> bool {
         self.block.begun_s == 0.0
     }
 
-    /// Returns true if one of its blocks is an arc.
+    /// Returns true if the block or the next block is an arc.
     pub(super) fn bends(&self) -> bool {
         let is_arc = |path: &Path| matches!(path, Path::Arc(_));
         let next = self.block.next.as_ref();
@@ -117,7 +120,7 @@ impl<'a> BlendedBlock<'a> {
         self.block.plan_s - self.block.stop.duration_s()
     }
 
-    /// Its phases in order, each of smooth motion.
+    /// Returns the phases of the block in order. The motion is smooth within each phase.
     pub(super) fn phases(&self) -> [Phase; 7] {
         let ramp = |ramp: UnitRamp, begins_s: f64, part: BlockPart| {
             ramp.phases().map(|[from_s, to_s]| Phase {
@@ -146,7 +149,8 @@ impl<'a> BlendedBlock<'a> {
         phases
     }
 
-    /// Its own block and the next one; `within_s` lies in the phase whose formula counts.
+    /// Returns the motion along the block and along the next block at `t_s`, by the formula of the phase that
+    /// contains `within_s`.
     pub(super) fn along(&self, t_s: f64, within_s: f64) -> [PathDerivatives; 2] {
         let stopping_s = self.stop_begins_s();
         let [begun, within] = [t_s + self.block.begun_s, within_s + self.block.begun_s];
@@ -170,7 +174,7 @@ impl<'a> BlendedBlock<'a> {
         [own, next]
     }
 
-    /// Returns one end of a piece, likewise.
+    /// Returns one end of a piece at `t_s`, by the formula of the phase that contains `within_s`.
     pub(super) fn piece_end(&self, t_s: f64, within_s: f64) -> PieceEnd {
         if self.passage.is_backward {
             let end = self.forward_end(self.block.plan_s - t_s, self.block.plan_s - within_s);
@@ -194,7 +198,7 @@ impl<'a> BlendedBlock<'a> {
         end
     }
 
-    /// Returns the motion over a piece between two ends of one phase.
+    /// Returns the motion over a piece between two ends that lie in one phase.
     pub(super) fn between(&self, from: &PieceEnd, to: &PieceEnd) -> PieceMotion {
         let mut motion = PieceMotion::from_ends(from, to);
         motion.bound(&self.block.path, self.slopes[0], [from.along[0], to.along[0]]);
@@ -217,14 +221,14 @@ fn slopes(path: &Path) -> AxisVector {
 }
 
 impl PathDerivatives {
-    /// Returns true if it does not move.
+    /// Returns true if speed, acceleration and jerk are 0.
     fn rests(&self) -> bool {
         self.speed == 0.0 && self.acceleration == 0.0 && self.jerk == 0.0
     }
 }
 
 impl PieceEnd {
-    /// Creates an end without the motion of any block.
+    /// Creates an end at rest; [`PieceEnd::add`] then adds the motion of each block.
     pub(super) fn at(t_s: f64, along: [PathDerivatives; 2]) -> Self {
         Self {
             t_s,
@@ -234,7 +238,7 @@ impl PieceEnd {
         }
     }
 
-    /// Returns the same on the way back: the velocity changes its sign, the acceleration does not.
+    /// Returns the end for backward motion: the velocity changes its sign, the acceleration does not.
     pub(super) fn reversed(self) -> Self {
         Self {
             velocity: self.velocity.scaled(-1.0),
@@ -242,7 +246,8 @@ impl PieceEnd {
         }
     }
 
-    /// Adds the motion of a block, with `p(s)` the path and `s` the distance along it, by the chain rule; returns `dp/ds`.
+    /// Adds the motion of a block by the chain rule and returns `dp/ds`. Here `p(s)` is the path, `s` the
+    /// distance along it.
     pub(super) fn add(&mut self, path: &Path, slopes: AxisVector, along: PathDerivatives) -> AxisVector {
         let (first, second) = match path {
             Path::Line { .. } => (slopes, AxisVector::ZERO),
@@ -261,13 +266,13 @@ impl PieceEnd {
 }
 
 impl PieceMotion {
-    /// Returns the bound of the velocity of an axis anywhere on a piece of this length.
+    /// Returns an upper bound of the speed of an axis on a piece of this length.
     pub(super) fn fastest(&self, axis: Axis, h_s: f64) -> f64 {
         let [begin, end] = self.velocity.map(|velocity| velocity[axis].abs());
         begin.max(end) + self.third[axis] * h_s * h_s / 8.0
     }
 
-    /// Creates the motion without bounds.
+    /// Creates the motion between two ends, with bounds of 0.
     pub(super) fn from_ends(from: &PieceEnd, to: &PieceEnd) -> Self {
         Self {
             velocity: [from.velocity, to.velocity],
@@ -276,7 +281,7 @@ impl PieceMotion {
         }
     }
 
-    /// Adds the bounds of a block by plan time.
+    /// Adds the bounds of a block with respect to plan time.
     fn bound(&mut self, path: &Path, slopes: AxisVector, [from, to]: [PathDerivatives; 2]) {
         let jerk = from.jerk.abs();
         match path {
@@ -297,7 +302,7 @@ impl PieceMotion {
         }
     }
 
-    /// Adds the bounds of an arc with this jerk along it.
+    /// Adds the bounds of an arc. `along` is the jerk along the arc in the bound of the third derivative.
     pub(super) fn bend(&mut self, arc: &ArcPath, [from, to]: [f64; 2], most: DerivativeBounds, along: f64) {
         let DerivativeBounds {
             speed: v,
@@ -323,7 +328,7 @@ impl PieceMotion {
     }
 }
 
-/// Returns the distances of the axes outside the plane of an arc.
+/// Returns the distances of the axes outside the plane of an arc; 0 for the axes in the plane.
 fn beside_plane(arc: &ArcPath) -> AxisVector {
     let way = arc.end().minus(arc.start());
     let mut way = AxisVector(way.0.map(f64::abs));
@@ -333,7 +338,8 @@ fn beside_plane(arc: &ArcPath) -> AxisVector {
     way
 }
 
-/// Returns the largest second and third derivative of each axis by distance between two distances.
+/// Returns the largest second and third derivative of each axis with respect to distance, between two
+/// distances.
 pub(super) fn bends(arc: &ArcPath, [from, to]: [f64; 2]) -> [AxisVector; 2] {
     let [in_plane, beside] = arc.derivative_bounds(from, to);
     [1, 2].map(|n| {
@@ -345,7 +351,7 @@ pub(super) fn bends(arc: &ArcPath, [from, to]: [f64; 2]) -> [AxisVector; 2] {
     })
 }
 
-/// Returns true for speeds that differ by more than rounding, but by less than the ratio at which their
+/// Returns true if the speeds differ by more than rounding, and their ratio is below the value at which their
 /// powers overflow.
 fn differ([one, other]: &[f64; 2]) -> bool {
     let ratio = one.max(*other) / one.min(*other);

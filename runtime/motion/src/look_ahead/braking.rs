@@ -1,24 +1,25 @@
-//! The distance that the motion may continue on the known profiles: from any point it must be able to stop on
-//! its path by the override factor alone and within the limits of the motors.
+//! The distance that the motion may continue on the known profiles. From any point on the path the motion
+//! must be able to stop by the override factor alone, within the limits of the motors.
 
 use std::collections::VecDeque;
 
 use tandem_model::profile::SlewRoom;
 
-/// Number of servo periods by which the servo may start to slow down late.
+/// Number of servo periods by which the servo may begin to slow down too late.
 const LATE_PERIODS: f64 = 3.0;
 
-/// The planned motion that is not yet free to be passed.
+/// Planned motion that the servo may not pass yet.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Braking {
     parts: VecDeque<BrakingPart>,
-    /// The last segment through which the motion may continue.
+    /// The last segment that the motion may pass.
     pub(super) free_to: u64,
-    /// True if segment numbers fall.
+    /// True for backward motion, in which segment numbers fall.
     is_backward: bool,
 }
 
-/// Splits a long piece into its ends and its middle, which no servo cycle shares with a neighbour.
+/// Splits a long piece into two ends of one servo period and the middle between them. No servo cycle then
+/// touches both the middle and a neighbouring piece.
 fn ends_apart(whole_s: f64, period_s: f64) -> [f64; 3] {
     if whole_s > 4.0 * period_s {
         [period_s, whole_s - 2.0 * period_s, period_s]
@@ -27,7 +28,7 @@ fn ends_apart(whole_s: f64, period_s: f64) -> [f64; 3] {
     }
 }
 
-/// At least one servo period of the motion.
+/// A part of the motion of at least one servo period.
 #[derive(Debug, Clone, Copy)]
 struct BrakingPart {
     segment: u64,
@@ -36,14 +37,14 @@ struct BrakingPart {
 }
 
 impl Braking {
-    /// Begins a chain with this segment; the motion before it ends at rest.
+    /// Begins a chain with this segment. The motion before the segment ends at rest.
     pub(super) fn start_chain(&mut self, segment: u64, is_backward: bool) {
         self.parts.clear();
         self.is_backward = is_backward;
         self.free_to = self.before(segment);
     }
 
-    /// Returns the segment that is passed before this one.
+    /// Returns the number of the segment that is passed before this segment.
     fn before(&self, segment: u64) -> u64 {
         if self.is_backward {
             segment.saturating_add(1)
@@ -52,13 +53,13 @@ impl Braking {
         }
     }
 
-    /// Ends the chain at rest with this segment.
+    /// Ends the chain at rest; this segment is its last.
     pub(super) fn end_chain(&mut self, segment: u64) {
         self.parts.clear();
         self.free_to = segment;
     }
 
-    /// Adds a segment by its pieces: duration and room of each.
+    /// Adds a segment, given as duration and room of each of its pieces.
     pub(super) fn add(&mut self, segment: u64, pieces: impl Iterator<Item = (f64, SlewRoom)>, period_s: f64) {
         let pieces =
             pieces.flat_map(|(whole_s, room)| ends_apart(whole_s, period_s).map(|part_s| (part_s, room)));
@@ -77,9 +78,10 @@ impl Braking {
         }
     }
 
-    /// Frees the segments from whose ends the factor can still fall from 1 to 0 within the parts, as steeply as the motors
-    /// allow; a feed hold may be slower, because more parts become known meanwhile. Within a part of duration d the square
-    /// of the factor falls by `2 s d`, where s is the least fall allowed by this part and its neighbours, since a servo cycle
+    /// Frees each segment from whose end the factor can still fall from 1 to 0 within the parts, as steeply
+    /// as the motors allow. A feed hold may take longer, because more parts become known meanwhile. Within a
+    /// part of duration d the square of the factor falls by `2 s d`. Here s is the smallest fall that this
+    /// part and its neighbours allow, since a servo cycle may touch two parts.
     /// may touch two.
     pub(super) fn free(&mut self, period_s: f64) {
         let mut square = 0.0_f64;

@@ -1,13 +1,15 @@
-//! A ramp where a motor has a maximum jerk is passed at a single rate, at which no motor exceeds its limits.
+//! A ramp in a chain with a maximum jerk: it is passed at a constant rate, at which no motor exceeds its
+//! limits.
 //!
-//! Let dv be the change of a motor's velocity over a ramp of `ta` and `ts`. At the rate w its acceleration is at most
-//! `|dv|/ta w^2` and its jerk `|dv|/(ta ts) w^3` (M1b); a changing rate would add steps of acceleration. A ramp without
-//! a jerk time has steps at any rate: it is not slowed down for the jerk.
+//! Let dv be the change of a motor's velocity over a ramp of `ta` and `ts`. At the rate w its acceleration is
+//! at most `|dv|/ta w^2` and its jerk `|dv|/(ta ts) w^3` (M1b). A changing rate would add steps of
+//! acceleration. A ramp without a jerk time has steps of acceleration at any rate, so the jerk does not limit
+//! its rate.
 //!
-//! On an arc with the derivatives p' to p''' by distance, the velocity `v p'` turns by at most `p'' v^2 (ta + ts)/2`
-//! within the ramp, which is added to the change. With the share S of the speed, `p'' v^2 S^2` is added to the
-//! acceleration and `3 p'' v^2 S S' + p''' v^3 S^3` to the jerk. The shares of two arcs add up to 1, so the larger one
-//! bounds both.
+//! On an arc with the derivatives p' to p''' by distance, the velocity `v p'` turns by at most `p'' v^2 (ta +
+//! ts)/2` within the ramp; this is added to dv. With the share S of the speed, `p'' v^2 S^2` is added to the
+//! acceleration and `3 p'' v^2 S S' + p''' v^3 S^3` to the jerk. The shares S of two arcs add up to 1, so the
+//! larger of their two terms bounds the sum.
 
 use tandem_model::flow::Path;
 use tandem_model::ramp::UnitRamp;
@@ -17,20 +19,20 @@ use super::blended_block::{self, BlendedBlock};
 use super::curve;
 use super::limits::{Motors, SQUARE_MIN};
 
-/// Rounding of an acceleration, relative to its limit.
+/// Margin for rounding of an acceleration, relative to its limit.
 const ROUNDING: f64 = 1e-9;
 
-/// The motion of a block at the rate 1; zero at rest.
+/// The motion along a block next to a joint, at the rate 1; zero at rest.
 #[derive(Debug, Clone, Copy, Default)]
 struct Side {
-    /// At the joint.
+    /// Velocity at the joint.
     velocity: AxisVector,
-    /// Bounds of the second and third derivative by its curvature.
+    /// Bounds of the second and third derivative that the curvature causes.
     bends: [AxisVector; 2],
 }
 
 impl Side {
-    /// Creates the side of a block between these distances along it, the first of which is at the joint.
+    /// Creates the side of a block between two distances along it; the first distance is at the joint.
     fn new(path: &Path, slopes: AxisVector, speed: f64, [at, to]: [f64; 2]) -> Self {
         match path {
             Path::Line { .. } => Self {
@@ -38,7 +40,8 @@ impl Side {
                 ..Self::default()
             },
             Path::Arc(arc) => {
-                // As between the ramps (`curve`), so that the rate need not fall after the ramp.
+                // The same bounds as between the ramps (`curve`), so that the rate need not fall after the
+                // ramp.
                 let within = if curve::opens_wide(arc) {
                     [at.min(to), at.max(to)]
                 } else {
@@ -54,8 +57,8 @@ impl Side {
     }
 }
 
-/// Returns the largest square of the rate on the ramp from rest at the start of a block; infinite without a
-/// limit.
+/// Returns the largest square of the rate on the ramp from rest at the start of a block. Returns infinity
+/// without a limit.
 pub(super) fn from_rest(way: &BlendedBlock<'_>, motors: &Motors) -> f64 {
     if !motors.has_jerk || !way.begins_at_rest() {
         return f64::INFINITY;
@@ -65,7 +68,8 @@ pub(super) fn from_rest(way: &BlendedBlock<'_>, motors: &Motors) -> f64 {
     largest_square(way.block.start, [Side::default(), own], motors)
 }
 
-/// Returns the same on the ramp at the end of a block.
+/// Returns the largest square of the rate on the ramp at the end of a block. Returns infinity without a
+/// limit.
 pub(super) fn at_end(way: &BlendedBlock<'_>, motors: &Motors) -> f64 {
     if !motors.has_jerk {
         return f64::INFINITY;

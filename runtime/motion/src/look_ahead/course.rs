@@ -1,15 +1,15 @@
-//! The rate on a piece is measured by plan time or, on a ramp between blocks of different speeds, by the distance along
-//! both of them.
+//! Measure of the rate on a piece: plan time or, on a ramp between blocks of different speeds, the distance
+//! along both blocks.
 //!
-//! On such a ramp the velocity changes with plan time however slowly the machine moves, so a rate whose square is
-//! linear in plan time cannot keep a constant speed; measured by distance, a ramp between two blocks of one direction
-//! is a straight line. With the speeds v1 and v2, `U = v1 (1 - S) + v2 S`, and the distance u in seconds at the initial
-//! speed `U_0` of the piece, `r = U/U_0`:
+//! On such a ramp the velocity changes with plan time even when the machine moves slowly. A rate whose square
+//! is linear in plan time therefore cannot keep a constant speed. Measured by distance, a ramp between two
+//! blocks of one direction is a straight line. Let v1 and v2 be the speeds, `U = v1 (1 - S) + v2 S`, u the
+//! distance divided by the initial speed `U_0` of the piece, and `r = U/U_0`:
 //!
 //! * `ds_2/du = v2 S/r` and `ds_1/du = v1 (1 - S)/r`;
 //! * the second to fourth derivatives of `s_2` are `k S'/r^3`, `k (S''/r^4 - 3 p S'^2/r^5)` and `k (15 p^2 S'^3/r^7 -
-//!   10 p S' S''/r^6)` with `k = v1 v2/U_0`, `p = (v2 - v1)/U_0`; those of `s_1` have the same size and the opposite
-//!   sign, so each derivative of the motion is that factor times the difference of the two directions.
+//!   10 p S' S''/r^6)` with `k = v1 v2/U_0`, `p = (v2 - v1)/U_0`. The derivatives of `s_1` have the same size and the
+//!   opposite sign. Each derivative of the motion is therefore this factor times the difference of the two directions.
 
 use tandem_model::flow::Path;
 use tandem_model::profile::SpeedGrowth;
@@ -17,23 +17,24 @@ use tandem_model::{Axis, AxisVector};
 
 use super::blended_block::{self, BlendedBlock, DerivativeBounds, PathDerivatives, PieceEnd, PieceMotion};
 
-/// A piece in the measure of its rate: plan time or distance.
+/// A piece of the motion, by the measure of its rate: plan time or distance.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Course {
     pub(super) motion: PieceMotion,
-    /// Plan time, or distance at its initial speed, s.
+    /// Length of the piece, s: plan time, or distance divided by the initial speed.
     pub(super) length_s: f64,
-    /// No growth if measured by plan time.
+    /// Growth of the programmed speed; none if the measure is plan time.
     pub(super) growth: SpeedGrowth,
-    /// Square of the speed at the end over the square of the speed at the start. At the end, it is also the square of
-    /// the rate by distance over the square of the rate by plan time.
+    /// Square of the speed at the end, divided by the square of the speed at the start. At the end this is
+    /// also the ratio of the square of the rate by distance to the square of the rate by plan time.
     pub(super) scale: f64,
-    /// Share by which the square of the rate by plan time may exceed both ends between them.
+    /// Relative amount by which the square of the rate by plan time may exceed, between the ends, its values
+    /// at the ends.
     pub(super) excess: f64,
 }
 
 impl Course {
-    /// Creates a course of this length in plan time, s.
+    /// Creates a course by plan time, of this length in s.
     pub(super) fn by_plan_time(motion: &PieceMotion, length_s: f64) -> Self {
         Self {
             motion: *motion,
@@ -45,25 +46,26 @@ impl Course {
     }
 }
 
-/// The ramp at one end of a piece.
+/// State of the ramp at one end of a piece.
 #[derive(Debug, Clone, Copy)]
 struct RampPoint {
     t_s: f64,
-    /// S, and its derivatives in the phase of the piece.
+    /// Share S of the ramp; the derivatives `slope` and `bend` are by the formula of the piece's phase.
     share: f64,
     slope: f64,
     bend: f64,
 }
 
 impl BlendedBlock<'_> {
-    /// Returns a piece within one phase by plan time.
+    /// Returns the course of a piece within one phase, by plan time.
     pub(super) fn by_plan_time(&self, from_s: f64, to_s: f64) -> Course {
         let within_s = f64::midpoint(from_s, to_s);
         let (from, to) = (self.piece_end(from_s, within_s), self.piece_end(to_s, within_s));
         Course::by_plan_time(&self.between(&from, &to), to_s - from_s)
     }
 
-    /// Returns a piece within one phase by distance; `None` outside of ramps between different speeds.
+    /// Returns the course of a piece within one phase, by distance. Returns `None` outside of ramps between
+    /// different speeds.
     pub(super) fn by_distance(&self, from_s: f64, to_s: f64) -> Option<Course> {
         let speeds = self.uneven?;
         let stop_begins_s = self.stop_begins_s();
@@ -99,7 +101,7 @@ impl BlendedBlock<'_> {
             forward
         };
         let length_s = growth.distance_s(to_s - from_s);
-        // Computed as in the pace, so that rounding in plan time makes no step of the rate.
+        // The growth is evaluated as in the pace, so that rounding of plan time causes no step of the rate.
         let grown = growth.speed(to_s - from_s);
         let least = grown.min(1.0);
         let convex = (ramp.change * begin.bend).max(0.0);
@@ -141,7 +143,7 @@ impl BlendedBlock<'_> {
                 };
                 let distances = [from.distance, to.distance];
                 motion.bend(arc, distances, most, 0.0);
-                // The direction changes along the piece as well.
+                // The direction of each arc also changes along the piece.
                 turn = turn.zip(blended_block::bends(arc, distances)[0], |turn, bent| {
                     turn + bent * most.speed * length_s / 2.0
                 });
@@ -178,7 +180,7 @@ impl Ramp {
         }
     }
 
-    /// Returns U divided by U at the start.
+    /// Returns the speed U divided by U at the start of the piece.
     fn speed(&self, place: &RampPoint) -> f64 {
         self.own + self.change * place.share
     }
@@ -190,7 +192,8 @@ impl Ramp {
         }
     }
 
-    /// Its own block and the next one by distance, from those by plan time.
+    /// Returns the motion by distance along the block and along the next block, computed from the motion by
+    /// plan time.
     fn along(&self, place: &RampPoint, by_plan_time: [PathDerivatives; 2]) -> [PathDerivatives; 2] {
         let r = self.speed(place);
         let [own, next] = self.speeds;
@@ -210,8 +213,8 @@ impl Ramp {
         ]
     }
 
-    /// Returns the bounds between two places of a phase, and of the fourth derivative. S and U are monotone
-    /// there.
+    /// Returns the bounds of the derivatives between two points of a phase, and separately of the fourth
+    /// derivative. S and U are monotonic between the points.
     fn most(&self, places: &[RampPoint; 2]) -> (DerivativeBounds, f64) {
         let [begin, end] = places;
         let r = self.speed(begin).min(self.speed(end));

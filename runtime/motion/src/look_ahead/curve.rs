@@ -1,8 +1,8 @@
-//! An arc between its ramps where a motor has a maximum jerk: its rate changes as on a line, within the acceleration
-//! and jerk left by the curvature at the largest rate.
+//! An arc between its ramps, if a motor has a maximum jerk. The rate changes as on a line, within the part of
+//! acceleration and jerk that the curvature at the largest rate leaves.
 //!
-//! With the derivatives p' to p''' by distance and the speed v, at the rate w the acceleration is `p'' v^2 w^2 + p' v
-//! w'`, the jerk `p''' v^3 w^3 + 3 p'' v^2 w w' + p' v w''`.
+//! With the derivatives p' to p''' by distance and the speed v, at the rate w the acceleration is `p'' v^2
+//! w^2 + p' v w'` and the jerk is `p''' v^3 w^3 + 3 p'' v^2 w w' + p' v w''`.
 
 use tandem_model::{ArcPath, Axis};
 
@@ -10,14 +10,16 @@ use super::blended_block::{self, BlendedBlock};
 use super::limits::{Bounds, SQUARE_MIN};
 use super::straight::Straight;
 
-/// The largest share of a limit for the curvature; the rest changes the rate.
+/// Largest share of a limit that the curvature may use. The remaining share is available for changes of the
+/// rate.
 const SHARE: f64 = 0.75;
 
-/// The largest ratio of the radii of a spiral whose curvature counts everywhere as that at its narrowest.
+/// Largest ratio of a spiral's radii for which its curvature is treated as constant, equal to that at the
+/// narrowest point.
 const SPIRAL_MAX: f64 = 1.5;
 
-/// Returns the limits of the rate on an arc, and its largest square; `None` unless a motor that it moves has
-/// a maximum jerk, and for a spiral that opens wide.
+/// Returns the limits of the rate on an arc, and the largest square of the rate. Returns `None` if no moving
+/// motor has a maximum jerk, or if the arc is a spiral that opens wide.
 pub(super) fn straightened(
     way: &BlendedBlock<'_>,
     arc: &ArcPath,
@@ -52,7 +54,7 @@ pub(super) fn straightened(
     let [mut change, mut jerk] = [f64::INFINITY; 2];
     for ([first, second, third], inverse, inverse_jerk) in &each {
         let left = |taken: f64| (1.0 - taken).max(1.0 - SHARE);
-        // Half for each of both terms.
+        // Each of the two terms may use half of the remaining jerk.
         let left_of_jerk = left(third * square * rate * inverse_jerk) / 2.0;
         change = change
             .min(left(second * square * inverse) / (first * inverse))
@@ -63,7 +65,7 @@ pub(super) fn straightened(
     Some((Straight { change, jerk }, square))
 }
 
-/// Returns true for a spiral whose curvature at its narrowest is far above the rest of it.
+/// Returns true for a spiral whose largest radius exceeds [`SPIRAL_MAX`] times its smallest radius.
 pub(super) fn opens_wide(arc: &ArcPath) -> bool {
     let [start, end] = arc.radii();
     start.max(end) > SPIRAL_MAX * start.min(end)

@@ -1,4 +1,4 @@
-//! The plan time of a block, cut into pieces on which the square of the rate is linear.
+//! Division of a block's plan time into pieces on which the square of the rate is linear.
 
 use std::collections::VecDeque;
 
@@ -12,41 +12,43 @@ use super::piece::{Piece, Shape};
 use super::straight::Straight;
 use super::{corner, curve};
 
-/// The largest change of a velocity on one piece of a ramp, as a share of it.
+/// Largest change of the velocity on one piece of a ramp, relative to the slower end.
 const CHANGE_MAX: f64 = 0.25;
 
-/// The largest share of a limit for the deviation between the ends of a piece before it is halved.
+/// Largest deviation between the ends of a piece, as a share of a limit. With a larger deviation the piece is
+/// divided.
 const BEND_MAX: f64 = 0.04;
 
-/// The same, as a share of the part of a limit that the motion at the ends does not use.
+/// Largest deviation between the ends of a piece, as a share of the part of a limit that the motion at the
+/// ends does not use.
 const LEFT_MAX: f64 = 0.25;
 
-/// The largest share by which the square of the rate may exceed those at the ends of a piece.
+/// Largest relative amount by which the square of the rate may exceed its values at the ends of a piece.
 const EXCESS_MAX: f64 = 0.1;
 
-/// Most halvings of a ramp.
+/// Maximum number of halvings of a ramp.
 const HALVINGS_MAX: u32 = 4;
 
-/// The resulting number of parts.
+/// Number of parts after [`HALVINGS_MAX`] halvings.
 const PARTS_MAX: f64 = 16.0;
 
-/// The largest turn of an arc on one piece, rad: it reserves 0.6 percent of the centripetal acceleration for the deviation
-/// between the ends.
+/// Largest turn of an arc on one piece, rad. It reserves 0.6 percent of the centripetal acceleration for the
+/// deviation between the ends.
 const TURN_MAX: f64 = 0.4;
 
-/// Most parts of a piece that is halved for its rate.
+/// Maximum number of parts of a piece that is halved for its rate.
 const LEAST: f64 = 256.0;
 
-/// Most pieces of one phase.
+/// Maximum number of pieces of one phase.
 const PIECES_MAX: f64 = 512.0;
 
-/// A ramp shorter than this share of its block's plan time is rounding.
+/// Share of a block's plan time below which a ramp is only rounding.
 const RAMP_MIN: f64 = 1e-14;
 
-/// A way between ramps shorter than this share of its block's plan time is rounding.
+/// Share of a block's plan time below which the part between the ramps is only rounding.
 const BETWEEN_MIN: f64 = 1e-8;
 
-/// Adds the pieces of a block, and returns their number.
+/// Adds the pieces of a block to `pieces`, and returns their number.
 pub(super) fn cut(way: &BlendedBlock<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece>) -> usize {
     let before = pieces.len();
     let begin_s = way.passage.from_s;
@@ -95,14 +97,14 @@ pub(super) fn cut(way: &BlendedBlock<'_>, bounds: Bounds<'_>, pieces: &mut VecDe
     if pieces.len() == before && way.block.plan_s > begin_s {
         Cutter::new(way, bounds, [begin_s, way.block.plan_s], pieces).whole(1.0, true);
     }
-    // Parts left out as rounding belong to the last piece.
+    // The last piece includes all parts that were omitted as rounding.
     if let Some(last) = pieces.back_mut().filter(|_| at_s > begin_s) {
         last.to_s = way.block.plan_s;
     }
     pieces.len() - before
 }
 
-/// Cuts a piece that was planned as a whole, because its rate changes.
+/// Divides a piece that was planned as a whole. The rate changes on the piece.
 pub(super) fn cut_finer(
     way: &BlendedBlock<'_>,
     bounds: Bounds<'_>,
@@ -116,7 +118,7 @@ pub(super) fn cut_finer(
     Cutter::new(way, bounds, [piece.from_s, piece.to_s], pieces).whole(1.0, true);
 }
 
-/// Returns the limits of the rate on a line, and its largest square.
+/// Returns the limits of the rate on a line, and the largest square of the rate.
 fn on_line(way: &BlendedBlock<'_>, bounds: Bounds<'_>) -> (Straight, f64) {
     let most = |inverse: &[f64; AXES_MAX]| {
         Axis::ALL.into_iter().fold(0.0, |most: f64, axis| {
@@ -137,7 +139,7 @@ fn on_line(way: &BlendedBlock<'_>, bounds: Bounds<'_>) -> (Straight, f64) {
     )
 }
 
-/// Cuts an interval within one phase.
+/// Division of an interval within one phase.
 struct Cutter<'a> {
     way: &'a BlendedBlock<'a>,
     bounds: Bounds<'a>,
@@ -167,13 +169,13 @@ impl<'a> Cutter<'a> {
         self.way.piece_end(t_s, f64::midpoint(self.from_s, self.to_s))
     }
 
-    /// Cuts all of it into n parts. `finer`: for a rate that changes.
+    /// Divides the whole interval into n parts. `finer` is true if the rate changes on the interval.
     fn whole(&mut self, n: f64, finer: bool) {
         let (from, to) = (self.piece_end(self.from_s), self.piece_end(self.to_s));
         self.even([&from, &to], n, 0, finer);
     }
 
-    /// Cuts into n parts of equal length, and each further where needed.
+    /// Divides into n parts of equal length, and divides each part further if necessary.
     fn even(&mut self, [from, to]: [&PieceEnd; 2], n: f64, depth: u32, finer: bool) {
         let mut middle = None;
         let mut k = 1.0;
@@ -186,9 +188,10 @@ impl<'a> Cutter<'a> {
         self.part([middle.as_ref().unwrap_or(from), to], depth, finer);
     }
 
-    /// Cuts until an arc bends little. A piece on which no motor exceeds its limit at the block's largest rate stays whole;
-    /// any other is also cut until its velocity changes little against the slower end: evenly where its direction stays,
-    /// else in halves.
+    /// Adds a piece, or divides it until an arc bends little on it. A piece stays whole if no motor exceeds
+    /// its limit on it at the block's largest rate. Any other piece is also divided until its velocity
+    /// changes little relative to the slower end: into equal parts if its direction stays, otherwise into
+    /// halves.
     fn part(&mut self, ends: [&PieceEnd; 2], depth: u32, finer: bool) {
         let [from, to] = ends;
         let h_s = to.t_s - from.t_s;
@@ -220,14 +223,16 @@ impl<'a> Cutter<'a> {
         });
     }
 
-    /// Returns the number of parts into which a piece must be cut, and their depth.
+    /// Returns the number of parts into which a piece must be divided, and the depth of these parts. Returns
+    /// `None` if the piece stays whole.
     fn parts(&self, course: &Course, depth: u32, finer: bool) -> Option<(f64, u32)> {
         if !finer && !self.way.bends() {
             return None;
         }
         let (motion, h_s) = (&course.motion, course.length_s);
         let spread = Spread::new(motion, &self.bounds.motors.inverse);
-        // Change of the velocity between the ends against the slower one, over the largest allowed.
+        // Change of the velocity between the ends relative to the slower end, divided by the largest
+        // permitted change.
         let uneven = spread.change_s.max(h_s / 4.0) / (CHANGE_MAX * spread.slower_s);
         if finer && uneven > 1.0 && depth < HALVINGS_MAX {
             let keeps_direction = spread.change_s < spread.slower_s;
@@ -237,7 +242,8 @@ impl<'a> Cutter<'a> {
                 (2.0, depth + 1)
             });
         }
-        // Deviation between the ends over the largest allowed, at the limit for the largest rate.
+        // Deviation between the ends, divided by the largest permitted deviation, at the limit for the
+        // largest rate.
         let most = 1.0 / self.bounds.cap.max(1.0);
         let left_out = h_s * h_s * spread.bend / 8.0;
         let least = (BEND_MAX * spread.used.max(most)).max(LEFT_MAX * (most - spread.used));

@@ -5,7 +5,7 @@ use super::limits::{Bounds, HalfPlane, Motors};
 use super::rate::{BentPiece, Limits};
 use crate::block::RampedBlock;
 
-/// A block that is not final.
+/// A block whose rate is not final.
 #[derive(Debug, Clone)]
 pub(super) struct HeldBlock {
     pub(super) block: RampedBlock,
@@ -14,12 +14,12 @@ pub(super) struct HeldBlock {
     pub(super) is_last: bool,
     pub(super) feed_override: f64,
     pub(super) pieces: usize,
-    /// Largest square of the rate in it for the override and the servo period.
+    /// Largest square of the rate in the block that the override and the servo period allow.
     pub(super) cap: f64,
 }
 
 impl HeldBlock {
-    /// Returns the limits of its pieces.
+    /// Returns the limits for the pieces of the block.
     pub(super) fn limits<'a>(&'a self, motors: &'a Motors, planes: &'a mut Vec<HalfPlane>) -> Limits<'a> {
         Limits {
             way: BlendedBlock::new(&self.block.ramped, self.passage),

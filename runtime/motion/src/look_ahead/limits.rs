@@ -1,10 +1,11 @@
 //! The limits of the motors on one piece, and the rates that they allow.
 //!
-//! On a piece of plan time h the square x of the rate is linear from x0 to x1. With the derivatives `q'`, `q''` of a
-//! motor's position by plan time its acceleration is `f = q'' x + q' (x1 - x0)/(2 h)`. Between the ends f deviates from
-//! its chord by at most `h^2/8 max |f''|`, `f'' = q'''' x + 5/2 q''' x'`: limits that hold at both ends, reduced by
-//! that bound, hold on the whole piece. Each is a half plane `left x0 + right x1 <= 1`. On a piece measured by distance
-//! the same holds with distance in place of plan time.
+//! On a piece of plan time h the square x of the rate is linear from x0 to x1. Let `q'` and `q''` be the
+//! derivatives of a motor's position by plan time. The motor's acceleration is `f = q'' x + q' (x1 - x0)/(2
+//! h)`. Between the ends f deviates from its chord by at most `h^2/8 max |f''|`, with `f'' = q'''' x + 5/2
+//! q''' x'`. Limits that hold at both ends, reduced by this bound, therefore hold on the whole piece. Each
+//! limit is a half plane `left x0 + right x1 <= 1`. On a piece measured by distance the same holds with
+//! distance instead of plan time.
 
 use tandem_model::profile::SlewRoom;
 use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
@@ -14,21 +15,24 @@ use super::blended_block::PieceMotion;
 use super::course::Course;
 use crate::limit::ACCELERATION_RESERVE;
 
-/// Smallest square of the rate: a millionth of the rate without look-ahead. The rate is never lower, so every block ends.
+/// Smallest square of the rate: a millionth of the rate without look-ahead. The rate is never lower, so that
+/// every block ends.
 pub(super) const SQUARE_MIN: f64 = 1e-12;
 
-/// Rounding of the constraints, relative to a limit.
+/// Margin for rounding of the constraints, relative to a limit.
 const ROUNDING: f64 = 1e-12;
 
-/// Far above rounding, far below the reserve of the acceleration: two borders that differ only by rounding must not cut the
-/// rate off, and a start on a border that hardly depends on the end must not lower it.
+/// Tolerance of a border, far above rounding and far below the reserve of the acceleration. Two borders that
+/// differ only by rounding must not reduce the rate to zero. A start on a border that hardly depends on the
+/// end must not lower the end.
 const SLACK: f64 = 1e-9;
 
-/// The same per unit of the larger factor, where a limit is a small difference of large values; at most [`SLACK_MAX`].
+/// Tolerance per unit of the larger factor, for a limit that is a small difference of large values; at most
+/// [`SLACK_MAX`].
 const SLACK_OF_FACTORS: f64 = 32.0 * f64::EPSILON;
 const SLACK_MAX: f64 = 1e-6;
 
-/// `left x0 + right x1 <= 1`.
+/// A constraint `left x0 + right x1 <= 1`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct HalfPlane {
     left: f64,
@@ -36,14 +40,14 @@ pub(super) struct HalfPlane {
 }
 
 impl HalfPlane {
-    /// Returns the rounding error of its sum above 1.
+    /// Returns the tolerance by which the sum may exceed 1 because of rounding.
     fn slack(self) -> f64 {
         (self.left.abs().max(self.right.abs()) * SLACK_OF_FACTORS).clamp(SLACK, SLACK_MAX)
     }
 }
 
-/// The acceleration of a motor at both ends of a piece as factors of x0 and x1, in shares of its maximum, and the bound of
-/// its deviation between the ends: `level (x0 + x1) + change |x1 - x0|`.
+/// Acceleration of a motor at both ends of a piece as factors of x0 and x1, in shares of its maximum. Between
+/// the ends the acceleration deviates by at most `level (x0 + x1) + change |x1 - x0|`.
 struct Rows {
     ends: [[f64; 2]; 2],
     level: f64,
@@ -71,20 +75,20 @@ impl Rows {
 /// The limits of the motors.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Motors {
-    /// 1 over the maximum acceleration of each motor, 0 without one.
+    /// 1 divided by the maximum acceleration of each motor; 0 for a motor without a maximum.
     pub(super) inverse: [f64; AXES_MAX],
-    /// 1 over the maximum jerk of each motor, 0 without one.
+    /// 1 divided by the maximum jerk of each motor; 0 for a motor without a maximum.
     pub(super) inverse_jerks: [f64; AXES_MAX],
-    /// True if a motor has a maximum jerk.
+    /// True if any motor has a maximum jerk.
     pub(super) has_jerk: bool,
-    /// Maximum velocity of each motor, 0 without one.
+    /// Maximum velocity of each motor; 0 for a motor without a maximum.
     velocities: [f64; AXES_MAX],
     /// Servo period, s.
     pub(super) period_s: f64,
 }
 
 impl Motors {
-    /// Creates the limits, without the reserve for feed hold.
+    /// Creates the limits. The maximum accelerations are reduced by the reserve for feed hold.
     pub(super) fn new(settings: &CoordinateSystemSettings) -> Self {
         let of_each = |value: fn(&MotorSettings) -> f64| {
             settings
@@ -108,13 +112,13 @@ impl Motors {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bounds<'a> {
     pub(super) motors: &'a Motors,
-    /// Largest square of the rate.
+    /// Largest square of the rate in the block.
     pub(super) cap: f64,
 }
 
 impl Bounds<'_> {
-    /// Returns the largest square of the rate for axes at most this fast at a rate of 1, where the maximum
-    /// velocities hold.
+    /// Returns the largest square of the rate at which no motor exceeds its maximum velocity. `fastest`
+    /// returns the speed of an axis at the rate 1.
     pub(super) fn cap_at(self, fastest: impl Fn(Axis) -> f64) -> f64 {
         if self.cap <= 1.0 {
             return self.cap;
@@ -130,7 +134,7 @@ impl Bounds<'_> {
     }
 }
 
-/// Sets `planes` to the limits that can bind with squares of the rate from 0 to the cap.
+/// Sets `planes` to the limits that can be exceeded while the squares of the rate are between 0 and the cap.
 pub(super) fn half_planes(course: &Course, bounds: Bounds<'_>, planes: &mut Vec<HalfPlane>) {
     let Bounds { motors, cap } = bounds;
     planes.clear();
@@ -157,16 +161,17 @@ pub(super) fn half_planes(course: &Course, bounds: Bounds<'_>, planes: &mut Vec<
     }
 }
 
-/// The differences between the ends of a piece in shares of the maximum accelerations, each the largest of all motors.
+/// Differences between the ends of a piece, in shares of the maximum accelerations; each value is the largest
+/// of all motors.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Spread {
-    /// Change of the velocity, s.
+    /// Change of the velocity, divided by the maximum acceleration, s.
     pub(super) change_s: f64,
-    /// The slower one of the velocities at both ends, s.
+    /// The smaller of the velocities at both ends, divided by the maximum acceleration, s.
     pub(super) slower_s: f64,
-    /// Acceleration at a rate of 1.
+    /// Acceleration at the rate 1.
     pub(super) used: f64,
-    /// Change of that.
+    /// Change of the acceleration between the ends.
     pub(super) swing: f64,
     /// Bound of the fourth derivative, per second squared.
     pub(super) bend: f64,
@@ -195,9 +200,9 @@ impl Spread {
         spread
     }
 
-    /// Returns the difference of the rates that keep the velocity at both ends: the change of the velocity as
-    /// a share of the slower one, times the acceleration. With a square x of the rate linear over the piece,
-    /// about x times that remains as acceleration where the velocity would be constant.
+    /// Returns the acceleration that remains where the velocity would be constant, at the rate 1. A linear
+    /// square x of the rate multiplies this acceleration by about x. Reason: a constant velocity would need
+    /// different rates at both ends.
     pub(super) fn sway(&self) -> f64 {
         if self.slower_s > 0.0 {
             self.swing + self.change_s / self.slower_s * self.used
@@ -207,8 +212,9 @@ impl Spread {
     }
 }
 
-/// Returns the largest x0 up to `cap` for which some x1 up to `end` is within the limits, and that x1: a
-/// linear program in two variables, solved one half plane after the other. (0, 0) is always within.
+/// Returns the largest x0 up to `cap` for which some x1 up to `end` is within the limits, and this x1. It is
+/// a linear program in two variables, solved one half plane after another. (0, 0) is always within the
+/// limits.
 pub(super) fn fastest_start(planes: &[HalfPlane], cap: f64, end: f64) -> [f64; 2] {
     let (mut x, mut y) = (cap, end);
     for (i, plane) in planes.iter().enumerate() {
@@ -224,11 +230,11 @@ pub(super) fn fastest_start(planes: &[HalfPlane], cap: f64, end: f64) -> [f64; 2
     [x, y]
 }
 
-/// Returns the point of largest x, then y, on a half plane's border within these limits. `None` if there is none except
-/// by rounding.
+/// Returns the point with the largest x, then the largest y, on the border of a half plane within these
+/// limits. Returns `None` if no such point exists except by rounding.
 fn on_border(border: HalfPlane, within: &[HalfPlane], cap: f64, end: f64) -> Option<(f64, f64)> {
     let HalfPlane { left, right } = border;
-    // The coordinate u runs along the border, the other one is w = base + slope u.
+    // The coordinate u runs along the border; the other coordinate is w = base + slope u.
     let by_x = right.abs() >= left.abs();
     let (base, slope, u_max, w_max) = if by_x {
         (1.0 / right, -left / right, cap, end)
@@ -266,7 +272,7 @@ fn on_border(border: HalfPlane, within: &[HalfPlane], cap: f64, end: f64) -> Opt
     }
 }
 
-/// Returns the largest x at both ends.
+/// Returns the largest x that is within the limits if both ends have this x.
 fn at_one_rate(planes: &[HalfPlane], most: f64) -> f64 {
     planes.iter().fold(most, |most, plane| {
         let sum = plane.left + plane.right;
@@ -274,7 +280,7 @@ fn at_one_rate(planes: &[HalfPlane], most: f64) -> f64 {
     })
 }
 
-/// Returns the largest x1 up to `end` within the limits, from a start that [`fastest_start`] allows.
+/// Returns the largest x1 up to `end` within the limits, for a start that [`fastest_start`] allows.
 pub(super) fn fastest_end(planes: &[HalfPlane], start: f64, end: f64) -> f64 {
     let most = planes.iter().fold(end, |most, plane| {
         if plane.right > 0.0 {
@@ -286,7 +292,8 @@ pub(super) fn fastest_end(planes: &[HalfPlane], start: f64, end: f64) -> f64 {
     most.max(0.0)
 }
 
-/// Returns the room that the motors leave to overrides and feed hold while the piece is passed from x0 to x1.
+/// Returns the room that the motors leave to overrides and feed hold while the motion passes the piece from
+/// x0 to x1.
 pub(super) fn room(course: &Course, inverse: &[f64; AXES_MAX], [start, end]: [f64; 2]) -> SlewRoom {
     let (motion, h_s) = (&course.motion, course.length_s);
     let end = end * course.scale;
@@ -298,8 +305,8 @@ pub(super) fn room(course: &Course, inverse: &[f64; AXES_MAX], [start, end]: [f6
             continue;
         }
         let velocity = [motion.velocity[0][axis], motion.velocity[1][axis]];
-        // The velocity differs from the line between its end values by at most h^2/8 times the third derivative of the
-        // position.
+        // Between the ends the velocity deviates from its chord by at most h^2/8 times the third derivative
+        // of the position.
         let off_chord = motion.third[axis] * h_s * h_s / 8.0;
         let largest = velocity[0].abs().max(velocity[1].abs()) + off_chord;
         if largest == 0.0 {
@@ -327,7 +334,7 @@ pub(super) fn room(course: &Course, inverse: &[f64; AXES_MAX], [start, end]: [f6
 mod tests {
     use super::*;
 
-    /// The x1 that an x0 leaves open.
+    /// Returns the range of x1 that is within the limits for this x0.
     fn ends(planes: &[HalfPlane], x: f64, end: f64) -> [f64; 2] {
         planes.iter().fold([0.0, end], |[low, high], plane| {
             let border = (1.0 - plane.left * x) / plane.right;
@@ -341,7 +348,7 @@ mod tests {
 
     #[test]
     fn borders_that_are_one_but_for_rounding_leave_the_fastest_start() {
-        // -1 <= 2 M y - M x <= 1 at both ends of a piece, whose factors are not the same to the last bits.
+        // -1 <= 2 M y - M x <= 1 at both ends of a piece; the factors of the ends differ in the last bits.
         let mut bits = 1_u64;
         let mut rounded = |value: f64| {
             bits = bits.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
@@ -355,7 +362,7 @@ mod tests {
                     right: rounded(2.0 * sign * factor),
                 })
                 .into();
-            // 0.3 at the end leads to 0.6 at the start, and 1/M more.
+            // 0.3 at the end leads to 0.6 + 1/M at the start.
             let [start, end] = fastest_start(&planes, 1.0, 0.3);
             assert!((start - 0.6 - 1.0 / factor).abs() < 1e-9, "{factor}: {start}");
             assert!((end - 0.3).abs() < 1e-9, "{factor}: {end}");

@@ -1,30 +1,32 @@
-//! Look-ahead, G64 with G500 (M1d): a chain keeps its path and slows down before a motor would exceed its maximum
-//! acceleration, over as many blocks as that takes.
+//! Look-ahead, G64 with G500 (M1d): a chain keeps its path, and slows down before a motor would exceed its
+//! maximum acceleration. The deceleration extends over as many blocks as necessary.
 //!
-//! The motion is `q(t) = q501(tau(t))` with a rate `tau' <= o`, whose square x is linear in tau on each piece; o is the
-//! feed override, at least 1 (below 100 percent the servo scales the time of the plan). A backward pass starts at the
-//! end of the known blocks and gives the start of each piece the largest x from which the machine can still stop at
-//! that end; a second one leaves the end open. Where the two agree, no later block can change the preceding plan: up to
-//! there the plan is final, and a forward pass gives the largest rate. A backward pass starts only when as many blocks
-//! have been added as are not final, so the cost of a block does not depend on how far look-ahead reaches.
+//! The motion is `q(t) = q501(tau(t))` with a rate `tau' <= o`, whose square x is linear in tau on each
+//! piece. Here o is the feed override, at least 1 (below 100 percent the servo scales the time of the plan).
+//! A backward pass starts at the end of the known blocks. At the start of each piece it finds the largest x
+//! from which the machine can still stop at that end; a second pass assumes no stop at that end. Where both
+//! passes agree, no later block can change the preceding plan. The plan is final up to this point, and a
+//! forward pass gives the largest rate. A backward pass starts only when the number of new blocks reaches the
+//! number of blocks that are not final. So the cost of a block does not depend on the reach of look-ahead.
 //!
-//! A piece on which the velocity would change at a constant rate, or at whose end the rate could be higher than at its
-//! start, is halved while that gains time. On a ramp between blocks of different speeds the rate is measured by the
-//! distance along both instead of by plan time ([`course`]) where that is faster. The backward pass does not know how
-//! fast the motion can arrive, and may cut a corner into thousands of pieces for a rate that never occurs; the forward
-//! pass joins pieces where a single step is as fast.
+//! A piece is halved, as long as this gains time, in two cases: the velocity would change at a constant rate,
+//! or the rate could be higher at its end than at its start. On a ramp between blocks of different speeds the
+//! rate is measured by distance ([`course`]) where this is faster than by plan time. The backward pass does
+//! not know the speed at which the motion arrives. It may therefore divide a corner into thousands of pieces
+//! for a rate that never occurs. The forward pass joins pieces where a single step is as fast.
 //!
-//! Maximum velocities hold because the rate is at most 1, or what the velocities of a block allow.
+//! Maximum velocities hold because the rate is at most 1, or at most the value that the velocities of a block
+//! allow.
 //!
 //! `max_jerk` bounds the motion between the ramps of a line or an arc ([`straight`], [`curve`]) and the ramps
-//! themselves ([`corner`]; [`crate::ramped`] has already stretched those of a line from rest and to rest): a chain of
-//! blocks long enough to change their speed with it keeps it throughout. Where a block is too short for that, its
-//! acceleration steps at its ends. Between the ramps of a line the limits of the rate, and so the blocks before it, do
-//! not depend on `max_jerk`.
+//! themselves ([`corner`]). [`crate::ramped`] has already lengthened the ramps of a line from rest and to
+//! rest. If all blocks of a chain are long enough to change their speed within `max_jerk`, the whole chain
+//! respects `max_jerk`. At the ends of a shorter block the acceleration steps. Between the ramps of a line
+//! the limits of the rate do not depend on `max_jerk`, and neither do the preceding blocks.
 //!
-//! It does not bound short blocks: the path is that of G501, where they have no jerk time left (M1b, `ts' = T' - ta'`),
-//! so at each of their joints `q501''` steps by a vector that no rate but 0 removes from `q'' = q501'' w^2 + q501' w'`.
-//! The manual speaks of positions, velocities and accelerations.
+//! `max_jerk` does not bound short blocks. Their path is that of G501, where they have no jerk time left
+//! (M1b, `ts' = T' - ta'`). At each of their joints `q501''` steps by a vector that no rate except 0 removes
+//! from `q'' = q501'' w^2 + q501' w'`. The manual mentions only positions, velocities and accelerations.
 
 mod blended_block;
 mod braking;
@@ -58,44 +60,44 @@ use crate::record::{Entry, Record};
 /// The largest feed override.
 pub(crate) const FEED_OVERRIDE_MAX: f64 = 2.0;
 
-/// No limit of the square of the rate.
+/// Value of the square of the rate that means no limit.
 const SQUARE_MAX: f64 = FEED_OVERRIDE_MAX * FEED_OVERRIDE_MAX;
 
-/// The most blocks held back. Where they are too short to come to rest in, the first half is slowed to what the rest
-/// allows.
+/// Maximum number of blocks held back. If these blocks are too short for a stop within them, the first half
+/// is slowed down to the speed from which the second half can stop.
 pub(crate) const BLOCKS_MAX: usize = 16_384;
 
-/// The most pieces of blocks held back, about 24 MB. Where blocks need more, their first half is slowed to what the rest
-/// allows.
+/// Maximum number of pieces of blocks held back, about 24 MB. If the blocks need more pieces, the first half
+/// is slowed down to the speed from which the second half can stop.
 const HELD_PIECES_MAX: usize = 200_000;
 
-/// The fewest new blocks planned at a time.
+/// Minimum number of new blocks that are planned at a time.
 const BLOCKS_MIN: usize = 128;
 
-/// This many consecutive blocks take at least this many servo periods, so at most 128 blocks pass in one; the rate is
-/// lowered where they would take less.
+/// Number of consecutive blocks that take at least [`IN_A_ROW_PERIODS`] servo periods, so that at most 128
+/// blocks pass in one period. If the blocks would take less, the rate is lowered.
 const IN_A_ROW: usize = 64;
 const IN_A_ROW_PERIODS: f64 = 0.5;
 
-/// Limits of x that differ by less than this share are treated as equal: 0.05 percent of the rate.
+/// Relative difference below which two limits of x are treated as equal: 0.05 percent of the rate.
 const MET: f64 = 1e-3;
 
-/// The blocks of a chain that are not final.
+/// The blocks of a chain whose rate is not final.
 #[derive(Debug, Clone)]
 pub(crate) struct LookAhead {
     motors: Motors,
-    /// Feed override for further blocks; 1 or more.
+    /// Feed override for further blocks, 1 or more.
     feed_override: f64,
     blocks: VecDeque<HeldBlock>,
     pieces: VecDeque<Piece>,
-    /// Plan times of the chain's last blocks, s.
+    /// Plan times of the last [`IN_A_ROW`] blocks of the chain, s.
     in_a_row: VecDeque<f64>,
-    /// Number of blocks that an earlier backward pass has seen.
+    /// Number of blocks that an earlier backward pass has included.
     seen: usize,
-    /// Square of the rate at the start of the first block. `None` allows its limit, since the path is at rest
-    /// there.
+    /// Square of the rate at the start of the first block. If `None`, only the limit of that block applies,
+    /// because the path is at rest there.
     square: Option<f64>,
-    /// True if the rate is constant at the start of the first block.
+    /// True if the rate is constant before the first block.
     is_even: bool,
     braking: Braking,
     planes: Vec<HalfPlane>,
@@ -109,7 +111,7 @@ impl LookAhead {
         Self::empty(Motors::new(settings), 1.0)
     }
 
-    /// Returns a look-ahead without blocks, with the same limits.
+    /// Returns a look-ahead without blocks, with the same limits and override.
     pub(crate) fn emptied(&self) -> Self {
         Self::empty(self.motors, self.feed_override)
     }
@@ -141,31 +143,34 @@ impl LookAhead {
         self.is_even = false;
     }
 
-    /// Plans further blocks for this override; below 1, the servo scales the time of the plan.
+    /// Sets the override for which further blocks are planned. Below 1, the servo scales the time of the
+    /// plan.
     pub(crate) fn set_feed_override(&mut self, factor: f64) {
         self.feed_override = factor.clamp(1.0, FEED_OVERRIDE_MAX);
     }
 
-    /// Returns the blocks that are not final.
+    /// Returns the blocks whose rate is not final.
     pub(crate) fn blocks(&self) -> impl Iterator<Item = &RampedBlock> {
         self.blocks.iter().map(|held| &held.block)
     }
 
-    /// Begins the chain with the next block, of this segment, at rest at a point where the planned path
-    /// moves.
+    /// Begins a chain at rest, although the planned path moves at this point. The next block has the number
+    /// `segment`.
     pub(crate) fn begin_at_rest(&mut self, segment: u64, is_backward: bool) {
         self.square = Some(SQUARE_MIN);
         self.is_even = false;
         self.braking.start_chain(segment, is_backward);
     }
 
-    /// Takes the next block of a chain, and outputs the blocks that are final; one that ends at rest ends the chain.
+    /// Adds the next block of a chain, and outputs the blocks that are final. A block that ends at rest ends
+    /// the chain.
     pub(crate) fn push(&mut self, block: RampedBlock, record: &mut Record, out: &mut VecDeque<Profile>) {
         let is_last = block.ends_at_rest();
         self.pass(block, Passage::default(), is_last, record, out);
     }
 
-    /// Takes the next block of a chain with its passage; the last one ends at rest even where its path continues.
+    /// Adds the next block of a chain with its passage. The last block ends at rest even if its path
+    /// continues.
     pub(crate) fn pass(
         &mut self,
         block: RampedBlock,
@@ -206,7 +211,7 @@ impl LookAhead {
         }
     }
 
-    /// Returns the largest square of the rate in the next block of the chain, of this plan time.
+    /// Returns the largest square of the rate in the next block of the chain, which has this plan time.
     fn cap(&mut self, plan_s: f64) -> f64 {
         if self.in_a_row.len() == IN_A_ROW {
             self.in_a_row.pop_front();
@@ -222,13 +227,13 @@ impl LookAhead {
         (whole_s / least_s).min(most).powi(2)
     }
 
-    /// Returns true if no further blocks are held back.
+    /// Returns true if look-ahead can hold no further blocks.
     fn is_full(&self) -> bool {
         self.blocks.len() >= BLOCKS_MAX || self.pieces.len() >= HELD_PIECES_MAX
     }
 
-    /// Outputs the blocks that are final. `end` is the largest square of the rate at the end of the chain, or `None` if
-    /// more blocks follow.
+    /// Outputs the blocks that are final. `end` is the largest square of the rate at the end of the chain,
+    /// `None` if more blocks follow.
     fn plan(&mut self, end: Option<f64>, record: &mut Record, out: &mut VecDeque<Profile>) {
         let mut finals = self.pass_back(end);
         let half = self.blocks.len() / 2;
@@ -244,7 +249,7 @@ impl LookAhead {
         }
         record.extend(self.blocks.drain(..finals).map(|held| Entry::Paced(held.block)));
         self.seen = self.blocks.len();
-        // With the last profile, all profiles are known.
+        // The last profile tells the servo how far the motion may continue when all these profiles are known.
         if let Some(last) = out.range_mut(first..).next_back()
             && let Law::Paced { pace, .. } = &mut last.law
         {
@@ -257,7 +262,7 @@ impl LookAhead {
         }
     }
 
-    /// Finds the limits of x from the end backwards; returns the number of blocks, from the first on, that are final.
+    /// Finds the limits of x backward from the end. Returns the number of leading blocks that are final.
     fn pass_back(&mut self, end: Option<f64>) -> usize {
         let [mut to_rest, mut open] = end.map_or([0.0, SQUARE_MAX], |end| [end; 2]);
         let mut finals = None;
@@ -298,7 +303,8 @@ impl LookAhead {
         finals.unwrap_or(0)
     }
 
-    /// Passes a block forward as fast as its limits allow; the pieces of earlier blocks are already removed.
+    /// Plans a final block forward, as fast as its limits allow. The pieces of earlier blocks are already
+    /// removed.
     fn release_block(&mut self, block: usize, end: f64, out: &mut VecDeque<Profile>) {
         let Some(held) = self.blocks.get(block) else {
             return;
@@ -347,7 +353,8 @@ mod tests {
     /// Period of the samples, s.
     const STEP_S: f64 = 0.005;
 
-    /// A thread along Z of 0.1 mm a turn, each a block of some thirty pieces. Z needs thousands of them to come to rest.
+    /// Plans a thread along Z with a pitch of 0.1 mm. Each turn is a block of some thirty pieces; Z needs
+    /// thousands of blocks to stop.
     fn thread(turns: u32, after_each: impl Fn(&LookAhead)) -> VecDeque<Profile> {
         let mut settings = CoordinateSystemSettings::default();
         for (axis, acceleration) in [(Axis::X, 1e5), (Axis::Y, 1e5), (Axis::Z, OF_Z)] {
@@ -418,7 +425,7 @@ mod tests {
                 "{acceleration} at {at_s} s"
             );
         }
-        // The best is to speed up for half of 1500 mm and down for the other.
+        // The fastest motion accelerates for half of the 1500 mm and decelerates for the other half.
         let best_s = 2.0 * (1500.0 / OF_Z).sqrt();
         assert!(begin_s < 1.5 * best_s, "{begin_s} s, best {best_s} s");
     }

@@ -1,4 +1,4 @@
-//! Profiles of a block at the rate that look-ahead has found for it.
+//! Profiles of a block at the rate that look-ahead has found for the block.
 
 use std::collections::VecDeque;
 
@@ -7,7 +7,7 @@ use tandem_model::profile::{PACE_PIECES_MAX, Pace, PacePiece, Profile};
 use super::held_block::HeldBlock;
 use super::step::RateStep;
 
-/// Outputs a block with these steps, in as many profiles as they need.
+/// Outputs a block with these steps, in the necessary number of profiles.
 pub(super) fn profiles(held: &HeldBlock, steps: &[RateStep], free_to: u64, out: &mut VecDeque<Profile>) {
     let block = &held.block;
     let is_backward = held.passage.is_backward;

@@ -5,33 +5,34 @@ use tandem_model::profile::SlewRoom;
 use super::blended_block::Phase;
 use super::straight::Straight;
 
-/// A piece, in plan time.
+/// A piece of a block, by plan time.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Piece {
     pub(super) from_s: f64,
     pub(super) to_s: f64,
     pub(super) shape: Shape,
-    /// End of the piece that it was cut from, within its phase, s.
+    /// End of the larger piece of the phase from which this piece was cut, s.
     pub(super) whole_to_s: f64,
-    /// It is not halved below this length, s.
+    /// Length below which the piece is not halved, s.
     pub(super) least_s: f64,
-    /// Largest square of the rate in it.
+    /// Largest square of the rate in the piece.
     pub(super) cap: f64,
-    /// Largest square of the rate at its start from which the motion can come to rest; NaN before it is known.
+    /// Largest square of the rate at the start of the piece from which the motion can come to rest; NaN
+    /// before it is known.
     pub(super) limit: f64,
 }
 
 /// Limits of the rate on a piece.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Shape {
-    /// At one speed: the limits are the same anywhere in the piece.
+    /// A piece at one programmed speed, on which the limits are constant.
     Straight(Straight),
-    /// No motor exceeds its limit at the largest rate; it is cut finer where the rate changes.
+    /// A piece on which no motor exceeds its limit at the largest rate. It is divided where the rate changes.
     Whole {
         /// Room that the motors leave at the largest rate.
         room: SlewRoom,
     },
-    /// Limited by the half planes of its motors.
+    /// A piece whose rate is limited by half planes.
     Bent {
         /// Room that the motors leave at the largest rate, if none exceeds its limit at that rate.
         planned: Option<SlewRoom>,
@@ -43,13 +44,14 @@ impl Piece {
         self.to_s - self.from_s
     }
 
-    /// Returns true if both were cut from the same piece.
+    /// Returns true if both pieces were cut from the same larger piece.
     pub(super) fn is_cut_with(&self, other: &Piece) -> bool {
         let is_bent = |piece: &Piece| matches!(piece.shape, Shape::Bent { .. });
         is_bent(self) && is_bent(other) && self.whole_to_s.to_bits() == other.whole_to_s.to_bits()
     }
 
-    /// Returns true if the rate is the largest from begin to end; `limit` is the limit of the next piece.
+    /// Returns true if the rate is the largest possible from begin to end. `limit` is the limit of the next
+    /// piece.
     pub(super) fn is_even(&self, limit: f64) -> bool {
         self.room_at_cap().is_some() && self.limit >= self.cap && limit >= self.cap
     }
@@ -63,7 +65,7 @@ impl Piece {
         }
     }
 
-    /// Returns a phase at one speed, which is not halved.
+    /// Returns a whole phase at one speed as a piece, which is not halved.
     pub(super) fn straight(straight: Straight, cap: f64, phase: Phase) -> Self {
         Self {
             from_s: phase.from_s,
@@ -76,7 +78,7 @@ impl Piece {
         }
     }
 
-    /// Joins pieces cut from the same one.
+    /// Joins pieces that were cut from the same larger piece.
     pub(super) fn joined(first: &Piece, others: &[Piece]) -> Piece {
         others.iter().fold(*first, |joined, piece| Piece {
             to_s: piece.to_s,
@@ -86,7 +88,7 @@ impl Piece {
         })
     }
 
-    /// Returns both halves; `None` if the piece must not be cut.
+    /// Returns both halves of the piece. Returns `None` if the piece must not be halved.
     pub(super) fn halves(&self) -> Option<[Piece; 2]> {
         if self.length_s() < 2.0 * self.least_s {
             return None;

@@ -1,6 +1,7 @@
-//! The rate on the pieces of one block: its limits in a backward pass, the rate itself in a forward pass.
+//! The rate on the pieces of one block: a backward pass finds its limits, a forward pass the rate itself.
 //!
-//! A piece along which the acceleration changes much wastes part of it at one end; it is halved where that is faster.
+//! If the acceleration changes much along a piece, a part of it stays unused at one end. The piece is halved
+//! where this is faster.
 
 use std::collections::VecDeque;
 
@@ -14,41 +15,42 @@ use super::piece::{Piece, Shape};
 use super::step::{self, RateStep};
 use super::straight::Straight;
 
-/// A piece is halved when that gains more than this share of the square of the rate.
+/// Smallest relative gain in the square of the rate for which a piece is halved.
 const GAIN: f64 = 7e-4;
 
-/// With less change of the square of the rate a piece is not halved.
+/// Relative change of the square of the rate below which a piece is not halved.
 const CHANGE_MIN: f64 = 0.02;
 
-/// A piece with different velocities at its ends is halved while a constant rate would cause more than this share of the
-/// limit as acceleration between them.
+/// Largest acceleration between the ends of a piece that a constant rate causes if the velocities at the ends
+/// differ, as a share of the limit. With more, the piece is halved.
 const SWAY_MAX: f64 = 0.1;
 
-/// From this number on, pieces cut from the same one are passed in one step where that is as fast. Reason: the backward
-/// pass cuts as finely as the fastest possible motion needs, and the actual motion may be much slower.
+/// Number of pieces cut from the same larger piece, from which on they are passed in one step where this is
+/// as fast. Reason: the backward pass divides finely enough for the fastest possible motion, and the actual
+/// motion may be much slower.
 const JOINED_FROM: usize = 16;
 
-/// Rounding of a share of a limit; below the reserve of the acceleration.
+/// Tolerance for rounding of a share of a limit, below the reserve of the acceleration.
 const WITHIN: f64 = 1e-8;
 
-/// The limits of one block.
+/// Limits and working memory for the pieces of one block.
 pub(super) struct Limits<'a> {
     pub(super) way: BlendedBlock<'a>,
     pub(super) bounds: Bounds<'a>,
     pub(super) planes: &'a mut Vec<HalfPlane>,
     pub(super) bent: BentPiece,
-    /// The rate is constant on the ramps before and after a straight piece.
+    /// True if the rate is constant on the ramp before, and on the ramp after, a straight piece.
     pub(super) is_even: [bool; 2],
 }
 
-/// The bent piece in `planes`, in addition to its half planes.
+/// Values of the bent piece whose half planes are in `planes`.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct BentPiece {
     /// [`Spread::sway`].
     sway: f64,
     /// [`Course::scale`].
     scale: f64,
-    /// Largest square of the rate at its ends.
+    /// Largest square of the rate at the ends of the piece.
     cap: f64,
 }
 
@@ -66,12 +68,13 @@ impl Limits<'_> {
         };
     }
 
-    /// Returns the largest square of the rate at the start of a piece, `end` being the largest one after it.
+    /// Returns the largest square of the rate at the start of a piece. `end` is the largest square after the
+    /// piece.
     pub(super) fn start(&mut self, piece: &Piece, end: f64) -> f64 {
         self.start_and_end(piece, end)[0]
     }
 
-    /// Returns that square, and the square of the rate at the end to which it leads.
+    /// Returns the largest square of the rate at the start, and the resulting square of the rate at the end.
     fn start_and_end(&mut self, piece: &Piece, end: f64) -> [f64; 2] {
         let end = end.min(piece.cap);
         match piece.shape {
@@ -86,8 +89,8 @@ impl Limits<'_> {
         }
     }
 
-    /// Returns a bent piece by plan time or by distance, whichever gives the larger value: both respect the
-    /// limits. Leaves its half planes in `planes`.
+    /// Returns the course of a bent piece by plan time or by distance, whichever has the larger `value`. Both
+    /// respect the limits. The half planes of the result are in `planes`.
     fn better(&mut self, piece: &Piece, value: impl Fn(&Self) -> f64) -> Course {
         let by_plan_time = self.way.by_plan_time(piece.from_s, piece.to_s);
         self.load_piece(&by_plan_time, piece);
@@ -103,8 +106,8 @@ impl Limits<'_> {
         by_plan_time
     }
 
-    /// Returns the largest square of the rate at the start of the piece in `planes`, and the one at its end
-    /// that it leads to.
+    /// Returns the largest square of the rate at the start of the piece in `planes`, and the resulting square
+    /// at its end.
     fn bent_start(&self, end: f64) -> [f64; 2] {
         let cap = self.bent.cap;
         limits::fastest_start(self.planes, cap, end.min(cap)).map(|square| square.max(0.0))
@@ -115,7 +118,8 @@ impl Limits<'_> {
         limits::fastest_end(self.planes, before, limit.min(self.bent.cap)).max(SQUARE_MIN)
     }
 
-    /// Adds a piece with its new limit, in as many pieces as needed, the last one first.
+    /// Adds a piece with its new limit, divided into as many pieces as necessary, in reverse order. Returns
+    /// the limit at its start.
     pub(super) fn renew(&mut self, piece: &Piece, end: f64, renewed: &mut Vec<Piece>) -> f64 {
         if let Shape::Whole { .. } = piece.shape
             && end < piece.cap
@@ -138,7 +142,7 @@ impl Limits<'_> {
         limit
     }
 
-    /// Returns a piece whose rate changes, in finer ones.
+    /// Divides a piece on which the rate changes into finer pieces, and adds these.
     fn renew_finer(&mut self, piece: &Piece, end: f64, renewed: &mut Vec<Piece>) -> f64 {
         let mut finer = VecDeque::new();
         grid::cut_finer(&self.way, self.bounds, piece, &mut finer);
@@ -148,7 +152,8 @@ impl Limits<'_> {
             .fold(end, |end, piece| self.renew(piece, end, renewed))
     }
 
-    /// Passes pieces cut from the same one; many of them in one step where that is as fast.
+    /// Passes pieces that were cut from the same larger piece. Many pieces are passed in one step where this
+    /// is as fast.
     pub(super) fn pass_cut(
         &mut self,
         pieces: &[Piece],
@@ -188,17 +193,19 @@ impl Limits<'_> {
         at
     }
 
-    /// Returns true if halves are faster than a step over both of them; the limits are those after each half.
+    /// Returns true if two halves are faster than the step `whole` over both. `most` is the limit after the
+    /// first half, `limit` that after the second.
     fn gains(&mut self, whole: &RateStep, [first, second]: [&Piece; 2], most: f64, limit: f64) -> bool {
         let one = self.fastest(first, whole.start, most);
         let two = self.fastest(second, one.end, limit);
         let is_faster = one.duration_s() + two.duration_s() < whole.duration_s() * (1.0 - GAIN)
             || two.end > whole.end * (1.0 + GAIN);
-        // Halves have another bound of the deviation between their ends, so they may allow less.
+        // The bound of the deviation differs for halves, so that halves may allow a lower rate.
         is_faster && is_within(&one) && is_within(&two)
     }
 
-    /// Passes a piece from this square of the rate on, as fast as the limit after it allows; returns the one at its end.
+    /// Passes a piece from the square `before` of the rate, as fast as `limit` after the piece allows.
+    /// Returns the square at its end.
     pub(super) fn pass(&mut self, piece: &Piece, before: f64, limit: f64, steps: &mut Vec<RateStep>) -> f64 {
         let limit = limit.min(piece.cap);
         if before >= piece.cap
@@ -220,7 +227,7 @@ impl Limits<'_> {
             Shape::Whole { .. } => {
                 let mut finer = Vec::new();
                 if self.renew_finer(piece, limit, &mut finer) < before {
-                    // Parts have another bound of the deviation between their ends, so they may allow less.
+                    // The bound of the deviation differs for parts, so that parts may allow a lower rate.
                     let whole = self.fastest(piece, before, limit);
                     step::push(steps, whole, piece.length_s());
                     return whole.end;
@@ -245,21 +252,21 @@ impl Limits<'_> {
         }
     }
 
-    /// Returns true if halves of the piece in `planes` may be faster: its rate changes, or its velocity would
-    /// at a constant rate.
+    /// Returns true if halves of the piece in `planes` may be faster, because its rate changes or, at a
+    /// constant rate, its velocity would change.
     fn is_uneven(&self, before: f64, after: f64) -> bool {
         let after = after * self.bent.scale;
         changes(before, after) || self.bent.sway * before.max(after) > SWAY_MAX
     }
 
-    /// Returns true if the rate would change without a limit after the piece in `planes`, so that it may rise
-    /// and fall within it.
+    /// Returns true if the rate would change without a limit after the piece in `planes`. The rate may then
+    /// rise and fall within the piece.
     fn could_rise(&self, before: f64) -> bool {
         let open = limits::fastest_end(self.planes, before, self.bent.cap);
         changes(before, open * self.bent.scale)
     }
 
-    /// Returns a bent piece in one step.
+    /// Returns the fastest passage of a bent piece in a single step.
     fn fastest(&mut self, piece: &Piece, before: f64, limit: f64) -> RateStep {
         let course = self.better(piece, |limits| {
             let may_begin = limits.bent_start(limit)[0] >= before;
@@ -284,17 +291,17 @@ impl Limits<'_> {
     }
 }
 
-/// Returns true if halves may be faster.
+/// Returns true if the square of the rate changes so much that halves may be faster.
 fn changes(start: f64, end: f64) -> bool {
     (end - start).abs() > CHANGE_MIN * start.max(end)
 }
 
-/// Returns true if no motor exceeds its limit.
+/// Returns true if no motor exceeds its limit in this step.
 fn is_within(step: &RateStep) -> bool {
     step.room.braking.max(step.room.driving) <= 1.0 + WITHIN
 }
 
-/// Returns a piece at its largest rate.
+/// Returns the step that passes a piece at its largest rate.
 fn at_cap(piece: &Piece, room: SlewRoom) -> RateStep {
     RateStep {
         from_s: piece.from_s,

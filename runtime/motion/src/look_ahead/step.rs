@@ -1,30 +1,31 @@
-//! Steps of the rate: the parts of a piece as they are output.
+//! Steps of the rate: the parts into which a piece is divided for output.
 
 use tandem_model::profile::{SlewRoom, SpeedGrowth};
 
 use crate::limit::ACCELERATION_RESERVE;
 
-/// Squares of rates that differ by less than this share are equal but for rounding.
+/// Relative difference below which two squares of rates differ only by rounding.
 const SAME_RATE: f64 = 1e-12;
 
-/// A step shorter than this share of its piece is rounding.
+/// Share of a piece below which a step is only rounding.
 const SHARE_MIN: f64 = 1e-12;
 
-/// Steps that use more of a motor's acceleration are not joined with others, which would slow down slewing on those.
+/// Share of a motor's acceleration above which a step is not joined with steps that use less. Reason: joined,
+/// these steps would allow only slow changes of the override.
 const KEPT_APART: f64 = 0.5;
 
-/// A part of a block on which the square of the rate goes linearly from `start` to `end`.
+/// A part of a block on which the square of the rate changes linearly from `start` to `end`.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct RateStep {
     pub(super) from_s: f64,
     pub(super) to_s: f64,
     pub(super) start: f64,
     pub(super) end: f64,
-    /// Growth of the speed from its start on, where the rate counts distance.
+    /// Growth of the programmed speed from the start of the step; none if the rate is by plan time.
     pub(super) growth: SpeedGrowth,
-    /// Change of the rate per second, in plan time or distance as the rate itself.
+    /// Change of the rate per second; rate by plan time or by distance.
     pub(super) rate_change: f64,
-    /// Change of that per second.
+    /// Change of `rate_change` per second.
     pub(super) rate_jerk: f64,
     pub(super) room: SlewRoom,
 }
@@ -34,9 +35,9 @@ impl RateStep {
         (self.start - square).abs() < SAME_RATE * square && (self.end - square).abs() < SAME_RATE * square
     }
 
-    /// Returns the duration, s: plan time or distance over the mean rate. For a rate linear in time that is
-    /// the mean of its ends w0 and w1; of second degree, with the change c at its start, it is
-    /// `(2 w0 + w1)/3 + c t/6` after the time t.
+    /// Returns the duration, s: plan time or distance, divided by the mean rate. For a rate linear in time
+    /// the mean rate is the mean of the end rates w0 and w1. For a rate of second degree, with the change c
+    /// at the start and the duration t, the mean is `(2 w0 + w1)/3 + c t/6`.
     pub(super) fn duration_s(&self) -> f64 {
         let plan_s = self.to_s - self.from_s;
         if self.rate_jerk != 0.0 {
@@ -62,12 +63,13 @@ impl RateStep {
     }
 }
 
-/// Adds a step, unless it is rounding; joins steps that are as planned.
+/// Adds a step, unless it is only rounding. Joins consecutive steps at the same constant rate.
 pub(super) fn push(steps: &mut Vec<RateStep>, step: RateStep, piece_s: f64) {
     if step.to_s - step.from_s <= SHARE_MIN * piece_s {
         return;
     }
-    // Planned in shares of the acceleration without its reserve.
+    // The step is planned in shares of the acceleration without the reserve; the output is in shares of the
+    // whole acceleration.
     let room = SlewRoom {
         braking: step.room.braking * (1.0 - ACCELERATION_RESERVE),
         driving: step.room.driving * (1.0 - ACCELERATION_RESERVE),
@@ -78,7 +80,8 @@ pub(super) fn push(steps: &mut Vec<RateStep>, step: RateStep, piece_s: f64) {
         && last.joins(&step)
     {
         last.to_s = step.to_s;
-        // One rate but for rounding: the change that a short way was planned with is not that of a long one.
+        // The rates are equal except for rounding. A rate change that was planned for a short step must not
+        // apply to the longer one.
         (last.rate_change, last.rate_jerk) = (0.0, 0.0);
         last.room = last.room.worst(step.room);
         return;
@@ -102,7 +105,7 @@ mod tests {
             ..RateStep::default()
         };
         let mut steps = Vec::new();
-        // A deceleration caused by rounding, longer than the limit below which steps are omitted.
+        // A deceleration caused by rounding, in a step too long to be omitted as rounding.
         push(&mut steps, step(0.0, 1e-11, 0.25 - 1e-14, -10.0, 100.0), 1.0);
         push(&mut steps, step(1e-11, 1.0, 0.25, 0.0, 0.0), 1.0);
         assert_eq!(steps.len(), 1);

@@ -1,40 +1,41 @@
-//! A piece of a block at one speed, passed as fast as possible: up to a peak rate, along it, and down.
+//! A piece of a block at one programmed speed, passed as fast as possible: the rate rises to a peak, stays
+//! there, and falls.
 //!
-//! Where a motor has a maximum jerk, it limits the acceleration on either side of the peak, and at an end beyond which
-//! the rate is constant. At any other end the acceleration is that of the adjacent ramp, where the motion turns into
-//! another direction.
+//! If a motor has a maximum jerk, it limits the acceleration on both flanks of the peak, and at an end beyond
+//! which the rate is constant. At any other end the acceleration is that of the adjacent ramp, where the
+//! motion turns into another direction.
 
 use tandem_model::bisect;
 use tandem_model::profile::SlewRoom;
 
 use super::step::{self, RateStep};
 
-/// Halvings of the range of the peak: to the last significant bits.
+/// Number of halvings of the range of the peak, enough for the last significant bits.
 const HALVINGS: u32 = 60;
 
-/// The limits of the rate where they are the same all over a piece.
+/// The limits of the rate on a piece, if they are constant over the piece.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Straight {
     /// Largest change of the square of the rate per second of plan time.
     pub(super) change: f64,
-    /// Largest second derivative of the rate by time; infinite without a limit.
+    /// Largest second derivative of the rate with respect to time; infinite without a limit.
     pub(super) jerk: f64,
 }
 
 /// A part of the flank from a rate up to the peak.
 #[derive(Debug, Clone, Copy)]
 struct FlankPart {
-    /// Squares of the rate at its ends.
+    /// Squares of the rate at both ends.
     squares: [f64; 2],
-    /// Changes of the rate per second at its ends.
+    /// Changes of the rate per second at both ends.
     rate_changes: [f64; 2],
-    /// Change of that per second.
+    /// Change of the rate change per second.
     rate_jerk: f64,
     plan_s: f64,
 }
 
 impl FlankPart {
-    /// Returns the step from one plan time to another, up to the peak.
+    /// Returns the step from one plan time to another, for the rising flank.
     fn step(&self, from_s: f64, to_s: f64, room: SlewRoom) -> RateStep {
         RateStep {
             from_s,
@@ -48,7 +49,7 @@ impl FlankPart {
         }
     }
 
-    /// Returns the same part of the flank down.
+    /// Returns the same part of the falling flank.
     fn reversed(&self) -> Self {
         let [low, high] = self.squares;
         let [before, after] = self.rate_changes;
@@ -60,15 +61,15 @@ impl FlankPart {
     }
 }
 
-/// Returns the plan time of a flank: at the maximum jerk up to an acceleration, at that acceleration, and at
-/// the jerk down.
+/// Returns the plan time of a flank with three parts: maximum jerk up to an acceleration, constant
+/// acceleration, and maximum jerk down to zero acceleration.
 fn plan_s(flank: &[FlankPart; 3]) -> f64 {
     flank.iter().map(|part| part.plan_s).sum()
 }
 
 impl Straight {
-    /// Adds the steps between these squares of the rate at both ends, up to the square `cap`; `is_even`: the rate is constant
-    /// beyond that end.
+    /// Adds the steps between the squares `ends` of the rate, up to the square `cap`. `is_even` states for
+    /// each end whether the rate is constant beyond it.
     pub(super) fn pass(
         self,
         [from_s, to_s]: [f64; 2],
@@ -79,7 +80,8 @@ impl Straight {
     ) {
         let h_s = to_s - from_s;
         let peak = |is_even| Some((self.peak(h_s, cap, ends, is_even)?, is_even));
-        // Between two ramps at constant rates the smallest acceleration makes the smallest step.
+        // Between two ramps at constant rates the smallest acceleration causes the smallest step of
+        // acceleration.
         let with_steps = || peak([false; 2]).filter(|_| is_even != [true; 2]);
         let Some((peak, is_even)) = peak(is_even).or_else(with_steps) else {
             return self.pass_evenly([from_s, to_s], ends, steps);
@@ -128,8 +130,8 @@ impl Straight {
         step::push(steps, step, h_s);
     }
 
-    /// Returns the room that the motors leave with these shares of the maximum acceleration in use, up to
-    /// this square of the rate.
+    /// Returns the room that the motors leave, up to this square of the rate, if the motion uses these shares
+    /// of the maximum acceleration.
     pub(super) fn room(self, peak: f64, [braking, driving]: [f64; 2]) -> SlewRoom {
         SlewRoom {
             // At the rate w the velocity of the limiting motor is w times 2 a/change.
@@ -139,7 +141,7 @@ impl Straight {
         }
     }
 
-    /// Returns the square of the peak rate, or `None` if not even the larger end is possible.
+    /// Returns the square of the peak rate. Returns `None` if not even the larger end rate is possible.
     fn peak(self, h_s: f64, cap: f64, [before, after]: [f64; 2], is_even: [bool; 2]) -> Option<f64> {
         let least = before.max(after);
         let most = f64::midpoint(before + after, self.change * h_s)
@@ -159,8 +161,9 @@ impl Straight {
     }
 
     /// Returns the flank from the rate w up to the peak `w_p`. At the maximum jerk j, an acceleration c rises
-    /// and falls in the time c/j each, and gains `c^2/(2 j)` each time; c is the largest one, or that of the
-    /// gain needed. Where the rate is not constant before, it begins with c.
+    /// and falls in the time c/j each, and the rate gains `c^2/(2 j)` each time. c is the largest possible
+    /// acceleration, or the one with the required gain. If the rate is not constant before the flank, the
+    /// flank begins with the acceleration c.
     fn flank(self, square: f64, peak: f64, is_even: bool) -> [FlankPart; 3] {
         let steepest = self.change / 2.0;
         let [rate, top] = [square.sqrt(), peak.sqrt()];
