@@ -1,4 +1,4 @@
-//! Abort: each motor brakes on its own.
+//! Abort: each motor brakes independently and leaves the path.
 
 use tandem_model::{AXES_MAX, AxisVector};
 
@@ -7,14 +7,14 @@ use tandem_model::{AXES_MAX, AxisVector};
 pub(crate) struct Brake {
     from: AxisVector,
     velocity: AxisVector,
-    /// Deceleration above 0; a motor with an infinite value stops at once.
+    /// Deceleration of each motor, above 0. A motor with an infinite value stops at once.
     deceleration: [f64; AXES_MAX],
     cycles: u64,
 }
 
 impl Brake {
-    /// Creates the braking from velocities in units per second. A deceleration that is not above 0 stops its
-    /// motor at once.
+    /// Creates the braking from velocities in units per second. A motor with a deceleration that is not above
+    /// 0 stops at once.
     pub(crate) fn new(from: AxisVector, velocity: AxisVector, deceleration: [f64; AXES_MAX]) -> Self {
         Self {
             from,
@@ -24,7 +24,7 @@ impl Brake {
         }
     }
 
-    /// Returns the position of the next cycle, and whether all motors rest there.
+    /// Returns the positions of the next cycle, and whether all motors are at rest there.
     pub(crate) fn cycle(&mut self, period_s: f64) -> (AxisVector, bool) {
         self.cycles += 1;
         let t_s = self.cycles as f64 * period_s;

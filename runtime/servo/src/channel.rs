@@ -1,4 +1,4 @@
-//! The channel of one coordinate system: its end in the servo, and its end in the coordinator.
+//! The channel of one coordinate system: the end in the servo, and the end in the coordinator.
 
 use std::sync::Arc;
 
@@ -20,15 +20,16 @@ use crate::spindle::{Orientation, SpindleLink, SpindleState};
 use crate::splice::{SPLICES_MAX, Splice};
 use crate::trace::{Cycle, Trace, Tracer};
 
-/// Limit of pending controls of one channel; the ring rejects further ones. A cycle takes at most 16 of them.
+/// Maximum number of pending controls of one channel; the ring rejects further controls. A cycle takes at
+/// most 16 controls.
 pub const CONTROLS_MAX: usize = 64;
 
-/// Limit of unread events. When fewer than 8 places are left, the channel takes no control and starts no profile from
-/// rest until some are read, and joints passed without a stop emit no event. So no event of a stop, a hold or a fault
-/// is ever lost.
+/// Maximum number of unread events. If fewer than 9 slots are free, the channel takes no control and starts
+/// no profile from rest, and joints without a stop emit no event. So no event of a stop, a hold or a fault is
+/// ever lost.
 pub const EVENTS_MAX: usize = 1024;
 
-/// The servo's end of a coordinate system.
+/// The end of a coordinate system in the servo.
 #[expect(clippy::struct_excessive_bools, reason = "each is a state of its own")]
 #[derive(Debug)]
 pub struct Channel {
@@ -40,48 +41,50 @@ pub struct Channel {
     pub(crate) readings: Arc<Readings>,
     pub(crate) tracer: Tracer,
     pub(crate) period_s: f64,
-    /// Change of the time base per second towards the override.
+    /// Largest change of the time base per second towards the override.
     pub(crate) override_slope: f64,
-    /// Change of the time base per second towards rest.
+    /// Largest change of the time base per second towards rest.
     pub(crate) hold_slope: f64,
     pub(crate) feed_override: f64,
     pub(crate) rapid_override: f64,
     pub(crate) time: PathTime,
-    /// The profile that runs, or that waits at its end point for its motors.
+    /// The profile that runs, or that waits at its end point until its motors are in position.
     pub(crate) current: Option<Profile>,
-    /// Cycles since the current profile gave its end point.
+    /// Number of cycles since the current profile gave its end point.
     pub(crate) ended_cycles: Option<u64>,
     /// The motors that have turned back in the running G31.
     pub(crate) skip: SkipRun,
     pub(crate) braking: Option<Brake>,
-    /// Epoch of a running stop or abort.
+    /// Epoch of a stop or abort that is in progress.
     pub(crate) stopping: Option<u32>,
-    /// Oldest epoch whose profiles run.
+    /// Oldest epoch whose profiles may run.
     pub(crate) epoch: u32,
     pub(crate) hold: Hold,
     /// True if the hold also acts in a thread.
     pub(crate) holds_in_thread: bool,
     /// Number of cycles since setpoints last moved; `u64::MAX` if they have not moved yet.
     pub(crate) still_cycles: u64,
-    /// The latest pass in a thread, from the start of the pass in to the end of the pass out, including dwell and waits
-    /// between: feed hold waits unless it acts in phase, and the spindle follows. `None` if the tool is out.
+    /// The last started move in a thread, from the start of the move in to the end of the move out, including
+    /// dwell and waits. During this time the spindle follows, and feed hold waits unless it acts in phase.
+    /// `None` if the tool is out of the hole.
     pub(crate) thread: Option<TapLeg>,
-    /// The plan to switch to.
+    /// The plan to which the motion will switch.
     pub(crate) splice: Option<Splice>,
     pub(crate) faulted: bool,
     pub(crate) power: Power,
-    /// Frames lost in a row, when they are more than allowed.
+    /// Number of consecutive lost frames, if it exceeds the permitted number.
     pub(crate) bus_lost: Option<u32>,
     pub(crate) setpoint: AxisVector,
     /// Change of the setpoint in the last cycle, units per second.
     pub(crate) velocity: AxisVector,
     pub(crate) motors: Motors,
     pub(crate) spindle: Option<SpindleLink>,
-    /// Plan time at which the last block was left, s: its end, or infinite if the motion passed it; 0 before the block.
+    /// Plan time at which the motion left the last block, s: the end of the block, or infinite if the motion
+    /// passed the end. 0 before the first block.
     pub(crate) left_at_s: f64,
-    /// Origin of the block of the setpoint.
+    /// Origin of the block to which the setpoint belongs.
     pub(crate) executing: Option<Origin>,
-    /// Which override scales the block of the setpoint.
+    /// Override that scales the block to which the setpoint belongs.
     pub(crate) time_base: Option<TimeBase>,
     pub(crate) last_segment: u64,
     /// True if an event was emitted in this cycle.
@@ -94,7 +97,7 @@ pub struct Channel {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Hold {
     Off,
-    /// The hold begins at the end of the block.
+    /// The hold will begin at the end of the block.
     AfterBlock,
     /// The hold is commanded; [`Event::Held`] follows.
     ComingToRest,
@@ -103,33 +106,34 @@ pub(crate) enum Hold {
 }
 
 impl Hold {
-    /// Returns true while the command decelerates to rest or rests.
+    /// Returns true while the commanded motion decelerates to rest or is at rest.
     pub(crate) fn holds(self) -> bool {
         matches!(self, Hold::ComingToRest | Hold::AtRest)
     }
 }
 
-/// The coordinator's end of a coordinate system.
+/// The end of a coordinate system in the coordinator.
 #[derive(Debug)]
 pub struct ChannelHandle {
     /// Profiles to run, in order.
     pub profiles: ProfileProducer,
     /// Commands to the channel.
     pub controls: Producer<Control>,
-    /// Plans that will replace the running one: one at a time, before its [`Control::Splice`].
+    /// Plans that will replace the running plan: one at a time, each before its [`Control::Splice`].
     pub splices: Producer<Splice>,
-    /// Queues that are not read any more, to be dropped: one for each [`Event::Spliced`].
+    /// Queues that the servo no longer reads, and that the coordinator must drop: one for each
+    /// [`Event::Spliced`].
     pub unread: Consumer<ProfileConsumer>,
-    /// Events; read them after each cycle that returned true.
+    /// Events of the channel. The coordinator must read them after each cycle that returned true.
     pub events: Consumer<Event>,
-    /// The last cycle's values.
+    /// Values of the last cycle.
     pub readings: Arc<Readings>,
-    /// The cycles of the last minute.
+    /// Samples of the last minute.
     pub trace: Arc<Trace>,
 }
 
-/// Creates both ends of a coordinate system with these motors, at rest at their positions. The queue holds at most
-/// `profiles_max` profiles and rejects further ones.
+/// Creates both ends of a coordinate system with these motors, at rest at their actual positions. The queue
+/// holds at most `profiles_max` profiles and rejects further profiles.
 pub(crate) fn channel(
     settings: &CoordinateSystemSettings,
     profiles_max: usize,
@@ -207,13 +211,13 @@ impl Channel {
         self.setpoint
     }
 
-    /// Returns the angle of the spindle in the last cycle, degrees, 0 to below 360, clockwise positive; 0
-    /// without one.
+    /// Returns the angle of the spindle in the last cycle, degrees, 0 to below 360, clockwise positive.
+    /// Returns 0 if the channel has no spindle.
     pub fn spindle_deg(&self) -> f64 {
         self.spindle_state().angle_deg
     }
 
-    /// Returns true if cycles of the spindle change nothing, or the channel has no spindle.
+    /// Returns true if the channel has no spindle, or if further cycles of the spindle change nothing.
     pub(crate) fn spindle_rests(&self) -> bool {
         self.spindle.as_ref().is_none_or(SpindleLink::is_at_rest)
     }
@@ -229,9 +233,9 @@ impl Channel {
             .map_or(SpindleState::default(), SpindleLink::state)
     }
 
-    /// Returns true if the channel is idle: no profile or control is pending, none runs or waits for its
-    /// motors, nothing brakes, no drive is being enabled, the spindle is not being oriented. A turning
-    /// spindle is allowed.
+    /// Returns true if the channel is idle: no profile or control is pending, and no profile runs or waits
+    /// for its motors. Also, nothing brakes, no drive is being enabled, and the spindle is not being
+    /// oriented. The spindle may turn.
     pub fn is_idle(&self) -> bool {
         self.current.is_none()
             && self.braking.is_none()
@@ -242,8 +246,8 @@ impl Channel {
             && !self.spindle.as_ref().is_some_and(SpindleLink::is_busy)
     }
 
-    /// Returns the origin of the block of the last cycle's setpoint, including its end point and the wait for its
-    /// motors. `None` if no block runs, and while an abort brakes.
+    /// Returns the origin of the block to which the last setpoint belongs, including its end point and the
+    /// wait for its motors. Returns `None` if no block runs, and while an abort brakes.
     pub fn executing(&self) -> Option<Origin> {
         self.executing
     }
@@ -264,12 +268,12 @@ impl Channel {
         self.last_segment
     }
 
-    /// Returns the profiles that wait in the ring, those of an old epoch included.
+    /// Returns the number of profiles that wait in the ring, including profiles of an old epoch.
     pub fn profiles_waiting(&self) -> usize {
         self.profiles.slots()
     }
 
-    /// Returns the place on the path of the last cycle's setpoint.
+    /// Returns the position on the path of the last cycle's setpoint.
     pub(crate) fn place(&self) -> PathPlace {
         let plan_s = match &self.current {
             None => self.left_at_s,
@@ -286,7 +290,8 @@ impl Channel {
         }
     }
 
-    /// Returns the commanded speed over X, Y, Z, mm/min; deg/min over the other axes when X, Y, Z rest.
+    /// Returns the commanded speed along X, Y, Z, mm/min. If X, Y, Z rest, returns the speed along the other
+    /// axes, deg/min.
     fn feedrate_mm_min(&self) -> f64 {
         let orthogonal = self.velocity.orthogonal_length();
         let speed = if orthogonal > 0.0 {
@@ -297,7 +302,7 @@ impl Channel {
         speed * 60.0
     }
 
-    /// Stores the cycle in the trace.
+    /// Writes a sample to the trace if one is due.
     pub(crate) fn keep_trace(&mut self, time_s: f64) {
         if let Some(acceleration) = self.tracer.see(self.velocity) {
             let cycle = Cycle {

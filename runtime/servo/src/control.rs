@@ -7,72 +7,78 @@ use tandem_model::alarm::{
 use tandem_model::profile::{PathPlace, TimeBase};
 use tandem_model::{Axis, AxisSet, MachinePosition, Origin};
 
-/// A command to one channel. Taken at the start of a servo cycle, in the order given.
+/// A command to one channel. The channel takes commands at the start of a servo cycle, in the order sent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Control {
-    /// Feed hold: the time base decreases to 0 with `hold_slew_ms`, then [`Event::Held`]. No profile starts
-    /// until [`Control::Resume`]. While the tool is in a thread, the hold waits until the pass out is
-    /// finished, unless [`Control::HoldInPhase`] follows. A block that reaches its end point is still
-    /// finished. Ignored during a stop or an abort.
+    /// Feed hold: the time base decreases to 0 with `hold_slew_ms`, then [`Event::Held`] follows. No profile
+    /// starts until [`Control::Resume`]. While the tool is in a thread, the hold waits until the move out of
+    /// the hole is finished, unless [`Control::HoldInPhase`] follows. A block that reaches its end point is
+    /// finished. The channel ignores this command during a stop or an abort.
     Hold,
     /// Feed hold that also acts while the tool is in a thread: the motion and its spindle decelerate to rest in phase,
     /// and continue in phase after [`Control::Resume`].
     HoldInPhase,
-    /// Ends feed hold: the time base changes to the override with `override_slew_ms`.
+    /// Ends feed hold. The time base changes to the override with `override_slew_ms`.
     Resume,
-    /// Single block. `true` acts like [`Control::Hold`] at the end of the running block, or of the next one when none
-    /// runs: before the following block starts, or in a chain from the joint on, along the path. Consecutive profiles
-    /// of the same origin are one block. `false` cancels this if the hold has not begun yet.
+    /// Single block. `true` acts like [`Control::Hold`] at the end of the running block, or of the next block
+    /// if no block runs. The hold begins before the following block starts, or in a chain from the joint on,
+    /// along the path. Consecutive profiles of one origin are one block. `false` cancels the command if the
+    /// hold has not begun.
     HoldAfterBlock(bool),
-    /// Decelerates on the path as feed hold does, discards everything older than `epoch`, then emits
-    /// [`Event::Stopped`]. Ends feed hold and clears a fault. Send it before the first profile of that epoch.
+    /// Decelerates on the path as feed hold does, discards all profiles older than `epoch`, then emits
+    /// [`Event::Stopped`]. It also ends feed hold and clears a fault. The sender must send it before the
+    /// first profile of that epoch.
     Stop {
-        /// The oldest epoch that may still run.
+        /// Oldest epoch whose profiles may still run.
         epoch: u32,
     },
-    /// Each motor brakes at its `max_acceleration` from its current velocity, leaving the path; otherwise like
-    /// [`Control::Stop`]. It overrides a stop in progress; both are then answered by one [`Event::Stopped`].
+    /// Abort: each motor brakes at its `max_acceleration` from its current velocity, and leaves the path.
+    /// Otherwise it acts like [`Control::Stop`]. It replaces a stop in progress; one [`Event::Stopped`] then
+    /// answers both.
     Abort {
-        /// The oldest epoch that may still run.
+        /// Oldest epoch whose profiles may still run.
         epoch: u32,
     },
-    /// Overrides as factors, 1.0 is 100 percent. `feed` is limited to 0 to 2, `rapid` to 0 to 1; a value that is
-    /// not a number changes nothing. The time base follows with `override_slew_ms`.
+    /// Overrides as factors; 1.0 is 100 percent. `feed` is limited to 0 to 2, `rapid` to 0 to 1. A value that
+    /// is not a number changes nothing. The time base follows with `override_slew_ms`.
     Override {
         /// Feed override.
         feed: f64,
         /// Rapid override.
         rapid: f64,
     },
-    /// After a fault of a drive or of the bus: the [`Control::Stop`] that follows clears the faults of the drives, enables
-    /// them at the position where the motors are, and reports it. Otherwise it does nothing.
+    /// Prepares a reset of the drives after a fault of a drive or of the bus. The next [`Control::Stop`] then
+    /// clears the faults of the drives, enables them at the actual positions of the motors, and reports these
+    /// positions. Without a fault it does nothing.
     ResetDrives,
-    /// The next [`Splice`](crate::Splice) is available: its profiles run from its place on. [`Event::Spliced`] reports the
-    /// result; a stop or an abort before that place rejects it.
+    /// The next [`Splice`](crate::Splice) is available; its profiles run from its position on.
+    /// [`Event::Spliced`] reports the result. A stop or an abort before that position rejects the splice.
     Splice,
-    /// Sets a motor's skip input, which keeps the value: on has the effect of its simulated skip input. G31 captures
-    /// the actual position of the cycle that takes this, so it is not exact; an input that is on at its start captures
-    /// there.
+    /// Sets the skip input of a motor, which keeps this value until the next command. An input that is on
+    /// acts like the simulated skip input. G31 captures the actual position of the cycle that takes the
+    /// command, so the position is not exact. If the input is on at the start of G31, G31 captures the start
+    /// position.
     SkipInput {
-        /// CNC motor number; a number without an axis has no effect.
+        /// CNC motor number. A number without an axis has no effect.
         motor: u16,
-        /// On or off.
+        /// True to switch the input on.
         on: bool,
     },
-    /// Commands the spindle. Not affected by hold, stop and abort. While a thread is cut the last command waits until the
-    /// tool is out.
+    /// Commands the spindle. Hold, stop and abort do not affect the spindle. While a thread is cut, the last
+    /// command waits until the tool is out.
     Spindle {
-        /// Its function.
+        /// Function of the spindle.
         direction: SpindleDirection,
         /// Speed for `Cw` and `Ccw`, r/min, limited to the motor's maximum.
         rpm: f64,
     },
-    /// Requests [`Event::SpindleReached`] for the last command: when the spindle has reached its speed within this
-    /// share of it, standstill, or its orientation; immediately while a thread is cut. A newer request replaces it.
+    /// Requests [`Event::SpindleReached`] for the last spindle command. The event follows when the spindle
+    /// has reached standstill, its orientation, or its speed within `within`. While a thread is cut, the
+    /// event follows at once. A newer request replaces this request.
     AwaitSpindle {
-        /// Id that the event contains.
+        /// Id that the event repeats.
         id: u64,
-        /// Greatest difference from the commanded speed as a share of it, 0 to 1.
+        /// Largest deviation from the commanded speed, as a share of that speed, 0 to 1.
         within: f64,
     },
 }
@@ -80,7 +86,7 @@ pub enum Control {
 /// Function of a spindle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum SpindleDirection {
-    /// M03: turn clockwise, counted as positive speed.
+    /// M03: turn clockwise; the speed is positive.
     Cw,
     /// M04: turn counterclockwise.
     Ccw,
@@ -94,56 +100,59 @@ pub enum SpindleDirection {
 /// Event of a channel in one servo cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Event {
-    /// A profile gave its first sample, its start point.
+    /// A profile gave its first setpoint, its start point.
     Started {
         /// Segment number of the profile.
         segment: u64,
-        /// Its origin.
+        /// Block from which the profile comes.
         origin: Origin,
-        /// Which override scales its time.
+        /// Override that scales the time of the profile.
         base: TimeBase,
         /// Time of the cycle, s.
         time_s: f64,
     },
-    /// A profile gave its end point; with an exact stop, all motors are in position too, and the next profile starts in the
-    /// next cycle. A block of a chain is finished when the ramp to the next one is over.
+    /// A profile gave its end point. With an exact stop, all motors are also in position, and the next
+    /// profile starts in the next cycle. A block of a chain is finished at the end of the ramp to the next
+    /// block.
     Finished {
-        /// Its segment number.
+        /// Segment number of the profile.
         segment: u64,
         /// Time of the cycle, s.
         time_s: f64,
     },
-    /// A G31 block is at its end; its [`Event::Finished`] follows (D41).
+    /// A G31 block has reached its end; its [`Event::Finished`] follows (D41).
     Captured {
-        /// Its segment number.
+        /// Segment number of the G31 block.
         segment: u64,
-        /// Positions at which the motors rest: the captured one, or else their target.
+        /// Positions at which the motors rest: the captured position, or else the target of the motor.
         position: MachinePosition,
         /// The axes whose motors captured a position.
         captured: AxisSet,
     },
-    /// The command is at rest under feed hold. Once for each [`Control::Hold`] that took effect.
+    /// The commanded motion is at rest under feed hold. Emitted once for each [`Control::Hold`] that took
+    /// effect.
     Held {
-        /// The place; between two blocks at the end of the one that was passed, backward at its start.
+        /// Position on the path. Between two blocks it is the end of the passed block, in backward motion its
+        /// start.
         at: PathPlace,
     },
-    /// The motion is held as by [`Control::HoldInPhase`], because the servo was late while its set points moved, were about to, or
-    /// had moved shortly before; [`Event::Held`] follows. Under a hold, a stop or a fault, which bring it to rest anyway, nothing
-    /// else happens.
+    /// The servo was late while its setpoints moved, were about to move, or had moved shortly before. The
+    /// motion is held as by [`Control::HoldInPhase`]; [`Event::Held`] follows. If a hold, a stop or a fault
+    /// brings the motion to rest anyway, the event has no other effect.
     Late {
-        /// Cycles that were left out.
+        /// Number of missed cycles.
         cycles: u64,
     },
     /// A [`Splice`](crate::Splice) was executed or rejected.
     Spliced {
-        /// True if its profiles run. False if the previous plan continues: the place was passed, the machine did not
-        /// rest, or the new plan was slower at the place.
+        /// True if the new profiles run. False if the previous plan continues: the motion had passed the
+        /// position, the machine was not at rest, or the new plan was slower at the position.
         taken: bool,
     },
-    /// The command is at rest after [`Control::Stop`] or [`Control::Abort`]. The running segment is abandoned, without
-    /// [`Event::Finished`].
+    /// The commanded motion is at rest after [`Control::Stop`] or [`Control::Abort`]. The running segment is
+    /// abandoned, without [`Event::Finished`].
     Stopped {
-        /// Epoch of the command; older profiles never run.
+        /// Epoch of the command. Profiles of older epochs never run.
         epoch: u32,
         /// Commanded position at rest.
         position: MachinePosition,
@@ -155,38 +164,39 @@ pub enum Event {
         /// Id of the [`Control::AwaitSpindle`].
         id: u64,
     },
-    /// The channel has a fault. It starts nothing until [`Control::Stop`] or [`Control::Abort`].
+    /// The channel has a fault. The channel starts no profile until [`Control::Stop`] or [`Control::Abort`].
     Fault(Fault),
 }
 
-/// Fault of a servo cycle. Only a number, so that a cycle need not build a text.
+/// Fault of a servo cycle. It contains only numbers, so that a cycle need not create a text.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fault {
-    /// A motor was outside its in-position window when `in_position_timeout_ms` had passed.
+    /// A motor was outside its in-position window after `in_position_timeout_ms`.
     InPositionTimeout {
         /// CNC motor number.
         motor: u16,
-        /// Its axis.
+        /// Axis of the motor.
         axis: Axis,
-        /// Command minus actual position, mm or degrees.
+        /// Commanded minus actual position, mm or degrees.
         following_error: f64,
     },
-    /// A profile does not begin at the position of the machine, or has a position that is not a number. Not
-    /// started.
+    /// A profile does not begin at the position of the machine, or contains a position that is not a number.
+    /// The profile was not started.
     PositionJump {
         /// CNC motor number; 0 for an axis without a motor.
         motor: u16,
-        /// Its axis.
+        /// Axis of the motor.
         axis: Axis,
         /// Distance that the motor would have jumped, mm or degrees.
         jump: f64,
     },
-    /// A chain's next profile was missing when its joint was passed: the motors brake off the path.
+    /// The next profile of a chain was missing when the motion passed the joint. The motors brake and leave
+    /// the path.
     RanOut {
         /// Segment number of the last profile.
         segment: u64,
     },
-    /// A spindle was commanded in a coordinate system without one.
+    /// A spindle was commanded in a coordinate system without a spindle.
     SpindleMissing,
     /// A drive reports a fault.
     DriveFault {
@@ -194,15 +204,15 @@ pub enum Fault {
         motor: u16,
         /// The faulty axis. `None` for the spindle.
         axis: Option<Axis>,
-        /// The drive's own code.
+        /// Fault code of the drive.
         code: u16,
     },
-    /// More frames of the bus were lost in a row than it allows.
+    /// More consecutive frames of the bus were lost than the bus allows.
     BusLost {
-        /// Number of cycles.
+        /// Number of consecutive lost frames.
         cycles: u32,
     },
-    /// A drive has no power: it lost it, or was not enabled in time.
+    /// A drive has no power: it lost power, or was not enabled within the time limit.
     NotEnabled {
         /// CNC motor number.
         motor: u16,
@@ -213,18 +223,19 @@ pub enum Fault {
     NotHomed {
         /// CNC motor number.
         motor: u16,
-        /// Its axis.
+        /// Axis of the motor.
         axis: Axis,
     },
     /// The spindle turns, or is about to turn, at the start of a thread. The thread was not started.
     SpindleTurns {
-        /// Its speed, r/min, clockwise positive.
+        /// Speed of the spindle, r/min, clockwise positive.
         rpm: f64,
     },
 }
 
 impl Fault {
-    /// Returns the reason why a drive cannot follow: a fault, or no power.
+    /// Returns the fault that prevents a drive from following: a fault of the drive, or missing power.
+    /// Returns `None` if the drive follows.
     pub(crate) fn from_drive(motor: u16, axis: Option<Axis>, is_enabled: bool, code: u16) -> Option<Fault> {
         if code != 0 {
             Some(Fault::DriveFault { motor, axis, code })
@@ -235,7 +246,7 @@ impl Fault {
         }
     }
 
-    /// Returns the alarm of this fault. Allocates its text, so a servo cycle must not call it.
+    /// Returns the alarm of this fault. It allocates the alarm text, so a servo cycle must not call it.
     pub fn alarm(self) -> Alarm {
         let named = |motor: u16, axis: Option<Axis>| match axis {
             Some(axis) => format!("motor {motor} (axis {})", axis.letter()),

@@ -1,9 +1,9 @@
 //! One servo cycle of one channel: controls, setpoints, feedback, in-position check, events, readings.
 //!
-//! The order within a cycle: controls are taken; the running profile advances, or the next one gives its start point;
-//! the bus exchanges commands and feedback of all channels; events report which profiles have stopped. So in one cycle
-//! a profile gives its end point and, with an ideal drive, is found in position; the next one gives its start point in
-//! the following cycle (M1c).
+//! Order within a cycle: The channel takes controls. The running profile advances, or the next profile gives
+//! its start point. The bus exchanges commands and feedback of all channels. Events report the profiles that
+//! have stopped. So in one cycle a profile gives its end point and, with an ideal drive, is in position. The
+//! next profile gives its start point in the following cycle (M1c).
 
 use tandem_model::flow::TapLeg;
 use tandem_model::profile::{Law, Profile, TimeBase};
@@ -18,25 +18,28 @@ use crate::skip::SkipRun;
 use crate::spindle::ThreadStep;
 use crate::splice::APPROACH;
 
-/// Controls taken in one cycle; the others wait for the next one.
+/// Number of controls that the channel takes in one cycle; further controls wait for the next cycle.
 const CONTROLS_PER_CYCLE: usize = 16;
 
-/// Profiles of an old epoch discarded in one cycle: limits the time of the cycle.
+/// Number of profiles of an old epoch that the channel discards in one cycle. This limits the time of the
+/// cycle.
 const DROPS_PER_CYCLE: usize = 64;
 
-/// Profiles passed without a stop in one cycle: bounds the time of the cycle. A chain of shorter blocks is slower than F.
-/// Look-ahead plans far less for a period: up to 192 blocks, or some hundred profiles of one steep corner.
+/// Number of profiles that the motion passes without a stop in one cycle. This limits the time of the cycle;
+/// a chain of shorter blocks is slower than F. Look-ahead plans far fewer profiles for a period: up to 192
+/// blocks, or some hundred profiles of one steep corner.
 const JOINTS_PER_CYCLE: usize = 4096;
 
-/// Free places that the event ring must have before anything that leads to an event begins: `Started`, `Captured`,
-/// `Finished` or `Fault`, `Late`, `Held`, `Stopped`, `Spliced`, `Oriented` and `SpindleReached` may all be pending at once.
+/// Number of free slots of the event ring that must exist before the channel starts an action with events.
+/// All of `Started`, `Captured`, `Finished` or `Fault`, `Late`, `Held`, `Stopped`, `Spliced`, `Oriented` and
+/// `SpindleReached` may be pending at once.
 const EVENTS_RESERVE: usize = 9;
 
-/// A profile has ended when less than this share of a servo period is left: rounding.
+/// Share of a servo period: if less time is left, a profile has ended. The rest is rounding.
 const END_TOLERANCE: f64 = 1e-6;
 
 impl Channel {
-    /// Executes the first half of a servo cycle at this time: writes the motors' commands.
+    /// Executes the first half of a servo cycle at this time: writes the commands of the motors.
     pub(crate) fn command(&mut self, time_s: f64, commands: &mut [Command]) {
         self.rests = self.stays_at_rest();
         if self.rests {
@@ -75,9 +78,9 @@ impl Channel {
         self.turn_spindle();
     }
 
-    /// Executes the second half: processes the motors' reports. Returns true if the cycle emitted an event,
-    /// or was slowed down by a lack of profiles. `bus_lost` is the number of frames lost in a row, if more
-    /// than allowed.
+    /// Executes the second half of a servo cycle: processes the reports of the motors. Returns true if the
+    /// cycle emitted an event, or was slowed down by a lack of profiles. `bus_lost` is the number of
+    /// consecutive lost frames, if it exceeds the permitted number.
     pub(crate) fn conclude(&mut self, time_s: f64, feedback: &[Feedback], bus_lost: Option<u32>) -> bool {
         self.motors.take_feedback(feedback);
         self.keep_trace(time_s);
@@ -104,10 +107,10 @@ impl Channel {
         self.reported
     }
 
-    /// Returns true if nothing is left to do but the drives' work: nothing moves, and no motion or control is
-    /// pending.
+    /// Returns true if the channel only exchanges data with the drives: nothing moves, and no motion or
+    /// control is pending.
     fn stays_at_rest(&self) -> bool {
-        // a channel at rest stays at rest until a profile or a control arrives
+        // A channel at rest stays at rest until a profile or a control arrives.
         self.profiles.is_empty()
             && self.controls.is_empty()
             && self.motors.has_settled()
@@ -124,7 +127,7 @@ impl Channel {
             && self.thread.is_none()
     }
 
-    /// Turns the spindle with the motion while a thread is cut, including dwell and deceleration.
+    /// Turns the spindle in step with the motion of a thread, including dwell and deceleration.
     fn turn_spindle(&mut self) {
         let (Some(spindle), Some(_)) = (&mut self.spindle, self.thread) else {
             return;
@@ -138,7 +141,7 @@ impl Channel {
         spindle.follow(ThreadStep::Turn(revolutions));
     }
 
-    /// Executes the cycle of the spindle, after that of the motors.
+    /// Executes the cycle of the spindle, after the cycle of the motors.
     pub(crate) fn cycle_spindle(&mut self) {
         match self.spindle.as_mut().map(|spindle| spindle.cycle(self.period_s)) {
             Some(Ok(ends)) => {
@@ -211,7 +214,7 @@ impl Channel {
         }
     }
 
-    /// Starts the next profile from rest, if it may start: its start point is the setpoint.
+    /// Starts the next profile from rest if this is allowed. The start point of the profile is the setpoint.
     fn start_from_rest(&mut self, time_s: f64) {
         if self.is_held() || self.faulted || self.stopping.is_some() || self.events.slots() < EVENTS_RESERVE {
             return;
@@ -231,7 +234,8 @@ impl Channel {
             self.fail(fault);
             return;
         }
-        // From rest there is nothing to slew: the time base starts at the override, or as fast as it can stop again.
+        // From rest no slew is needed: the time base starts at the override, or at the largest rate from
+        // which the motion can stop again.
         let wanted = self.override_of(&profile);
         let way = PathToRest::new(&profile, 0.0, self.hold_slope, self.period_s);
         let factor = way.target(&mut self.profiles, 0.0, wanted);
@@ -250,8 +254,8 @@ impl Channel {
         self.sample(time_s, 0.0);
     }
 
-    /// Returns true if the next profile is not a pass into a thread, or the spindle's drive has power to
-    /// follow it.
+    /// Returns true if the next profile is not a move in a thread, or if the spindle's drive has power to
+    /// follow this move.
     fn has_spindle(&mut self) -> bool {
         match (self.profiles.peek().map(|next| &next.law), &mut self.spindle) {
             (Ok(Law::Tap { .. }), Some(spindle)) => spindle.has_power(),
@@ -259,7 +263,7 @@ impl Channel {
         }
     }
 
-    /// Makes the spindle follow from now on; it must be at rest at the start of the thread.
+    /// Makes the spindle follow the motion from now on. At the start of a thread the spindle must be at rest.
     fn enter_thread(&mut self, leg: TapLeg) -> Result<(), Fault> {
         if let Some(spindle) = &mut self.spindle {
             if leg == TapLeg::In && !spindle.rests() {
@@ -272,7 +276,7 @@ impl Channel {
         Ok(())
     }
 
-    /// Ends the following of the spindle, which is at rest, or brakes from its speed.
+    /// Ends the following of the spindle. The spindle is at rest, or with `brakes` decelerates to rest.
     pub(crate) fn leave_thread(&mut self, brakes: bool) {
         if self.thread.take().is_some()
             && let Some(spindle) = &mut self.spindle
@@ -281,8 +285,9 @@ impl Channel {
         }
     }
 
-    /// Returns whether a chain may begin: if it can stop within the queued profiles, or if half of the ring is full,
-    /// since no further profiles may arrive before it moves.
+    /// Returns true if a chain may begin: if it can stop within the queued profiles, or if at least half of
+    /// the ring is full. Reason for the second condition: further profiles may only arrive after the chain
+    /// moves.
     fn may_begin(&mut self) -> bool {
         2 * self.profiles.slots() >= self.profiles.capacity()
             || rest::is_known(
@@ -293,17 +298,17 @@ impl Channel {
             )
     }
 
-    /// Returns true if a profile waits that is not of an old epoch.
+    /// Returns true if a profile of a current epoch waits.
     fn has_next(&self) -> bool {
         self.profiles
             .peek()
             .is_ok_and(|profile| profile.epoch >= self.epoch)
     }
 
-    /// Makes the next profile, if present, the current one.
+    /// Makes the next profile the current profile, if a profile waits.
     fn take_next(&mut self) {
         self.current = None;
-        // directly from the ring, because a profile is large
+        // The profile is moved directly from the ring, because it is large.
         if self.has_next()
             && let Ok(profile) = self.profiles.pop()
         {
@@ -311,7 +316,7 @@ impl Channel {
         }
     }
 
-    /// Advances the running profile by one period of its time base.
+    /// Advances the running profile by one cycle of its time base.
     fn advance_profile(&mut self, time_s: f64) {
         if let Some(cycles) = &mut self.ended_cycles {
             *cycles += 1;
@@ -324,10 +329,10 @@ impl Channel {
         let way = PathToRest::new(profile, self.time.now_s(), self.hold_slope, self.period_s);
         let allowed = way.target(&mut self.profiles, rate, wanted);
         if allowed != Some(wanted) {
-            // The coordinator then checks whether the ring has room for more.
+            // The coordinator then checks whether the ring has room for more profiles.
             self.reported = true;
-            // The queued profiles take less time than the reserve, and a full ring accepts none: run one block at a
-            // time; it is too short for any motor to notice.
+            // The queued profiles take less time than the reserve, and a full ring accepts no more profiles.
+            // Run one block per cycle; a block is too short to affect any motor.
             if rate == 0.0 && allowed == Some(0.0) && self.has_next() {
                 let end_s = profile.duration_s;
                 self.time.carry_over(end_s);
@@ -340,7 +345,7 @@ impl Channel {
             Some(target) => (target, self.override_slope),
         };
         let slope = match &profile.law {
-            // nothing moves, so no slew is needed: a dwell stops and continues at once
+            // Nothing moves, so no slew is needed: a dwell stops and continues at once.
             Law::Rest { .. } => f64::INFINITY,
             Law::Tap {
                 rate, revolutions, ..
@@ -360,7 +365,7 @@ impl Channel {
         self.sample(time_s, t_s);
     }
 
-    /// Returns true if feed hold acts; in a thread, only a hold in phase acts.
+    /// Returns true if feed hold acts. In a thread, only [`Control::HoldInPhase`] acts.
     fn is_held(&self) -> bool {
         self.hold.holds() && self.may_hold()
     }
@@ -381,8 +386,8 @@ impl Channel {
         self.holds_in_thread = false;
     }
 
-    /// Sets the setpoint at a profile time; past the end of a profile without a stop, within the next
-    /// profile.
+    /// Sets the setpoint at a profile time. After the end of a profile without a stop, the setpoint is within
+    /// the next profile.
     fn sample(&mut self, time_s: f64, t_s: f64) {
         let mut t_s = t_s;
         for _ in 0..JOINTS_PER_CYCLE {
@@ -418,7 +423,7 @@ impl Channel {
             let (next_segment, origin, base) = (next.segment, next.origin, next.law.time_base());
             self.hold_after_block(before, Some(origin));
             self.setpoint = end;
-            // A block may take several profiles.
+            // A block may have several profiles.
             if next_segment != segment {
                 self.report_joint(Event::Finished { segment, time_s });
                 self.last_segment = next_segment;
@@ -432,12 +437,12 @@ impl Channel {
             t_s = -left_s;
             self.time.carry_over(t_s);
         }
-        // The time beyond is discarded: added later, it would be a jump.
+        // The remaining time is discarded. If it were added later, the motion would jump.
         self.time.carry_over(0.0);
     }
 
-    /// Sets the setpoint. A position that is not a number is never commanded: the channel rests, with a
-    /// fault.
+    /// Sets the setpoint. A position that is not a number is never commanded: the channel comes to rest with
+    /// a fault.
     fn move_to(&mut self, position: AxisVector) {
         let not_finite = Axis::ALL.into_iter().find(|&axis| !position[axis].is_finite());
         if let Some(axis) = not_finite {
@@ -448,8 +453,8 @@ impl Channel {
         }
     }
 
-    /// Returns the override of a profile; for a paced one, as a share of the override that its pace was
-    /// planned for, which is the largest that the motors allow.
+    /// Returns the override of a profile. For a paced profile, returns the share of the override for which
+    /// its pace was planned, which is the largest that the motors allow.
     pub(crate) fn override_of(&self, profile: &Profile) -> f64 {
         match (profile.law.time_base(), &profile.law) {
             (_, Law::Paced { pace, .. }) => {
@@ -466,8 +471,8 @@ impl Channel {
         }
     }
 
-    /// Turns back the motors of a G31 whose input has switched on, from the next cycle on. A motor that is
-    /// beyond its threshold at the start stays there.
+    /// Turns back the motors of a G31 whose input has switched on; they brake from the next cycle on. A motor
+    /// that is beyond its threshold at the start stays there.
     fn check_skip_inputs(&mut self) {
         let Some(profile) = &self.current else { return };
         if !matches!(profile.law, Law::Skip { .. }) {
@@ -513,14 +518,14 @@ impl Channel {
         self.hold_after_block(origin, next);
     }
 
-    /// Begins a feed hold between two profiles, if it was commanded for the end of this block.
+    /// Begins a feed hold between two profiles if a hold at the end of this block was commanded.
     fn hold_after_block(&mut self, ended: Origin, next: Option<Origin>) {
         if self.hold == Hold::AfterBlock && next != Some(ended) {
             self.hold = Hold::ComingToRest;
         }
     }
 
-    /// Reports that feed hold or a stop has brought the command to rest.
+    /// Reports that feed hold or a stop has brought the commanded motion to rest.
     fn report_rest(&mut self) {
         let resting = self.time.rate() == 0.0 || self.ended_cycles.is_some();
         if self.braking.is_some() || (self.current.is_some() && !resting) {
@@ -558,13 +563,13 @@ impl Channel {
         self.ended_cycles = None;
     }
 
-    /// Emits an event; the reserve ensures that the ring has room.
+    /// Emits an event. [`EVENTS_RESERVE`] ensures that the ring has room.
     pub(crate) fn report_event(&mut self, event: Event) {
         self.reported |= self.events.push(event).is_ok();
     }
 
-    /// Emits an event at a joint. The motion cannot wait there, so that the event is omitted if the ring is
-    /// full.
+    /// Emits an event at a joint. The motion cannot wait at a joint, so the channel omits the event if the
+    /// ring has less room than the reserve.
     pub(crate) fn report_joint(&mut self, event: Event) {
         if self.events.slots() >= EVENTS_RESERVE {
             self.report_event(event);

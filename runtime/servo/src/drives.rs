@@ -1,4 +1,5 @@
-//! The drives of a channel: when one of them has a fault, or the bus is lost, the channel brakes and the drives lose power.
+//! The drives of a channel. If one of them has a fault, or the bus is lost, the channel brakes and the drives
+//! lose power.
 
 use tandem_model::AxisVector;
 
@@ -9,8 +10,8 @@ use crate::control::Fault;
 use crate::power::Power;
 
 impl Channel {
-    /// Returns true if the axes' drives follow. Otherwise they are being enabled, or there is a fault, and
-    /// motion waits.
+    /// Returns true if the drives of the axes follow. If false, the drives are being enabled, or a fault
+    /// exists, and motion waits.
     pub(crate) fn has_power(&mut self) -> bool {
         if !self.power.is_commanded() {
             let trouble = self.motors.trouble(self.bus_lost);
@@ -33,7 +34,7 @@ impl Channel {
         }
     }
 
-    /// Executes a requested reset at rest: the motors keep their positions.
+    /// Executes a requested reset at rest. The setpoint becomes the actual position of the motors.
     pub(crate) fn reset_drives(&mut self) {
         if self.power.reset() {
             self.setpoint = self.motors.actual();
@@ -43,7 +44,7 @@ impl Channel {
         }
     }
 
-    /// Returns the command fields common to all motors. They have power until they have stopped.
+    /// Returns the command fields common to all motors. The drives keep power until the motors have stopped.
     pub(crate) fn for_all_drives(&self) -> Command {
         Command {
             position: 0.0,
@@ -61,7 +62,7 @@ impl Channel {
         }
     }
 
-    /// Handles the motors' other reports.
+    /// Handles unexpected reports of the motors.
     pub(crate) fn watch_drives(&mut self) {
         let trouble = self.motors.trouble(self.bus_lost);
         match self.power.watch(trouble, self.period_s) {
@@ -70,7 +71,7 @@ impl Channel {
         }
     }
 
-    /// Switches the power off after a failure of the servo; all planned and commanded motion is discarded.
+    /// Switches the power off after a failure of the servo. All planned and commanded motion is discarded.
     pub(crate) fn power_off(&mut self, time_s: f64) {
         self.abandon_profile();
         (self.braking, self.stopping, self.thread) = (None, None, None);
@@ -87,20 +88,20 @@ impl Channel {
         self.publish(time_s);
     }
 
-    /// Makes the motors brake; at rest they lose power.
+    /// Makes the motors brake. When they are at rest, the drives lose power.
     fn trip(&mut self, fault: Fault) {
         self.power = Power::Tripped { resets: false };
         self.brake_for(fault);
     }
 
-    /// Makes the motors brake, off the path.
+    /// Makes the motors brake and leave the path, because of a fault.
     pub(crate) fn brake_for(&mut self, fault: Fault) {
         self.begin_braking();
         self.leave_thread(true);
         self.fail(fault);
     }
 
-    /// Makes each motor brake on its own, unless they brake already.
+    /// Makes each motor brake independently, unless the motors brake already.
     pub(crate) fn begin_braking(&mut self) {
         if self.braking.is_none() {
             let deceleration = self.motors.deceleration();

@@ -1,4 +1,4 @@
-//! Hardware of a machine: the bus to its drives and its spindles, simulated or real.
+//! Hardware of a machine, simulated or real: the bus to its drives, and its spindles.
 
 use std::io;
 
@@ -9,9 +9,9 @@ use crate::simulated_bus::SimulatedBus;
 use crate::simulated_spindle::SimulatedSpindle;
 use crate::spindle::Spindle;
 
-/// Creates the hardware that moves the coordinate systems of these settings, in their order. It may take some time: it
-/// is called once, before the first servo cycle, and returns running hardware, its drives not enabled. An error
-/// prevents the machine from starting.
+/// Function that creates the hardware for the coordinate systems of these settings, in their order. The
+/// runtime calls it once, before the first servo cycle; it may take some time. It returns running hardware
+/// with drives that are not enabled. An error prevents the machine from starting.
 pub type HardwareFactory = Box<dyn FnOnce(&[&CoordinateSystemSettings]) -> io::Result<Hardware> + Send>;
 
 /// Hardware of a machine.
@@ -19,15 +19,15 @@ pub type HardwareFactory = Box<dyn FnOnce(&[&CoordinateSystemSettings]) -> io::R
 pub struct Hardware {
     /// The bus to the drives of all motors.
     pub bus: Box<dyn DriveBus>,
-    /// Report of each motor before the first cycle, by its place on the bus. Missing places report the default.
+    /// Report of each motor before the first cycle, by the motor's place on the bus. A motor without an entry
+    /// has the default report.
     pub at_start: Vec<Feedback>,
-    /// The spindle of each coordinate system, in their order; `None`, or a missing entry, for one without a
-    /// spindle.
+    /// The spindle of each coordinate system, in their order. `None`, or a missing entry, means no spindle.
     pub spindles: Vec<Option<Box<dyn Spindle>>>,
 }
 
 impl Hardware {
-    /// Creates simulated drives, at the positions of their settings, and simulated spindles.
+    /// Creates simulated drives at the positions of their settings, and simulated spindles.
     pub fn simulated(systems: &[&CoordinateSystemSettings]) -> Self {
         let spindles = systems.iter().map(|system| {
             let spindle = SimulatedSpindle::new(system.spindle.as_ref()?, system.servo_period_s);
@@ -41,7 +41,7 @@ impl Hardware {
         }
     }
 
-    /// Returns the factory of [`Hardware::simulated`].
+    /// Returns a factory that creates simulated hardware.
     pub fn simulated_factory() -> HardwareFactory {
         Box::new(|systems| Ok(Self::simulated(systems)))
     }

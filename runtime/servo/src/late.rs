@@ -1,4 +1,4 @@
-//! Reaction of a channel to late cycles: it holds on its path.
+//! Reaction of a channel to late cycles: the channel holds on its path.
 
 use tandem_model::AxisVector;
 use tandem_model::profile::{Law, Profile};
@@ -6,14 +6,15 @@ use tandem_model::profile::{Law, Profile};
 use crate::channel::{Channel, Hold};
 use crate::control::Event;
 
-/// Time after the last movement of set points during which a run is treated as moving, s: at the turning point of an
-/// axis the next motion may not have arrived yet. Reason: longer than a task takes to pass on the next motion.
+/// Time after the last change of setpoints during which a run counts as moving, s. Reason: at the turning
+/// point of an axis the next motion may not have arrived yet. The time exceeds the time in which a task
+/// passes on the next motion.
 const RECENT_S: f64 = 0.1;
 
 impl Channel {
-    /// Prepares the cycle after missed ones. `keeps_speed`: the motors still have the speed of the last cycle;
-    /// otherwise they have stopped at their last command. In a thread the motion decelerates in phase. Returns `true`
-    /// if an event was emitted.
+    /// Prepares the cycle after missed cycles. If `keeps_speed`, the motors still have the speed of the last
+    /// cycle; otherwise they have stopped at their last command. In a thread the motion decelerates in phase.
+    /// Returns true if the channel was in motion.
     pub(crate) fn hold_after_missed(&mut self, cycles: u64, keeps_speed: bool) -> bool {
         if !self.is_in_motion() {
             return false;
@@ -28,15 +29,15 @@ impl Channel {
             self.hold_in_phase();
             self.report_event(Event::Late { cycles });
         } else {
-            // a feed hold that waits for the end of a thread now acts in the thread
+            // A feed hold that waits for the end of a thread now acts in the thread.
             self.holds_in_thread |= self.hold == Hold::ComingToRest;
             self.report_joint(Event::Late { cycles });
         }
         true
     }
 
-    /// Returns true if setpoints move, are about to move, or have just moved: not in a dwell, under a hold,
-    /// or before the drives have power.
+    /// Returns true if setpoints change, are about to change, or have just changed. Returns false in a dwell,
+    /// under a hold, and before the drives have power.
     fn is_in_motion(&self) -> bool {
         let is_motion = |profile: &Profile| !matches!(profile.law, Law::Rest { .. });
         match &self.current {

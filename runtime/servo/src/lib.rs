@@ -1,12 +1,13 @@
-//! Motion profiles to setpoints: servo cycle, simulated drives, in-position check.
+//! Conversion of motion profiles to setpoints: servo cycle, simulated drives, in-position check.
 //!
-//! One [`Servo`] cycles all coordinate systems in lock-step. Each has a [`Channel`] in it and a [`ChannelHandle`] outside;
-//! between them are bounded lock-free rings (profiles and controls in, events out) and a lock-free snapshot, [`Readings`]. A
-//! cycle never allocates, locks, waits or calls the system. It reads no clock either: time is the number of cycles times the
-//! servo period, so simulated time and real time run the same code.
+//! One [`Servo`] cycles all coordinate systems in lock-step. Each coordinate system has a [`Channel`] in the
+//! servo and a [`ChannelHandle`] for the coordinator. Bounded lock-free rings connect both (profiles and
+//! controls in, events out), and [`Readings`], a lock-free snapshot. A cycle never allocates, locks, waits or
+//! calls the system, and reads no clock. Time is the number of cycles times the servo period, so simulated
+//! time and real time run the same code.
 //!
-//! The rules of motion (M1a to M1i, in the book) define a cycle; where they leave something open, the documentation of
-//! the item defines it.
+//! The rules of motion (M1a to M1i, in the book) define a cycle. Where the rules leave a choice, the
+//! documentation of the item defines the behaviour.
 
 mod brake;
 mod bus;

@@ -1,4 +1,4 @@
-//! How fast the override factor may change in G500 chains, rapids and G31 (M1d, M1e, M1i).
+//! Limits for changes of the override factor in G500 chains, rapids and G31 (M1d, M1e, M1i).
 
 use tandem_model::profile::{Law, Profile, SlewRoom};
 
@@ -7,9 +7,9 @@ use crate::profile_queue::ProfileConsumer;
 use crate::splice::{Joint, Splice};
 
 impl Channel {
-    /// Returns the largest change of the override factor per second towards the target in the coming cycle: the limit
-    /// of the motors over all profiles that the cycle may touch, including those after the running one and those of a
-    /// new plan.
+    /// Returns the largest change of the override factor per second towards the target in the coming cycle.
+    /// The limit is that of the motors over all profiles that the cycle may touch. These include queued
+    /// profiles and the profiles of a new plan.
     pub(crate) fn room_to(&mut self, target: f64) -> f64 {
         let rate = self.time.rate();
         let Some(profile) = self.current.as_ref() else {
@@ -22,7 +22,8 @@ impl Channel {
         let ends_s = now_s + rate.max(target) * self.period_s;
         let splice = self.splice.as_ref();
         let joint = splice.and_then(|splice| joint_within(splice, profile, &mut self.profiles, ends_s));
-        // Beyond a joint, too: if the new plan turns out too slow there, this one continues.
+        // The room of the running plan also counts beyond a joint, because the running plan continues if the
+        // new plan is too slow there.
         let mut room = match &profile.law {
             Law::Paced { pace, .. } => pace.room(now_s, ends_s),
             _ => self.skip.room(profile, self.motors.deceleration(), now_s, ends_s),
@@ -48,8 +49,8 @@ impl Channel {
     }
 }
 
-/// Returns where the motion switches to a new plan, by the time of the running profile, if it does so by `ends_s`: in
-/// that profile or in a queued one.
+/// Returns the joint at which the motion switches to a new plan, in the time of the running profile. The
+/// joint may be in the running profile or in a queued profile. Returns `None` if it is later than `ends_s`.
 fn joint_within(
     splice: &Splice,
     running: &Profile,
@@ -77,7 +78,7 @@ fn joint_within(
     None
 }
 
-/// Returns the room that the motors leave over this time from the first queued profile on.
+/// Returns the room that the motors leave over `time_s`, from the start of the first queued profile on.
 fn room_of(waiting: &mut ProfileConsumer, time_s: f64) -> SlewRoom {
     let mut left_s = time_s;
     let mut room = SlewRoom::default();

@@ -9,8 +9,8 @@ use tandem_model::{AXES_MAX, Axis, AxisSet, AxisVector};
 use crate::bus::{Command, DriveBus, Feedback};
 use crate::control::Fault;
 
-/// Largest distance between the machine and the start of a profile from rest, mm or degrees: rounding of the stages
-/// before. More is a jump.
+/// Largest distance between the machine and the start of a profile from rest, mm or degrees. A smaller
+/// distance is rounding of the preceding stages, a larger distance is a jump.
 const JUMP_MAX: f64 = 1e-6;
 
 /// One motor.
@@ -19,10 +19,10 @@ struct Motor {
     number: u16,
     in_position: f64,
     timeout_s: f64,
-    /// The skip input as set from outside.
+    /// True if the skip input is on by [`Control::SkipInput`](crate::Control::SkipInput).
     skip_is_set: bool,
     simulated_skip: Option<SimulatedSkip>,
-    /// Limits of the move back to a captured position.
+    /// Limits of the return move to a captured position.
     skip_limits: MotorLimits,
 }
 
@@ -30,7 +30,7 @@ struct Motor {
 pub(crate) struct Motors {
     axes: [Option<Motor>; AXES_MAX],
     deceleration: [f64; AXES_MAX],
-    /// The axes with a motor, by its place on the bus, then those without.
+    /// The axes with a motor, by the motor's place on the bus, then the axes without a motor.
     by_place: [Axis; AXES_MAX],
     with_motor: AxisSet,
     /// Object that a simulated probe touches.
@@ -42,13 +42,13 @@ pub(crate) struct Motors {
     /// Axes whose motor position refers to the machine's zero.
     homed: AxisSet,
     settled: bool,
-    /// Fault that prevents the motors from following.
+    /// Fault that prevents the motors from following. `None` if all motors follow.
     trouble: Option<Fault>,
 }
 
 impl Motors {
-    /// Creates motors with places on the bus from `first_place` on, at their reported positions. An axis
-    /// without a motor is at 0, follows its command ideally and is not checked.
+    /// Creates motors at their reported positions, with consecutive places on the bus from `first_place` on.
+    /// An axis without a motor is at 0, follows its command ideally and is not checked.
     pub(crate) fn new(
         settings: &CoordinateSystemSettings,
         first_place: usize,
@@ -100,7 +100,8 @@ impl Motors {
         motors
     }
 
-    /// Writes each motor's position, and the fields common to all. An axis without a motor is at its command.
+    /// Writes the command of each motor: its position, and the fields common to all motors. An axis without a
+    /// motor is at its command.
     pub(crate) fn command(&mut self, setpoint: AxisVector, of_all: Command, commands: &mut [Command]) {
         let commands = commands.get_mut(self.places.clone()).unwrap_or_default();
         let (with_motor, without_motor) = self.by_place.split_at(commands.len());
@@ -115,7 +116,7 @@ impl Motors {
         }
     }
 
-    /// Reads the motors' reports.
+    /// Processes the reports of the motors.
     pub(crate) fn take_feedback(&mut self, feedback: &[Feedback]) {
         let feedback = feedback.get(self.places.clone()).unwrap_or_default();
         let (mut changed, mut are_operational) = (0, true);
@@ -149,7 +150,7 @@ impl Motors {
         homed
     }
 
-    /// Returns the most serious trouble: a fault of a drive, then a motor that is not homed, then a drive
+    /// Returns the most serious fault: a fault of a drive, then a motor that is not homed, then a drive
     /// without power.
     #[cold]
     fn find_trouble(&self, feedback: &[Feedback]) -> Option<Fault> {
@@ -172,26 +173,28 @@ impl Motors {
         self.trouble.is_none()
     }
 
-    /// Returns the fault that prevents the motors from following.
+    /// Returns the fault that prevents the motors from following: a lost bus first, then the fault of a
+    /// motor.
     pub(crate) fn trouble(&self, bus_lost: Option<u32>) -> Option<Fault> {
         let lost = bus_lost.map(|cycles| Fault::BusLost { cycles });
         lost.or(self.trouble)
     }
 
-    /// Returns the fault of a motor outside its in-position window, which would jump when it is enabled.
+    /// Returns the fault of a motor outside its in-position window. Such a motor would jump when its drive is
+    /// enabled.
     pub(crate) fn elsewhere(&self, setpoint: AxisVector) -> Option<Fault> {
         let (motor, axis, jump) = self.outside(setpoint).next()?;
         let motor = motor.number;
         Some(Fault::PositionJump { motor, axis, jump })
     }
 
-    /// Returns true if no motor moved, was homed or lost its reference in the last cycle. A drive may settle
-    /// one bit away from its command: with the same command nothing changes any more.
+    /// Returns true if in the last cycle no motor moved, was homed or lost its reference. A drive may settle
+    /// one bit away from its command; with the same command it then stays there.
     pub(crate) fn has_settled(&self) -> bool {
         self.settled
     }
 
-    /// Returns true if every motor is at its command, independent of its past.
+    /// Returns true if each motor is always at its command, without lag.
     pub(crate) fn are_ideal(&self) -> bool {
         self.is_ideal
     }
@@ -205,20 +208,21 @@ impl Motors {
         self.homed
     }
 
-    /// Returns `max_acceleration` of each motor.
+    /// Returns the `max_acceleration` of each motor.
     pub(crate) fn deceleration(&self) -> [f64; AXES_MAX] {
         self.deceleration
     }
 
-    /// Sets the skip input of a motor from outside.
+    /// Sets the skip input of a motor, as commanded by the coordinator.
     pub(crate) fn set_skip_input(&mut self, motor: u16, on: bool) {
         for axis in self.axes.iter_mut().flatten().filter(|axis| axis.number == motor) {
             axis.skip_is_set = on;
         }
     }
 
-    /// Returns the position at which an axis's skip input switches on now, with the limits of the move back: the actual
-    /// position when it was set from outside or `at_once`, its threshold when it is simulated.
+    /// Returns the captured position and the limits of the return move if the axis's skip input is on,
+    /// otherwise `None`. An input set by the coordinator captures the actual position. A simulated input
+    /// captures its threshold, or the actual position with `at_once`.
     pub(crate) fn skip(&self, axis: Axis, at_once: bool) -> Option<(f64, MotorLimits)> {
         let motor = self.axes[axis.index()].as_ref()?;
         let actual = self.actual[axis];
@@ -233,14 +237,14 @@ impl Motors {
         Some((position, motor.skip_limits))
     }
 
-    /// Returns where an axis reaches the object that a simulated probe touches.
+    /// Returns the position of the axis at contact with the object that a simulated probe touches.
     fn touched(&self, axis: Axis) -> Option<f64> {
         let place = [Axis::X, Axis::Y].iter().position(|one| *one == axis)?;
         let at = [Axis::X, Axis::Y, Axis::Z].map(|axis| self.actual[axis]);
         self.round?.touched(place, at)
     }
 
-    /// Returns the CNC motor number of an axis; 0 without a motor.
+    /// Returns the CNC motor number of an axis; 0 if the axis has no motor.
     pub(crate) fn number(&self, axis: Axis) -> u16 {
         self.axes[axis.index()].as_ref().map_or(0, |motor| motor.number)
     }
@@ -255,8 +259,8 @@ impl Motors {
         })
     }
 
-    /// Returns true if every motor is in position, `waited_s` after the command has stopped; an error if a
-    /// motor takes too long.
+    /// Returns true if every motor is in position, `waited_s` after the end of the commanded motion. Returns
+    /// an error if a motor exceeds its time limit.
     pub(crate) fn in_position(&self, command: AxisVector, waited_s: f64) -> Result<bool, Fault> {
         let late = self
             .outside(command)
@@ -272,8 +276,8 @@ impl Motors {
     }
 }
 
-/// Returns the first axis that would jump if the profile started now, and the size of the jump; NaN if the
-/// profile's start or end is not a number.
+/// Returns the first axis that would jump if the profile started now, and the size of the jump. The size is
+/// NaN if the end of the profile is not a number.
 pub(crate) fn first_jump(profile: &Profile, setpoint: AxisVector) -> Option<(Axis, f64)> {
     let start = profile.position(0.0);
     let end = profile.end_position();

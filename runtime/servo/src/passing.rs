@@ -1,5 +1,6 @@
-//! Simulated time skips cycles without an event. A position is a closed form of profile time, and profile time advances at a
-//! constant rate there, so the result of the skipped cycles is known exactly, to the last bit.
+//! Simulated time skips cycles without an event. A position is a closed form of profile time, and in these
+//! cycles profile time advances at a constant rate. So the result of the skipped cycles is known exactly, to
+//! the last bit.
 
 use tandem_model::AxisVector;
 use tandem_model::flow::Path;
@@ -9,14 +10,15 @@ use crate::bus::{Command, Feedback};
 use crate::channel::{Channel, Hold};
 use crate::rest::PathToRest;
 
-/// Periods before the end of a profile that are never left out: rounding, and the cycle that ends it.
+/// Number of periods before the end of a profile that are never skipped, because of rounding and the cycle
+/// that ends the profile.
 const BEFORE_END: f64 = 2.0;
 
-/// Cycles after a ramp that are always excluded from even motion: differences of positions up to the third one have
-/// settled then.
+/// Number of cycles after a ramp that are always excluded from even motion. After these cycles, differences
+/// of positions up to the third are constant.
 const EVEN_CYCLES: f64 = 4.0;
 
-/// Rounds down to whole cycles; 0 for negative values and NaN.
+/// Rounds down to whole cycles. Returns 0 for negative values and NaN.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -27,8 +29,8 @@ fn whole(cycles: f64) -> u64 {
 }
 
 impl Channel {
-    /// Returns how many further cycles without a profile or a control emit no event, and change only the time, the
-    /// angle of the spindle, and the place on the running profile.
+    /// Returns the number of further cycles that emit no event if no profile or control arrives. They change
+    /// only the time, the angle of the spindle, and the position in the running profile.
     pub(crate) fn cycles_to_pass(&mut self) -> u64 {
         let is_steady = self.spindle_is_steady() && self.hold != Hold::ComingToRest;
         if self.reported || !self.controls.is_empty() || !is_steady {
@@ -53,7 +55,7 @@ impl Channel {
         }
     }
 
-    /// Returns how many of these cycles each motor keeps the speed that it has had for some cycles: at rest, and
+    /// Returns in how many of these cycles each motor keeps the speed of the last few cycles: at rest, and
     /// between the ramps of a line.
     pub(crate) fn even_cycles(&mut self) -> u64 {
         let cycles = self.cycles_to_pass();
@@ -74,7 +76,7 @@ impl Channel {
         }
     }
 
-    /// Returns the number of cycles before the end of a profile that runs at a constant rate.
+    /// Returns the number of cycles that a profile runs at a constant rate before its end.
     fn cycles_before_end(&mut self, rests: bool) -> u64 {
         if self.hold == Hold::AtRest {
             return 0;
@@ -99,7 +101,8 @@ impl Channel {
         }
     }
 
-    /// Writes the motors' commands of the last of these cycles; at most as many as [`Channel::cycles_to_pass`] returns.
+    /// Writes the motors' commands of the last of these cycles. The caller passes at most the number that
+    /// [`Channel::cycles_to_pass`] returned.
     pub(crate) fn pass(&mut self, cycles: u64, commands: &mut [Command]) {
         self.tracer.skip(cycles);
         if self.velocity == AxisVector::ZERO {
@@ -118,7 +121,7 @@ impl Channel {
             .command(self.setpoint, self.for_all_drives(), commands);
     }
 
-    /// Takes the motors' reports of the last of the cycles.
+    /// Processes the motors' reports of the last of the cycles.
     pub(crate) fn passed(&mut self, feedback: &[Feedback]) {
         self.motors.take_feedback(feedback);
     }

@@ -1,18 +1,20 @@
-//! The time base of a channel (M1i): the time of the running profile advances at a slew-limited rate.
+//! The time base of a channel (M1i): the time of the running profile advances at a rate whose change per
+//! second is limited.
 
-/// A step that ends within this share of a period after the period is treated as ending in it, because of rounding.
+/// Tolerance as a share of a period: a slew that ends at most this much after a period is treated as ending
+/// within the period, because of rounding.
 const STEP_TOLERANCE: f64 = 1e-9;
 
-/// Profile time. At a constant rate it is counted, not summed: sample k at 100 percent is at k periods exactly,
-/// after hours too.
+/// Profile time. At a constant rate the time is calculated from a number of cycles, not summed. So at 100
+/// percent sample k is at exactly k periods, even after hours.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PathTime {
     period_s: f64,
-    /// 1.0 runs as programmed.
+    /// Profile time per time; 1.0 is the programmed speed.
     rate: f64,
     /// Profile time when the rate last changed, s.
     anchor_s: f64,
-    /// Cycles at this rate since then.
+    /// Number of cycles at this rate since the last change.
     cycles: u64,
 }
 
@@ -35,18 +37,18 @@ impl PathTime {
         self.anchor_s + self.cycles as f64 * (self.rate * self.period_s)
     }
 
-    /// Begins a profile at this rate and at this profile time.
+    /// Begins a profile at this rate and this profile time.
     pub(crate) fn start_profile(&mut self, rate: f64, at_s: f64) {
         self.rate = rate;
         self.carry_over(at_s);
     }
 
-    /// Stops at the current place.
+    /// Sets the rate to 0 at the current profile time.
     pub(crate) fn stop(&mut self) {
         self.start_profile(0.0, self.now_s());
     }
 
-    /// Begins a profile that follows another without a stop, at this profile time; the rate stays.
+    /// Begins a profile that follows another profile without a stop, at this profile time. The rate stays.
     pub(crate) fn carry_over(&mut self, at_s: f64) {
         self.anchor_s = at_s;
         self.cycles = 0;
@@ -57,7 +59,7 @@ impl PathTime {
         self.cycles += cycles;
     }
 
-    /// Advances by one cycle towards a target rate, with a change of at most `slope` per second; returns the
+    /// Advances by one cycle towards a target rate, with a change of at most `slope` per second. Returns the
     /// profile time.
     pub(crate) fn advance(&mut self, target: f64, slope: f64) -> f64 {
         let change = target - self.rate;
@@ -80,7 +82,8 @@ impl PathTime {
     }
 }
 
-/// Returns the slope of a slew of 100 percent in this time, per second; infinite if the time is not above 0.
+/// Returns the slope of a slew of 100 percent in this time, per second. Returns infinity if the time is not
+/// above 0.
 pub(crate) fn slope(slew_ms: f64) -> f64 {
     if slew_ms > 0.0 {
         1000.0 / slew_ms

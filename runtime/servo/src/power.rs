@@ -1,6 +1,6 @@
-//! Power of the drives: of those of a channel's axes together, and of that of its spindle. They are enabled
-//! before the first motion. A drive that fails, or a lost bus, takes the power away until a reset or the next
-//! motion.
+//! Power of the drives of a channel's axes together, and of the drive of its spindle. The drives are enabled
+//! before the first motion. If a drive fails or the bus is lost, the drives lose power until a reset or the
+//! next motion.
 //!
 //! ```text
 //!                  motion                    all drives follow
@@ -15,19 +15,19 @@ use crate::control::Fault;
 /// Time limit for enabling the drives, including the clearing of their faults, s.
 const ENABLING_S: f64 = 2.0;
 
-/// Power of drives.
+/// State of the power of drives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Power {
-    /// Not requested since the start.
+    /// Power was not requested since the start.
     Off,
-    /// Off after a fault.
+    /// Power is off after a fault.
     Tripped {
-        /// True if the drives must be enabled when the channel is at rest.
+        /// True if the drives must be enabled as soon as the channel is at rest.
         resets: bool,
     },
-    /// Commanded, and not yet reported by the drives.
+    /// Power is commanded, but the drives do not report it yet.
     Enabling {
-        /// Cycles since the command.
+        /// Number of cycles since the command.
         cycles: u64,
         /// True if the faults of the drives must be cleared.
         clears: bool,
@@ -50,7 +50,7 @@ impl Power {
         matches!(self, Power::Enabling { clears: true, .. })
     }
 
-    /// Requests power for a motion, if not yet commanded; `follows`: the drives already have power.
+    /// Requests power for a motion. `follows` is true if the drives already have power.
     pub(crate) fn ask(&mut self, follows: bool) {
         *self = if follows {
             Power::On
@@ -82,8 +82,8 @@ impl Power {
         resets
     }
 
-    /// Runs one cycle, with the fault that prevents the drives from following. Returns true if they have
-    /// begun to follow; an error if they must lose power.
+    /// Executes one cycle. `trouble` is the fault that prevents the drives from following. Returns true if
+    /// the drives have begun to follow, and an error if they must lose power.
     pub(crate) fn watch(&mut self, trouble: Option<Fault>, period_s: f64) -> Result<bool, Fault> {
         let (is_late, clears) = match self {
             Power::Off | Power::Tripped { .. } => return Ok(false),

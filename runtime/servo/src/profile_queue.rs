@@ -1,16 +1,17 @@
 //! Queue of profiles from the coordinator to the servo.
 //!
-//! A profile is large, and the queue has room for thousands. A ring of profiles would touch another piece of its memory with each
-//! profile, so that the memory of the process would grow for hours, until the first round through the ring is complete. So the
-//! ring has places for boxes, and boxes go back to the coordinator to be used again: the memory is that of the profiles that have
-//! waited at the same time. The servo neither allocates nor frees.
+//! A profile is large, and the queue has room for thousands of them. If the ring contained the profiles, each
+//! profile would touch another part of the ring's memory. The memory of the process would then grow for
+//! hours, until the first round through the ring is complete. So the ring contains boxes, and used boxes
+//! return to the coordinator. The memory is that of the profiles that have waited at the same time. The servo
+//! neither allocates nor frees memory.
 
 use rtrb::chunks::ReadChunk;
 use rtrb::{Consumer, PeekError, PopError, Producer, PushError, RingBuffer};
 use tandem_model::profile::Profile;
 
-/// Number of boxes that a producer keeps for later profiles; further ones are freed. Reason: the coordinator
-/// prepares at most as many profiles in one turn.
+/// Number of used boxes that a producer keeps for later profiles; it frees any further boxes. Reason: the
+/// coordinator prepares at most this number of profiles in one turn.
 const KEPT_MAX: usize = 256;
 
 /// The coordinator's end of a queue.
@@ -27,10 +28,10 @@ pub struct ProfileConsumer {
     used: Producer<Box<Profile>>,
 }
 
-/// Creates a queue in which at most `profiles_max` profiles wait; it rejects further ones.
+/// Creates a queue for at most `profiles_max` waiting profiles. A full queue rejects further profiles.
 pub fn profile_queue(profiles_max: usize) -> (ProfileProducer, ProfileConsumer) {
     let (ring_in, ring_out) = RingBuffer::new(profiles_max);
-    // one place more: while the consumer uses a box, the producer may allocate another box
+    // One slot more: while the consumer uses a box, the producer may allocate another box.
     let (used_in, used_out) = RingBuffer::new(profiles_max + 1);
     let producer = ProfileProducer {
         ring: ring_in,
@@ -44,10 +45,10 @@ pub fn profile_queue(profiles_max: usize) -> (ProfileProducer, ProfileConsumer) 
 }
 
 impl ProfileProducer {
-    /// Appends a profile.
+    /// Appends a profile to the queue.
     ///
     /// # Errors
-    /// Fails if the queue is full.
+    /// Returns the profile if the queue is full.
     #[expect(clippy::result_large_err, reason = "the caller keeps the profile")]
     pub fn push(&mut self, profile: Profile) -> Result<(), PushError<Profile>> {
         if self.ring.is_full() {
@@ -68,24 +69,24 @@ impl ProfileProducer {
             .map_err(|PushError::Full(boxed)| PushError::Full(*boxed))
     }
 
-    /// Returns the number of profiles for which the queue has room.
+    /// Returns the number of free slots in the queue.
     pub fn slots(&self) -> usize {
         self.ring.slots()
     }
 
-    /// Returns the number of profiles for which an empty queue has room.
+    /// Returns the total number of slots.
     pub fn capacity(&self) -> usize {
         self.ring.buffer().capacity()
     }
 }
 
 impl ProfileConsumer {
-    /// Returns the profile that waits longest.
+    /// Returns the profile that has waited longest.
     pub(crate) fn peek(&self) -> Result<&Profile, PeekError> {
         self.ring.peek().map(AsRef::as_ref)
     }
 
-    /// Takes the oldest profile.
+    /// Removes and returns the profile that has waited longest.
     pub(crate) fn pop(&mut self) -> Result<Profile, PopError> {
         let boxed = self.ring.pop()?;
         let profile = Profile::clone(&boxed);
@@ -93,20 +94,20 @@ impl ProfileConsumer {
         Ok(profile)
     }
 
-    /// Discards the profile that waits longest.
+    /// Discards the profile that has waited longest.
     pub(crate) fn discard(&mut self) {
         if let Ok(boxed) = self.ring.pop() {
             self.give_back(boxed);
         }
     }
 
-    /// Returns all profiles that wait, in two parts.
+    /// Returns all waiting profiles, in two parts.
     pub(crate) fn waiting(&mut self) -> Option<ReadChunk<'_, Box<Profile>>> {
         let known = self.ring.slots();
         self.ring.read_chunk(known).ok()
     }
 
-    /// Returns the number of profiles that wait.
+    /// Returns the number of waiting profiles.
     pub(crate) fn slots(&self) -> usize {
         self.ring.slots()
     }
@@ -115,13 +116,13 @@ impl ProfileConsumer {
         self.ring.is_empty()
     }
 
-    /// Returns the number of profiles for which an empty queue has room.
+    /// Returns the total number of slots.
     pub(crate) fn capacity(&self) -> usize {
         self.ring.buffer().capacity()
     }
 
     fn give_back(&mut self, boxed: Box<Profile>) {
-        // there is room for all boxes
+        // The ring of used boxes has a slot for each box.
         let _ = self.used.push(boxed);
     }
 }
@@ -168,7 +169,7 @@ mod tests {
                 assert_eq!(consumer.pop().unwrap().segment, 5 * round + n);
             }
         }
-        // one more than the waiting ones: a box that is in no ring
+        // One more than the waiting profiles: a box that is in no ring.
         assert!(places.len() <= 6, "{} places", places.len());
         for n in 0..4096 {
             producer.push(dwell(n)).unwrap();

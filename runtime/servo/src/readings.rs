@@ -1,13 +1,13 @@
-//! The last servo cycle's values, for any number of readers, without a lock.
+//! The values of the last servo cycle, which any number of readers read without a lock.
 
 use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use tandem_model::{AXES_MAX, AxisSet, AxisVector, MachinePosition, Origin};
 
-/// Number of spins before a reader yields its processor: the writer may be waiting for the same processor.
+/// Number of spins before a reader yields its processor, because the writer may wait for the same processor.
 const SPINS_BEFORE_YIELD: u32 = 64;
 
-/// The results of one servo cycle.
+/// The values of one servo cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Reading {
     /// Time of the cycle, s.
@@ -18,19 +18,21 @@ pub struct Reading {
     pub actual: MachinePosition,
     /// Axes whose motor position refers to the machine's zero; the positions of other axes have no meaning.
     pub homed: AxisSet,
-    /// From the commanded position to the end of the current block, signed; zero between blocks.
+    /// Distance from the commanded position to the end of the current block, signed; zero between blocks.
     pub distance_to_go: AxisVector,
-    /// Commanded speed over X, Y, Z, mm/min; deg/min over the other axes when X, Y, Z rest.
+    /// Commanded speed along X, Y, Z, mm/min. If X, Y, Z rest, the speed along the other axes, deg/min.
     pub feedrate_mm_min: f64,
-    /// Time base: 1.0 runs as programmed, 0.0 rests.
+    /// Rate of the time base: 1.0 is the programmed speed, 0.0 is rest.
     pub rate: f64,
-    /// Segment number of the current or, between blocks, the last block; 0 before the first.
+    /// Segment number of the current block or, between blocks, of the last block; 0 before the first block.
     pub segment: u64,
-    /// Plan time within the block, s; between two blocks at its end, or infinite.
+    /// Plan time within the block, s. Between two blocks it is the end of the block, or infinite.
     pub plan_s: f64,
-    /// Origin of the block of the commanded position, including its end point. `None` if no block runs.
+    /// Origin of the block to which the commanded position belongs, including its end point. `None` if no
+    /// block runs.
     pub executing: Option<Origin>,
-    /// True under feed hold, including deceleration and, in a thread, the wait for the end of the pass out.
+    /// True under feed hold, including the deceleration and, in a thread, the wait for the end of the move
+    /// out.
     pub held: bool,
     /// Actual spindle speed, r/min, clockwise positive.
     pub spindle_rpm: f64,
@@ -56,14 +58,14 @@ const CELLS: usize = VECTORS + 3 * AXES_MAX;
 const EXECUTING: u64 = 1;
 const HELD: u64 = 2;
 const ORIENTED: u64 = 4;
-/// The set of axes that are homed begins at this bit of the flags.
+/// Bit of the flags at which the set of homed axes begins.
 const HOMED_SHIFT: u32 = 8;
 
 /// A snapshot that the servo cycle writes for any number of readers: a sequence lock of atomics. The writer
-/// never waits; a reader that overlaps with a write reads again.
+/// never waits. A reader that overlaps with a write reads again.
 #[derive(Debug)]
 pub struct Readings {
-    /// Odd while a write is under way.
+    /// Version of the snapshot; odd during a write.
     version: AtomicU64,
     cells: [AtomicU64; CELLS],
 }
@@ -78,7 +80,7 @@ impl Default for Readings {
 }
 
 impl Readings {
-    /// Returns the values of the last servo cycle, all of the same cycle.
+    /// Returns the values of the last servo cycle. All values are from the same cycle.
     pub fn read(&self) -> Reading {
         let mut spins = 0_u32;
         loop {
@@ -97,7 +99,7 @@ impl Readings {
         }
     }
 
-    /// Publishes a cycle's values. Only the channel writes.
+    /// Writes the values of a cycle. The channel is the only writer.
     pub(crate) fn write(&self, reading: &Reading) {
         self.change(|cells| {
             let (single, vectors) = cells.split_at(VECTORS);
@@ -113,7 +115,7 @@ impl Readings {
         });
     }
 
-    /// Writes the readings of a cycle that has changed only the time.
+    /// Writes the time of a cycle that has changed nothing else.
     pub(crate) fn write_time(&self, time_s: f64) {
         self.change(|cells| cells[TIME].store(time_s.to_bits(), Ordering::Relaxed));
     }
@@ -127,7 +129,7 @@ impl Readings {
     }
 }
 
-/// Returns the number of cells in front of those of the vectors.
+/// Returns the cells before the cells of the vectors.
 fn pack(reading: &Reading) -> [u64; VECTORS] {
     let mut cells = [0; VECTORS];
     cells[TIME] = reading.time_s.to_bits();
@@ -178,7 +180,7 @@ fn unpack(cells: &[u64; CELLS]) -> Reading {
     }
 }
 
-/// Returns the lowest bits of a cell, as `pack` put them there.
+/// Returns the lowest bits of a cell, as [`pack`] has written them.
 fn low_bits<T: TryFrom<u64> + Default>(cell: u64) -> T {
     let bits = 8 * size_of::<T>();
     T::try_from(cell & ((1 << bits) - 1)).unwrap_or_default()

@@ -1,28 +1,30 @@
-//! The largest speed at which the motion can stop on its path within the known profiles (M1d): a chain whose
-//! next blocks are late, or do not fit into a short ring, slows down and never runs out.
+//! The largest speed at which the motion can stop on its path within the known profiles (M1d). If the next
+//! blocks of a chain are late, or do not fit into a short ring, the chain slows down. It never runs out of
+//! profiles.
 
 use tandem_model::profile::{Law, Profile, SlewRoom};
 
 use crate::profile_queue::ProfileConsumer;
 
-/// Profiles of a G500 chain examined in one cycle: bounds the time of the cycle. If more are needed, the
-/// motion is slower than necessary.
+/// Number of profiles of a G500 chain that are examined in one cycle. This limits the time of the cycle. If
+/// more profiles would be needed, the motion is slower than necessary.
 const PACED_MAX: usize = 128;
 
-/// Servo periods kept in reserve at the end of the known profiles.
+/// Number of servo periods that are kept in reserve at the end of the known profiles.
 const LATE_PERIODS: f64 = 3.0;
 
-/// Share of a servo period kept in reserve at any factor: more than the rounding with which a profile ends.
+/// Share of a servo period that is kept in reserve at any factor. It exceeds the rounding with which a
+/// profile ends.
 const REST_PERIODS: f64 = 1e-5;
 
-/// Factors tried for a motion that may become faster: each as a share of the one before, and how many; down to less than 1e-7.
-/// Coarse where each try examines profiles.
+/// Search for a factor if the motion may become faster: ratio of each tried factor to the previous one, and
+/// number of tries. The last factor is below 1e-7. The ratio is coarse because each try examines profiles.
 const PACED_TRIES: (f64, u32) = (0.5, 24);
 
-/// Factor and number of tries for a chain whose factor falls evenly.
+/// Ratio and number of tries for a chain whose factor falls at a constant slope.
 const EVEN_TRIES: (f64, u32) = (0.9, 160);
 
-/// The path to rest from a time of the running profile on.
+/// The path on which the motion comes to rest, from a time within the running profile on.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PathToRest<'a> {
     running: &'a Profile,
@@ -33,7 +35,7 @@ pub(crate) struct PathToRest<'a> {
 }
 
 impl<'a> PathToRest<'a> {
-    /// Creates the path to rest with this slope of feed hold.
+    /// Creates the path to rest. `hold_slope` is the slope of feed hold.
     pub(crate) fn new(running: &'a Profile, now_s: f64, hold_slope: f64, period_s: f64) -> Self {
         Self {
             running,
@@ -46,7 +48,8 @@ impl<'a> PathToRest<'a> {
         }
     }
 
-    /// Returns the factor for the coming cycle, at most `wanted`. `None` if the known profiles are the path to rest.
+    /// Returns the factor for the coming cycle, at most `wanted`. Returns `None` if the motion needs all
+    /// known profiles to come to rest.
     pub(crate) fn target(&self, waiting: &mut ProfileConsumer, rate: f64, wanted: f64) -> Option<f64> {
         if self.allows(waiting, rate.max(wanted)) {
             return Some(wanted);
@@ -68,8 +71,8 @@ impl<'a> PathToRest<'a> {
         Some(rate)
     }
 
-    /// Returns true if the motion can stop within the running profile and the queued ones, after a cycle with
-    /// this factor.
+    /// Returns true if the motion can stop within the running profile and the queued profiles, after a cycle
+    /// with this factor.
     fn allows(&self, waiting: &mut ProfileConsumer, factor: f64) -> bool {
         factor == 0.0 || with_waiting(waiting, |known| self.is_path_to_rest(known, factor))
     }
@@ -86,35 +89,37 @@ impl<'a> PathToRest<'a> {
                 (Law::Paced { pace, .. }, None) | (Law::Paced { .. }, Some(Law::Paced { pace, .. })) => {
                     pace.frees(self.running.segment)
                 }
-                // A profile outside the G500 chain starts after the chain's end.
+                // A profile outside the G500 chain starts after the end of the chain.
                 (Law::Paced { .. }, Some(_)) => true,
                 _ => self.allows_even(known, factor),
             }
     }
 
-    /// Returns true if every cycle with this factor up to here stays away from the end of the known profiles.
+    /// Returns true if all cycles with this factor, up to this time, keep the reserve to the end of the known
+    /// profiles.
     pub(crate) fn is_steady(&self, waiting: &mut ProfileConsumer, factor: f64) -> bool {
         with_waiting(waiting, |known| self.is_free(known, factor))
     }
 
-    /// Returns the profile time at the end of the coming cycle.
+    /// Returns the profile time at the end of the coming cycle, s.
     fn next_s(&self, factor: f64) -> f64 {
         self.now_s + factor * self.period_s
     }
 
-    /// Returns the time kept in reserve at the end of the known profiles, s.
+    /// Returns the time that is kept in reserve at the end of the known profiles, s.
     fn reserve_s(&self, factor: f64) -> f64 {
         (LATE_PERIODS * factor + REST_PERIODS) * self.period_s
     }
 
-    /// Returns true if the motion can stop with a factor that falls evenly.
+    /// Returns true if the motion can stop with a factor that falls at a constant slope.
     fn allows_even(&self, known: [&[Box<Profile>]; 2], factor: f64) -> bool {
         let needed_s = factor * factor / (2.0 * self.slope) + self.reserve_s(factor);
         let running_s = self.running.duration_s - self.next_s(factor);
         running_s + self.waiting_s(known) >= needed_s
     }
 
-    /// Returns the time of the waiting part of the running profile's chain, s; infinite if its end is known.
+    /// Returns the time of the waiting part of the running profile's chain, s. Returns infinity if the end of
+    /// the chain is known.
     fn waiting_s(&self, known: [&[Box<Profile>]; 2]) -> f64 {
         let Some(newest) = newest(known) else { return 0.0 };
         match (&self.running.law, &newest.law) {
@@ -123,13 +128,13 @@ impl<'a> PathToRest<'a> {
             {
                 waiting.ends_s - running.ends_s
             }
-            // A profile outside this chain starts after its end.
+            // A profile outside this chain starts after the end of the chain.
             _ => f64::INFINITY,
         }
     }
 
-    /// Returns true if the motion can stop with the limit of each piece. Works backwards from the end of the
-    /// known profiles.
+    /// Returns true if the motion can stop within the limit of each piece. The calculation goes backward from
+    /// the end of the known profiles.
     fn allows_paced(&self, [first, second]: [&[Box<Profile>]; 2], factor: f64) -> bool {
         let from_s = self.next_s(factor);
         let first = first.get(..PACED_MAX).unwrap_or(first);
@@ -164,7 +169,7 @@ impl<'a> PathToRest<'a> {
     }
 }
 
-/// Returns the latest profile.
+/// Returns the profile that was queued last.
 fn newest([first, second]: [&[Box<Profile>]; 2]) -> Option<&Profile> {
     second.last().or(first.last()).map(AsRef::as_ref)
 }
@@ -176,7 +181,7 @@ fn with_waiting(waiting: &mut ProfileConsumer, look: impl FnOnce([&[Box<Profile>
     })
 }
 
-/// Returns true if a chain that begins at this override can stop within the queued profiles.
+/// Returns true if a chain that begins at this override factor can stop within the queued profiles.
 pub(crate) fn is_known(waiting: &mut ProfileConsumer, factor: f64, hold_slope: f64, period_s: f64) -> bool {
     with_waiting(waiting, |[first, second]| {
         first.split_first().is_some_and(|(running, first)| {
@@ -185,8 +190,8 @@ pub(crate) fn is_known(waiting: &mut ProfileConsumer, factor: f64, hold_slope: f
     })
 }
 
-/// Returns true if the motion can stop within the queued profiles, to which it switches at this time of the
-/// first profile.
+/// Returns true if the motion can stop within the queued profiles after it has switched to them. The switch
+/// is at `at_s` within the first profile.
 pub(crate) fn may_switch_over(waiting: &mut ProfileConsumer, factor: f64, at_s: f64, period_s: f64) -> bool {
     with_waiting(waiting, |[first, second]| {
         first.split_first().is_some_and(|(running, first)| {
@@ -195,9 +200,9 @@ pub(crate) fn may_switch_over(waiting: &mut ProfileConsumer, factor: f64, at_s: 
     })
 }
 
-/// The square of the factor, from the end of the known profiles backwards in parts of at least a servo period. Within a
-/// part of duration d it falls by `2 s d`, where s is the least fall of this part and its neighbours: a servo cycle may
-/// touch two.
+/// The square of the factor, from the end of the known profiles backward, in parts of at least a servo
+/// period. Within a part of duration d the square falls by `2 s d`. Here s is the smallest fall that this
+/// part and its neighbours allow, since a servo cycle may touch two parts.
 struct FactorFall {
     slope: f64,
     period_s: f64,
@@ -229,7 +234,7 @@ impl FactorFall {
         }
     }
 
-    /// Completes the current part, so that both neighbours of the following one are known.
+    /// Completes the current part, so that both neighbours of the following part are known.
     fn close(&mut self) {
         let (_, before) = self.open;
         if let Some((duration_s, room)) = self.complete.take() {

@@ -10,7 +10,8 @@ use crate::hardware::Hardware;
 use crate::motors::Motors;
 use crate::spindle::SpindleLink;
 
-/// Time in which frames of the bus may be lost in a row, whatever the bus allows, s. Reason: the alarm comes within 100 ms.
+/// Longest time in which consecutive frames of the bus may be lost, whatever the bus allows, s. Reason: the
+/// alarm must be raised within 100 ms.
 const LOST_MAX_S: f64 = 0.09;
 
 /// All channels of the machine, cycled in lock-step, and the bus to their motors.
@@ -18,7 +19,7 @@ const LOST_MAX_S: f64 = 0.09;
 pub struct Servo {
     channels: Vec<Channel>,
     bus: Box<dyn DriveBus>,
-    /// Commands by the motors' places on the bus.
+    /// Commands, by the motors' places on the bus.
     commands: Box<[Command]>,
     feedback: Box<[Feedback]>,
     counts: BusCounts,
@@ -27,13 +28,13 @@ pub struct Servo {
     keeps_speed: bool,
     period_s: f64,
     cycles: u64,
-    /// True if a call of the bus has panicked; the bus is not called again.
+    /// True if a call of the bus has panicked. The bus is then not called again.
     has_bus_failed: bool,
 }
 
 impl Servo {
-    /// Creates the channels of coordinate systems, in their order, at time 0, and the coordinator's ends of them. The
-    /// number with each is the size of its profile queue.
+    /// Creates the channels of coordinate systems, in their order, at time 0, and the coordinator's end of
+    /// each channel. The number with each coordinate system is the size of its profile queue.
     pub fn new(
         systems: &[(&CoordinateSystemSettings, usize)],
         servo_period_s: f64,
@@ -88,9 +89,10 @@ impl Servo {
         Self::new(systems, servo_period_s, Hardware::simulated(&settings))
     }
 
-    /// Runs one servo cycle: time advances by one period, each channel gives its setpoint, and the bus exchanges them
-    /// for the motors' reports. Returns true if any channel emitted an event, or was slowed down by a lack of
-    /// profiles. Never allocates, locks, waits or panics, as long as the bus and the spindles do not.
+    /// Executes one servo cycle: time advances by one period, each channel gives its setpoint, and the bus
+    /// exchanges commands and reports of the motors. Returns true if any channel emitted an event, or was
+    /// slowed down by a lack of profiles. It never allocates, locks, waits or panics, if the bus and the
+    /// spindles do not.
     pub fn cycle(&mut self) -> bool {
         self.cycles += 1;
         let time_s = self.time_s();
@@ -106,9 +108,10 @@ impl Servo {
         events
     }
 
-    /// Runs the cycle after `missed` ones, more than allowed: moving channels are held on their paths. Set points
-    /// continue from their last values. Motors that keep their speed brake from it; others have stopped meanwhile, and
-    /// so has the command. Returns `true` as [`Servo::cycle`] does, and when anything is held.
+    /// Executes a cycle after more missed cycles than permitted: moving channels are held on their paths.
+    /// Setpoints continue from their last values. Motors that keep their speed brake from it. Any other
+    /// motors have stopped meanwhile, and the commanded motion also starts from rest. Returns true as
+    /// [`Servo::cycle`] does, or if a channel was in motion.
     pub fn cycle_after_missed(&mut self, missed: u64) -> bool {
         let mut events = false;
         for channel in &mut self.channels {
@@ -133,9 +136,9 @@ impl Servo {
         };
     }
 
-    /// Runs a cycle after the servo has failed: nothing moves, every drive and spindle is commanded to have no power,
-    /// and the heartbeat stops. A device that panics again is not called any more. Not for a working servo: it may
-    /// allocate.
+    /// Executes a cycle after the servo has failed: nothing moves, every drive and spindle is commanded to
+    /// have no power, and the heartbeat stops. A device that panics again is not called any more. It may
+    /// allocate, so a working servo must not call it.
     pub fn power_off(&mut self) {
         let time_s = self.time_s();
         for command in &mut self.commands {
@@ -153,32 +156,34 @@ impl Servo {
         }
     }
 
-    /// Returns the means to cut the power of all drives without the bus.
+    /// Returns the function that cuts the power of all drives without the bus.
     pub fn cutoff(&mut self) -> Option<Cutoff> {
         self.bus.cutoff()
     }
 
-    /// Returns the number of exchanges that were late or lost.
+    /// Returns the numbers of late and lost exchanges.
     pub fn bus_counts(&self) -> BusCounts {
         self.counts
     }
 
-    /// Returns how many cycles, `cycles_max` at most, would emit no event: every channel rests, dwells, or moves at a
-    /// constant rate of its time base with motors that follow without lag; its spindle keeps its speed.
+    /// Returns the number of cycles, at most `cycles_max`, that would emit no event. In these cycles every
+    /// channel rests, dwells, or moves at a constant rate of its time base with motors without lag. Its
+    /// spindle keeps its speed.
     pub fn cycles_to_pass(&mut self, cycles_max: u64) -> u64 {
         let each = self.channels.iter_mut().map(Channel::cycles_to_pass);
         each.fold(cycles_max, u64::min)
     }
 
-    /// Returns how many cycles can be passed in which each motor keeps its speed.
+    /// Returns the number of cycles, at most `cycles_max`, that can be passed while each motor keeps its
+    /// speed.
     pub fn even_cycles_to_pass(&mut self, cycles_max: u64) -> u64 {
         let each = self.channels.iter_mut().map(Channel::even_cycles);
         each.fold(cycles_max, u64::min)
     }
 
-    /// Passes this number of cycles at once, at most as many as [`Servo::cycles_to_pass`] returns; the readings show
-    /// them after the next [`Servo::cycle`]. For simulated time: if nothing is sent meanwhile, the state equals that
-    /// after running them, to the last bit.
+    /// Passes this number of cycles at once, at most the number that [`Servo::cycles_to_pass`] returns. The
+    /// readings show the result after the next [`Servo::cycle`]. It is for simulated time: if nothing is sent
+    /// meanwhile, the state equals that after executing the cycles, to the last bit.
     pub fn pass(&mut self, cycles: u64) {
         if cycles == 0 {
             return;
@@ -193,7 +198,8 @@ impl Servo {
         }
     }
 
-    /// Returns the time of the last cycle: cycles times the servo period, s. 0 before the first.
+    /// Returns the time of the last cycle, s: the number of cycles times the servo period. Returns 0 before
+    /// the first cycle.
     pub fn time_s(&self) -> f64 {
         self.cycles as f64 * self.period_s
     }
@@ -212,7 +218,7 @@ impl Servo {
     }
 }
 
-/// Whole servo periods in a time.
+/// Returns the number of whole servo periods in a time.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

@@ -1,11 +1,11 @@
-//! The simulated drives, all on one bus that never loses a frame.
+//! Simulated drives on one bus that never loses a frame.
 
 use tandem_model::settings::CoordinateSystemSettings;
 
 use crate::bus::{Command, CycleResult, DriveBus, Feedback};
 
-/// Drives that follow their commands with the lag of their settings, at rest at the position of their settings at the
-/// start. A drive that is not homed then finds its reference when its faults are cleared.
+/// Drives that follow their commands with the lag of their settings. At the start they are at rest at the
+/// position of their settings. A drive that is not homed finds its reference when its faults are cleared.
 #[derive(Debug)]
 pub struct SimulatedBus {
     drives: Box<[SimulatedDrive]>,
@@ -26,7 +26,7 @@ impl SimulatedBus {
         }
     }
 
-    /// Returns the motors' reports at the start.
+    /// Returns the reports of the motors at the start.
     pub fn feedback(&self) -> Vec<Feedback> {
         let drives = self.drives.iter();
         let feedback = drives.map(|drive| Feedback {
@@ -60,13 +60,13 @@ impl DriveBus for SimulatedBus {
 
 /// A drive that follows its command as a first-order lag; with a lag of 0 it is ideal.
 ///
-/// Between two cycles the command is treated as a straight line, for which the step is exact: at constant velocity v
-/// the following error settles at `v * lag`.
+/// Between two cycles the command is treated as a straight line, for which the step is exact. At a constant
+/// velocity v the following error settles at `v * lag`.
 #[derive(Debug, Clone)]
 struct SimulatedDrive {
-    /// Lag over period.
+    /// Lag divided by the servo period.
     lag_periods: f64,
-    /// Share of the error that is left after one period.
+    /// Share of the following error that remains after one period.
     decay: f64,
     command: f64,
     actual: f64,
@@ -74,8 +74,8 @@ struct SimulatedDrive {
 }
 
 impl SimulatedDrive {
-    /// Creates a drive at rest at a position, and homed. `lag_ms` is the time constant of its following
-    /// error, at least 0.
+    /// Creates a homed drive at rest at a position. `lag_ms` is the time constant of its following error, at
+    /// least 0.
     fn new(lag_ms: f64, period_s: f64, at: f64) -> Self {
         let lag_periods = (lag_ms / 1000.0 / period_s).max(0.0);
         Self {
@@ -91,7 +91,7 @@ impl SimulatedDrive {
         }
     }
 
-    /// Takes the commanded position of this cycle and returns the actual position.
+    /// Sets the commanded position of this cycle, and returns the actual position.
     fn cycle(&mut self, command: f64) -> f64 {
         let step = command - self.command;
         // If the command changes by the same step in each cycle, the following error settles at step * lag_periods.
@@ -143,7 +143,7 @@ mod tests {
 
     #[test]
     fn a_step_is_followed_with_the_time_constant() {
-        // 10 ms lag, at rest on a new command: after 50 ms exp(-5) of the error is left.
+        // 10 ms lag, constant command after a step: after 50 ms exp(-5) of the error remains.
         let mut drive = SimulatedDrive::new(10.0, 0.001, 0.0);
         drive.cycle(1.0);
         let first = 1.0 - drive.actual;

@@ -9,24 +9,25 @@ use crate::spindle::{Orientation, Spindle, SpindleState, ThreadStep};
 /// Degrees per second of one revolution per minute.
 const DEGREES_PER_SECOND: f64 = 6.0;
 
-/// Angle within which a spindle that returns from a thread is at its orientation position, because of
-/// rounding.
+/// Angle tolerance for rounding: a spindle that returns from a thread within it is at its orientation
+/// position.
 const ORIENTED_WITHIN_DEG: f64 = 1e-6;
 
-/// A spindle that changes its speed by at most `max_acceleration` (r/min per second; not above 0: at once).
+/// A spindle whose speed changes by at most `max_acceleration` (r/min per second), or at once if that is not
+/// above 0.
 #[derive(Debug, Clone)]
 pub struct SimulatedSpindle {
     period_s: f64,
     max_rpm: f64,
-    /// r/min per second; infinite: at once.
+    /// Maximum acceleration, r/min per second; infinite for an immediate change of speed.
     acceleration: f64,
     orientation_rpm: f64,
     orientation_deg: f64,
     direction: SpindleDirection,
-    /// Commanded speed, signed.
+    /// Commanded speed, r/min, clockwise positive.
     target_rpm: f64,
     rpm: f64,
-    /// 0 to below 360.
+    /// Angle, degrees, 0 to below 360.
     angle_deg: f64,
     approach: Option<Approach>,
     oriented: bool,
@@ -39,9 +40,9 @@ pub struct SimulatedSpindle {
 /// State of a spindle that follows a motion.
 #[derive(Debug, Clone, Copy)]
 struct Lock {
-    /// Angle at the start of the motion in the thread.
+    /// Angle at the start of the move in the thread.
     from_deg: f64,
-    /// Revolutions from that angle, clockwise positive.
+    /// Revolutions since that angle, clockwise positive.
     revolutions: f64,
 }
 
@@ -49,7 +50,7 @@ struct Lock {
 #[derive(Debug, Clone, Copy)]
 struct Approach {
     from_deg: f64,
-    /// r/min, signed.
+    /// Orientation speed, r/min, clockwise positive.
     rpm: f64,
     cruise_s: f64,
     braking_s: f64,
@@ -76,8 +77,8 @@ impl SimulatedSpindle {
         }
     }
 
-    /// Ends the lock after a finished or abandoned thread: the spindle rests, or brakes from its speed. It is
-    /// oriented again if it has returned to its starting angle.
+    /// Ends the lock after a finished or abandoned thread. The spindle is at rest, or with `brakes` brakes
+    /// from its speed. It is oriented again if it has returned to its orientation position.
     fn release(&mut self, brakes: bool) {
         if self.lock.take().is_none() {
             return;
@@ -93,7 +94,7 @@ impl SimulatedSpindle {
         }
     }
 
-    /// Changes to orientation speed in the present direction of the spindle; from rest, clockwise.
+    /// Changes to orientation speed in the present direction of rotation; from rest, clockwise.
     fn begin_orientation(&mut self) {
         let rpm = if self.rpm < 0.0 {
             -self.orientation_rpm
@@ -112,7 +113,7 @@ impl SimulatedSpindle {
         self.approach = Some(Approach {
             from_deg: self.angle_deg,
             rpm,
-            // Without an orientation speed the position is taken at once.
+            // Without an orientation speed, the spindle is at the position at once.
             cruise_s: if speed_deg_s > 0.0 {
                 cruise_deg / speed_deg_s
             } else {
@@ -123,7 +124,7 @@ impl SimulatedSpindle {
         });
     }
 
-    /// Executes one cycle of the last turn; returns true if the spindle rests at its position.
+    /// Executes one cycle of the last turn. Returns true if the spindle is at rest at its position.
     fn turn_to_position(&mut self, approach: &mut Approach) -> bool {
         approach.cycles += 1;
         let t_s = approach.cycles as f64 * self.period_s;
@@ -246,7 +247,7 @@ mod tests {
         SimulatedSpindle::new(&testing::spindle(), 0.001)
     }
 
-    /// One cycle; true when a commanded orientation ends in it.
+    /// Executes one cycle. Returns true if a commanded orientation ends in it.
     fn ends(spindle: &mut SimulatedSpindle) -> bool {
         let was_orienting = spindle.state().orientation == Orientation::Pending;
         let is_orienting = spindle.cycle().orientation == Orientation::Pending;
@@ -294,7 +295,7 @@ mod tests {
                 assert!(!ends(&mut spindle));
             }
             spindle.command(SpindleDirection::Orient, 0.0);
-            // at most: 2 s to the orientation speed, one turn of 1 s, 0.06 s to rest
+            // At most: 2 s to the orientation speed, one turn of 1 s, 0.06 s to rest.
             let (mut cycles, mut last_deg, mut widest) = (0, spindle.angle_deg, 0.0_f64);
             while !ends(&mut spindle) {
                 cycles += 1;

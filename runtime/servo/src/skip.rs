@@ -1,5 +1,5 @@
-//! G31 in the servo cycle (M1e, D40): a motor whose skip input switches on brakes without a jerk limit, and returns to
-//! the captured position. Also the range that single motors leave for overrides.
+//! G31 in the servo cycle (M1e, D40): a motor whose skip input switches on brakes without a jerk limit, and
+//! returns to the captured position. Also the room that the motors of G00 and G31 leave for overrides.
 
 use tandem_model::profile::{Law, MotorLimits, MotorMove, Profile, SlewRoom};
 use tandem_model::{AXES_MAX, Axis, AxisSet, AxisVector};
@@ -10,8 +10,8 @@ pub(crate) struct SkipRun {
     turned: [Option<SkipReturn>; AXES_MAX],
 }
 
-/// The motion of a motor after its trigger: it decelerates to rest, then moves to the captured position. Times are
-/// profile times, s, so overrides and feed hold act as on any other motion.
+/// The motion of a motor after its trigger: the motor decelerates to rest, then moves to the captured
+/// position. Times are profile times, s, so overrides and feed hold act as on any other motion.
 #[derive(Debug, Clone, Copy)]
 struct SkipReturn {
     at_s: f64,
@@ -31,7 +31,8 @@ impl SkipReturn {
         self.at_s + self.braking_s + self.back.duration_s()
     }
 
-    /// Returns the room like [`MotorMove::room`]: braking is the second half of a move.
+    /// Returns the room as [`MotorMove::room`] does. The deceleration is treated as the second half of a
+    /// move.
     fn room(&self, max_acceleration: f64, from_s: f64, to_s: f64) -> SlewRoom {
         let brakes = MotorMove {
             velocity: self.velocity,
@@ -57,7 +58,7 @@ impl SkipReturn {
 }
 
 impl SkipRun {
-    /// Returns the time of the profile, s, with the motors that have turned back.
+    /// Returns the duration of the profile, s, including the return of motors that have turned back.
     pub(crate) fn duration_s(&self, profile: &Profile) -> f64 {
         let Law::Skip { moves, .. } = &profile.law else {
             return profile.duration_s;
@@ -69,7 +70,7 @@ impl SkipRun {
             .fold(0.0, f64::max)
     }
 
-    /// Returns the position of all motors.
+    /// Returns the positions of all motors, mm or degrees.
     pub(crate) fn position(&self, profile: &Profile, t_s: f64) -> AxisVector {
         let position = profile.position(t_s);
         if !matches!(profile.law, Law::Skip { .. }) {
@@ -78,8 +79,8 @@ impl SkipRun {
         self.replace_turned(position, |turned| turned.position(t_s))
     }
 
-    /// Returns the range that the motors of G00 and G31 leave for overrides and feed hold between two times
-    /// of the profile.
+    /// Returns the room that the motors of G00 and G31 leave for overrides and feed hold between two times of
+    /// the profile.
     pub(crate) fn room(
         &self,
         profile: &Profile,
@@ -103,12 +104,12 @@ impl SkipRun {
             .fold(SlewRoom::default(), SlewRoom::worst)
     }
 
-    /// Returns where all motors end.
+    /// Returns the positions at which all motors end.
     pub(crate) fn end_position(&self, profile: &Profile) -> AxisVector {
         self.replace_turned(profile.end_position(), |turned| turned.captured)
     }
 
-    /// Returns the motors that have captured a position.
+    /// Returns the axes whose motors have captured a position.
     pub(crate) fn captured(&self) -> AxisSet {
         Axis::ALL
             .into_iter()
@@ -116,14 +117,14 @@ impl SkipRun {
             .collect()
     }
 
-    /// Returns true while this motor is still moving to the target.
+    /// Returns true if this motor has a distance to move and has not turned back.
     pub(crate) fn seeks(&self, profile: &Profile, axis: Axis) -> bool {
         let i = axis.index();
         matches!(&profile.law, Law::Skip { moves, .. } if moves[i].duration_s() > 0.0)
             && self.turned[i].is_none()
     }
 
-    /// Turns a motor back to `captured`, because its input has switched on at a profile time.
+    /// Turns a motor back to `captured`, because its input has switched on at the profile time `t_s`.
     pub(crate) fn turn_back(
         &mut self,
         profile: &Profile,

@@ -1,4 +1,4 @@
-//! The interface to the spindle: its commands, and its report in each servo cycle.
+//! The interface to a spindle: its commands, and its report in each servo cycle.
 
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -18,24 +18,24 @@ pub struct SpindleState {
     pub angle_deg: f64,
     /// Progress of an orientation.
     pub orientation: Orientation,
-    /// True if the spindle neither turns nor is about to turn, except for a thread.
+    /// True if the spindle neither turns nor is about to turn. The motion of a thread is not considered.
     pub rests: bool,
-    /// True if, without a command, further cycles change only its angle, and at speed 0 nothing: cycles may
-    /// then be skipped. Always false for a drive that may report a fault at any time.
+    /// True if, without a command, further cycles change only the angle, and at speed 0 nothing. Simulated
+    /// time may then skip cycles. Always false for a drive that may report a fault at any time.
     pub is_steady: bool,
     /// True if the drive has power and follows commands.
     pub is_enabled: bool,
-    /// The drive's own fault code; 0 for none. With a fault it does not follow.
+    /// Fault code of the drive, 0 for none. With a fault the drive does not follow.
     pub fault: u16,
 }
 
 /// Progress of an orientation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Orientation {
-    /// The spindle is not oriented, or a thread turns it.
+    /// The spindle is not oriented, or follows a thread.
     #[default]
     Open,
-    /// The orientation is commanded, and not finished.
+    /// The orientation is commanded, but not finished.
     Pending,
     /// The spindle rests at its orientation position.
     Reached,
@@ -44,35 +44,37 @@ pub enum Orientation {
 /// A step of a thread, in which the spindle follows the motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ThreadStep {
-    /// A pass in the thread, in or out, begins at the current angle. No command arrives until the thread ends.
+    /// A move in the thread, in or out, begins at the current angle. No command arrives until the thread
+    /// ends.
     Begin,
-    /// Revolutions turned since the pass began, at the end of this cycle, clockwise positive. `None` keeps the
-    /// position.
+    /// Revolutions since the move began, at the end of this cycle, clockwise positive. With `None` the
+    /// spindle keeps its position.
     Turn(Option<f64>),
-    /// The thread has ended or was abandoned: the spindle rests, or with `brakes` decelerates to rest.
+    /// The thread has ended or was abandoned. The spindle is at rest, or with `brakes` decelerates to rest.
     End {
         /// True if the thread was aborted while the spindle turned.
         brakes: bool,
     },
 }
 
-/// The spindle of a coordinate system. It must not allocate, lock, wait or panic.
+/// The spindle of a coordinate system. Its methods must not allocate, lock, wait or panic.
 pub trait Spindle: fmt::Debug + Send {
-    /// Commands whether the drive must have power from now on, and clear its fault. The drive is enabled
-    /// before the first command that turns it; without power it must not turn.
+    /// Commands whether the drive must have power from now on, and whether it must clear its fault. The servo
+    /// enables the drive before the first command that turns the spindle. Without power the spindle must not
+    /// turn.
     fn power(&mut self, enable: bool, clear_fault: bool);
 
-    /// Turns at this speed, stops, or orients. `rpm` applies to `Cw` and `Ccw` only, by its magnitude, up to the
-    /// maximum of the spindle; NaN is replaced by 0.
+    /// Turns at this speed, stops, or orients the spindle. The magnitude of `rpm` applies to `Cw` and `Ccw`
+    /// only, up to the maximum of the spindle; NaN is replaced by 0.
     fn command(&mut self, direction: SpindleDirection, rpm: f64);
 
     /// Executes a step of a thread.
     fn follow(&mut self, step: ThreadStep);
 
-    /// Ends a servo cycle, after commands and feedback of the motors were exchanged, and returns its report.
+    /// Ends a servo cycle after the exchange with the motors, and returns the report of the spindle.
     fn cycle(&mut self) -> SpindleState;
 
-    /// Returns its state at any other time, including commands given since.
+    /// Returns the state between two cycles, including the effect of commands since the last cycle.
     fn state(&self) -> SpindleState;
 }
 
@@ -86,9 +88,9 @@ pub(crate) struct SpindleLink {
     pending: Option<(SpindleDirection, f64)>,
     in_thread: bool,
     motor: u16,
-    /// r/min per second; infinite: at once.
+    /// Maximum acceleration, r/min per second; infinite for an immediate change of speed.
     acceleration: f64,
-    /// r/min.
+    /// Maximum speed, r/min.
     max_rpm: f64,
     /// The last command.
     target: (SpindleDirection, f64),
@@ -109,7 +111,7 @@ struct SpindleWait {
 pub(crate) struct SpindleEnds {
     /// True if a commanded orientation has ended.
     pub(crate) orientation: bool,
-    /// Id of a wait that has ended.
+    /// Id of the wait that has ended.
     pub(crate) reached: Option<u64>,
 }
 
@@ -135,12 +137,13 @@ impl SpindleLink {
         self.state
     }
 
-    /// Returns true if the spindle neither turns nor is about to turn, except for a thread.
+    /// Returns true if the spindle neither turns nor is about to turn. The motion of a thread is not
+    /// considered.
     pub(crate) fn rests(&self) -> bool {
         self.state.rests && self.pending.is_none()
     }
 
-    /// Returns true if further cycles change at most its angle.
+    /// Returns true if further cycles change at most the angle.
     pub(crate) fn is_steady(&self) -> bool {
         self.state.is_steady && !self.power.is_enabling() && self.awaited.is_none()
     }
@@ -150,14 +153,14 @@ impl SpindleLink {
         self.is_steady() && self.state.rpm == 0.0
     }
 
-    /// Returns true while its drive is being enabled, an orientation is unfinished, or a wait for the command
-    /// is pending.
+    /// Returns true while the drive is being enabled, an orientation is unfinished, or a wait for the last
+    /// command is pending.
     pub(crate) fn is_busy(&self) -> bool {
         self.power.is_enabling() || self.state.orientation == Orientation::Pending || self.awaited.is_some()
     }
 
-    /// Commands the spindle. In a thread, the command waits for its end; a command that turns the spindle
-    /// waits for power.
+    /// Commands the spindle. In a thread, the command waits for the end of the thread. A command that turns
+    /// the spindle waits for power.
     pub(crate) fn command(&mut self, direction: SpindleDirection, rpm: f64) {
         self.target = (direction, rpm);
         let waits = self.in_thread || (direction != SpindleDirection::Stop && !self.has_power());
@@ -183,13 +186,13 @@ impl SpindleLink {
         }
     }
 
-    /// Requests one report when the last command is reached.
+    /// Requests one report with this id when the spindle has reached the last command.
     pub(crate) fn await_target(&mut self, id: u64, within: f64) {
         self.awaited = Some(SpindleWait { id, within });
     }
 
     /// Returns true if the spindle has reached the last command. A command that waits for the end of a thread
-    /// is treated as reached, because the thread may need the answer to end.
+    /// counts as reached: the thread may not end before the caller has the answer.
     fn has_reached(&self, within: f64) -> bool {
         if self.in_thread {
             return true;
@@ -214,7 +217,8 @@ impl SpindleLink {
         self.pending.is_none() && (self.state.rpm - target).abs() <= within * speed
     }
 
-    /// Runs one cycle, and returns what it has completed. After an error the spindle has no power.
+    /// Executes one cycle, and returns the waits and commands that it has completed. After an error the
+    /// spindle has no power.
     pub(crate) fn cycle(&mut self, period_s: f64) -> Result<SpindleEnds, Fault> {
         let before = self.state.orientation;
         self.state = self.device.cycle();
@@ -241,7 +245,7 @@ impl SpindleLink {
         })
     }
 
-    /// Returns true if its drive follows; otherwise it is being enabled.
+    /// Returns true if the drive follows. If the drive has no power, requests power and returns false.
     pub(crate) fn has_power(&mut self) -> bool {
         if !self.power.is_commanded() {
             self.power.ask(self.trouble().is_none());
@@ -255,14 +259,14 @@ impl SpindleLink {
         self.power.ask_for_reset();
     }
 
-    /// Executes a requested reset at rest: clears the fault of the spindle, and enables it.
+    /// Executes a requested reset at rest: clears the fault of the spindle's drive, and enables the drive.
     pub(crate) fn reset(&mut self) {
         if self.power.reset() {
             self.apply_power();
         }
     }
 
-    /// Switches the power off after a failure of the servo. A device that panics is not called again.
+    /// Switches the power off after a failure of the servo. If the device panics, it is not called again.
     pub(crate) fn power_off(&mut self) {
         self.pending = None;
         self.power = Power::Tripped { resets: false };
@@ -287,8 +291,8 @@ impl SpindleLink {
         Fault::from_drive(self.motor, None, self.state.is_enabled, self.state.fault)
     }
 
-    /// Returns the greatest change of a time base per second at which a motion that turns the spindle at this
-    /// speed at 100 percent keeps its acceleration.
+    /// Returns the largest change of a time base per second for a motion that turns the spindle. At this
+    /// change the spindle keeps within its acceleration; `rpm` is its speed at 100 percent.
     pub(crate) fn steepest_slope(&self, rpm: f64) -> f64 {
         self.acceleration / rpm.abs()
     }

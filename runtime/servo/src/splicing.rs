@@ -1,4 +1,5 @@
-//! A channel switches to another plan: at a place ahead on the path, or at once while it is at rest.
+//! Switch of a channel to another plan: at a position ahead on the path, or at once if the channel is at
+//! rest.
 
 use tandem_model::profile::{Law, PathPlace, Profile};
 
@@ -8,11 +9,11 @@ use crate::profile_queue::ProfileConsumer;
 use crate::rest;
 use crate::splice::Joint;
 
-/// Rounding of the override factor.
+/// Tolerance for rounding of the override factor.
 const ROUNDING: f64 = 1e-9;
 
 impl Channel {
-    /// Takes the splice that the control announced.
+    /// Takes the splice that [`Control::Splice`](crate::Control::Splice) announced.
     pub(crate) fn take_splice(&mut self) {
         let Ok(splice) = self.splices.pop() else { return };
         let Some(place) = splice.at else {
@@ -30,7 +31,7 @@ impl Channel {
         }
     }
 
-    /// Returns true if the motion has not reached this place.
+    /// Returns true if the motion has not reached this position.
     fn is_ahead(&self, place: PathPlace) -> bool {
         if place.segment != self.last_segment {
             return place.segment > self.last_segment;
@@ -46,7 +47,8 @@ impl Channel {
         self.splice.as_ref()?.joint(profile)
     }
 
-    /// Switches at the joint, with the profile time beyond it; returns false if the new plan is slower there.
+    /// Switches to the new plan at the joint; `beyond_s` is the profile time after the joint. Returns false
+    /// if the new plan is slower there.
     pub(crate) fn switch_over(&mut self, joint: Joint, beyond_s: f64) -> bool {
         let Some(mut splice) = self.splice.take() else {
             return false;
@@ -55,7 +57,7 @@ impl Channel {
         let at_s = beyond_s * joint.ratio;
         let taken = factor <= 1.0 + ROUNDING
             && rest::may_switch_over(&mut splice.profiles, factor, at_s, self.period_s);
-        // a plan that may be switched to has a first profile
+        // A plan to which the motion may switch has a first profile.
         if taken && let Ok(first) = splice.profiles.pop() {
             self.current = Some(first);
             self.time.start_profile(factor.min(1.0), at_s);
@@ -64,21 +66,22 @@ impl Channel {
         taken
     }
 
-    /// Discards the new plan.
+    /// Discards the new plan, and reports it as rejected.
     pub(crate) fn abandon_splice(&mut self) {
         if let Some(splice) = self.splice.take() {
             self.settle(splice.profiles, false);
         }
     }
 
-    /// Reports the result of a splice, and returns the ring that is no longer read.
+    /// Reports the result of a splice, and returns the ring that the servo no longer reads to the
+    /// coordinator.
     fn settle(&mut self, profiles: ProfileConsumer, taken: bool) {
         let unread = if taken {
             std::mem::replace(&mut self.profiles, profiles)
         } else {
             profiles
         };
-        // the ring has room: one splice at a time
+        // The ring has room, because the coordinator sends one splice at a time.
         let _ = self.unread.push(unread);
         self.report_event(Event::Spliced { taken });
     }

@@ -21,7 +21,7 @@ pub(crate) fn motor(number: u16) -> MotorSettings {
     MotorSettings::new(number, MotorKind::Linear, 500.0, 5000.0)
 }
 
-/// Returns a second at rest at zero.
+/// Returns a dwell of one second at position 0.
 pub(crate) fn dwell(segment: u64) -> Profile {
     Profile {
         segment,

@@ -1,4 +1,5 @@
-//! The recent motion of the axes: samples of the last minute, for any number of readers, without a lock.
+//! The recent motion of the axes: samples of the last minute, which any number of readers read without a
+//! lock.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering, fence};
@@ -8,18 +9,18 @@ use tandem_model::{Axis, AxisSet, AxisVector};
 /// Number of samples that are kept.
 pub const TRACE_SAMPLES: u64 = 6000;
 
-/// Time between two samples, s, as nearly as whole servo periods give it.
+/// Time between two samples, s, rounded down to whole servo periods.
 const INTERVAL_S: f64 = 0.01;
 
-/// Cells of a sample before those of its axes: time, feedrate and spindle.
+/// Cells of a sample before the cells of its axes: time, feedrate and spindle.
 const COMMON: usize = 3;
-/// Cells of an axis.
+/// Cells of each axis.
 const EACH: usize = 4;
 
-/// One sample.
+/// One sample of the motion.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TraceSample {
-    /// Time of its servo cycle, s.
+    /// Time of the sampled servo cycle, s.
     pub time_s: f64,
     /// Commanded speed on the path, mm/min.
     pub feedrate_mm_min: f64,
@@ -34,21 +35,22 @@ pub struct TraceSample {
 pub struct TraceMotion {
     /// Commanded machine position.
     pub position: f64,
-    /// Change of the commanded position in the cycle, per second.
+    /// Change of the commanded position in the cycle, mm or degrees per second.
     pub velocity: f64,
-    /// Change of that velocity in the cycle, per second squared.
+    /// Change of the velocity in the cycle, mm or degrees per second squared.
     pub acceleration: f64,
     /// Commanded minus actual position.
     pub following_error: f64,
 }
 
-/// The samples: a ring of atomics that the servo cycle writes. The writer never waits, and a reader omits samples that
-/// are overwritten while it reads.
+/// A ring of atomics with the samples, which the servo cycle writes. The writer never waits. A reader omits
+/// samples that were overwritten while it read.
 #[derive(Debug)]
 pub struct Trace {
     axes: Vec<Axis>,
     interval_s: f64,
-    /// Number of samples whose writing has begun, and of complete samples.
+    /// Number of samples whose writing has begun, including the complete samples; `complete` is the number of
+    /// complete samples.
     begun: AtomicU64,
     complete: AtomicU64,
     cells: Box<[AtomicU64]>,
@@ -67,7 +69,7 @@ impl Trace {
         }
     }
 
-    /// Its axes.
+    /// Returns the traced axes.
     pub fn axes(&self) -> &[Axis] {
         &self.axes
     }
@@ -77,8 +79,8 @@ impl Trace {
         self.interval_s
     }
 
-    /// Returns up to `count` samples from this number on, or from the oldest one kept, and the number of the first one.
-    /// Numbers start at 0.
+    /// Returns up to `count` samples from the number `from` on, or from the oldest kept sample if that is
+    /// newer. Also returns the number of the first returned sample. Numbers start at 0.
     pub fn read(&self, from: u64, count: usize) -> (u64, Vec<TraceSample>) {
         let complete = self.complete.load(Ordering::Acquire);
         let first = from.clamp(complete.saturating_sub(TRACE_SAMPLES), complete);
@@ -117,7 +119,7 @@ impl Trace {
         &self.cells[place..place + width]
     }
 
-    /// Writes a sample. Only the channel writes.
+    /// Writes a sample. The channel is the only writer.
     fn write(&self, cycle: &Cycle, acceleration: AxisVector) {
         let number = self.complete.load(Ordering::Relaxed);
         self.begun.store(number + 1, Ordering::Relaxed);
@@ -152,15 +154,15 @@ pub(crate) struct Cycle {
     pub(crate) velocity: AxisVector,
 }
 
-/// The writer's end.
+/// The writing end of a trace.
 #[derive(Debug)]
 pub(crate) struct Tracer {
     trace: Arc<Trace>,
     period_s: f64,
-    /// Cycles from one sample to the next, and the remaining ones.
+    /// Number of cycles from one sample to the next; `left` is the number of remaining cycles.
     every: u32,
     left: u32,
-    /// Velocity of the cycle before the next due one. `None` if it is unknown.
+    /// Velocity of the cycle before the next sample. `None` if it is unknown.
     before: Option<AxisVector>,
 }
 
@@ -183,7 +185,7 @@ impl Tracer {
         Arc::clone(&self.trace)
     }
 
-    /// Records the velocity of each cycle. Returns the acceleration of a cycle that is due and must be kept.
+    /// Records the velocity of each cycle. If a sample is due, returns the acceleration of the cycle.
     pub(crate) fn see(&mut self, velocity: AxisVector) -> Option<AxisVector> {
         if self.left > 0 {
             self.left -= 1;
@@ -192,18 +194,18 @@ impl Tracer {
             }
             return None;
         }
-        // after skipped cycles, the next cycle is used
+        // After skipped cycles, the previous velocity is unknown, so the sample is taken one cycle later.
         let before = self.before.replace(velocity)?;
         self.left = self.every - 1;
         Some(velocity.minus(before).scaled(1.0 / self.period_s))
     }
 
-    /// Keeps a cycle that is due.
+    /// Writes the sample of a cycle for which [`Tracer::see`] has returned an acceleration.
     pub(crate) fn keep(&self, cycle: &Cycle, acceleration: AxisVector) {
         self.trace.write(cycle, acceleration);
     }
 
-    /// Records that cycles were skipped.
+    /// Records that simulated time has skipped these cycles.
     pub(crate) fn skip(&mut self, cycles: u64) {
         self.before = None;
         self.left = self

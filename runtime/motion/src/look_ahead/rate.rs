@@ -291,7 +291,7 @@ impl Limits<'_> {
     }
 }
 
-/// Returns true if the square of the rate changes so much that halves may be faster.
+/// Returns true if the square of the rate changes by more than [`CHANGE_MIN`], so that halves may be faster.
 fn changes(start: f64, end: f64) -> bool {
     (end - start).abs() > CHANGE_MIN * start.max(end)
 }
