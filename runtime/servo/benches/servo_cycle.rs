@@ -1,5 +1,5 @@
-//! Time of one servo cycle: 8 channels of 8 axes, the most a machine can have, and one channel of 3 axes; each axis
-//! with a simulated drive that lags, each channel with a spindle. Cases are (channels, axes).
+//! Time of one servo cycle, for 8 channels of 8 axes (the maximum of a machine) and for one channel of 3
+//! axes. Each axis has a simulated drive that lags, each channel a spindle. Cases are (channels, axes).
 //!
 //! Medians on two cores of an AMD EPYC virtual machine (a servo period is 1 ms = 1,000,000 ns):
 //!
@@ -24,7 +24,7 @@ use tandem_servo::{ChannelHandle, Control, Servo, TRACE_SAMPLES};
 
 const T: f64 = 0.001;
 
-/// Long enough that no profile ends while it is measured, s.
+/// Duration of the profiles, s, so long that no profile ends during a measurement.
 const DURATION_S: f64 = 1e8;
 
 fn main() {
@@ -56,7 +56,7 @@ fn servo(settings: &CoordinateSystemSettings, channels: usize) -> (Servo, Vec<Ch
     (servo, handles)
 }
 
-/// A slow way of all axes that lasts as long as the bench.
+/// Returns a slow motion of all axes that lasts as long as the bench.
 fn law(rapid: bool) -> Law {
     let from = AxisVector::ZERO;
     let to = AxisVector([1000.0; AXES_MAX]);
@@ -126,7 +126,7 @@ fn linear(bencher: Bencher, (channels, axes): (usize, usize)) {
     bencher.bench_local(|| black_box(&mut servo).cycle());
 }
 
-/// G500 while the override goes slowly to another value: each cycle asks what the motors leave.
+/// G500 while the override changes slowly: each cycle determines the room that the motors leave.
 #[divan::bench(args = [(1, 3), (8, 8)])]
 fn look_ahead(bencher: Bencher, (channels, axes): (usize, usize)) {
     let mut settings = settings(axes);
@@ -146,7 +146,7 @@ fn look_ahead(bencher: Bencher, (channels, axes): (usize, usize)) {
     bencher.bench_local(|| black_box(&mut servo).cycle());
 }
 
-/// The line of [`law`] in eight pieces.
+/// Returns the line of [`law`] in eight pieces.
 fn paced() -> Profile {
     let from = AxisVector::ZERO;
     let to = AxisVector([1000.0; AXES_MAX]);

@@ -331,7 +331,7 @@ impl Channel {
         if allowed != Some(wanted) {
             // The coordinator then checks whether the ring has room for more profiles.
             self.reported = true;
-            // The queued profiles take less time than the reserve, and a full ring accepts no more profiles.
+            // The queued profiles take less time than the reserve, and a full ring accepts no further profile.
             // Run one block per cycle; a block is too short to affect any motor.
             if rate == 0.0 && allowed == Some(0.0) && self.has_next() {
                 let end_s = profile.duration_s;
@@ -441,7 +441,7 @@ impl Channel {
         self.time.carry_over(0.0);
     }
 
-    /// Sets the setpoint. A position that is not a number is never commanded: the channel comes to rest with
+    /// Sets the setpoint. A position that is not a number is never commanded: the channel stops with
     /// a fault.
     fn move_to(&mut self, position: AxisVector) {
         let not_finite = Axis::ALL.into_iter().find(|&axis| !position[axis].is_finite());

@@ -6,7 +6,7 @@ use tandem_model::profile::{Law, Profile};
 use crate::channel::{Channel, Hold};
 use crate::control::Event;
 
-/// Time after the last change of setpoints during which a run counts as moving, s. Reason: at the turning
+/// Time after the last change of setpoints during which a run is treated as moving, s. Reason: at the turning
 /// point of an axis the next motion may not have arrived yet. The time exceeds the time in which a task
 /// passes on the next motion.
 const RECENT_S: f64 = 0.1;

@@ -24,7 +24,7 @@ const PACED_TRIES: (f64, u32) = (0.5, 24);
 /// Ratio and number of tries for a chain whose factor falls at a constant slope.
 const EVEN_TRIES: (f64, u32) = (0.9, 160);
 
-/// The path on which the motion comes to rest, from a time within the running profile on.
+/// The path on which the motion stops, from a time within the running profile on.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PathToRest<'a> {
     running: &'a Profile,

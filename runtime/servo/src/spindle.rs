@@ -192,7 +192,7 @@ impl SpindleLink {
     }
 
     /// Returns true if the spindle has reached the last command. A command that waits for the end of a thread
-    /// counts as reached: the thread may not end before the caller has the answer.
+    /// is treated as reached: the thread may not end before the caller has the answer.
     fn has_reached(&self, within: f64) -> bool {
         if self.in_thread {
             return true;

@@ -1,4 +1,4 @@
-//! The servo cycle calls no allocator, in any of its states.
+//! The servo cycle calls no allocator in any of its states.
 
 #![allow(clippy::unwrap_used, reason = "tests fail by panicking")]
 
@@ -24,7 +24,7 @@ thread_local! {
     static CALLS: Cell<u64> = const { Cell::new(0) };
 }
 
-/// The system's allocator, counting each call of this thread.
+/// The system's allocator, which counts each call from this thread.
 struct CountingAllocator;
 
 fn count() {
@@ -79,7 +79,7 @@ fn servo<const N: usize>(systems: [(&CoordinateSystemSettings, usize); N]) -> (S
     (servo, handles.try_into().unwrap())
 }
 
-/// Line, rapid, dwell in turn, each 50 ms long, from X 0 to X 1 and back.
+/// Creates a line, rapid or dwell in turn, each 50 ms long, from X 0 to X 1 and back.
 fn profile(n: u64) -> Profile {
     let (from, to) = (AxisVector::ZERO, AxisVector([1.0; AXES_MAX]));
     let ramp = UnitRamp::new(0.01, 0.01);
@@ -132,7 +132,7 @@ fn profile(n: u64) -> Profile {
     }
 }
 
-/// Runs cycles and counts the calls of the allocator during them.
+/// Runs cycles, and returns the number of allocator calls during them.
 fn cycles(servo: &mut Servo, n: u32) -> u64 {
     let before = CALLS.with(Cell::get);
     for _ in 0..n {
@@ -141,7 +141,7 @@ fn cycles(servo: &mut Servo, n: u32) -> u64 {
     CALLS.with(Cell::get) - before
 }
 
-/// A G500 chain with corners.
+/// Returns a G500 chain with corners.
 fn paced() -> Vec<Profile> {
     let mut planner = tandem_motion::Planner::new(&settings(false));
     let mut out = std::collections::VecDeque::new();
@@ -201,7 +201,8 @@ fn a_g500_chain_with_holds_and_overrides_neither_allocates_nor_frees() {
     assert!(servo.channel(0).setpoint().0[0] > 10.0);
 }
 
-/// Loses every frame from a cycle on, then comes back with a fault in a drive, which goes when it is cleared.
+/// A bus that loses every frame from a cycle on. Then it works again with a fault in a drive, which ends when
+/// it is cleared.
 #[derive(Debug, Default)]
 struct FailingBus {
     cycles: u32,
@@ -282,7 +283,8 @@ fn the_servo_cycle_neither_allocates_nor_frees() {
     let mut calls = 0;
     for control in controls {
         handle.controls.push(control).unwrap();
-        // In the second channel the spindle commands and the jump of the second profile are faults.
+        // In the second channel, which has no spindle, the spindle commands and the jump of the second
+        // profile are faults.
         other.controls.push(control).unwrap();
         other.profiles.push(profile(1)).unwrap();
         calls += cycles(&mut servo, 500);
@@ -303,7 +305,7 @@ fn the_servo_cycle_neither_allocates_nor_frees() {
     assert!(CALLS.with(Cell::get) > 0, "the allocator counts");
 }
 
-/// Moves of which Y's is the only one, mm.
+/// Returns moves in which only Y moves, by this distance in mm.
 fn y_alone(way: f64) -> [MotorMove; AXES_MAX] {
     let limits = MotorLimits {
         velocity: 50.0,
@@ -315,7 +317,7 @@ fn y_alone(way: f64) -> [MotorMove; AXES_MAX] {
     moves
 }
 
-/// A line, then a spiral, and a G31 of Y back from its end; with their times.
+/// Returns a line, then a spiral, and a G31 of Y back from the end of the spiral, with their durations.
 fn chain_and_skip() -> [(Law, f64); 4] {
     let point = |x, y| AxisVector([x, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     let (corner, end) = (point(1.0, 0.0), point(1.5, 2.5));
@@ -470,7 +472,7 @@ fn a_thread_neither_allocates_nor_frees() {
     assert!(!events.iter().any(|event| matches!(event, Event::Fault(_))));
 }
 
-/// A rapid, a dwell and two lines of 20 mm along X with G500, planned.
+/// Plans a rapid, a dwell and two lines of 20 mm along X with G500.
 fn either_way(planner: &mut Planner) -> VecDeque<Profile> {
     let at = |x: f64| {
         let mut at = AxisVector::ZERO;

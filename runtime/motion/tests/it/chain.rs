@@ -14,23 +14,23 @@ use tandem_motion::Planner;
 
 use crate::rig::{close, fast, feed, integral_of_ramp, line, segment, settings, vector};
 
-/// A ramp's ta and ts, s.
+/// The times ta and ts of a ramp, s.
 type Ramp = [f64; 2];
 
 fn total([ta, ts]: Ramp) -> f64 {
     ta + ts
 }
 
-/// Rule `shrink`: ts first, then ta.
+/// Shortens a ramp by the rule `shrink`: first ts, then ta.
 fn shrunk([ta, ts]: Ramp, most: f64) -> Ramp {
     let total = (ta + ts).min(most);
     let ta = ta.min(total);
     let ts = total - ta;
-    // a ts that is only rounding is treated as 0
+    // A ts that is only rounding is treated as 0.
     [ta, if ts > 1e-12 * total { ts } else { 0.0 }]
 }
 
-/// The chain of M1b: its ramps with their centres, and the time of its end.
+/// The chain by M1b: its ramps with their centres, and the time of its end.
 pub struct Formula {
     pub paths: Vec<Path>,
     pub speeds: Vec<f64>,
@@ -103,7 +103,7 @@ impl Formula {
         }
     }
 
-    /// With other ramps from rest and to rest.
+    /// Replaces the ramps from rest and to rest.
     pub fn with_ends(self, [first, last]: [Ramp; 2]) -> Self {
         let mut ramps = self.ramps;
         let n = self.paths.len();
@@ -116,7 +116,7 @@ impl Formula {
             let [ta, ts] = self.ramps[i];
             integral_of_ramp(t - self.centres[i] + f64::midpoint(ta, ts), ta, ts)
         };
-        // Blocks that are passed, and those that have not begun, add nothing to the start of the next one.
+        // Blocks that have ended, and blocks that have not begun, add nothing to the start of the next block.
         let half = self.longest_ramp_s / 2.0;
         let first = self.centres[1..].partition_point(|centre| centre + half <= t);
         let begun = self.centres.partition_point(|centre| centre - half < t);
@@ -130,7 +130,7 @@ impl Formula {
     }
 }
 
-/// The profiles of a chain.
+/// Returns the profiles of a chain.
 fn chain(settings: &CoordinateSystemSettings, segments: &[Segment]) -> Vec<Profile> {
     let mut planner = Planner::new(settings);
     let mut out = VecDeque::new();
@@ -149,7 +149,7 @@ fn end_s(profiles: &[Profile]) -> f64 {
     profiles.iter().map(|profile| profile.duration_s).sum()
 }
 
-/// Position of a chain after `t` seconds.
+/// Returns the position of a chain after `t` seconds.
 fn position(profiles: &[Profile], t: f64) -> AxisVector {
     let mut t = t;
     for profile in profiles {
@@ -161,7 +161,7 @@ fn position(profiles: &[Profile], t: f64) -> AxisVector {
     profiles[profiles.len() - 1].end_position()
 }
 
-/// Lines through these points of X, Y, Z with one feed.
+/// Returns lines through these points of X, Y, Z with one feed.
 fn lines(points: &[[f64; 3]], feed: SegmentFeed) -> Vec<Segment> {
     points
         .windows(2)
@@ -180,10 +180,10 @@ fn s1b_corner_miss_is_velocity_difference_times_ta_over_8_plus_ts_term() {
         ),
     );
     let missed = 100.0 * 2.0_f64.sqrt() * (0.1 / 8.0 + 0.05 * 0.05 / (24.0 * 0.1));
-    // The middle of the blend is L/v after the middle of the first ramp.
+    // The middle of the blend is the time L/v after the middle of the first ramp.
     let middle = position(&profiles, 0.075 + 1.0).minus(vector(&[100.0, 0.0]));
     close(middle.orthogonal_length(), missed);
-    // td acts at the stop only: 2 L/v + (0.15 + 0.35)/2
+    // td acts only at the stop: 2 L/v + (0.15 + 0.35)/2
     close(end_s(&profiles), 2.0 + 0.25);
     assert_eq!(
         profiles
@@ -218,7 +218,7 @@ fn s1b_in_one_direction_the_speed_goes_over_without_any_deviation() {
             feed(6000.0, [100.0; 3]),
         ),
     );
-    // As one block of 100 mm.
+    // The same distance as one block of 100 mm.
     let whole = chain(
         &fast(),
         &lines(&[[0.0; 3], [60.0, 80.0, 0.0]], feed(6000.0, [100.0; 3])),
@@ -233,7 +233,7 @@ fn s1b_in_one_direction_the_speed_goes_over_without_any_deviation() {
 
 #[test]
 fn s1b_short_blocks_keep_f_and_ramp_in_the_first_and_last_block_only() {
-    // Ten blocks of 1 mm at 100 mm/s, ta + ts = 150 ms: the ramps shrink to the 10 ms of a block.
+    // Ten blocks of 1 mm at 100 mm/s, ta + ts = 150 ms: the ramps are shortened to the 10 ms of a block.
     let points: Vec<_> = (0..=10).map(|i| [f64::from(i), 0.0, 0.0]).collect();
     let profiles = chain(&fast(), &lines(&points, feed(6000.0, [100.0, 100.0, 50.0])));
     close(end_s(&profiles), 0.1 + 0.01);
@@ -241,7 +241,7 @@ fn s1b_short_blocks_keep_f_and_ramp_in_the_first_and_last_block_only() {
         let t = 0.01 + 0.09 * f64::from(k) / 100.0;
         close(position(&profiles, t)[Axis::X], 100.0 * (t - 0.005));
     }
-    // One alone keeps its ramps and falls short of F (M1a): 0.3 s.
+    // A single block keeps its ramps and does not reach F (M1a): 0.3 s.
     let alone = chain(&fast(), &lines(&points[..2], feed(6000.0, [100.0, 100.0, 50.0])));
     close(end_s(&alone), 0.3);
 }
@@ -278,7 +278,7 @@ fn s1b_a_polyline_of_equal_chords_has_the_acceleration_of_its_circle() {
 fn s1b_with_the_rule_extend_short_blocks_slow_down_and_their_ramps_stay() {
     let mut settings = fast();
     settings.motion.short_block = ShortBlock::Extend;
-    // Ramps of 150 ms: each block takes 150 ms, the chain one ramp more.
+    // Ramps of 150 ms: each block takes 150 ms, the chain takes one ramp more.
     let points: Vec<_> = (0..=10).map(|i| [f64::from(i), 0.0, 0.0]).collect();
     let segments = lines(&points, feed(6000.0, [100.0, 100.0, 50.0]));
     let profiles = chain(&settings, &segments);
@@ -353,7 +353,7 @@ fn a_block_is_held_back_until_the_next_one_tells_how_it_ends() {
         .map(|profile| (profile.segment, profile.exact_stop))
         .collect();
     assert_eq!(numbers, [(1, false), (2, false), (3, true)]);
-    // A restart discards the blocks held back; an exact stop leaves nothing to hold back.
+    // A restart discards the blocks held back. After an exact stop no block is held back.
     out.clear();
     planner.push(&segments[0], &mut out).unwrap();
     planner.restart(1);
@@ -413,7 +413,7 @@ proptest! {
         }
         prop_assert_eq!(position(&profiles, 0.0), AxisVector::ZERO);
         prop_assert_eq!(profiles[profiles.len() - 1].end_position(), at);
-        // Each profile begins where the one before ends.
+        // Each profile begins where the previous profile ends.
         for pair in profiles.windows(2) {
             let gap = pair[1].position(0.0).minus(pair[0].end_position()).orthogonal_length();
             prop_assert!(gap < 1e-9, "{gap}");

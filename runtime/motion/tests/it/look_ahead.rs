@@ -1,5 +1,5 @@
-//! G500 (M1d): limits, near the best time, the programmed profile where nothing exceeds them, the same path as G501,
-//! worst cases, and blocks held back.
+//! G500 (M1d): limits, times near the best possible time, unchanged profiles where no limit is exceeded, the
+//! path of G501, worst cases, and blocks held back.
 
 use std::collections::VecDeque;
 
@@ -58,7 +58,7 @@ fn m1d_the_time_is_within_2_percent_of_the_best_possible() {
     });
 }
 
-/// Lines through points in X and Y at one feed.
+/// Returns lines through points in X and Y at one feed.
 fn through(points: &[[f64; 2]], feed: SegmentFeed, acceleration: f64) -> Chain {
     let blocks = points
         .windows(2)
@@ -98,7 +98,8 @@ fn m1d_reversals_keep_the_limits_and_a_stop_and_go_is_the_best_there() {
     let feed = feed(6000.0, [10.0, 10.0, 0.0]);
     let chain = through(&[[0.0, 0.0], [40.0, 0.0], [0.0, 0.0], [40.0, 0.0]], feed, 1000.0);
     let time = time_s(&assert_limits(&chain));
-    // 100 mm/s at 1000 mm/s^2: 0.1 s to speed. Nothing is faster than three ways of 40 mm so, less the rounded reversals.
+    // 100 mm/s at 1000 mm/s^2: 0.1 s to speed. Nothing is faster than three distances of 40 mm, except for
+    // the rounded reversals.
     assert!(time < 3.0 * (0.4 + 0.1) * 1.02, "{time}");
 }
 
@@ -109,7 +110,7 @@ fn m1d_blocks_of_a_micrometre_and_points_that_coincide_keep_the_limits() {
         .map(|n| [f64::from(n) * 1e-3, f64::from(n % 2) * 1e-3])
         .collect();
     assert_limits(&through(&zigzag, feed, 2000.0));
-    // A micrometre there and back, between ways of 0.1 m.
+    // Moves of a micrometre forward and back, between moves of 0.1 m.
     let mut points = vec![[0.0, 0.0]];
     for n in 0..50 {
         let x = f64::from(n) * 100.0;
@@ -125,7 +126,8 @@ fn m1d_blocks_of_a_micrometre_and_points_that_coincide_keep_the_limits() {
 
 #[test]
 fn m1d_steep_corners_take_few_profiles_a_servo_period() {
-    // Seeds where the fastest motion behind a corner needs thousands of pieces; the servo passes 4096 in a period.
+    // Seeds for which the fastest motion after a corner needs thousands of pieces; the servo passes 4096 in a
+    // period.
     for seed in [17, 77, 86, 166, 291, 302, 308, 313] {
         let chain = random(&mut Random(seed * 77 + 5), 200);
         let mut at_s = 0.0;
@@ -147,12 +149,12 @@ fn m1d_steep_corners_take_few_profiles_a_servo_period() {
 
 #[test]
 fn m1d_more_blocks_than_look_ahead_holds_slow_down_and_keep_the_limits() {
-    // 20,000 blocks of a micrometre are 20 mm; from 128 mm/s at 100 mm/s^2 the way to rest is 82 mm.
+    // 20,000 blocks of a micrometre are 20 mm; the stopping distance from 128 mm/s at 100 mm/s^2 is 82 mm.
     let feed = feed(60_000.0, [50.0, 50.0, 0.0]);
     let points: Vec<[f64; 2]> = (0..=20_000).map(|n| [f64::from(n) * 1e-3, 0.0]).collect();
     let chain = through(&points, feed, 100.0);
     let profiles = assert_limits(&chain);
-    // The best is to speed up for half of the way and down for the other.
+    // The fastest motion accelerates for half of the distance and decelerates for the other half.
     let best = 2.0 * (2.0 * 10.0 / 100.0_f64).sqrt();
     let time = time_s(&profiles);
     assert!(time < 1.5 * best, "{time} s, best {best} s");
@@ -174,7 +176,7 @@ fn m1d_blocks_are_output_once_final_and_flush_ends_at_rest() {
     let begun = out.len();
     assert!(out.iter().any(|profile| profile.segment > 100), "{begun}");
     assert!(out.iter().all(|profile| !profile.exact_stop));
-    // The output equals that with all blocks known.
+    // The output equals the output with all blocks known.
     for (early, late) in out.iter().zip(&whole) {
         assert_eq!(early.segment, late.segment);
         assert!((early.duration_s - late.duration_s).abs() <= 2e-3 * late.duration_s);

@@ -17,10 +17,10 @@ use crate::rig::{
     vector,
 };
 
-/// Share of the maximum acceleration that feed hold leaves to the plan.
+/// Share of the maximum acceleration that remains for the plan after the reserve for feed hold.
 pub const LEFT: f64 = 1.0 - 2e-3;
 
-/// Lines through points with G500, from rest to rest.
+/// Returns lines through points with G500, from rest to rest.
 fn lines(points: &[AxisVector], feed: SegmentFeed) -> Vec<Segment> {
     let ends = points.windows(2);
     ends.map(|ends| Segment {
@@ -41,7 +41,7 @@ fn planned(settings: &CoordinateSystemSettings, segments: &[Segment]) -> (Planne
     (planner, out)
 }
 
-/// A motion planned to its end.
+/// A motion that is planned to its end.
 pub struct Motion(Vec<Profile>);
 
 impl Motion {
@@ -49,7 +49,7 @@ impl Motion {
         Self(planned(settings, segments).1.into())
     }
 
-    /// The way back from the end.
+    /// Plans the backward motion from the end.
     pub fn back(settings: &CoordinateSystemSettings, segments: &[Segment]) -> Self {
         let (mut planner, _) = planned(settings, segments);
         let end = PathPlace {
@@ -63,7 +63,7 @@ impl Motion {
         self.0.iter().map(|profile| profile.duration_s).sum()
     }
 
-    /// Times at which its profiles begin, and its end.
+    /// Returns the times at which the profiles begin, and the end time.
     pub fn begins(&self) -> Vec<f64> {
         let ends = self.0.iter().scan(0.0, |end, profile| {
             *end += profile.duration_s;
@@ -83,7 +83,7 @@ impl Motion {
         self.0[self.0.len() - 1].end_position()
     }
 
-    /// Returns the time at which X, which does not fall, reaches this position.
+    /// Returns the time at which X reaches this position; X never decreases.
     fn when_x_is(&self, x: f64) -> f64 {
         let (mut low, mut high) = (0.0, self.time_s());
         for _ in 0..100 {
@@ -97,13 +97,14 @@ impl Motion {
         low
     }
 
-    /// Divided differences of the positions from one time to another: the maxima of the second and third derivative,
-    /// each being a mean of it over its samples. The effect of rounding is subtracted.
+    /// Returns the maxima of the second and third derivative from one time to another, by divided differences
+    /// of the positions. Each difference is a mean of the derivative over its samples. The effect of rounding
+    /// is subtracted.
     pub fn most(&self, axis: Axis, [from, to]: [f64; 2]) -> [f64; 2] {
         let n = 1000;
         let h = (to - from) / f64::from(n);
         let at = |k: i32| self.position(from + h * f64::from(k))[axis];
-        // Positions are made of distances along the path, on an arc with its radius.
+        // Positions are calculated from distances along the path; on an arc also from its radius.
         let lengths = self.0.iter().map(|profile| match &profile.law {
             Law::Paced { block, .. } => block.path.length(),
             other => panic!("not paced: {other:?}"),
@@ -129,7 +130,8 @@ fn xy(acceleration: f64, jerk: f64) -> CoordinateSystemSettings {
 
 #[test]
 fn m1d_a_line_from_rest_to_rest_has_the_profile_of_7_segments() {
-    // 50 mm at 100 mm/s, 1000 mm/s^2, 10,000 mm/s^3; ta = v/a = 0.1 s, ts = a/j = 0.1 s, where 0.01 s are programmed.
+    // 50 mm at 100 mm/s, 1000 mm/s^2, 10,000 mm/s^3; ta = v/a = 0.1 s, ts = a/j = 0.1 s, although 0.01 s are
+    // programmed.
     let segments = lines(
         &[AxisVector::ZERO, vector(&[50.0])],
         feed(6000.0, [10.0, 10.0, 0.0]),
@@ -248,15 +250,15 @@ fn m1d_line_slows_for_a_corner_between_its_ramps_with_max_jerk() {
     let [corner, end] = [vector(&[100.0]), vector(&[100.0, 100.0])];
     let segments = lines(&[AxisVector::ZERO, corner, end], feed(6000.0, [20.0, 20.0, 10.0]));
     let motion = Motion::new(&xy(1000.0, 10_000.0), &segments);
-    // The corner begins v T/2 before its point.
+    // The corner's ramp begins v T/2 before the corner point.
     let low = motion.when_x_is(100.0 - 100.0 * 0.030 / 2.0);
     let [acceleration, jerk] = motion.most(Axis::X, [0.0, low]);
     assert!(acceleration <= 1000.0, "{acceleration}");
     assert!((jerk / 10_000.0 - 1.0).abs() < 1e-4, "{jerk}");
-    // Slowed down it is: the corner alone would take 100 mm/s within 0.02 s.
+    // The motion slows down: the corner alone would need to change 100 mm/s within 0.02 s.
     let speed = (motion.position(low)[Axis::X] - motion.position(low - 1e-5)[Axis::X]) / 1e-5;
     assert!(speed < 60.0, "{speed}");
-    // From the ramp at one end to that at the other one, in any order of speeds, the two corners being one.
+    // From the ramp at one end to the ramp at the other end, in both directions; both corners are equal.
     let back: Vec<AxisVector> = [end, corner, AxisVector::ZERO].into();
     let other = Motion::new(
         &xy(1000.0, 10_000.0),
@@ -291,7 +293,7 @@ fn m1d_line_too_short_for_jerk_between_corners_has_minimum_acceleration() {
     let points = [AxisVector::ZERO, corners[0], corners[1], corners[2]];
     let segments = lines(&points, feed(6000.0, [20.0, 20.0, 10.0]));
     let motion = Motion::new(&xy(1000.0, 10_000.0), &segments);
-    // w^3 |dv|/(ta ts) is the jerk, |dv| of Y at the first corner and of X at the second one.
+    // The jerk is w^3 |dv|/(ta ts), with |dv| of Y at the first corner and of X at the second corner.
     let [w1, w2] = [100.0, 100.0 * 0.5_f64.sqrt()].map(|turn| (10_000.0 * 0.020 * 0.010 / turn).cbrt());
     let length_s = (4.0 - 3.0) / 100.0;
     let expected = 100.0 * (w2 * w2 - w1 * w1) / (2.0 * length_s);
@@ -306,8 +308,8 @@ fn m1d_line_too_short_for_jerk_between_corners_has_minimum_acceleration() {
     assert!(jerk < 10.0, "{jerk}");
 }
 
-/// The way of a rate from w to its top with the acceleration coming and going with the jerk: its time, and plan time that
-/// goes by.
+/// Returns the time and plan time in which a rate rises from w to its top. The acceleration rises and falls
+/// with the maximum jerk.
 pub fn rise(w: f64, top: f64, [acceleration, jerk]: [f64; 2]) -> [f64; 2] {
     if w >= top {
         return [0.0; 2];
@@ -317,7 +319,8 @@ pub fn rise(w: f64, top: f64, [acceleration, jerk]: [f64; 2]) -> [f64; 2] {
     [time, time * f64::midpoint(w, top)]
 }
 
-/// Lines long enough to change their speed with the jerk between their corners, and what the formulas say of them.
+/// Lines long enough to change their speed within the jerk between their corners, and the times by the
+/// formulas.
 struct LongLines {
     machine: CoordinateSystemSettings,
     /// Maximum acceleration and jerk of each motor.
@@ -370,7 +373,7 @@ impl LongLines {
             });
             let mut plan = random.within(0.001, 0.3);
             if i == 0 || i == corners.len() {
-                // A ramp from rest is not longer than F takes for its line.
+                // A ramp from rest takes at most the time that F takes for its line.
                 plan += rest_ramp_s(own, [ta, ts]) / 2.0;
             }
             time_s += plan;
@@ -397,7 +400,8 @@ impl LongLines {
     }
 }
 
-/// The ramp between rest and a rate of 1 within this acceleration and jerk of the rate, no shorter than programmed.
+/// Returns the time of the ramp between rest and a rate of 1 within this acceleration and jerk of the rate,
+/// at least the programmed time.
 pub fn rest_ramp_s([acceleration, jerk]: [f64; 2], [ta, ts]: [f64; 2]) -> f64 {
     let long = ta.max(1.0 / acceleration);
     let bend = ts.max(1.0 / (jerk * long));
@@ -455,14 +459,15 @@ fn m1d_random_chains_with_max_jerk_keep_motor_limits_and_jerk() {
             let t = profile.duration_s * numbers.unit();
             let plan_s = pace(profile).plan_time(t);
             let back = pace(profile).when(plan_s).map_or(t, |(t, _)| t);
-            // Plan time of a minute has ten digits of a microsecond.
+            // After a minute, plan time is exact to 1e-9 of its value.
             let digits = 1e-9 * profile.duration_s + 1e-12;
             let again = pace(profile).plan_time(back);
             assert!((again - plan_s).abs() <= digits, "seed {seed}: {t} {back}");
         }
-        // Each way up or down takes as long as the acceleration takes to come and go, at most, more; a corner is passed
-        // at one rate. Else it is within 2 percent and 3 servo periods of the best time; on an arc a quarter of the
-        // acceleration is left for the rate, which doubles the time, and it is slower by a tenth.
+        // Each rise or fall of the rate takes at most the additional time in which the acceleration rises and
+        // falls; a corner is passed at a constant rate. Otherwise the time is within 2 percent and 3 servo
+        // periods of the best time. On an arc a quarter of the acceleration remains for the rate, which
+        // doubles the time, and the motion is slower by a tenth.
         let rise = accelerations.iter().zip(&jerks);
         let rise_s = rise.fold(0.0_f64, |most, (a, j)| most.max(j.map_or(0.0, |j| a / j)));
         let (slow, fast) = (time_s(&profiles), time_s(&stiff.plan_for(factor)));
@@ -527,7 +532,7 @@ fn m1d_ramps_between_blocks_are_as_programmed_with_extend_and_with_g501() {
         })
         .collect();
     let motion = Motion::new(&machine(ShortBlock::Shrink, Some(1e4)), &g501);
-    // 2 mm of the 3 mm that both ramps take at 100 mm/s.
+    // 2 mm of the 3 mm that both ramps need at 100 mm/s.
     close(motion.time_s(), 0.060);
 }
 

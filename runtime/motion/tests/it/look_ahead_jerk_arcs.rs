@@ -11,13 +11,14 @@ use crate::look_ahead_jerk::{LEFT, Motion, rest_ramp_s, rise};
 use crate::look_ahead_random::{Random, chains, each_seed};
 use crate::rig::{PERIOD_S, feed, line, motor, segment, settings, turning, vector};
 
-/// Share of a limit that the bending of an arc takes at most; half of the rest of the jerk for each of two terms.
+/// Largest share of a limit that the curvature of an arc uses. Of the remaining jerk, each of two terms uses
+/// half.
 const SHARE: f64 = 0.75;
 
-/// Two motors and a feed with its ramps.
+/// Two motors, and a feed with its ramps.
 struct Machine {
     settings: CoordinateSystemSettings,
-    /// Maximum acceleration, without what feed hold needs, and jerk of each motor.
+    /// Maximum acceleration without the reserve for feed hold, and maximum jerk, of each motor.
     limits: [[f64; 2]; 2],
     v: f64,
     ramp: [f64; 2],
@@ -50,14 +51,14 @@ impl Machine {
         self.ramp.iter().sum()
     }
 
-    /// The least of what the limits of a motor allow.
+    /// Returns the smallest of the values that the limits of the motors allow.
     fn least(&self, allowed: impl Fn([f64; 2]) -> f64) -> f64 {
         self.limits
             .iter()
             .fold(f64::INFINITY, |least, limits| least.min(allowed(*limits)))
     }
 
-    /// Change of the rate on a line, and change of that.
+    /// Returns the maximum change of the rate on a line, and the maximum change of this change.
     fn on_line(&self, direction: f64) -> [f64; 2] {
         let shares = [direction.cos().abs(), direction.sin().abs()].map(|share| share * self.v);
         let least = |k: usize| {
@@ -69,7 +70,8 @@ impl Machine {
         [least(0), least(1)]
     }
 
-    /// A radius of which an arc is long enough to change from these rates and back, and the least angle that it takes.
+    /// Returns a radius whose arc is long enough to change from these rates and back, and the smallest angle
+    /// that the change needs.
     fn radius(&self, random: &mut Random, most: f64, ends: impl Fn(&Circle) -> [f64; 2]) -> (f64, f64) {
         let mut r = self.v * self.v / (self.limits[0][0] * random.magnitude(0.05, 50.0));
         loop {
@@ -83,7 +85,7 @@ impl Machine {
         }
     }
 
-    /// Returns a circle of this radius, which passes both directions.
+    /// Returns the rates of a circle with this radius, which passes through both directions.
     fn circle(&self, r: f64) -> Circle {
         let (v, [ta, ts]) = (self.v, self.ramp);
         let [bend, sway] = [v * v / r, v * v * v / (r * r)];
@@ -114,15 +116,15 @@ impl Machine {
 /// Rates of a circle.
 struct Circle {
     on_ramps: f64,
-    /// On a ramp from rest along X, or to it.
+    /// Rate on a ramp from rest along X, or to rest.
     from_rest: f64,
-    /// The largest one between the ramps.
+    /// Largest rate between the ramps.
     top: f64,
-    /// How the rate changes, per second and per second squared.
+    /// Changes of the rate, per second and per second squared.
     changes: [f64; 2],
 }
 
-/// Lines and arcs without corners between them, long enough to change their speed with the jerk.
+/// Lines and arcs without corners between them, long enough to change their speed within the jerk.
 struct Contour {
     machine: Machine,
     at: AxisVector,
@@ -142,7 +144,7 @@ impl Contour {
         }
     }
 
-    /// Lines with arcs of half a turn and more between them.
+    /// Creates random lines with arcs of half a turn and more between them.
     fn random(random: &mut Random) -> Self {
         let mut contour = Self::new(Machine::random(random), random.within(0.0, TAU));
         let arcs: Vec<(f64, f64)> = (0..random.bits() % 3)
@@ -162,13 +164,13 @@ impl Contour {
         contour
     }
 
-    /// Adds a line with this time at its speed, and these rates on the ramps before and after it. `None` means rest.
+    /// Adds a line that takes this time at its speed, and has these rates on its ramps. `None` means rest.
     fn line(&mut self, at_speed_s: f64, ends: [Option<f64>; 2]) {
         let own = self.machine.on_line(self.direction);
         let rest_s = rest_ramp_s(own, self.machine.ramp);
         let mut plan = at_speed_s;
         if ends.contains(&None) {
-            // A ramp from rest is not longer than F takes for its line.
+            // A ramp from rest takes at most the time that F takes for its line.
             plan += rest_s / 2.0;
         }
         self.time_s += plan;
@@ -266,7 +268,7 @@ fn m1d_a_circle_from_rest_to_rest_keeps_acceleration_and_jerk() {
         let machine = Machine::random(&mut random);
         let (r, _) = machine.radius(&mut random, TAU, |circle| [circle.from_rest; 2]);
         let rate = machine.circle(r).from_rest;
-        // Along X at both ends; the ramps end where it turns.
+        // The direction is along X at both ends; the ramps end where the path turns.
         let mut contour = Contour::new(machine, 0.0);
         contour.arc(r, TAU, [rate; 2]);
         contour.time_s += contour.machine.ramp_s() / rate;
@@ -276,7 +278,7 @@ fn m1d_a_circle_from_rest_to_rest_keeps_acceleration_and_jerk() {
 
 #[test]
 fn m1d_opening_spiral_is_not_slowed_to_the_limit_of_its_narrowest_turn() {
-    // From a radius of 1 mm to one of 50 mm in a turn.
+    // A spiral from a radius of 1 mm to 50 mm in one turn.
     let centre = [0.0, 0.0];
     let path = ArcPath::new(
         vector(&[1.0]),

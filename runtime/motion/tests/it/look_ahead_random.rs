@@ -1,4 +1,4 @@
-//! Random chains for G500; the numbers are the same everywhere.
+//! Random chains for G500, equal on every computer.
 
 use std::f64::consts::TAU;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -12,7 +12,7 @@ use tandem_model::{ArcPath, Axis, AxisVector};
 use crate::look_ahead_rig::{Chain, Shape};
 use crate::rig::{feed, line, segment};
 
-/// A random number generator whose numbers are the same everywhere (splitmix64).
+/// A random number generator with the same numbers on every computer (splitmix64).
 pub struct Random(pub u64);
 
 impl Random {
@@ -32,7 +32,7 @@ impl Random {
         low + (high - low) * self.unit()
     }
 
-    /// Evenly over the orders of magnitude.
+    /// Returns a number that is distributed evenly over the orders of magnitude.
     pub fn magnitude(&mut self, low: f64, high: f64) -> f64 {
         low * (high / low).powf(self.unit())
     }
@@ -42,7 +42,7 @@ impl Random {
     }
 }
 
-/// Random chains: 2,000, or 200,000 with `TANDEM_LONG=1`.
+/// Returns the number of random chains: 2,000, or 200,000 with `TANDEM_LONG=1`.
 pub fn chains() -> u64 {
     if std::env::var("TANDEM_LONG").is_ok_and(|value| value == "1") {
         200_000
@@ -51,7 +51,7 @@ pub fn chains() -> u64 {
     }
 }
 
-/// Runs `check` with every seed below `seeds`, on all processors; the first seed that panics ends it.
+/// Runs `check` with every seed below `seeds`, on all processors. The first seed that panics ends the run.
 pub fn each_seed(seeds: u64, check: impl Fn(u64) + Sync) {
     let next = AtomicU64::new(0);
     let take_seeds = || {
@@ -77,15 +77,15 @@ pub fn each_seed(seeds: u64, check: impl Fn(u64) + Sync) {
     });
 }
 
-/// A random chain: lines, arcs, spirals and helices in all planes of lengths over nine orders of magnitude, reversals,
-/// points that coincide but for a micrometre, ramps from one servo period to 0.3 s, limits over three orders of
-/// magnitude. In half of the chains A, B and C go along, or alone.
+/// Creates a random chain: lines, arcs, spirals and helices in all planes, with lengths over nine orders of
+/// magnitude. It contains reversals, points at a distance of a micrometre, ramps from one servo period to 0.3
+/// s, and limits over three orders of magnitude. In half of the chains A, B and C move too, or alone.
 pub fn random(random: &mut Random, blocks: usize) -> Chain {
     let (accelerations, all) = random_blocks(random, blocks);
     Chain::new(&accelerations, all)
 }
 
-/// Maximum accelerations, and the blocks of [`random`].
+/// Returns maximum accelerations, and the blocks of [`random`].
 pub fn random_blocks(random: &mut Random, blocks: usize) -> (Vec<f64>, Vec<(Segment, Shape)>) {
     let rotary = random.unit() < 0.5;
     let accelerations: Vec<f64> = (0..if rotary { 6 } else { 3 })
@@ -148,7 +148,7 @@ pub fn random_blocks(random: &mut Random, blocks: usize) -> (Vec<f64>, Vec<(Segm
     (accelerations, all)
 }
 
-/// An arc that begins in a direction; `turned` is its start with the rotary axes of its end.
+/// Creates an arc that begins in a direction. `turned` is its start, with the rotary axes of its end.
 fn arc(
     turned: AxisVector,
     from: AxisVector,
@@ -162,7 +162,7 @@ fn arc(
     let swept = random.within(0.3, 6.0);
     let sense = random.one_of(&[1.0, -1.0]);
     let radius = length / swept;
-    // A spiral: its radius at the end is half to twice the one at the start, and not the same but for rounding.
+    // A spiral: its radius at the end is half to twice the radius at the start, and clearly differs from it.
     let growth = if random.unit() < 0.3 && length > 1e-3 {
         radius * random.one_of(&[-0.5, -0.1, 0.1, 1.0])
     } else {

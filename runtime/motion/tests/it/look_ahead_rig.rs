@@ -1,5 +1,5 @@
-//! G500 against an independent writing of M1b and M1d: derivatives of the path in plan time, and the best possible time on a
-//! dense grid.
+//! G500 against an independent implementation of M1b and M1d: derivatives of the path by plan time, and the
+//! best possible time on a dense grid.
 
 use std::collections::VecDeque;
 
@@ -22,7 +22,8 @@ pub use jerk::check_jerk;
 #[derive(Debug, Clone, Copy)]
 pub enum Shape {
     Line,
-    /// From an angle through a signed one. The radius and all axes outside the plane change in proportion to the angle.
+    /// An arc from an angle through a signed angle. The radius and all axes outside the plane change in
+    /// proportion to the angle.
     Arc {
         plane: Plane,
         centre: [f64; 2],
@@ -42,7 +43,7 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// Creates a chain for the motors X, Y, Z, A, B, C, as many as there are accelerations.
+    /// Creates a chain for the first motors of X, Y, Z, A, B, C: one for each acceleration.
     pub fn new(accelerations: &[f64], blocks: Vec<(Segment, Shape)>) -> Self {
         let (segments, shapes): (Vec<_>, Vec<_>) = blocks
             .into_iter()
@@ -94,7 +95,8 @@ impl Chain {
         }
     }
 
-    /// With maximum jerks, of two blocks or more; the ramps from rest and to rest are those of the plan.
+    /// Creates a chain of two blocks or more with maximum jerks. The ramps from rest and to rest are those of
+    /// the plan.
     pub fn soft(accelerations: &[f64], jerks: &[Option<f64>], blocks: Vec<(Segment, Shape)>) -> Self {
         let mut chain = Self::new(accelerations, blocks);
         for (motor, jerk) in chain.settings.motors.iter_mut().flatten().zip(jerks) {
@@ -119,7 +121,7 @@ impl Chain {
         self.plan_for(1.0)
     }
 
-    /// For a feed override.
+    /// Plans the chain for a feed override.
     pub fn plan_for(&self, factor: f64) -> Vec<Profile> {
         let mut planner = Planner::new(&self.settings);
         planner.set_feed_override(factor);
@@ -131,8 +133,9 @@ impl Chain {
         out.into()
     }
 
-    /// Velocity and acceleration of M1b, `t` after the start of the profile of block i (from 0). Where the acceleration
-    /// jumps, it is the value on the side of `within`. Times begin at the profile, so that long chains cost no digits.
+    /// Returns velocity and acceleration of M1b, `t` after the start of the profile of block i (from 0).
+    /// Where the acceleration steps, returns the value on the side of `within`. Times begin at the profile,
+    /// so that long chains lose no digits.
     pub fn derivatives(&self, i: usize, t: f64, within: f64) -> [AxisVector; 2] {
         let formula = &self.formula;
         let total = |k: usize| formula.ramps[k][0] + formula.ramps[k][1];
@@ -179,7 +182,7 @@ impl Chain {
             return [way.scaled(1.0 / length), AxisVector::ZERO];
         };
         let in_plane = plane.axes();
-        // Share of the angle that has been passed; on a spiral the radius gives it.
+        // Share of the angle that the motion has covered; on a spiral it follows from the radius.
         let share = if growth.abs() < 1e-7 * radius {
             gone / path.length()
         } else {
@@ -204,7 +207,7 @@ impl Chain {
         [p_u.scaled(1.0 / l), p_uu.scaled(1.0 / (l * l)).plus(bend)]
     }
 
-    /// Plan time at which the profile of segment n (from 1) begins.
+    /// Returns the plan time at which the profile of a segment (from 1) begins.
     pub fn begins(&self, segment: u64) -> f64 {
         let i = usize::try_from(segment).unwrap() - 1;
         if i == 0 {
@@ -214,7 +217,7 @@ impl Chain {
         self.formula.centres[i] + f64::midpoint(ta, ts)
     }
 
-    /// Motors that it has.
+    /// Returns the number of motors.
     pub fn axes(&self) -> usize {
         self.settings.motors.iter().flatten().count()
     }
@@ -224,14 +227,14 @@ impl Chain {
     }
 }
 
-/// P, S and its slope as truncated powers: step * box(ta) * box(ts), integrated.
+/// Returns P, S and the slope of S as truncated powers: the integral of step * box(ta) * box(ts).
 fn ramp(t: f64, within: f64, ta: f64, ts: f64) -> [f64; 3] {
     let cut = |x: f64, power: i32| if x > 0.0 { x.powi(power) } else { 0.0 };
     let total = ta + ts;
     if within >= total {
         return [t - total / 2.0, 1.0, 0.0];
     }
-    // The ramp in which the piece lies, to its very ends.
+    // The time is limited to the ramp that contains the piece, including its ends.
     let t = if within > 0.0 { t.clamp(0.0, total) } else { t };
     if ts > 0.0 {
         let with =
@@ -262,7 +265,7 @@ pub fn pace(profile: &Profile) -> &Pace {
     }
 }
 
-/// Each piece of a profile with its duration.
+/// Returns each piece of a profile with its duration.
 pub fn pieces(profile: &Profile) -> Vec<(PacePiece, f64)> {
     let pieces = pace(profile).pieces();
     let ends = pieces[1..]
@@ -276,7 +279,7 @@ pub fn pieces(profile: &Profile) -> Vec<(PacePiece, f64)> {
         .collect()
 }
 
-/// Plan time t after the start of a piece, by bisection of the distance where the rate counts that.
+/// Returns plan time t after the start of a piece, by bisection of the distance if the rate counts distance.
 fn plan_time(piece: &PacePiece, t: f64) -> f64 {
     let gone = t * (piece.rate + piece.rate_change * t / 2.0 + piece.rate_jerk * t * t / 6.0);
     let SpeedGrowth { first, second } = piece.growth;
@@ -300,7 +303,7 @@ fn plan_time(piece: &PacePiece, t: f64) -> f64 {
     piece.plan_s + low
 }
 
-/// First and second derivative of plan time by time, t after the start of a piece.
+/// Returns the first and second derivative of plan time by time, t after the start of a piece.
 fn rate_of_plan(piece: &PacePiece, t: f64) -> [f64; 2] {
     let SpeedGrowth { first, second } = piece.growth;
     let past = plan_time(piece, t) - piece.plan_s;
@@ -312,7 +315,7 @@ fn rate_of_plan(piece: &PacePiece, t: f64) -> [f64; 2] {
     ]
 }
 
-/// The first limit that is exceeded with these derivatives by plan time, and this rate and its change.
+/// Returns the first limit that is exceeded with these derivatives by plan time, this rate and its change.
 fn exceeded(
     chain: &Chain,
     [q1, q2]: [AxisVector; 2],
@@ -334,7 +337,7 @@ fn exceeded(
     })
 }
 
-/// Returns the worst share of a maximum acceleration and velocity, from the exact derivatives of the plan.
+/// Returns an error if the exact derivatives of the plan exceed a maximum acceleration or velocity.
 pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), String> {
     let mut rate_before = None;
     for profile in profiles {
@@ -349,7 +352,7 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
             rate_before = Some(rate_of_plan(&piece, duration_s)[0]);
             let plan = |t: f64| plan_time(&piece, t);
             let within = plan(duration_s / 2.0);
-            // A ramp of a microsecond after a minute has ten digits of its time left.
+            // After a minute, ten digits of a microsecond ramp remain.
             let ramp_s = chain.formula.ramps[block + 1].iter().sum::<f64>();
             let phases = chain.formula.ramps[block]
                 .iter()
@@ -357,7 +360,8 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
             let shortest_s = phases.copied().filter(|s| *s > 0.0).fold(1.0, f64::min);
             let digits = 200.0 * f64::EPSILON * within / ramp_s;
             for k in 0..=samples {
-                // Both ends, and between them never the very middle: a joint of ramps that the plan may have joined.
+                // Samples at both ends and between them, but never exactly in the middle, where the plan may
+                // have joined two ramps.
                 let shift = if k == 0 || k == samples { 0.0 } else { 0.0317 };
                 let t = duration_s * (f64::from(k) + shift) / f64::from(samples);
                 let [rate, rate_change] = rate_of_plan(&piece, t);
@@ -365,8 +369,8 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
                 if !(0.0..=most * (1.0 + 1e-9)).contains(&rate) {
                     return Err(format!("the rate is {rate} in segment {}", profile.segment));
                 }
-                // Samples lie inside the phase, so that rounding does not select the adjacent one; only where it runs
-                // as planned a piece may hold several.
+                // Samples lie inside the phase, so that rounding does not select the adjacent phase. Only a
+                // piece at the planned rate may contain several phases.
                 let joined =
                     piece.rate_change.abs() < 1e-12 && piece.rate_jerk == 0.0 && piece.growth.is_none();
                 let inwards = within - plan(t);
@@ -380,9 +384,10 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
                     let derivatives = chain.derivatives(block, plan(t) + off, inside + off);
                     exceeded(chain, derivatives, [rate, rate_change], digits)
                 };
-                // Rounding of plan time moves the start of a ramp, in the plan and in the formula. Where a ramp is far
-                // steeper than the motors, the acceleration is a small difference of two large values that both shift
-                // with it: a limit is exceeded only if it is exceeded for all starts within that rounding.
+                // Rounding of plan time moves the start of a ramp, in the plan and in the formula. If a ramp
+                // is much steeper than the motors allow, the acceleration is a small difference of two large
+                // values that both shift. So a limit counts as exceeded only if it is exceeded for all starts
+                // within the rounding.
                 let rounding = [-2.0, -1.0, 0.0, 1.0, 2.0].map(|n| n * f64::EPSILON * within);
                 if let Some(found) = found_at(0.0)
                     && rounding.into_iter().all(|off| found_at(off).is_some())
@@ -398,7 +403,7 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
     Ok(())
 }
 
-/// Positions are those of M1b at the plan time of each sample.
+/// Checks that positions equal those of M1b at the plan time of each sample.
 pub fn same_path(chain: &Chain, profiles: &[Profile]) -> Result<(), String> {
     for profile in profiles {
         let offset = chain.begins(profile.segment);
@@ -427,8 +432,8 @@ pub fn time_s(profiles: &[Profile]) -> f64 {
     profiles.iter().map(|profile| profile.duration_s).sum()
 }
 
-/// A step of plan time, and for each axis its acceleration over the largest one as factors of the squares of the rate at
-/// both ends, in the middle of the step: `q'' (x + y)/2 + q' (y - x)/(2 h)`.
+/// A step of plan time. For each axis, its acceleration in the middle of the step divided by the maximum, as
+/// factors of the squares of the rate at both ends: `q'' (x + y)/2 + q' (y - x)/(2 h)`.
 struct Step {
     h: f64,
     /// Largest square of the rate.
@@ -436,7 +441,7 @@ struct Step {
     rows: [[f64; 2]; AXES_MAX],
 }
 
-/// A dense grid: each phase of a ramp and each way between ramps in `n` steps.
+/// Returns a dense grid: each phase of a ramp, and each part between ramps, in `n` steps.
 fn grid(chain: &Chain, n: u32) -> Vec<Step> {
     let formula = &chain.formula;
     let mut breaks = vec![0.0];
@@ -480,7 +485,7 @@ fn grid(chain: &Chain, n: u32) -> Vec<Step> {
 }
 
 impl Step {
-    /// The largest square of the rate at the end, up to `most`, that one at the start leaves open.
+    /// Returns the largest square of the rate at the end, up to `most`, that is possible with x at the start.
     fn end(&self, x: f64, most: f64) -> Option<f64> {
         let (mut low, mut high) = (0.0_f64, most.min(self.most));
         for [left, right] in self.rows {
@@ -494,7 +499,7 @@ impl Step {
         (low <= high).then_some(high)
     }
 
-    /// The largest square of the rate at the start, by bisection.
+    /// Returns the largest square of the rate at the start, by bisection.
     fn start(&self, end: f64) -> f64 {
         if self.end(self.most, end).is_some() {
             return self.most;
@@ -512,7 +517,8 @@ impl Step {
     }
 }
 
-/// The best possible time: on a dense grid of plan time, largest squares of the rate backwards, then forward.
+/// Returns the best possible time on a dense grid of plan time: the largest squares of the rate backward,
+/// then forward.
 pub fn best_time_s(chain: &Chain, n: u32) -> f64 {
     let steps = grid(chain, n);
     let mut limits = vec![1.0; steps.len() + 1];

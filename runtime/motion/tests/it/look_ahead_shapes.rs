@@ -1,4 +1,4 @@
-//! G500 on the shapes that people program, with ramps of all times: near the best time (M1d).
+//! G500 on shapes of typical programs, with ramps of all times: near the best time (M1d).
 
 use std::f64::consts::TAU;
 
@@ -31,7 +31,7 @@ impl Drawing {
         self
     }
 
-    /// A line in a direction.
+    /// Adds a line in a direction.
     fn along(self, direction: f64, length: f64, feed: SegmentFeed) -> Self {
         let at = self.at.0;
         self.to(
@@ -41,7 +41,7 @@ impl Drawing {
         )
     }
 
-    /// An arc in X and Y that begins in a direction, through a signed angle.
+    /// Adds an arc in X and Y that begins in a direction, through a signed angle.
     fn arc(mut self, direction: f64, radius: f64, sweep: f64, feed: SegmentFeed) -> Self {
         let arc = turning(self.at, direction, radius, sweep);
         let (end, centre) = (arc.end(), arc.centre());
@@ -60,7 +60,7 @@ impl Drawing {
         self
     }
 
-    /// A line or, with this share of them, an arc of this length in a direction, which turns with the arc.
+    /// Adds a line or, with this probability, an arc of this length in a direction, which turns with the arc.
     fn any(
         self,
         random: &mut Random,
@@ -83,7 +83,8 @@ impl Drawing {
     }
 }
 
-/// Within 2 percent of the best time, and what start and end may cost; limits and path hold.
+/// Checks that the time is within 2 percent of the best time plus the allowance for start and end, and that
+/// limits and path hold.
 #[track_caller]
 fn near(what: &str, chain: &Chain) {
     let profiles = chain.plan();
@@ -97,7 +98,7 @@ fn near(what: &str, chain: &Chain) {
     assert!(is_near, "{what}: {} of the best time", over(1000));
 }
 
-/// ta, td and ts, ms.
+/// The times ta, td and ts, ms.
 const RAMPS: [[f64; 3]; 7] = [
     [1.0, 1.0, 0.0],
     [1.0, 1.0, 1.0],
@@ -183,7 +184,7 @@ fn m1d_another_feedrate_is_met_near_the_best_time() {
     }
 }
 
-/// Ten blocks on a line, the feedrate of every other one ten times the one between.
+/// Creates ten blocks on a line; the feedrate of every second block is ten times that of its neighbours.
 fn alternating(length: f64, times: [f64; 3]) -> Chain {
     let blocks = (1..=10).map(|n| (n, if n % 2 == 1 { 30_000.0 } else { 3000.0 }));
     blocks
@@ -211,7 +212,7 @@ fn m1d_line_with_ramps_a_million_times_too_steep_takes_shortest_time() {
         });
         let chain = line.chain(acceleration);
         near(&format!("{acceleration} mm/s^2"), &chain);
-        // Up for half of 200 mm and down for the other half, nowhere as fast as F.
+        // Acceleration for half of 200 mm and deceleration for the other half; the speed never reaches F.
         let best_s = 2.0 * (200.0 / acceleration).sqrt();
         let time_s = time_s(&chain.plan());
         assert!(
@@ -221,7 +222,7 @@ fn m1d_line_with_ramps_a_million_times_too_steep_takes_shortest_time() {
     }
 }
 
-/// Lines and arcs of random lengths, feedrates and turns.
+/// Creates lines and arcs of random lengths, feedrates and turns.
 fn figure(seed: u64) -> Chain {
     let mut random = Random(3_000_000 + seed);
     let times = random.one_of(&RAMPS);
@@ -245,7 +246,8 @@ fn m1d_random_figures_are_passed_near_the_best_time() {
     }
 }
 
-/// Lines and arcs whose feedrates jump up to two thousandfold in ramps of a fraction of a millisecond and more.
+/// Creates lines and arcs whose feedrates change up to two thousandfold, in ramps of a fraction of a
+/// millisecond and more.
 fn steep(seed: u64) -> Chain {
     let mut random = Random(5_000_000 + seed);
     let ta_ms = random.magnitude(0.125, 20.0);
@@ -269,7 +271,7 @@ fn m1d_feedrates_that_jump_in_steep_ramps_cost_no_time() {
     each_seed(chains() / 10, |seed| near(&format!("seed {seed}"), &steep(seed)));
 }
 
-/// Blocks of one length that turn evenly, as slow as the slower axis lets them.
+/// Creates blocks of one length that turn by a constant angle, at the speed that the slower axis allows.
 fn polygon(times: [f64; 3], side: f64, turn: f64, accelerations: &[f64]) -> Chain {
     let mut drawing = Drawing::new();
     for n in 0..30 {

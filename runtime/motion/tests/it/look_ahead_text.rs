@@ -1,5 +1,5 @@
-//! G500 with G41 and G42, from the text through the path stage (M1d, M1g): the limits hold on random
-//! contours of lines, arcs and helices with a rotary axis going along.
+//! G500 with G41 and G42, from the text through the path stage (M1d, M1g). The limits hold on random contours
+//! of lines, arcs and helices with a moving rotary axis.
 
 use std::collections::BTreeMap;
 use std::f64::consts::FRAC_PI_2;
@@ -19,7 +19,7 @@ use crate::look_ahead_random::{Random, chains, each_seed};
 use crate::look_ahead_rig::{Chain, Shape, check, same_path};
 use crate::rig::fast;
 
-/// A compensated contour from a lead-in to a lead-out.
+/// Creates a compensated contour from a lead-in to a lead-out.
 fn contour(random: &mut Random) -> String {
     let code = random.one_of(&["G41", "G42"]);
     let [ta, ts] = [random.one_of(&[5, 20, 100]), random.one_of(&[0, 10, 50])];
@@ -60,7 +60,7 @@ fn contour(random: &mut Random) -> String {
     text
 }
 
-/// The cutting segments of a program; `None` if it cannot be compensated.
+/// Returns the cutting segments of a program. Returns `None` if the program cannot be compensated.
 fn segments(text: &str) -> Option<Vec<Segment>> {
     let settings = fast();
     let (program, findings) = parse(text, Grammar::nj());
@@ -140,7 +140,7 @@ fn m1d_random_compensated_contours_from_text_keep_motor_limits() {
         }
         run.fetch_add(1, Ordering::Relaxed);
     });
-    // The others have corners or arcs too narrow for the tool.
+    // All other contours have corners or arcs too narrow for the tool.
     let run = run.into_inner();
     assert!(2 * run >= seeds, "{run} of {seeds}");
 }

@@ -1,4 +1,4 @@
-//! One block: the planner against formulas written down a second time, in another form.
+//! Single blocks: the planner against formulas that are implemented a second time, in another form.
 
 use std::collections::VecDeque;
 use std::f64::consts::{PI, TAU};
@@ -17,7 +17,7 @@ use crate::rig::{
     shortest_by_halving, vector,
 };
 
-/// Time of the whole block and distance after `t`, by M1a.
+/// Returns the time of the whole block and the distance after `t`, by M1a.
 fn ramped_distance(length: f64, v: f64, [ta, td, ts]: [f64; 3], t: f64) -> (f64, f64) {
     let (ta, td) = (ta.max(ts), td.max(ts));
     let (ramp_a, ramp_d) = (ta + ts, td + ts);
@@ -51,7 +51,8 @@ fn s1a_a_block_takes_its_length_over_f_and_half_a_ramp_at_each_end() {
 
 #[test]
 fn s1a_a_block_too_short_for_f_keeps_its_ramps_and_lowers_its_peak() {
-    // half the ramps: 0.15 s at 100 mm/s would be 15 mm; 3 mm: v_peak = 2 * 3 / 0.3 = 20 mm/s, t = 0.3 s
+    // 3 mm are shorter than half the ramps, 0.15 s at 100 mm/s = 15 mm: v_peak = 2 * 3 / 0.3 = 20 mm/s, t =
+    // 0.3 s
     let block = line(
         AxisVector::ZERO,
         vector(&[3.0]),
@@ -64,7 +65,7 @@ fn s1a_a_block_too_short_for_f_keeps_its_ramps_and_lowers_its_peak() {
         Law::Ramped { block, .. } => close(block.speed, 20.0),
         other => panic!("not ramped: {other:?}"),
     }
-    // The limit between the two rules belongs to both.
+    // At the limit between the two rules both give the same result.
     let block = line(
         AxisVector::ZERO,
         vector(&[15.0]),
@@ -159,7 +160,7 @@ fn s1f_an_arc_slows_so_that_no_motor_exceeds_its_maximum_velocity_on_it() {
         let feed = feed(3000.0, [100.0, 100.0, 0.0]);
         segment(SegmentMotion::Feed { path, feed })
     };
-    // Y alone moves at (10, 0): its 20 mm/s hold the whole quarter.
+    // At (10, 0) only Y moves, so its 20 mm/s limit the whole quarter circle.
     let quarter = plan(&slow_y(20.0), &turn([0.0, 10.0]));
     close(quarter.duration_s, 10.0 * PI / 2.0 / 20.0 + 0.1);
     // From 60 to 90 degrees: |cos| is at most 1/2, so 40 mm/s are within 20 mm/s for Y.
@@ -325,7 +326,7 @@ fn a_limit_that_is_not_above_zero_is_an_alarm_for_a_motor_that_moves() {
     }
     refused(&with(None), &cut, &LIMIT_ZERO);
     refused(&with(None), &rapid, &LIMIT_ZERO);
-    // X moves alone: Y's limit does not matter.
+    // X moves alone, so the limit of Y has no effect.
     plan(
         &with(None),
         &line(AxisVector::ZERO, vector(&[5.0]), feed(600.0, [1.0; 3])),
@@ -365,7 +366,7 @@ fn what_cannot_be_planned_is_an_alarm() {
     }
     refused(&fast(), &cut(feed(0.0, [1.0; 3])), &VALUE_OUT_OF_RANGE);
     refused(&fast(), &cut(feed(-5.0, [1.0; 3])), &VALUE_OUT_OF_RANGE);
-    // More than 1e9 s, up to more than a number can hold.
+    // More than 1e9 s, up to values beyond the range of a number.
     refused(&fast(), &cut(feed(1e-7, [1.0; 3])), &VALUE_OUT_OF_RANGE);
     refused(
         &fast(),
@@ -374,7 +375,7 @@ fn what_cannot_be_planned_is_an_alarm() {
     );
 }
 
-/// Numbers of a size that machines have, zero and signs included.
+/// Coordinates in the range of real machines, including zero and signs.
 fn coordinates() -> impl Strategy<Value = [f64; AXES_MAX]> {
     prop::array::uniform8(prop_oneof![3 => -500.0..500.0, 1 => Just(0.0), 1 => -0.05..0.05])
 }
@@ -435,7 +436,8 @@ proptest! {
             for axis in Axis::ALL {
                 let limit = limits[axis.index()];
                 prop_assert!(next[axis].abs() <= limit * (1.0 + 1e-9) + 1e-7);
-                // From rest to at most the limit within a ramp: acceleration at most limit/ta at each end.
+                // From rest to at most the limit within a ramp: the acceleration is at most limit/ta at each
+                // end.
                 let change = (next[axis] - velocity[axis]).abs();
                 prop_assert!(change <= 2.0 * limit * step_s / ramp_s * (1.0 + 1e-6) + 1e-7);
             }
@@ -465,7 +467,7 @@ proptest! {
         let steps = 400;
         let step_s = profile.duration_s / f64::from(steps);
         let at = |n: i32| (profile.position(step_s * f64::from(n)).0[0] - from.0[0]) * f64::signum(distance);
-        // Rounding of a position of up to 1300 in a first, second and third difference.
+        // Rounding of a position of up to 1300, in a first, second and third difference.
         let noise = |order: i32| 4e-12 / step_s.powi(order);
         for k in 0..steps {
             let v = (at(k + 1) - at(k)) / step_s;

@@ -1,4 +1,4 @@
-//! Machines and segments made by hand, and ramps written down a second time.
+//! Machines and segments for tests, and ramps that are implemented a second time.
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -29,7 +29,7 @@ pub fn settings(motors: [Option<MotorSettings>; AXES_MAX]) -> CoordinateSystemSe
     }
 }
 
-/// All eight axes with wide limits.
+/// Returns settings with all eight axes and wide limits.
 pub fn fast() -> CoordinateSystemSettings {
     settings(std::array::from_fn(|_| Some(motor(1e5, 1e6, None))))
 }
@@ -65,7 +65,7 @@ pub fn line(from: AxisVector, to: AxisVector, feed: SegmentFeed) -> Segment {
     })
 }
 
-/// An arc in X and Y that begins in a direction, through a signed angle.
+/// Creates an arc in X and Y that begins in a direction, through a signed angle.
 pub fn turning(at: AxisVector, direction: f64, radius: f64, sweep: f64) -> ArcPath {
     let angle = direction - sweep.signum() * TAU / 4.0;
     let centre = [at.0[0] - radius * angle.cos(), at.0[1] - radius * angle.sin()];
@@ -115,8 +115,8 @@ pub fn close(value: f64, expected: f64) {
     assert!((value - expected).abs() < 1e-9, "{value} is not {expected}");
 }
 
-/// P(t) as what it is, step * box(ta) * box(ts) integrated: truncated powers, no phases. After the ramp the powers
-/// amount to t - (ta + ts)/2, written so because their sum cancels there.
+/// Returns P(t) by its definition, the integral of step * box(ta) * box(ts), as truncated powers without
+/// phases. After the ramp the powers equal t - (ta + ts)/2; this form avoids the cancellation of their sum.
 pub fn integral_of_ramp(t: f64, ta: f64, ts: f64) -> f64 {
     if t > ta + ts {
         return t - f64::midpoint(ta, ts);
@@ -129,8 +129,8 @@ pub fn integral_of_ramp(t: f64, ta: f64, ts: f64) -> f64 {
     }
 }
 
-/// Peak speed and time of the shortest motion from rest to rest: ramp time by M1e, the peak found by
-/// halving instead of a closed form.
+/// Returns peak speed and time of the shortest motion from rest to rest. The ramp time is by M1e; the peak is
+/// found by bisection instead of a closed form.
 pub fn shortest_by_halving(way: f64, v: f64, a: f64, j: Option<f64>) -> (f64, f64) {
     let ramp = |w: f64| match j {
         None => w / a,

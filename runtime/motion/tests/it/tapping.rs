@@ -7,7 +7,7 @@ use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings}
 
 use crate::rig::{close, fast, feed, integral_of_ramp, motor, plan, refused, segment, vector};
 
-/// A spindle of these r/min and r/min per second.
+/// Returns settings with a spindle of this maximum speed (r/min) and acceleration (r/min per second).
 fn with_spindle(velocity: f64, acceleration: f64) -> CoordinateSystemSettings {
     CoordinateSystemSettings {
         spindle: Some(MotorSettings {
@@ -18,7 +18,7 @@ fn with_spindle(velocity: f64, acceleration: f64) -> CoordinateSystemSettings {
     }
 }
 
-/// From Z-5 down by a length at F100 with ta 100, td 80, ts 50 ms.
+/// Creates a thread from Z-5 down by this length, at F100 with ta 100, td 80, ts 50 ms.
 fn thread(length: f64, revolutions: f64) -> Segment {
     segment(SegmentMotion::Tap {
         from: vector(&[1.0, 2.0, -5.0]),
@@ -31,7 +31,7 @@ fn thread(length: f64, revolutions: f64) -> Segment {
 
 #[test]
 fn m1h_z_and_spindle_follow_one_formula_at_every_instant() {
-    // 5 mm at 5/3 mm/s: 3 s and half of both ramps
+    // 5 mm at 5/3 mm/s: 3 s and half of both ramps.
     let profile = plan(&with_spindle(3000.0, 1e6), &thread(5.0, 15.0));
     let (v, ta, td, ts) = (100.0 / 60.0, 0.1, 0.08, 0.05);
     let end_s = 5.0 / v + f64::midpoint(ta + ts, td + ts);
@@ -49,7 +49,7 @@ fn m1h_z_and_spindle_follow_one_formula_at_every_instant() {
         close(z, -5.0 - way);
         let turned = profile.spindle_revolutions(t).unwrap();
         close(turned, way * 3.0);
-        // in step within 1e-9 of a revolution: S / F is 3 a millimetre
+        // The spindle is in step within 1e-9 of a revolution: S / F is 3 revolutions per millimetre.
         assert!((turned + (z + 5.0) * 3.0).abs() < 1e-9);
         assert!(profile.position(t).0[0].to_bits() == 1.0_f64.to_bits());
     }
@@ -59,7 +59,7 @@ fn m1h_z_and_spindle_follow_one_formula_at_every_instant() {
 
 #[test]
 fn m1h_z_slows_down_to_the_spindles_maximum_speed() {
-    // 3 revolutions a millimetre: 60 r/min are 1/3 mm/s
+    // 3 revolutions per millimetre: 60 r/min are 1/3 mm/s.
     let profile = plan(&with_spindle(60.0, 1e6), &thread(5.0, -15.0));
     close(profile.duration_s, 15.0 + f64::midpoint(0.15, 0.13));
     let per_s = |t: f64| {
@@ -70,7 +70,7 @@ fn m1h_z_slows_down_to_the_spindles_maximum_speed() {
 
 #[test]
 fn m1h_the_ramps_are_as_long_as_the_spindle_needs() {
-    // 300 r/min at 1000 r/min per second: 0.3 s in place of ta 0.1 and td 0.08; ts stays
+    // 300 r/min at 1000 r/min per second: 0.3 s instead of ta 0.1 and td 0.08; ts stays.
     let profile = plan(&with_spindle(3000.0, 1000.0), &thread(5.0, 15.0));
     close(profile.duration_s, 3.0 + f64::midpoint(0.35, 0.35));
     let h = 1e-4;
@@ -87,7 +87,7 @@ fn m1h_the_ramps_are_as_long_as_the_spindle_needs() {
 
 #[test]
 fn m1h_a_thread_too_short_for_its_speed_keeps_its_ramps_and_its_pitch() {
-    // below half of both ramps at speed: the peak falls (M1a, extend)
+    // The length is below half of both ramps at full speed, so the peak falls (M1a, extend).
     let profile = plan(&with_spindle(3000.0, 1e6), &thread(0.1, 0.3));
     close(profile.duration_s, 0.15 + 0.13);
     for k in 0..=280 {

@@ -1,4 +1,4 @@
-//! Back trace: the return along motion with G500, and forward again from its end (M1d, M1e, M1i).
+//! Back trace: backward motion along blocks with G500, and forward motion from its end (M1d, M1e, M1i).
 
 use std::collections::VecDeque;
 
@@ -26,7 +26,7 @@ enum Step {
     Dwell(f64),
 }
 
-/// Blocks, and whether each ends at rest in any case.
+/// Creates blocks, each with a flag: true if the block always ends at rest.
 fn steps() -> impl Strategy<Value = Vec<(Step, bool)>> {
     let way = |most: f64| {
         let way = (-most..most, -most..most);
@@ -99,13 +99,13 @@ fn running(settings: &CoordinateSystemSettings, segments: &[Segment]) -> Machine
     Machine::of(settings, planner, out)
 }
 
-/// Rests between two blocks, or comes by these places one after another.
+/// Returns true if the motion passes the first position before the second, or rests between them.
 fn is_before(one: PathPlace, other: PathPlace) -> bool {
     (one.segment, one.plan_s) <= (other.segment, other.plan_s + 1e-9)
 }
 
 impl Machine {
-    /// Switches to a plan at rest, and begins it.
+    /// Switches to a plan while at rest, and begins the plan.
     fn turn_round(&mut self, profiles: VecDeque<Profile>) -> Result<(), TestCaseError> {
         self.splice(None, profiles);
         self.rig.control(Control::Resume);
@@ -114,8 +114,8 @@ impl Machine {
         Ok(())
     }
 
-    /// Runs this number of cycles on the path; each is at the place of the one before or farther on, or
-    /// farther back.
+    /// Runs this number of cycles on the path. In each cycle the position does not move against the
+    /// direction.
     fn go(&mut self, cycles: u32, is_backward: bool) -> Result<(), TestCaseError> {
         for _ in 0..cycles {
             let before = self.place();
@@ -128,7 +128,8 @@ impl Machine {
         Ok(())
     }
 
-    /// Moves back from a feed hold for this number of cycles, and to rest; then forward again.
+    /// Moves backward from a feed hold for this number of cycles, comes to rest, and then moves forward
+    /// again.
     fn back_and_forward(&mut self, cycles: u32) -> Result<(), TestCaseError> {
         let back = self.planner.retrace(self.held_at());
         if !back.is_empty() {
@@ -275,7 +276,7 @@ fn a_dwell_is_waited_once_in_all_and_not_on_the_way_back() {
         let of = |profile: &Profile| (profile.segment, profile.duration_s);
         profiles.iter().map(of).collect()
     };
-    // Waited in part: not at all on the way back, the rest on the way forward.
+    // After a partial wait: backward motion skips the dwell, forward motion waits the rest.
     let at = until(&mut machine, 2, 200);
     let back = machine.planner.retrace(at);
     assert_eq!(passed(&back)[0], (2, 0.0));
@@ -289,7 +290,7 @@ fn a_dwell_is_waited_once_in_all_and_not_on_the_way_back() {
     close(forward.profiles[0].duration_s, 0.5 - at.plan_s);
     machine.turn_round(forward.profiles.clone()).unwrap();
     machine.planner.adopt(forward);
-    // Waited for: it is passed either way.
+    // After the whole wait: motion in both directions skips the dwell.
     let at = until(&mut machine, 3, 50);
     let back = machine.planner.retrace(at);
     assert_eq!(passed(&back)[1], (2, 0.0));
@@ -399,7 +400,7 @@ proptest! {
 
 #[test]
 fn m1d_back_trace_with_nanoseconds_of_motion_in_the_ring_reaches_its_end() {
-    // 376 profiles a block, the shortest of them passed in 0.2 ns
+    // 376 profiles per block; the shortest of them takes 0.2 ns.
     let (acceleration, jerk) = (2000.0, 4000.0);
     let feed = SegmentFeed {
         feedrate_mm_min: 600.0,

@@ -1,4 +1,4 @@
-//! Blended chains (M1b, M1i): joints, hold and override within arcs and blends, late profiles.
+//! Blended chains (M1b, M1i): joints, feed hold and override within arcs and blends, late profiles.
 
 use std::collections::VecDeque;
 
@@ -74,7 +74,7 @@ fn position(profiles: &[Profile], t: f64) -> AxisVector {
     profiles[profiles.len() - 1].end_position()
 }
 
-/// The point of the chain at this X, by halving its time.
+/// Returns the point of the chain at this X, by bisection of its time.
 fn position_at_x(profiles: &[Profile], x: f64) -> AxisVector {
     let (mut low, mut high) = (0.0, end_s(profiles));
     for _ in 0..100 {
@@ -145,7 +145,7 @@ fn s1i_a_chain_whose_next_block_is_late_waits_for_it_on_its_path() {
     let rest = rig.position();
     let off = rest.minus(position_at_x(&profiles, rest[Axis::X]));
     assert!(off.orthogonal_length() < 1e-9);
-    // It rests where the second profile ends, or up to two samples of 0.1 mm before.
+    // The motion rests where the second profile ends, or up to two samples of 0.1 mm before.
     let left = profiles[1].end_position()[Axis::X] - rest[Axis::X];
     assert!((0.0..0.2).contains(&left), "{left}");
     rig.cycles(10);
@@ -177,7 +177,7 @@ fn s1i_chain_too_short_to_stop_waits_for_more_blocks_before_the_joint() {
     }
     assert_eq!(rig.cycles(100), []);
     close(rig.x(), 0.0);
-    // With it the chain ends in rest.
+    // With this block the chain ends at rest.
     rig.push(crate::rig::line(3, vector(&[1.0]), vector(&[1.5]), 100.0, 0.0));
     rig.until(is_finished(3));
     close(rig.x(), 1.5);
@@ -204,7 +204,7 @@ proptest! {
             rig.cycle();
             *cycle += 1;
             let at = rig.position();
-            // Each third cycle: the search takes its time.
+            // Only every third cycle is checked, because the search takes long.
             if cycle.is_multiple_of(3) {
                 let off = at.minus(position_at_x(&profiles, at[Axis::X])).orthogonal_length();
                 prop_assert!(off < 1e-9, "{off} off at {at:?}");
@@ -259,7 +259,7 @@ fn s1i_single_block_in_a_chain_rests_on_the_path_behind_the_joint() {
     let mut rests = 0;
     for joint_s in ends {
         let joint = position(&profiles, joint_s)[Axis::X];
-        // The slew of the hold before may have passed short blocks.
+        // The deceleration of the previous hold may have passed short blocks.
         if joint <= rig.x() {
             continue;
         }
@@ -271,7 +271,7 @@ fn s1i_single_block_in_a_chain_rests_on_the_path_behind_the_joint() {
         for axis in [Axis::X, Axis::Y, Axis::Z] {
             close(rig.position()[axis], on_path[axis]);
         }
-        // At 100 percent at the most: half of the hold's slew behind the joint.
+        // At most half of the hold's slew after the joint, at 100 percent.
         let behind = position(&profiles, joint_s + 0.1 + T)[Axis::X];
         assert!(
             (joint..=behind).contains(&rig.x()),

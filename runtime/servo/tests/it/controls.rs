@@ -10,7 +10,7 @@ fn is_held(event: &Event) -> bool {
     matches!(event, Event::Held { .. })
 }
 
-/// 1000 mm in X at 100 mm/s, one second on the way.
+/// Creates a rig that has moved for one second, on 1000 mm in X at 100 mm/s.
 fn under_way() -> Rig {
     let mut rig = Rig::new(&settings());
     rig.push(line(1, AxisVector::ZERO, vector(&[1000.0]), 100.0, 0.1));
@@ -38,7 +38,7 @@ fn s1i_resume_slews_to_the_override_and_the_motion_ends_where_programmed() {
     rig.until(is_held);
     rig.control(Control::Resume);
     rig.cycles(1000);
-    // 0 to 100 percent in 1 s
+    // 0 to 100 percent takes 1 s.
     close(rig.x(), 105.0 + 50.0);
     assert!(!rig.reading().held);
     rig.until(is_finished(1));
@@ -118,7 +118,7 @@ fn stop_decelerates_on_the_path_and_throws_away_what_is_older() {
     let position = MachinePosition(rig.position());
     close(position.0.0[0], 105.0);
     assert_eq!(events, [Event::Stopped { epoch: 1, position }]);
-    // The rounding of the stopped position is no jump.
+    // The rounding of the position at the stop is not reported as a jump.
     let events = rig.cycles(400);
     assert!(
         matches!(
@@ -167,7 +167,7 @@ fn stop_goes_on_through_joints_while_it_decelerates() {
     rig.cycles(100);
     rig.control(Control::Stop { epoch: 1 });
     rig.until(is_stopped);
-    // Each takes 0.03 s: 0.1 s of them at half speed on average after 0.1 s.
+    // Each block takes 0.03 s: after 0.1 s, 0.1 s at half speed on average.
     close(
         rig.x(),
         line(1, vector(&[6.0]), vector(&[7.0]), 50.0, 0.01)
@@ -186,7 +186,7 @@ fn abort_brakes_each_motor_at_its_maximum_acceleration() {
     let mut settings = settings();
     settings.motors[1].as_mut().unwrap().max_acceleration = 1000.0;
     let mut rig = Rig::new(&settings);
-    // X 60, Y 80 mm/s; v^2/(2a): 3600/10000 and 6400/2000
+    // X at 60, Y at 80 mm/s; v^2/(2a): 3600/10000 and 6400/2000.
     rig.push(line(1, AxisVector::ZERO, vector(&[600.0, 800.0]), 100.0, 0.1));
     rig.push(rapid(2, 600.0, 0.0));
     rig.cycles(1051);
@@ -207,7 +207,7 @@ fn abort_overrides_a_running_stop_and_reports_the_highest_epoch_once() {
     let mut rig = under_way();
     rig.control(Control::Stop { epoch: 4 });
     rig.cycles(100);
-    // at half rate: 50 mm/s, 50^2/10000
+    // At half the rate: 50 mm/s, 50^2/10000.
     let x = rig.x();
     rig.control(Control::Abort { epoch: 3 });
     rig.control(Control::Resume);
@@ -245,7 +245,7 @@ fn s1i_single_block_rests_at_the_end_of_each_block_that_stops_there() {
     let mut rig = Rig::new(&settings());
     rig.push(line(1, AxisVector::ZERO, vector(&[10.0]), 50.0, 0.1));
     rig.push(rapid(2, 10.0, 30.0));
-    // The same block once more: G28 gives two.
+    // A second profile of the same block, as G28 has.
     rig.push(Profile {
         origin: origin(2),
         ..rapid(3, 30.0, 50.0)

@@ -1,4 +1,4 @@
-//! Drives that have to be enabled, that fail, and a bus that loses frames.
+//! Drives that must be enabled, drives that fail, and a bus that loses frames.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU32, Ordering::Relaxed};
@@ -16,15 +16,15 @@ const POWER_UP: u32 = 5;
 /// Switches by which a test changes the drives, and their observed commands.
 #[derive(Debug, Default)]
 struct DriveSwitches {
-    /// Frames that are still to be lost, and late.
+    /// Number of frames that the bus still loses; `late` is the number that it still delivers late.
     lose: AtomicU32,
     late: AtomicU32,
-    /// Fault of the second motor; goes when it is cleared, unless it stays.
+    /// Fault of the second motor. Clearing ends the fault, unless `fault_stays`.
     fault: AtomicU16,
     fault_stays: AtomicBool,
     has_no_supply: AtomicBool,
     enabled: AtomicBool,
-    /// Homed state that all motors report; initially the one at the start.
+    /// Homed state that all motors report; initially the state at the start.
     is_homed: AtomicBool,
 }
 
@@ -69,7 +69,7 @@ impl DriveBus for Bus {
     }
 }
 
-/// Homed drives without power.
+/// Creates a rig with drives that have this report at the start.
 fn rig_with(at_start: Feedback) -> (Rig, Arc<DriveSwitches>) {
     let switches = Arc::<DriveSwitches>::default();
     switches.is_homed.store(at_start.is_homed, Relaxed);
@@ -94,7 +94,7 @@ fn rig() -> (Rig, Arc<DriveSwitches>) {
     })
 }
 
-/// Moving at 100 mm/s.
+/// Creates a rig that moves at 100 mm/s.
 fn moving() -> (Rig, Arc<DriveSwitches>) {
     let (mut rig, switches) = rig();
     rig.push(rapid(1, 0.0, 100.0));
@@ -103,7 +103,7 @@ fn moving() -> (Rig, Arc<DriveSwitches>) {
     (rig, switches)
 }
 
-/// Brings the motion to rest; returns the reported faults.
+/// Brings the motion to rest, and returns the reported faults.
 fn faults_until_rest(rig: &mut Rig) -> Vec<Fault> {
     let events = rig.cycles(200);
     let faults = events.iter().map(|event| match event {
@@ -220,7 +220,7 @@ fn frames_lost_in_a_row_bring_the_machine_to_rest_with_a_fault_told_once() {
     let faults = faults_until_rest(&mut rig);
     assert_eq!(faults, [Fault::BusLost { cycles: 3 }]);
     assert_eq!(faults[0].alarm().entry.number, 206);
-    // Three cycles at 100 mm/s until it is found; then 100^2 / (2 * 5000) mm.
+    // Three cycles at 100 mm/s until the fault is detected; then 100^2 / (2 * 5000) mm.
     close(rig.x(), from_x + 3.0 * 100.0 * T + 1.0);
     let again = next_motion_after_stop(&mut rig);
     assert!(
@@ -250,7 +250,7 @@ fn drive_fault_stops_the_channel_and_reset_enables_at_actual_position() {
     assert_eq!(fault.alarm().entry.number, 205);
     assert!(fault.alarm().text.contains("16#7305"));
     assert!(!switches.enabled.load(Relaxed), "at rest without power");
-    // Without a reset the next motion meets the same fault, and does not begin.
+    // Without a reset the next motion finds the same fault, and does not begin.
     let again = next_motion_after_stop(&mut rig);
     assert!(
         matches!(again[..], [Event::Fault(Fault::DriveFault { .. })]),

@@ -147,7 +147,7 @@ fn no_event_of_a_stop_is_lost_when_nobody_reads_for_a_long_time() {
         mut handle,
     } = Rig::with_room(&settings(), 8);
     let mut pushed = 0_u64;
-    // Twice as many events as the ring holds, without a reader.
+    // Twice the number of events that the ring holds, without a reader.
     for _ in 0..40_000 {
         if pushed < EVENTS_MAX as u64
             && handle

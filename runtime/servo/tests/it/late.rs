@@ -17,7 +17,7 @@ fn is_held(event: &Event) -> bool {
     matches!(event, Event::Held { .. })
 }
 
-/// Drives that stop without commands.
+/// Drives that stop when no commands arrive.
 #[derive(Debug, Default)]
 struct Drives {
     heard: Arc<AtomicU64>,
@@ -40,7 +40,7 @@ fn on_drives() -> Rig {
     Rig::on_bus(&settings(), Drives::default())
 }
 
-/// Runs a cycle after `missed` ones, and returns its events.
+/// Runs a cycle after `missed` cycles, and returns its events.
 fn late(rig: &mut Rig, missed: u64) -> Vec<Event> {
     let told = rig.servo.cycle_after_missed(missed);
     let events: Vec<Event> = std::iter::from_fn(|| rig.handle.events.pop().ok()).collect();
@@ -48,7 +48,8 @@ fn late(rig: &mut Rig, missed: u64) -> Vec<Event> {
     events
 }
 
-/// The largest change of velocity of X from cycle to cycle, per second, until such an event; the motors move at `before`.
+/// Returns the largest change of X's velocity between cycles, per second, until such an event. The motors
+/// start at the velocity `before`.
 fn steepest(rig: &mut Rig, before: f64, wanted: impl Fn(&Event) -> bool) -> f64 {
     let (mut x, mut velocity, mut most) = (rig.x(), before, 0.0_f64);
     for _ in 0..100_000 {
@@ -133,7 +134,7 @@ fn p10_late_servo_at_a_reversal_holds_before_the_next_motion() {
         let mut rig = on_drives();
         rig.push(rapid(1, 0.0, 30.0));
         rig.until(is_finished(1));
-        // the return path has not been passed to the servo
+        // The return path has not been passed to the servo.
         rig.cycles(cycles);
         let events = late(&mut rig, 100);
         assert!(

@@ -1,6 +1,6 @@
 //! G500 in the servo cycle (M1d, M1i): limits at any override up to 100 percent, through holds, and when
-//! profiles come late. The plan itself is proven in the motion crate; here the commanded samples are looked at, whose
-//! second difference is a mean of the acceleration, so never above its bound.
+//! profiles come late. The tests of the motion crate prove the plan. Here the commanded samples are checked:
+//! their second difference is a mean of the acceleration, so it never exceeds the bound of the acceleration.
 
 use std::collections::VecDeque;
 
@@ -15,10 +15,10 @@ use tandem_servo::{Control, Event};
 
 use crate::rig::{Rig, T, close, is_finished, is_stopped, origin, settings, vector};
 
-/// Way of each block in X and Y, mm, and whether it is an arc.
+/// Distance of each block in X and Y, mm, and whether the block is an arc.
 pub type BlockDistance = (f64, f64, bool);
 
-/// Feeds of a program: each block runs at its share of a feedrate, in turn, and at F600 at least.
+/// Feeds of a program: each block in turn runs at its share of a feedrate, and at F600 at least.
 #[derive(Debug, Clone, Copy)]
 pub struct Feeds {
     pub feed: SegmentFeed,
@@ -35,7 +35,7 @@ impl From<SegmentFeed> for Feeds {
 }
 
 impl Feeds {
-    /// Of block n.
+    /// Returns the feed of block n.
     pub fn of(&self, n: usize) -> SegmentFeed {
         SegmentFeed {
             feedrate_mm_min: (self.feed.feedrate_mm_min * self.shares[n % self.shares.len()]).max(600.0),
@@ -61,7 +61,7 @@ pub fn soft_machine(acceleration: f64, jerk: Option<f64>) -> CoordinateSystemSet
     settings
 }
 
-/// Maximum jerks: none, or so that 2000 mm/s^2 take half a second or 50 ms.
+/// Maximum jerks: none, or jerks with which 2000 mm/s^2 take half a second or 50 ms.
 pub fn jerks() -> impl Strategy<Value = Option<f64>> {
     prop_oneof![2 => Just(None), 1 => Just(Some(4000.0)), 1 => Just(Some(40_000.0))]
 }
@@ -77,7 +77,7 @@ pub fn plan(
     out.into()
 }
 
-/// Pushes the ways from zero, and ends at rest.
+/// Pushes blocks with these distances, starting at zero; the last block ends at rest.
 pub fn push(
     planner: &mut Planner,
     ways: &[BlockDistance],
@@ -112,7 +112,7 @@ pub fn push(
     planner.flush(out);
 }
 
-/// Watches the samples.
+/// Checks of the commanded samples.
 pub struct Watch {
     before: [AxisVector; 2],
     pub worst: f64,
@@ -240,7 +240,7 @@ proptest! {
         late in prop::collection::vec((1_usize..200, 1_u32..400), 1..20),
     ) {
         let settings = soft_machine(acceleration, jerk);
-        // Several times the same way, so that look-ahead gives it in parts.
+        // The same distances several times, so that look-ahead outputs them in parts.
         let ways: Vec<BlockDistance> = (0..3).flat_map(|_| ways.clone()).collect();
         let profiles = plan(&settings, &ways, feed);
         let end = profiles[profiles.len() - 1].end_position();
@@ -281,7 +281,7 @@ fn m1d_what_is_known_always_ends_in_a_stop_on_the_path() {
         ts_ms: 0.0,
         ..SegmentFeed::default()
     };
-    // 400 lines of 2 mm and a little up and down.
+    // 400 lines of 2 mm with small changes of Y.
     let ways: Vec<BlockDistance> = (0..400)
         .map(|n| (2.0, if n % 2 == 0 { 0.1 } else { -0.1 }, false))
         .collect();

@@ -1,4 +1,4 @@
-//! Cycles that change nothing are passed at once; the result equals that of executed cycles.
+//! Cycles that change nothing are passed at once. The result equals the result of executed cycles.
 
 use proptest::prelude::*;
 use tandem_model::AxisVector;
@@ -9,7 +9,7 @@ use tandem_servo::{Control, Event, Servo, SpindleDirection};
 
 use crate::rig::{Rig, dwell, line, rapid, settings, spindle, vector};
 
-/// Drives with a lag, and a spindle of 1000 r/min per second.
+/// Settings with drives that lag, and a spindle of 1000 r/min per second.
 fn machine() -> CoordinateSystemSettings {
     let mut settings = CoordinateSystemSettings {
         spindle: Some(spindle()),
@@ -21,7 +21,7 @@ fn machine() -> CoordinateSystemSettings {
     settings
 }
 
-/// Passes as many cycles as possible; returns their number.
+/// Passes as many cycles as possible, and returns their number.
 fn pass(servo: &mut Servo, cycles_max: u64) -> u64 {
     let cycles = servo.cycles_to_pass(cycles_max);
     servo.pass(cycles);
@@ -53,7 +53,7 @@ fn passing_cycles_leaves_what_counting_them_leaves() {
         passing.servo.time_s().to_bits(),
         counting.servo.time_s().to_bits()
     );
-    // the angle of the spindle decides how long its orientation takes
+    // The time of the orientation depends on the angle of the spindle.
     let mut oriented = [&mut passing, &mut counting].map(|rig| {
         let direction = SpindleDirection::Orient;
         rig.control(Control::Spindle { direction, rpm: 0.0 });
@@ -104,7 +104,7 @@ fn a_dwell_a_hold_and_a_line_pass_in_a_few_cycles() {
     assert!(passed > 1_200_000, "{passed}");
 }
 
-/// Controls with their cycles, in a run of some blocks.
+/// Creates controls with their cycles, in a run of some blocks.
 fn controls() -> impl Strategy<Value = Vec<(u64, Control)>> {
     let control = prop_oneof![
         Just(Control::Hold),
@@ -131,7 +131,7 @@ fn controls() -> impl Strategy<Value = Vec<(u64, Control)>> {
     })
 }
 
-/// Returns events and the last reading of 6000 cycles; `passes`: with as few executed cycles as possible.
+/// Returns events and the last reading of 6000 cycles. If `passes`, as few cycles as possible are executed.
 fn run(
     settings: &CoordinateSystemSettings,
     controls: &[(u64, Control)],
@@ -176,7 +176,7 @@ proptest! {
     }
 }
 
-/// Positions every 10 ms over 2 s, and how many cycles were counted.
+/// Returns positions every 10 ms over 2 s, and the number of counted cycles.
 fn positions(
     settings: &CoordinateSystemSettings,
     profiles: &[Profile],
@@ -203,7 +203,8 @@ fn positions(
 
 #[test]
 fn line_with_late_next_block_slows_the_same_passed_or_cycle_by_cycle() {
-    // 60 mm at 100 mm/s with ramps of 0.1 s take 0.7 s; feed hold of 0.2 s needs the last 0.1 s of them.
+    // 60 mm at 100 mm/s with ramps of 0.1 s take 0.7 s; a feed hold of 0.2 s needs the last 0.1 s of this
+    // time.
     let mut late = line(1, vector(&[0.0]), vector(&[60.0]), 100.0, 0.1);
     late.exact_stop = false;
     let (passed, _) = positions(&settings(), &[late.clone()], true);

@@ -1,4 +1,4 @@
-//! A machine that runs a plan, and switches to others.
+//! A machine that runs a plan, and switches to other plans.
 
 use std::collections::VecDeque;
 
@@ -10,7 +10,7 @@ use tandem_servo::{Control, Event, Splice, profile_queue};
 use crate::look_ahead::{BlockDistance, Feeds, Watch, push};
 use crate::rig::{Rig, is_finished};
 
-/// A machine that runs planned profiles, and can be given new plans.
+/// A machine that runs planned profiles, and accepts new plans.
 pub struct Machine {
     pub rig: Rig,
     pub planner: Planner,
@@ -68,7 +68,7 @@ impl Machine {
         self.rig.control(Control::Splice);
     }
 
-    /// Runs until a splice has been taken or refused.
+    /// Runs until a splice is taken or rejected.
     pub fn settled(&mut self) -> Option<bool> {
         let spliced = self.events.iter().rev().find_map(|event| match event {
             Event::Spliced { taken } => Some(*taken),
@@ -107,7 +107,7 @@ impl Machine {
         panic!("not at rest")
     }
 
-    /// Place at which the last feed hold ended.
+    /// Returns the position of the last feed hold.
     pub fn held_at(&self) -> PathPlace {
         self.held_at
     }
@@ -122,7 +122,8 @@ impl Machine {
         panic!("never finished");
     }
 
-    /// Distance of the command from the way of its block, at the plan time that the servo reads.
+    /// Returns the distance between the commanded position and the path of its block, at the plan time in the
+    /// readings.
     pub fn off_the_path(&self) -> f64 {
         let place = self.place();
         let block = self
@@ -138,7 +139,7 @@ impl Machine {
         };
         let mut law = block.law.clone();
         if let Law::Paced { pace, .. } = &mut law {
-            // As planned without look-ahead: the rate is 1.
+            // As planned without look-ahead, the rate is 1.
             let piece = PacePiece {
                 rate: 1.0,
                 ..PacePiece::default()

@@ -1,4 +1,4 @@
-//! For random commands at random times: the motion stays on the path, nothing jumps, each stop is answered.
+//! Random commands at random times: the motion stays on the path, nothing jumps, each stop is answered.
 
 use proptest::prelude::*;
 use tandem_model::AxisVector;
@@ -40,12 +40,12 @@ proptest! {
                 let [x, y, ..] = rig.position().0;
                 prop_assert!((x * 40.0 - y * 30.0).abs() < 1e-9, "off the line at {x}, {y}");
                 let along = x.hypot(y);
-                // forward only, at most 200 percent of 100 mm/s
+                // The motion is forward only, at most 200 percent of 100 mm/s.
                 prop_assert!(along >= last - 1e-12 && along - last <= 200.0 * T * (1.0 + 1e-9));
                 last = along;
             }
         }
-        // The spindle has no motor here: its faults forbid only the next start.
+        // The machine has no spindle; the resulting faults prevent only the next start.
         rig.control(Control::Resume);
         rig.control(Control::Override { feed: 1.0, rapid: 1.0 });
         rig.cycles(4000);

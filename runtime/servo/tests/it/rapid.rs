@@ -1,5 +1,5 @@
-//! Feed hold, rapid override and stop within G00 and G31 (M1e, M1i): a rapid that uses all of its motors'
-//! maximum acceleration leaves nothing to a slew while it speeds up or brakes.
+//! Feed hold, rapid override and stop within G00 and G31 (M1e, M1i). A rapid that uses the whole maximum
+//! acceleration of its motors leaves no room for a slew while it speeds up or brakes.
 
 use std::collections::VecDeque;
 
@@ -42,7 +42,7 @@ proptest! {
             (motor.rapid_velocity, motor.skip_velocity) = (400.0 * fraction, 300.0 * fraction);
             (motor.rapid_acceleration, motor.max_jerk) = (acceleration, jerk);
         }
-        // X turns back half way.
+        // X turns back half way to the target.
         let to = vector(&way);
         settings.motion.simulated_skip[0] = Some(if way[0] > 0.0 {
             SimulatedSkip::Above(way[0] / 2.0)
@@ -84,7 +84,8 @@ proptest! {
 
 #[test]
 fn m1i_hold_during_maximum_rapid_braking_lets_it_brake_to_its_end() {
-    // X from 400 mm/s at 2000 mm/s^2: a ramp of 0.2 s; held in the last of it there is nothing left to slow down with.
+    // X brakes from 400 mm/s at 2000 mm/s^2: a ramp of 0.2 s. In its last part no acceleration is left for a
+    // hold.
     let mut settings = machine(2000.0);
     settings.hold_slew_ms = 100.0;
     let x = settings.motors[0].as_mut().unwrap();
@@ -103,7 +104,7 @@ fn m1i_hold_during_maximum_rapid_braking_lets_it_brake_to_its_end() {
     for profile in out {
         rig.push(profile);
     }
-    // 0.5 s: speeds up to 0.2, brakes from 0.3 on.
+    // The rapid takes 0.5 s: it speeds up until 0.2 s, and brakes from 0.3 s on.
     rig.cycles(351);
     rig.control(Control::Hold);
     rig.cycles(149);

@@ -1,4 +1,4 @@
-//! One channel with its handle, and profiles made by hand.
+//! One channel with its handle, and profiles for tests.
 
 use tandem_model::flow::Path;
 use tandem_model::profile::{ChainPlace, Law, MotorMove, Profile, RampedMotion, Stretch};
@@ -14,7 +14,7 @@ pub fn motor(number: u16) -> MotorSettings {
     MotorSettings::new(number, MotorKind::Linear, 500.0, 5000.0)
 }
 
-/// 4000 r/min at most, 1000 r/min per second, orientation at 60 r/min to 90 degrees.
+/// Returns a spindle: 4000 r/min at most, 1000 r/min per second, orientation at 60 r/min to 90 degrees.
 pub fn spindle() -> MotorSettings {
     MotorSettings {
         orientation_velocity: 60.0,
@@ -23,7 +23,7 @@ pub fn spindle() -> MotorSettings {
     }
 }
 
-/// Motors 11, 12, 13 as X, Y, Z; override slew 1 s, hold slew 0.2 s; no spindle.
+/// Returns settings with motors 11, 12, 13 as X, Y, Z, override slew 1 s, hold slew 0.2 s, and no spindle.
 pub fn settings() -> CoordinateSystemSettings {
     CoordinateSystemSettings {
         motors: std::array::from_fn(|i| (i < 3).then(|| motor([11, 12, 13, 0, 0, 0, 0, 0][i]))),
@@ -55,7 +55,8 @@ fn profile(segment: u64, law: Law, duration_s: f64) -> Profile {
     }
 }
 
-/// From rest to rest at this speed with trapezoid ramps of `ta_s`; long enough to reach it.
+/// Creates a line from rest to rest at this speed with trapezoidal ramps of `ta_s`, long enough to reach the
+/// speed.
 pub fn line(segment: u64, from: AxisVector, to: AxisVector, speed: f64, ta_s: f64) -> Profile {
     let length = to.minus(from).orthogonal_length();
     let ramp = UnitRamp::new(ta_s, 0.0);
@@ -78,7 +79,7 @@ pub fn line(segment: u64, from: AxisVector, to: AxisVector, speed: f64, ta_s: f6
     profile(segment, law, duration_s)
 }
 
-/// A rapid of X alone with velocity 100 and ramps of 0.1 s.
+/// Creates a rapid of X alone with velocity 100 and ramps of 0.1 s.
 pub fn rapid(segment: u64, from_x: f64, to_x: f64) -> Profile {
     let mut moves = [MotorMove::default(); AXES_MAX];
     moves[0] = MotorMove {
@@ -139,7 +140,7 @@ impl Rig {
         self.handle.controls.push(control).unwrap();
     }
 
-    /// One cycle and its events.
+    /// Runs one cycle and returns its events.
     pub fn cycle(&mut self) -> Vec<Event> {
         let told = self.servo.cycle();
         let events: Vec<Event> = std::iter::from_fn(|| self.handle.events.pop().ok()).collect();
@@ -151,7 +152,7 @@ impl Rig {
         (0..n).flat_map(|_| self.cycle()).collect()
     }
 
-    /// Runs cycles until the events of a cycle contain such an event; returns the number of cycles.
+    /// Runs cycles until one of them emits such an event; returns the number of cycles.
     pub fn until(&mut self, wanted: impl Fn(&Event) -> bool) -> u32 {
         for n in 1..1_000_000 {
             if self.cycle().iter().any(&wanted) {

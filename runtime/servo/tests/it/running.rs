@@ -1,4 +1,4 @@
-//! Profiles at 100 percent and under an override, with nothing in their way.
+//! Profiles at 100 percent and under an override, without holds or faults.
 
 use tandem_model::AxisVector;
 use tandem_servo::{Control, Event, Reading, Servo};
@@ -47,7 +47,7 @@ fn s1c_sample_k_is_the_formula_at_k_periods_and_the_last_the_end_point() {
 
 #[test]
 fn s1c_a_duration_of_whole_periods_ends_on_its_period() {
-    // 0.3 is not 300 * 0.001 in binary numbers
+    // 0.3 is not exactly 300 * 0.001 in binary numbers.
     let mut rig = Rig::new(&settings());
     rig.push(line(1, AxisVector::ZERO, vector(&[10.0]), 50.0, 0.1));
     assert_eq!(rig.until(is_finished(1)), 301);
@@ -98,7 +98,7 @@ fn s1c_a_motor_that_lags_delays_the_end_until_it_is_in_position() {
         t += step;
     }
     let expected = t / T;
-    // one cycle for the start point, and the next whole period
+    // One cycle for the start point, and rounding up to a whole period.
     assert!(
         (f64::from(cycles) - 1.0 - expected).abs() <= 1.0,
         "{cycles} cycles, not {expected}"
@@ -134,7 +134,7 @@ fn s1i_an_override_in_force_before_the_start_needs_no_slew() {
 
 #[test]
 fn s1i_an_override_change_slews_the_time_base() {
-    // 100 to 50 percent at 100 percent per second: 0.5 s at 75 percent on average
+    // From 100 to 50 percent at 100 percent per second: 0.5 s at 75 percent on average.
     let mut rig = Rig::new(&settings());
     rig.push(line(1, AxisVector::ZERO, vector(&[1000.0]), 100.0, 0.1));
     rig.cycles(1001);
@@ -219,7 +219,7 @@ fn many_short_profiles_pass_within_one_cycle() {
         profile.exact_stop = n == 40;
         rig.push(profile);
     }
-    // 40 of a tenth of a period: 4 periods after the start
+    // 40 blocks of a tenth of a period: 4 periods after the start.
     assert_eq!(rig.until(is_finished(40)), 5);
 }
 
@@ -229,7 +229,7 @@ fn readings_show_the_running_block() {
     rig.push(line(1, AxisVector::ZERO, vector(&[60.0, 80.0]), 50.0, 0.1));
     rig.cycles(1051);
     let reading = rig.reading();
-    // 50 (1.05 - 0.05) = 50 mm along, 50 mm to go
+    // 50 (1.05 - 0.05) = 50 mm covered, 50 mm to go.
     close(reading.time_s, 1.051);
     close(reading.commanded.0.0[0], 30.0);
     close(reading.actual.0.0[1], 40.0);

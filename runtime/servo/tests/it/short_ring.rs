@@ -1,5 +1,5 @@
-//! A ring too short for the path to rest (M1d: the known profiles always end in a planned stop): the motion is slower,
-//! on its path and within its limits, and never runs out of profiles.
+//! A ring too short for the path to rest (M1d: the known profiles always end in a planned stop). The motion
+//! is slower, stays on its path and within its limits, and never runs out of profiles.
 
 use proptest::prelude::*;
 use tandem_model::flow::{Path, Segment, SegmentEnd, SegmentFeed, SegmentMotion};
@@ -10,7 +10,7 @@ use tandem_servo::{Control, Event};
 use crate::look_ahead::{BlockDistance, Watch, is_fault, jerks, machine, plan, soft_machine};
 use crate::rig::{Rig, T, close, is_finished, settings};
 
-/// Runs profiles through a ring that is filled again before each cycle; gives the cycles that it takes.
+/// Runs profiles through a ring that is refilled before each cycle; returns the number of cycles.
 fn run(
     settings: &CoordinateSystemSettings,
     room: usize,
@@ -55,7 +55,7 @@ fn fast() -> SegmentFeed {
     }
 }
 
-/// Lines along X with a little up and down.
+/// Returns lines along X with small changes of Y.
 fn lines(n: usize, length: f64) -> Vec<BlockDistance> {
     (0..n)
         .map(|k| (length, if k % 2 == 0 { 0.1 } else { -0.1 } * length, false))
@@ -137,7 +137,8 @@ fn m1d_a_chain_of_which_the_ring_holds_only_picoseconds_comes_to_its_end() {
 
 #[test]
 fn m1b_chain_beyond_the_blocks_per_period_limit_slows_and_never_jumps() {
-    // 10,000 blocks of 2e-5 mm in a period at F, 20,000 at 200 percent: 4,096 are passed; then one of 20 mm
+    // At F a period contains 10,000 blocks of 2e-5 mm, at 200 percent 20,000; 4,096 are passed. Then a block
+    // of 20 mm follows.
     let settings = settings();
     let ways: Vec<BlockDistance> = std::iter::repeat_n((2e-5, 0.0, false), 60_000)
         .chain([(20.0, 0.0, false)])

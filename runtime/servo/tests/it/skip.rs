@@ -1,4 +1,4 @@
-//! G31 (M1e, D40, D41): each motor turns back to where its skip input came.
+//! G31 (M1e, D40, D41): each motor returns to the position at which its skip input switched on.
 
 use proptest::prelude::*;
 use tandem_model::profile::{Law, MotorLimits, MotorMove, Profile};
@@ -10,7 +10,7 @@ use crate::rig::{Rig, T, close, is_finished, is_stopped, line, origin, settings,
 
 use Axis::{X, Y, Z};
 
-/// X, Y, Z with skip velocity 50 and acceleration 1000, and these skip inputs.
+/// Returns settings with X, Y, Z at skip velocity 50 and acceleration 1000, and these skip inputs.
 fn with_inputs(inputs: &[(Axis, SimulatedSkip)]) -> CoordinateSystemSettings {
     let mut settings = settings();
     for motor in settings.motors.iter_mut().flatten() {
@@ -42,7 +42,7 @@ fn skip(segment: u64, from: &[f64], to: &[f64]) -> Profile {
     }
 }
 
-/// Position and axes of the one capture of these events.
+/// Returns position and axes of the only capture in these events.
 fn capture(events: &[Event]) -> ([f64; 3], AxisSet) {
     let captures: Vec<_> = events
         .iter()
@@ -64,7 +64,7 @@ fn set(axes: &[Axis]) -> AxisSet {
 
 #[test]
 fn s1e_overshoot_is_v2_over_2a_and_return_takes_1_plus_root_2_v_over_a() {
-    // -1.25 - 50 (0.172 - 0.05) = -7.35 is the first sample beyond the threshold, by a nanometre.
+    // -1.25 - 50 (0.172 - 0.05) = -7.35 is the first sample beyond the threshold, by 1e-6.
     let mut rig = Rig::new(&with_inputs(&[(Z, SimulatedSkip::Below(-7.35 + 1e-6))]));
     rig.push(skip(1, &[0.0; 3], &[0.0, 0.0, -20.0]));
     let mut events = rig.cycle();
@@ -73,7 +73,7 @@ fn s1e_overshoot_is_v2_over_2a_and_return_takes_1_plus_root_2_v_over_a() {
         events.extend(rig.cycle());
         cycles += 1;
         lowest = lowest.min(rig.position()[Z]);
-        // The formula: on the way down, braking, and back as a triangle from rest to rest.
+        // The formula for three parts: motion down, braking, and the return as a triangle from rest to rest.
         let t = f64::from(cycles) * T;
         let expected = if t < 0.05 {
             -500.0 * t * t
@@ -125,7 +125,7 @@ fn d40_each_motor_stops_alone_and_one_without_an_input_goes_to_the_target() {
     while !events.iter().any(is_finished(1)) {
         events.extend(rig.cycle());
     }
-    // Captured comes before Finished; Z, the slowest, needs 25/50 + 0.05 s.
+    // Captured comes before Finished; Z, the slowest motor, needs 25/50 + 0.05 s.
     let order: Vec<_> = events
         .iter()
         .skip(1)
@@ -186,7 +186,7 @@ fn lagging_motor_reaching_its_threshold_after_its_command_turns_back() {
 fn a_stop_within_g31_captures_nothing() {
     let mut rig = Rig::new(&with_inputs(&[(X, SimulatedSkip::Above(4.0))]));
     rig.push(skip(1, &[0.0], &[20.0]));
-    // 0.1 s of motion are left at the slew of feed hold; the turn takes until 0.23 s.
+    // 0.1 s of motion remain at the slew of feed hold; the return takes until 0.23 s.
     rig.cycles(108);
     rig.control(Control::Stop { epoch: 1 });
     let events = rig.cycles(300);
@@ -214,7 +214,8 @@ proptest! {
             events.extend(rig.cycle());
             let step = rig.x() - last;
             last = rig.x();
-            // Never faster than 50 mm/s, never beyond threshold, one sample and the braking distance.
+            // Never faster than 50 mm/s; never beyond the threshold by more than one sample and the braking
+            // distance.
             prop_assert!(step.abs() <= 50.0 * T + 1e-9, "{step}");
             prop_assert!(last <= threshold + 0.05 + 1.25 + 1e-9);
             Ok(())
@@ -239,7 +240,7 @@ proptest! {
 #[test]
 fn external_skip_input_captures_the_motor_position_and_keeps_its_value() {
     let mut rig = Rig::new(&with_inputs(&[]));
-    // motor 13 is Z; 50 mm/s after 50 ms, 1.25 mm
+    // Motor 13 is Z; 50 mm/s after 50 ms, 1.25 mm.
     rig.push(skip(1, &[0.0; 3], &[10.0, 0.0, -20.0]));
     rig.cycles(151);
     close(rig.position()[Z], -1.25 - 50.0 * 0.1);
@@ -250,11 +251,11 @@ fn external_skip_input_captures_the_motor_position_and_keeps_its_value() {
         events.extend(rig.cycle());
     }
     let (position, captured) = capture(&events);
-    // the cycle that takes it gives one more sample
+    // The cycle that takes the control adds one more sample.
     close(position[2], -6.25 - 0.05);
     close(position[0], 10.0);
     assert_eq!(captured, set(&[Z]));
-    // still on: the next G31 captures where it begins
+    // The input is still on: the next G31 captures its start position.
     let at = rig.position();
     rig.push(skip(2, &at.0[..3], &[10.0, 0.0, -20.0]));
     let mut events = Vec::new();
@@ -265,7 +266,7 @@ fn external_skip_input_captures_the_motor_position_and_keeps_its_value() {
         capture(&events),
         ([position[0], position[1], position[2]], set(&[Z]))
     );
-    // off: to the target
+    // The input is off: the motors move to the target.
     rig.control(Control::SkipInput { motor: 13, on: false });
     let at = rig.position();
     rig.push(skip(3, &at.0[..3], &[10.0, 0.0, -20.0]));
@@ -276,7 +277,7 @@ fn external_skip_input_captures_the_motor_position_and_keeps_its_value() {
     assert_eq!(capture(&events), ([10.0, 0.0, -20.0], AxisSet::EMPTY));
 }
 
-/// Where a probe ends that goes from 0 to here, and which axes were captured.
+/// Returns the end position of a probe that moves from 0 to `to`, and the captured axes.
 fn touched(round: SimulatedRound, to: [f64; 3]) -> ([f64; 3], AxisSet) {
     let mut settings = with_inputs(&[]);
     settings.motion.simulated_round = Some(round);
@@ -291,7 +292,7 @@ fn touched(round: SimulatedRound, to: [f64; 3]) -> ([f64; 3], AxisSet) {
 
 #[test]
 fn simulated_bore_is_touched_on_its_inner_circle_below_its_upper_edge() {
-    // centre (2, 1), radius 5: at Y 0 the wall is at X 2 +- sqrt(24), at X 0 at Y 1 +- sqrt(21)
+    // Centre (2, 1), radius 5: at Y 0 the wall is at X 2 +- sqrt(24), at X 0 it is at Y 1 +- sqrt(21).
     let round = SimulatedRound {
         centre: [2.0, 1.0],
         radius: 5.0,

@@ -1,4 +1,4 @@
-//! The spindle through the channel.
+//! The spindle, controlled through a channel.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU16, Ordering::Relaxed};
@@ -12,7 +12,7 @@ use tandem_servo::{
 use crate::rig::{Rig, T, close, is_finished, is_stopped, rapid, settings, spindle};
 use crate::tapping::{self, at_the_hole};
 
-/// 4000 r/min at most, 1000 r/min per second, orientation at 60 r/min.
+/// Returns settings with a spindle: 4000 r/min at most, 1000 r/min per second, orientation at 60 r/min.
 fn with_spindle() -> CoordinateSystemSettings {
     CoordinateSystemSettings {
         spindle: Some(spindle()),
@@ -43,7 +43,7 @@ fn the_spindle_turns_as_commanded_also_under_hold_and_after_a_stop() {
 fn orientation_is_told_once_for_each_command() {
     let mut rig = Rig::new(&with_spindle());
     rig.control(command(SpindleDirection::Orient, 0.0));
-    // 0.06 s to 60 r/min, at most a turn of 1 s, 0.06 s to rest
+    // 0.06 s to 60 r/min, at most a turn of 1 s, 0.06 s to rest.
     assert!(rig.until(|event| *event == Event::Oriented) <= 1200);
     assert!(rig.reading().oriented);
     close(rig.reading().spindle_rpm, 0.0);
@@ -61,14 +61,14 @@ const POWER_UP: u32 = 5;
 /// Switches by which a test changes the spindle's drive, and its observed commands.
 #[derive(Debug, Default)]
 struct SpindleSwitches {
-    /// Goes when it is cleared, unless it stays.
+    /// Fault of the drive. Clearing ends the fault, unless `fault_stays`.
     fault: AtomicU16,
     fault_stays: AtomicBool,
     has_no_supply: AtomicBool,
     enabled: AtomicBool,
 }
 
-/// Turns at once as it is commanded, where it has power.
+/// A drive that follows each command at once while it has power.
 #[derive(Debug, Default)]
 struct Drive {
     switches: Arc<SpindleSwitches>,
@@ -149,7 +149,7 @@ fn rig_with_drive(settings: &CoordinateSystemSettings) -> (Rig, Arc<SpindleSwitc
     (Rig { servo, handle }, switches)
 }
 
-/// The spindle turns, and X moves at 100 mm/s.
+/// Creates a rig in which the spindle turns, and X moves at 100 mm/s.
 fn moving() -> (Rig, Arc<SpindleSwitches>) {
     let (mut rig, switches) = rig_with_drive(&with_spindle());
     rig.control(command(SpindleDirection::Cw, 500.0));
@@ -201,7 +201,7 @@ fn a_spindle_that_is_not_enabled_in_time_is_a_fault() {
     assert_eq!(fault.alarm().entry.number, 207);
     assert_eq!(fault.alarm().text, "The drive of motor 5 (spindle) has no power");
     assert!(!switches.enabled.load(Relaxed));
-    // the command is discarded with it
+    // The pending command is discarded together with the power.
     switches.has_no_supply.store(false, Relaxed);
     assert!(rig.cycles(100).is_empty());
     close(rig.reading().spindle_rpm, 0.0);
@@ -227,7 +227,7 @@ fn spindle_fault_brakes_motors_and_reset_clears_it_and_enables_at_rest() {
     };
     assert_eq!(fault.alarm().entry.number, 205);
     assert!(!switches.enabled.load(Relaxed));
-    // one cycle at 100 mm/s until it is found; then 100^2 / (2 * 5000) mm
+    // One cycle at 100 mm/s until the fault is detected; then 100^2 / (2 * 5000) mm.
     close(rig.x(), from_x + 100.0 * T + 1.0);
     rig.control(command(SpindleDirection::Cw, 500.0));
     let again = rig.cycles(10);

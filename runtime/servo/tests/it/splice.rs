@@ -1,5 +1,5 @@
-//! A plan in place of another one (M1d, M1i): overrides above 100 percent in G500. The commanded samples
-//! keep every limit, and lie on the path that the chain has without look-ahead.
+//! A plan that replaces another plan (M1d, M1i): overrides above 100 percent in G500. The commanded samples
+//! respect every limit, and lie on the path of the chain without look-ahead.
 
 use std::cell::Cell;
 
@@ -11,7 +11,7 @@ use crate::look_ahead::{Feeds, feeds, is_fault, jerks, machine, soft_machine, wa
 use crate::planned::Machine;
 use crate::rig::{T, close, vector};
 
-/// Plan time that a new plan begins ahead of the motion, s.
+/// Plan time between the motion and the start of a new plan, s.
 const AHEAD_S: f64 = 0.02;
 
 #[derive(Debug, Clone, Copy)]
@@ -32,7 +32,8 @@ fn acts() -> impl Strategy<Value = Vec<(u32, Act)>> {
     prop::collection::vec((0_u32..150, act), 1..12)
 }
 
-/// Executes these acts, each followed by a wait, and sends each override with a new plan. Returns how often the motion
+/// Executes these acts, each followed by a wait, and sends a new plan with each override. Returns the number
+/// of changes to a new plan.
 /// has changed to a new plan.
 fn run(machine: &mut Machine, acts: impl IntoIterator<Item = (u32, Act)>) -> Result<u32, TestCaseError> {
     let mut pending = None;
@@ -127,7 +128,7 @@ fn m1d_straight_path_at_200_percent_runs_at_twice_its_feedrate() {
     machine.splice(Some(place), new.profiles);
     machine.cycles(1500);
     assert_eq!(machine.settled(), Some(true));
-    // F6000 is 100 mm/s
+    // F6000 is 100 mm/s.
     let before = machine.rig.x();
     machine.cycles(100);
     close((machine.rig.x() - before) / (100.0 * T), 200.0);
@@ -151,7 +152,7 @@ fn a_splice_at_a_place_that_was_passed_is_refused_and_the_plan_goes_on() {
     machine.until_finished(2);
 }
 
-/// The motion goes over in a profile that still waits when the cycle begins, and brakes in it.
+/// The motion switches within a profile that still waits when the cycle begins, and brakes in this profile.
 #[test]
 fn m1d_motor_reserve_holds_beyond_a_joint_inside_the_next_profile() {
     let ways = [
@@ -191,7 +192,8 @@ fn m1d_motor_reserve_holds_beyond_a_joint_inside_the_next_profile() {
     assert!(worst <= 10_000.0 * (1.0 + 1e-6), "{worst} of 10000");
 }
 
-/// A new plan is too slow at its place, so the previous one continues, and begins to brake in that cycle.
+/// The new plan is too slow at its position, so the previous plan continues, and begins to brake in that
+/// cycle.
 #[test]
 fn m1d_what_the_motors_leave_counts_beyond_a_joint_that_is_not_taken() {
     let ways = [

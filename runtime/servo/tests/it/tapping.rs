@@ -12,10 +12,10 @@ use crate::rig::{Rig, T, close, dwell, is_finished, is_stopped, line, motor, ori
 const R: f64 = -5.0;
 const DEPTH: f64 = -10.0;
 
-/// S/F of F100 S300.
+/// S/F of F100 S300, revolutions per mm.
 const PER_MM: f64 = 3.0;
 
-/// 5 mm at F100 with ta 100, td 80, ts 50 ms: 3 s and half of both ramps.
+/// Duration of 5 mm at F100 with ta 100, td 80, ts 50 ms: 3 s and half of both ramps.
 const WAY_S: f64 = 3.0 + f64::midpoint(0.15, 0.13);
 
 /// Time limit of a test, after which an expected event is missing.
@@ -54,7 +54,8 @@ fn leg(segment: u64, from: f64, to: f64, revolutions: f64, leg: TapLeg) -> Profi
     }
 }
 
-/// Moves down to R, cuts in, waits 0.5 s, cuts out, and queues a move after it. The tool is at R when this returns.
+/// Moves down to R and queues a move in, a wait of 0.5 s, a move out and a further move. The tool is at R at
+/// return.
 pub fn at_the_hole(rig: &mut Rig, turns: f64) {
     rig.push(line(1, AxisVector::ZERO, vector(&[0.0, 0.0, R]), 50.0, 0.05));
     rig.until(is_finished(1));
@@ -65,7 +66,7 @@ pub fn at_the_hole(rig: &mut Rig, turns: f64) {
     rig.push(line(5, at, beside, 50.0, 0.05));
 }
 
-/// The same, with the spindle oriented before.
+/// Does the same as [`at_the_hole`], with the spindle oriented before.
 fn oriented_at_the_hole(settings: &CoordinateSystemSettings, turns: f64) -> Rig {
     let mut rig = Rig::new(settings);
     if settings.spindle.is_some() {
@@ -79,7 +80,7 @@ fn oriented_at_the_hole(settings: &CoordinateSystemSettings, turns: f64) -> Rig 
     rig
 }
 
-/// The spindle's revolutions since the tool was at R, from the angles of each cycle.
+/// Revolutions of the spindle since the tool was at R, from the angles of each cycle.
 struct SpindleRevolutions {
     revolutions: f64,
     last_deg: f64,
@@ -93,7 +94,7 @@ impl SpindleRevolutions {
         }
     }
 
-    /// Takes a cycle's angle; it must be in phase with Z within 1e-9 of a revolution.
+    /// Adds the angle of a cycle. The spindle must be in phase with Z within 1e-9 of a revolution.
     #[track_caller]
     fn check(&mut self, rig: &Rig, per_mm: f64) {
         let deg = rig.reading().spindle_deg;
@@ -110,7 +111,7 @@ impl SpindleRevolutions {
     }
 }
 
-/// Way of the law, from the formula of M1a with its ramps written out.
+/// Returns the distance after `t`, from the formula of M1a with its ramps written out.
 fn way(t: f64) -> f64 {
     let p = |t: f64, ta: f64, ts: f64| {
         let cut = |x: f64| x.max(0.0).powi(3);
@@ -175,7 +176,7 @@ fn m1h_overrides_do_not_act_on_a_thread() {
 
 #[test]
 fn m1i_a_hold_in_the_thread_comes_after_the_way_out() {
-    // on the way in, in the dwell, and on the way out
+    // During the move in, in the dwell, and during the move out.
     for cycles in [1000, 3300, 5000] {
         let mut rig = oriented_at_the_hole(&with_spindle(), 15.0);
         let mut turned = SpindleRevolutions::new(&rig);
@@ -206,7 +207,8 @@ fn m1i_a_hold_in_the_thread_comes_after_the_way_out() {
 
 #[test]
 fn m1h_hold_in_phase_rests_in_the_thread_and_leaves_it_in_phase() {
-    // on the way in, in the dwell, on the way out; also after a feed hold that waits for the end of the thread
+    // During the move in, in the dwell, during the move out; also after a feed hold that waits for the end of
+    // the thread.
     for cycles in [100, 1000, 3000, 3300, 5000] {
         for waits in [false, true] {
             let mut rig = oriented_at_the_hole(&with_spindle(), 15.0);
@@ -258,7 +260,7 @@ fn m1i_without_a_spindle_a_hold_waits_through_gaps_in_the_thread() {
     rig.cycle();
     rig.control(Control::Hold);
     rig.until(is_finished(2));
-    // the sequence program turns the spindle back
+    // The sequence program reverses the spindle.
     assert!(rig.cycles(50).is_empty());
     rig.push(leg(3, DEPTH, R, 0.0, TapLeg::Out));
     rig.until(|event| matches!(event, Event::Held { .. }));
@@ -280,7 +282,7 @@ fn m1h_a_stop_in_the_thread_decelerates_in_phase() {
         assert!(rig.reading().time_s < ENDLESS_S);
     }
     turned.check(&rig, PER_MM);
-    // v h/2 with the hold slew of 0.2 s: 300 r/min in 0.2 s is below 3000 r/min per second
+    // v h/2 with the hold slew of 0.2 s: 300 r/min in 0.2 s is below 3000 r/min per second.
     close(before - rig.position().0[2], 100.0 / 60.0 * 0.1);
     let rest = rig.reading().spindle_deg;
     rig.cycles(200);
@@ -296,7 +298,7 @@ fn m1h_a_stop_keeps_the_spindles_acceleration() {
     rig.cycles(1000);
     let before = rig.position().0[2];
     rig.control(Control::Stop { epoch: 1 });
-    // 300 r/min at 3000 r/min per second: 0.1 s, not 0.01 s
+    // 300 r/min at 3000 r/min per second: 0.1 s, not 0.01 s.
     assert_eq!(rig.until(is_stopped), 100);
     close(before - rig.position().0[2], 100.0 / 60.0 * 0.05);
 }
@@ -308,7 +310,7 @@ fn m1h_an_abort_brakes_each_motor_on_its_own() {
     close(rig.reading().spindle_rpm, 300.0);
     rig.control(Control::Abort { epoch: 1 });
     rig.until(is_stopped);
-    // 300 r/min at 3000 r/min per second
+    // 300 r/min at 3000 r/min per second.
     rig.cycles(49);
     let rpm = rig.reading().spindle_rpm;
     assert!((100.0..200.0).contains(&rpm), "{rpm}");

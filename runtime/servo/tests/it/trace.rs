@@ -8,7 +8,8 @@ const SPEED: f64 = 100.0;
 const RAMP_S: f64 = 0.1;
 const ACCELERATION: f64 = SPEED / RAMP_S;
 
-/// 50 mm: 0.1 s up, 0.4 s at speed, 0.1 s down. Gives the samples with their times since the start.
+/// Runs 50 mm: 0.1 s acceleration, 0.4 s at speed, 0.1 s deceleration. Returns the samples with their times
+/// since the start.
 fn traced(rig: &mut Rig) -> Vec<(f64, TraceSample)> {
     rig.push(rapid(1, 0.0, 50.0));
     let mut begun_s = None;
@@ -32,7 +33,8 @@ fn position_velocity_and_acceleration_are_those_of_the_trapezoid() {
     let mut seen = [false; 3];
     for (since_s, sample) in samples {
         let x = sample.motions[0];
-        // velocity is the way of one cycle over its time: that of its middle
+        // The velocity is the distance of one cycle divided by its time: the velocity in the middle of the
+        // cycle.
         let middle_s = since_s - T / 2.0;
         if since_s > 2.0 * T && since_s < RAMP_S {
             seen[0] = true;
@@ -69,7 +71,7 @@ fn the_following_error_of_a_lagging_drive_at_speed_is_speed_times_lag() {
     }
     let mut rig = Rig::new(&settings);
     let samples = traced(&mut rig);
-    // after 15 times the lag the rest of the start is below a millionth
+    // After 15 times the lag, the effect of the start is below a millionth.
     let steady = samples.iter().filter(|(since_s, _)| (0.4..0.5).contains(since_s));
     let mut count = 0;
     for (since_s, sample) in steady {

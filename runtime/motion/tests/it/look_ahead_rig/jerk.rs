@@ -7,8 +7,9 @@ use super::{Chain, Shape, pieces, plan_time, rate_of_plan};
 use crate::rig::PERIOD_S;
 
 impl Chain {
-    /// The largest rate on the ramp between block i - 1 and block i, or one of them and rest: without arcs, where a motor with
-    /// a maximum jerk moves, one rate at which neither `|dv|/ta w^2` nor `|dv|/(ta ts) w^3` exceeds a limit.
+    /// Returns the largest rate on the ramp between block i - 1 and block i, one of which may be rest, for a
+    /// chain without arcs. If a moving motor has a maximum jerk, it is a constant rate at which neither
+    /// `|dv|/ta w^2` nor `|dv|/(ta ts) w^3` exceeds a limit.
     pub fn rate_in_corner(&self, i: usize) -> f64 {
         let [ta, ts] = self.formula.ramps[i];
         let before = i.checked_sub(1);
@@ -40,8 +41,8 @@ impl Chain {
         (0..self.shapes.len()).any(|i| self.is_arc(i))
     }
 
-    /// True if the plan bounds the jerk of a block: a line, or an arc whose radius does not change by more
-    /// than half.
+    /// Returns true if the plan bounds the jerk of a block: a line, or an arc whose radius does not change by
+    /// more than half.
     fn is_bounded(&self, i: usize) -> bool {
         match self.shapes[i] {
             Shape::Line => true,
@@ -56,8 +57,8 @@ impl Chain {
         matches!(self.shapes.get(i), Some(Shape::Arc { .. }))
     }
 
-    /// Plan times at which the phases of block i begin and end, from the start of its profile. The phases are those of
-    /// a ramp from rest, the distance between its ramps, and those of its stop ramp.
+    /// Returns the plan times at which the phases of block i begin and end, from the start of its profile.
+    /// The phases are those of its start ramp, the part between its ramps, and those of its stop ramp.
     fn phases(&self, i: usize) -> [f64; 8] {
         let [[a, b], [c, d]] = [self.formula.ramps[i], self.formula.ramps[i + 1]];
         let from_rest = if i == 0 { [0.0, b, a, a + b] } else { [0.0; 4] };
@@ -67,7 +68,8 @@ impl Chain {
         [e, f, g, h, end, end + d, end + c, end + c + d]
     }
 
-    /// The largest share of a maximum jerk at a plan time within a piece, where it is bounded.
+    /// Returns the largest share of a maximum jerk at a plan time within a piece, if the jerk is bounded
+    /// there.
     fn share_of_jerk(&self, i: usize, piece: &PacePiece, t: f64) -> f64 {
         let s = plan_time(piece, t);
         let phases = self.phases(i);
@@ -102,8 +104,9 @@ impl Chain {
     }
 }
 
-/// Between the ramps of lines and arcs: accelerations do not step, and change within the maximum jerks. On a ramp the rate is
-/// at most one at which they hold, and without arcs the one of the formulas.
+/// Checks lines and arcs. Between the ramps the accelerations do not step, and change within the maximum
+/// jerks. On a ramp the rate is at most one at which the limits hold, and without arcs equal to the rate of
+/// the formulas.
 pub fn check_jerk(chain: &Chain, profiles: &[Profile]) -> Result<(), String> {
     let mut before: Option<(u64, f64)> = None;
     for profile in profiles {
