@@ -24,7 +24,7 @@ use tandem_servo::{ChannelHandle, Control, Servo, TRACE_SAMPLES};
 
 const T: f64 = 0.001;
 
-/// Duration of the profiles, s, so long that no profile ends during a measurement.
+/// Duration of the profiles, s, longer than any measurement.
 const DURATION_S: f64 = 1e8;
 
 fn main() {

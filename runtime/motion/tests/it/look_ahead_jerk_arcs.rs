@@ -11,8 +11,8 @@ use crate::look_ahead_jerk::{LEFT, Motion, rest_ramp_s, rise};
 use crate::look_ahead_random::{Random, chains, each_seed};
 use crate::rig::{PERIOD_S, feed, line, motor, segment, settings, turning, vector};
 
-/// Largest share of a limit that the curvature of an arc uses. Of the remaining jerk, each of two terms uses
-/// half.
+/// Largest share of a limit that the curvature of an arc uses. Each of two terms uses half of the remaining
+/// jerk.
 const SHARE: f64 = 0.75;
 
 /// Two motors, and a feed with its ramps.

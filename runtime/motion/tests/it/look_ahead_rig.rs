@@ -386,7 +386,7 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
                 };
                 // Rounding of plan time moves the start of a ramp, in the plan and in the formula. If a ramp
                 // is much steeper than the motors allow, the acceleration is a small difference of two large
-                // values that both shift. So a limit counts as exceeded only if it is exceeded for all starts
+                // values that both shift. So a limit is treated as exceeded only if it is exceeded for all starts
                 // within the rounding.
                 let rounding = [-2.0, -1.0, 0.0, 1.0, 2.0].map(|n| n * f64::EPSILON * within);
                 if let Some(found) = found_at(0.0)

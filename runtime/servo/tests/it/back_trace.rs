@@ -128,7 +128,7 @@ impl Machine {
         Ok(())
     }
 
-    /// Moves backward from a feed hold for this number of cycles, comes to rest, and then moves forward
+    /// Moves backward from a feed hold for this number of cycles, stops, and then moves forward
     /// again.
     fn back_and_forward(&mut self, cycles: u32) -> Result<(), TestCaseError> {
         let back = self.planner.retrace(self.held_at());

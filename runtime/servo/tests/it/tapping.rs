@@ -66,7 +66,7 @@ pub fn at_the_hole(rig: &mut Rig, turns: f64) {
     rig.push(line(5, at, beside, 50.0, 0.05));
 }
 
-/// Does the same as [`at_the_hole`], with the spindle oriented before.
+/// Orients the spindle, and then calls [`at_the_hole`].
 fn oriented_at_the_hole(settings: &CoordinateSystemSettings, turns: f64) -> Rig {
     let mut rig = Rig::new(settings);
     if settings.spindle.is_some() {
