@@ -277,7 +277,7 @@ impl Motors {
 }
 
 /// Returns the first axis that would jump if the profile started now, and the size of the jump. The size is
-/// NaN if the end of the profile is not a number.
+/// NaN if the start or end of the profile is not a number.
 pub(crate) fn first_jump(profile: &Profile, setpoint: AxisVector) -> Option<(Axis, f64)> {
     let start = profile.position(0.0);
     let end = profile.end_position();
