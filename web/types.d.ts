@@ -23,14 +23,14 @@ export interface AlarmRecordMessage {
 /** Severity of an alarm. */
 export type AlarmSeverity = "warning" | "alarm";
 
-/** Texts of an alarm of a sequence program. A raised alarm shows the remedy, and panels show the text in
- * their language. */
+/** Texts of an alarm of a sequence program. When the alarm is raised, the machine adds the remedy and the
+ * translations; each panel shows the text in its language. */
 export interface AlarmText { code: number; languages?: Record<string, AlarmWords>; remedy?: string; text: string; }
 
 /** Text and remedy of an alarm in one language. */
 export interface AlarmWords { remedy?: string; text: string; }
 
-/** All inputs and outputs of the plant, each with the message of its state. */
+/** All inputs and outputs of the plant, each with the last message of its state. */
 export interface AllIo { in: Record<string, IoStateMessage>; out: Record<string, IoStateMessage>; }
 
 /** Payload of `birth`: description of the machine. Only `serves` changes while the runtime runs. */
@@ -55,7 +55,7 @@ export interface CancelMessage { boot_id: BootId; reason: CancelReason; rev?: nu
 /** Why an output was cancelled. */
 export type CancelReason = "reset" | "stop" | "abort" | "alarm" | "timeout" | "operator" | "shutdown";
 
-/** Payload of `captured`. */
+/** Payload of `captured`: the positions that the last G31 captured. */
 export interface CapturedPositionsMessage {
   boot_id: BootId; captured: boolean[]; line: number; motors: number[]; positions: number[]; rev?: number;
   run_id: string | null; ts: string; v: 1;
@@ -102,10 +102,10 @@ export interface CoordinateSystemSeen {
 /** The current user and the user's role. */
 export interface CurrentUser { is_login: boolean; role: string; user: string | null; }
 
-/** Error or warning. */
+/** Severity of a finding. */
 export type DiagnosticSeverity = "error" | "warning";
 
-/** State words, after MTConnect Execution. */
+/** State word of a coordinate system, named as in MTConnect Execution. */
 export type Execution = "READY" | "ACTIVE" | "WAIT" | "FEED_HOLD" | "PROGRAM_STOPPED" | "OPTIONAL_STOP" | "INTERRUPTED" | "STOPPED" | "PROGRAM_COMPLETED";
 
 /** Meaning of a name. */
@@ -133,7 +133,7 @@ export interface HandlerResultMessage {
   text?: string; ts: string; v: 1;
 }
 
-/** Result of a presence. */
+/** Status in the answer to a presence. */
 export type HandlerStatus = "accepted" | "refused" | "confirm" | "taken_over";
 
 /** Payload of `m_code/{m}/result`. */
@@ -173,8 +173,8 @@ export interface HmiButton {
   text: string; value?: number; variable?: string;
 }
 
-/** A card of the panel Machine: it shows an M code while it is open, a variable, an input, or the drawing of
- * a module of the folder `dir`. */
+/** A card of the panel Machine: it shows the open output of an M code, a variable, an input, or the drawing
+ * of a module in the folder `dir`. */
 export interface HmiCard {
   cs?: number; icon?: string; input?: string; m_code?: number; module?: string; text: string; unit?: string;
   variable?: string;
@@ -228,8 +228,8 @@ export interface JournalAnswer {
 /** The word `keep`. */
 export type KeepWord = "keep";
 
-/** State of the last run of a coordinate system at the end of an earlier boot of the runtime, recorded at
- * most 100 ms before this end: of `GET /cs/{n}/last_run`. */
+/** Response of `GET /cs/{n}/last_run`: the last run of a coordinate system in an earlier boot of the runtime. The
+ * state was recorded at most 100 ms before that boot ended. */
 export interface LastRun {
   at: Timestamp; boot_id: BootId; execution: Execution; line: number; outputs: PendingOutput[]; program: number | null;
   run_id: string; running: number | null;
@@ -240,7 +240,7 @@ export interface LastRunAnswer { last_run: LastRun | null; }
 /** The word `last`. */
 export type LastWord = "last";
 
-/** A lease that is held. */
+/** A control lease that a client holds. */
 export interface Lease { expires_at: Timestamp; fence: number; holder: string; }
 
 /** Payload of `cs/{cs}/lease/state`: all fields are null while the lease is free. */
@@ -252,7 +252,7 @@ export interface LeaseStateMessage {
 /** Limits of the interface. */
 export interface Limits { open_outputs_max: number; program_bytes_max: number; }
 
-/** State in force at the line where a run begins, and the actions of such a start before that line. */
+/** State in force at the line where a run begins, and the actions of the start before the block of that line. */
 export interface LineState {
   approach: (Record<string, number>)[]; block: string; line: number; machine: Record<string, number>; modal: Modal;
   not_restored: RestoredOutput[]; occurrence: number; program: number; restore: RestoredOutput[]; stack: CallSite[];
@@ -289,7 +289,7 @@ export interface MCodeInfo {
 /** Whether a machine is online. */
 export type MachineLink = "online" | "silent" | "offline";
 
-/** The other machines. */
+/** The other machines that the HMI shows. */
 export interface MachineList { addresses: string[]; broker: SharedBroker; machines: MachineSeen[]; }
 
 /** A machine according to its messages. */
@@ -343,8 +343,8 @@ export interface ParamDeclaration {
   max?: number; min?: number; name?: string; optional?: boolean; unit?: string; whole?: boolean;
 }
 
-/** VA to VH of an output, in JSON `A` to `H`: numbers as the program gives them, without a unit (G20 and G21
- * do not change them); `None` if not programmed. */
+/** Parameters VA to VH of an output, in JSON `A` to `H`: numbers as the program gives them, without a unit
+ * (G20 and G21 do not change them); `None` if not programmed. */
 export interface Params {
   A?: number; B?: number; C?: number; D?: number; E?: number; F?: number; G?: number; H?: number;
 }
@@ -360,7 +360,8 @@ export interface PendingOutput {
   state: OutputState; timing: Timing;
 }
 
-/** Inputs of a plan. Two plans with the same identity are equal. */
+/** Identity of a plan: all inputs from which the plan is computed. Two plans with the same identity are
+ * equal. */
 export interface PlanIdentity { called: string | null; hash: string; inputs: string; }
 
 /** A block of a program. */
@@ -419,8 +420,8 @@ export interface ProgramLocationMessage {
 /** Progress of a handler, shown while the program waits. */
 export interface Progress { percent?: number; text: string; }
 
-/** The variables listed in `[[variables.published]]` of the configuration, all at the same moment: of the
- * topics `variables` and `cs/{cs}/variables`. */
+/** Payload of `variables` and `cs/{cs}/variables`: the variables that `[[variables.published]]` of the
+ * configuration lists, all at the same moment. */
 export interface PublishedVariablesMessage {
   boot_id: BootId; rev?: number; ts: string; v: 1; variables: VariableValues[];
 }
@@ -438,8 +439,8 @@ export type Redelivery = "redo" | "verify" | "ask";
 /** Machine-readable reason of a refusal. */
 export type RefusalCode = "not_found" | "not_allowed" | "program_runs" | "start_locked" | "forbidden" | "busy" | "lease_lost" | "handler_taken" | "no_answer" | "command_id_reused" | "precondition_failed" | "program_has_errors" | "wrong_dialect" | "not_signed" | "line_refused" | "invalid" | "too_large" | "not_supported" | "retained" | "expired" | "unavailable";
 
-/** Predicted run of a program: planned with the conditions at the start of the run in progress, otherwise
- * with the current ones. Times are those at 100 percent overrides. */
+/** Predicted run of a program. If a run of the program is in progress, it is planned with the conditions at
+ * the start of that run, otherwise with the current conditions. Times apply to overrides of 100 percent. */
 export interface Rehearsal {
   at: PlannedLocation | null; axes: Record<string, RehearsedAxis>; cs: number; cycle_time_s: number;
   depends: RunTimeDependence | null; feed_s: number; fixed_s: number; hash: string; lines: RehearsedLine[];
@@ -473,7 +474,7 @@ export interface RehearsedRun { at_s: number; left_s: number | null; progress: n
 /** An M code that a program issues before the line at which a run begins. */
 export interface RestoredOutput { line: number; m: number; params: Params; program: number; }
 
-/** A run of the loaded program: of `cs/{n}/run`, `GET /runs/{id}` and `GET /runs`. */
+/** A run of the loaded program, as in `cs/{n}/run`, `GET /runs/{id}` and `GET /runs`. */
 export interface Run {
   alarms: RunAlarm[]; began: Timestamp; cs: number; end: RunEnded | null; from_line: number | null; hash: string | null;
   id: string; last_part_s: number | null; parts: number; parts_done: number; program: number; took_s: number;
@@ -492,13 +493,13 @@ export type RunEndedHow = "completed" | "stopped" | "aborted" | "reset" | "alarm
 /** Kind of a run. */
 export type RunKind = "program" | "mdi" | "home" | "jog";
 
-/** Runs that have ended, newest first, and production counters: of `GET /runs`. */
+/** Response of `GET /runs`: runs that have ended, newest first, and production counters. */
 export interface RunList { production: Production[]; runs: Run[]; }
 
 /** Payload of `cs/{n}/run`. */
 export interface RunStateMessage { boot_id: BootId; rev?: number; run: Run | null; ts: string; v: 1; }
 
-/** Place from which a path depends on events while the program runs. */
+/** First block whose path depends on events while the program runs. */
 export interface RunTimeDependence { at_s: number; line: number; program: number; why: string; }
 
 /** The waits of a run for one M code. */
@@ -592,28 +593,28 @@ export interface TimeLeftMessage {
 /** A time as RFC 3339 in UTC, such as `2026-01-31T12:00:00.250000Z`. */
 export type Timestamp = string;
 
-/** Time at which an output is issued (D30). */
+/** Time at which the machine issues an output (D30). */
 export type Timing = "after_motion" | "with_motion";
 
-/** A tool of the table: values used by G41 to G44 (D17). */
+/** A tool of the tool table: the dimensions that G41 to G44 use (D17). */
 export interface ToolData { id: number; length: number; radius: number; }
 
 /** Payload of `tool/state`. */
 export interface ToolMessage { boot_id: BootId; id: number; rev?: number; ts: string; v: 1; }
 
-/** The tool table, ascending by number: of `GET /tools`. */
+/** The tool table, ascending by number: response of `GET /tools` and payload of `tools`. */
 export interface ToolTable { tools: ToolData[]; }
 
-/** The tool table, ascending by number: of `GET /tools`. */
+/** The tool table, ascending by number: response of `GET /tools` and payload of `tools`. */
 export interface ToolTableMessage { boot_id: BootId; rev?: number; tools: ToolData[]; ts: string; v: 1; }
 
-/** Samples of the last minute, in time order: of `GET /cs/{n}/trace`. */
+/** Response of `GET /cs/{n}/trace`: samples of the last minute, in time order. */
 export interface Trace {
   axes: Record<string, TraceAxis>; cs: number; feedrate: number[]; first: number; interval_s: number; next: number;
   now: Timestamp; now_s: number; spindle_rpm: number[]; time_s: number[];
 }
 
-/** Motion of one axis: a value for each sample, mm or degrees. */
+/** Motion of one axis: a value for each sample; positions in mm or degrees. */
 export interface TraceAxis {
   acceleration: number[]; following_error: number[]; position: number[]; velocity: number[];
 }
@@ -630,11 +631,11 @@ export interface ValidateMessage {
 /** Letter of the variables that are kept after the end of a program (manual 4-3). */
 export type VariableKind = "P" | "Q";
 
-/** Values of consecutive variables, all at the same moment: in the reply to `variable/get`, and of `GET
- * /variables/p`. */
+/** Values of consecutive variables, all at the same moment: part of the reply to `variable/get`, and response
+ * of `GET /variables/p`. */
 export interface VariableValues { from: number; kind: VariableKind; values: Number[]; }
 
-/** A verb, for lists of allowed commands. */
+/** Verb of a command. */
 export type Verb = "load" | "start" | "run" | "hold" | "resume" | "back_trace" | "stop" | "abort" | "reset" | "alarm_acknowledge" | "mdi" | "jog" | "home";
 
 /** The output for which a program waits. */
@@ -648,12 +649,12 @@ export interface WebSocketMessage {
   boot_id: BootId; rev?: number; topic: string; ts: string; v: 1; [name: string]: unknown;
 }
 
-/** Work offsets of a coordinate system, mm or degrees: of `GET /cs/{n}/work_offsets`. As the body of `PUT` on
- * this route it is a change: offsets and axes that it does not name do not change, and the change is applied
- * completely or not at all. */
+/** Work offsets of a coordinate system, mm or degrees: response of `GET /cs/{n}/work_offsets`. As the body of
+ * `PUT` on this route the table is a change: offsets and axes that it does not contain do not change. The
+ * machine applies the change completely or not at all. */
 export interface WorkOffsetTable { work_offsets: Record<string, Record<string, number>>; }
 
-/** Work offsets of a coordinate system, mm or degrees: of the topic `cs/{cs}/work_offsets`. */
+/** Work offsets of a coordinate system, mm or degrees: payload of `cs/{cs}/work_offsets`. */
 export interface WorkOffsetValuesMessage {
   boot_id: BootId; rev?: number; ts: string; v: 1; work_offsets: Record<string, Record<string, number>>;
 }

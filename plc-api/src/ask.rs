@@ -27,7 +27,7 @@ impl AuxOutput {
     /// `text` has 1 to 200 characters; there are 1 to 8 different choices of 1 to 40 characters.
     ///
     /// ```
-    /// # use plc_api::{Alarm, AuxOutput, Params, SequenceProgram, fake::FakePort, handshake::Closed};
+    /// # use plc_api::{Alarm, AuxOutput, Params, SequenceProgram, fake::FakePort, handshake::OutputOutcome};
     /// async fn measure(output: AuxOutput) -> Result<(), Alarm> {
     ///     match output.ask("Is the part clean?", ["yes", "no"]).await?.as_str() {
     ///         "yes" => Ok(()),
@@ -38,14 +38,14 @@ impl AuxOutput {
     /// # let fake = FakePort::new([1]);
     /// # let plc = fake.plc();
     /// # tokio::spawn(async move { SequenceProgram::new().on(80, measure).run(&plc).await });
-    /// # let seq = fake.put_out(1, 80, Params::default());
+    /// # let seq = fake.issue_output(1, 80, Params::default());
     /// // in a panel or a test
     /// let mill = fake.plc().coordinate_system(1);
     /// let asked = mill.question().await?;
     /// assert_eq!(asked.question.text, "Is the part clean?");
     /// mill.answer(&asked, "yes").await?;
     /// # fake.settle().await;
-    /// # assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    /// # assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
     /// # Ok(()) }
     /// ```
     ///

@@ -315,7 +315,7 @@ impl AuxOutput {
     /// # let fake = FakePort::new([1]);
     /// # let plc = fake.plc();
     /// # tokio::spawn(async move { SequenceProgram::new().on(8, load).run(&plc).await });
-    /// # fake.put_out(1, 8, Params::default());
+    /// # fake.issue_output(1, 8, Params::default());
     /// # fake.advance(Duration::from_secs(1)).await;
     /// # fake.cancel(1, CancelReason::Stop);
     /// # fake.advance(Duration::from_secs(1)).await;

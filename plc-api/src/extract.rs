@@ -9,7 +9,7 @@
 //! use std::time::Duration;
 //!
 //! use plc_api::units::{KiloNewton, Whole};
-//! use plc_api::{Alarm, AuxOutput, MCode, Params, Plc, SequenceProgram, State, Va};
+//! use plc_api::{Alarm, AuxOutput, HandlerState, MCode, Params, Plc, SequenceProgram, Va};
 //!
 //! const CLAMP: MCode = MCode::new(12, "clamp");
 //! const CHANGE_TOOL: MCode = MCode::new(100, "change tool");
@@ -33,7 +33,7 @@
 //! /// The tool that is in the spindle.
 //! type Spindle = Arc<Mutex<u16>>;
 //!
-//! async fn change_tool(change: Change, State(spindle): State<Spindle>) -> Result<(), Alarm> {
+//! async fn change_tool(change: Change, HandlerState(spindle): HandlerState<Spindle>) -> Result<(), Alarm> {
 //!     let _speed = change.speed.unwrap_or(1.0);
 //!     *spindle.lock().map_err(|_| Alarm::user(1, "the magazine is broken"))? = change.tool;
 //!     Ok(())
@@ -50,7 +50,7 @@
 //! | --- | --- |
 //! | [`Va<T>`](Va) to [`Vh<T>`](Vh) | one parameter: a [unit](crate::units) with bounds, `f64`, `u16`, `bool`; `Va<Option<T>>` may be left out |
 //! | a struct with [`#[derive(Params)]`](derive@crate::Params) | several parameters by name |
-//! | [`State<T>`](State) | a clone of the state that [`SequenceProgram::state`](crate::SequenceProgram::state) added |
+//! | [`HandlerState<T>`](State) | a clone of the state that [`SequenceProgram::state`](crate::SequenceProgram::state) added |
 //! | [`AuxOutput`], [`Plc`], [`CoordinateSystem`] | the output, the machine, the coordinate system of the output |
 //! | a type of your own | the value that its implementation of [`FromOutput`] returns |
 
@@ -73,7 +73,7 @@ use crate::plc::Plc;
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is no argument of a handler",
     label = "no argument of a handler",
-    note = "a handler of an M code with a name takes `Va<T>` to `Vh<T>`, structs with `#[derive(Params)]`, `State<T>`, `AuxOutput`, `Plc` and `CoordinateSystem`"
+    note = "a handler of an M code with a name takes `Va<T>` to `Vh<T>`, structs with `#[derive(Params)]`, `HandlerState<T>`, `AuxOutput`, `Plc` and `CoordinateSystem`"
 )]
 pub trait FromOutput: Sized + Send + 'static {
     /// Records the parameters and states that this argument takes. Called once, when the handler is

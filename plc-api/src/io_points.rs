@@ -76,7 +76,7 @@ impl IoPoints {
         self.points.iter().map(|(point, (_, state))| (point, state))
     }
 
-    /// Validates a write without changing anything. If a handler writes, `judge_writer` validates the
+    /// Validates a write without changing anything. If a handler writes, `check_writer` validates the
     /// instance that sends the write.
     ///
     /// # Errors
@@ -98,7 +98,7 @@ impl IoPoints {
         check_io_owner(point, state, set.handler_id.as_deref())
     }
 
-    /// Writes a value. If a handler writes, `judge_writer` validates the instance that sends the write.
+    /// Writes a value. If a handler writes, `check_writer` validates the instance that sends the write.
     /// Returns the state, and true if the value, the owner or the loss of the owner has changed.
     ///
     /// # Errors

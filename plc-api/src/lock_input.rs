@@ -86,7 +86,7 @@ impl LockInput {
         }
     }
 
-    /// Sets a source. If a handler sends the write, `judge_writer` validates the sending instance.
+    /// Sets a source. If a handler sends the write, `check_writer` validates the sending instance.
     ///
     /// # Errors
     /// Fails if a name or a text is not valid, or if the input has too many sources. `unavailable` if the

@@ -190,7 +190,7 @@ fn missing_or_duplicate_state_and_duplicate_parameters_are_errors() {
         panic!("it is right");
     };
     for mistake in [
-        "M12 clamp takes State<alloc::sync::Arc<std::sync",
+        "M12 clamp takes HandlerState<alloc::sync::Arc<std::sync",
         "which the program does not have: add it by state(..)",
         "M13 twice: two arguments of its handler take VA",
         "M14: name: write 1 to 40 characters",

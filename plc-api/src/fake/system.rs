@@ -207,7 +207,7 @@ impl System {
     }
 
     /// # Errors
-    /// Fails if a lock refuses the write of its source, or if `judge_writer` rejects the instance that writes
+    /// Fails if a lock refuses the write of its source, or if `check_writer` rejects the instance that writes
     /// for a handler.
     pub(super) fn set_input(
         &mut self,

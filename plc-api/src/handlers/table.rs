@@ -32,7 +32,7 @@ use crate::types::output::{Params, Redelivery};
     message = "this is no handler of an M code",
     label = "no handler of an M code",
     note = "an M code by its number takes an `async fn` of `(AuxOutput)` or `(AuxOutput, Plc)`",
-    note = "an M code by its name, `const CLAMP: MCode = MCode::new(12, \"clamp\");`, takes an `async fn` of up to 6 arguments in any order: `Va<T>` to `Vh<T>`, structs with `#[derive(Params)]`, `State<T>`, `AuxOutput`, `Plc`, `CoordinateSystem`",
+    note = "an M code by its name, `const CLAMP: MCode = MCode::new(12, \"clamp\");`, takes an `async fn` of up to 6 arguments in any order: `Va<T>` to `Vh<T>`, structs with `#[derive(Params)]`, `HandlerState<T>`, `AuxOutput`, `Plc`, `CoordinateSystem`",
     note = "both give `Result<(), Alarm>`, and their future is `Send`: it keeps no `Rc`, `RefCell` or guard of a lock over an `.await`"
 )]
 pub trait Handler<Arguments, By = ByNumber>: Send + Sync + 'static {
@@ -309,8 +309,9 @@ impl Table {
         self.mistakes.extend(part.all_mistakes());
         self.add_alarms(part.alarms.values().cloned());
         let Some(lowest) = part.handlers.keys().map(|(_, m)| *m).min() else {
-            self.mistakes
-                .push(format!("nest({first}..={last}) got a program without handlers"));
+            self.mistakes.push(format!(
+                "merge_at({first}..={last}) got a program without handlers"
+            ));
             return;
         };
         let moved = |m: u16| (m - lowest).saturating_add(first);
@@ -319,7 +320,7 @@ impl Table {
             let place = scope_text(cs);
             if !codes.contains(&there) || there > M_CODE_MAX || RUNTIME_M_CODES.contains(&there) {
                 self.mistakes.push(format!(
-                    "nest({first}..={last}): M{m}{place} of the part would be M{there}, which is not allowed there"
+                    "merge_at({first}..={last}): M{m}{place} of the part would be M{there}, which is not allowed there"
                 ));
                 continue;
             }
@@ -372,7 +373,7 @@ impl Table {
             .iter()
             .filter(|(_, state, _)| !self.states.has(*state));
         let missing = missing.map(|(code, _, name)| {
-            format!("{code} takes State<{name}>, which the program does not have: add it by state(..)")
+            format!("{code} takes HandlerState<{name}>, which the program does not have: add it by state(..)")
         });
         let mistakes = self.mistakes.iter().cloned();
         mistakes.chain(idle).chain(missing).collect()

@@ -80,7 +80,7 @@ macro_rules! requests {
         }
 
         /// A message about one output, executed by
-        /// [`Ledger::carry_out`](crate::handshake::Ledger::carry_out).
+        /// [`Ledger::execute_request`](crate::handshake::Ledger::execute_request).
         #[derive(Debug, Clone, PartialEq)]
         pub enum OutputRequest {$($(#[$o_doc])* $o($o_type),)*}
 

@@ -158,15 +158,15 @@ fn a_part_that_does_not_fit_its_range_is_refused_with_each_m_code() {
     let refused = |program: SequenceProgram| program.check().unwrap_err().to_string();
     assert_eq!(
         refused(SequenceProgram::new().merge_at(20..=20, clamp("left"))),
-        "nest(20..=20): M11 of the part would be M21, which is not allowed there"
+        "merge_at(20..=20): M11 of the part would be M21, which is not allowed there"
     );
     assert_eq!(
         refused(SequenceProgram::new().merge_at(29..=31, clamp("left"))),
-        "nest(29..=31): M11 of the part would be M30, which is not allowed there"
+        "merge_at(29..=31): M11 of the part would be M30, which is not allowed there"
     );
     assert_eq!(
         refused(SequenceProgram::new().merge_at(20..=29, SequenceProgram::new())),
-        "nest(20..=29) got a program without handlers"
+        "merge_at(20..=29) got a program without handlers"
     );
     assert_eq!(
         refused(

@@ -1,7 +1,7 @@
 //! The machine as the servers see it: every server may read it, but it executes only authorized requests.
 //!
 //! A row of the wire parses a request once. [`Machine::authorize_request`] decides on the parsed value whether its user may make
-//! it, and [`Machine::carry_out`] executes that same value. There is no other path to the port: code that passes an
+//! it, and [`Machine::execute_request`] executes that same value. There is no other path to the port: code that passes an
 //! unauthorized request does not compile.
 
 use std::net::IpAddr;

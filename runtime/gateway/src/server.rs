@@ -44,7 +44,7 @@ pub(crate) const SLOT_LIMITS: SlotLimits = SlotLimits {
 /// the pings of a WebSocket.
 const SILENCE_MAX: Duration = Duration::from_secs(75);
 
-/// Time within which a client must read the data sent to it. Each byte that it reads extends it at [`TAKEN_RATE_MIN`];
+/// Time within which a client must read the data sent to it. Each byte that it reads extends it at [`READ_RATE_MIN`];
 /// then its connection is closed. Reason: unread data stays in memory.
 const UNREAD_MAX: Duration = Duration::from_secs(20);
 

@@ -7,7 +7,7 @@
 //!
 //! ```
 //! use std::time::Duration;
-//! use plc_api::{Params, fake::FakePort, handshake::Closed};
+//! use plc_api::{Params, fake::FakePort, handshake::OutputOutcome};
 //! use tandem_structured_text::Program;
 //!
 //! # #[tokio::main(flavor = "current_thread")] async fn main() {
@@ -25,11 +25,11 @@
 //! let program = program.sequence_program(Duration::from_millis(10));
 //! # tokio::spawn(async move { program.run(&plc).await });
 //! # fake.settle().await;
-//! # let seq = fake.put_out(1, 10, Params::default());
+//! # let seq = fake.issue_output(1, 10, Params::default());
 //! # fake.advance(Duration::from_millis(150)).await;
 //! # assert_eq!(fake.closed(1, seq), None);
 //! # fake.advance(Duration::from_millis(100)).await;
-//! # assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+//! # assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Reset));
 //! # }
 //! ```
 

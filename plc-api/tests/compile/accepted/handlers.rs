@@ -2,7 +2,7 @@ use std::sync::Arc;
 
 use plc_api::handlers::with;
 use plc_api::units::{Bar, KiloNewton, Whole};
-use plc_api::{Alarm, AuxOutput, CoordinateSystem, MCode, Params, Plc, SequenceProgram, State, Va, Vb};
+use plc_api::{Alarm, AuxOutput, CoordinateSystem, MCode, Params, Plc, SequenceProgram, HandlerState, Va, Vb};
 
 const CLAMP: MCode = MCode::new(12, "clamp");
 const OPEN: MCode = MCode::new(13, "open");
@@ -30,7 +30,7 @@ struct Blow {
 #[derive(Params)]
 struct Nothing {}
 
-async fn clamp(Va(force): Va<KiloNewton<1, 20>>, State(cell): State<Arc<str>>, plc: Plc) -> Result<(), Alarm> {
+async fn clamp(Va(force): Va<KiloNewton<1, 20>>, HandlerState(cell): HandlerState<Arc<str>>, plc: Plc) -> Result<(), Alarm> {
     let _: (f64, Arc<str>, Plc) = (force.0, cell, plc);
     Ok(())
 }

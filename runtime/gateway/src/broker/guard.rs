@@ -429,7 +429,7 @@ impl Guard {
     }
 
     // Only clients of MQTT 5 understand an acknowledgement "not authorized". Over 3.1.1 the same bytes are a protocol
-    // error, after which the client reconnects and publishes again: there `keeps_back` drops the message. The will of a
+    // error, after which the client reconnects and publishes again: there `withholds` drops the message. The will of a
     // revoked user is still published, because it reports the handler as offline.
     pub(super) fn authorize_publish(
         &self,

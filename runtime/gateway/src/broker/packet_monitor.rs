@@ -162,7 +162,7 @@ impl PacketMonitor {
         *stalled = is_stalled.then(|| stalled.unwrap_or_else(Instant::now));
     }
 
-    /// Whether messages are in transit to the client and it has accepted nothing for `DEAF_AFTER`.
+    /// Whether messages are in transit to the client and it has accepted nothing for `UNRESPONSIVE_AFTER`.
     fn is_unresponsive(&self) -> bool {
         let passing = self.passing.lock();
         let owes = (passing.unacknowledged > 0).then_some(passing.acknowledged);
