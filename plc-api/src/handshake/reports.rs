@@ -25,7 +25,7 @@ impl Ledger {
     /// the text.
     pub fn set_wait_text(&mut self, seq: u64, text: Option<&str>) {
         let boot_id = self.boot_id.clone();
-        // if the output is closed, no text is needed, because no output waits
+        // `change` fails if the output is queued or closed; then no handler is awaited, and no text is needed
         let _ = self.change(&boot_id, seq, None, |output| {
             output.progress = text.map(|text| Progress {
                 text: text.to_owned(),

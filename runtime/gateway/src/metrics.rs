@@ -19,7 +19,7 @@ pub(crate) struct Metrics {
     // by class of status: 1xx to 5xx
     http_responses: [AtomicU64; 5],
     pub(crate) websockets: AtomicU64,
-    /// 1 while connected.
+    /// 1 while the runtime is connected to the MQTT broker, otherwise 0.
     pub(crate) mqtt_connected: AtomicU64,
     pub(crate) mqtt_connections: AtomicU64,
     pub(crate) mqtt_published: AtomicU64,

@@ -39,8 +39,8 @@ impl PathStage {
     /// Checks that the blend of two blocks stays within the soft limits.
     ///
     /// The blend begins `v T/2` before the joint, and ends at the same distance after it. Each of its points
-    /// is the sum of a point of both blocks minus the joint. At the share u of the blend's time, at most `(1
-    /// - u)^2` of the first block's part is left, and at most `u^2` of the second block's part is covered.
+    /// is the sum of a point of both blocks minus the joint. At the share u of the blend's time, at most
+    /// `(1 - u)^2` of the first block's part is left, and at most `u^2` of the second block's part is covered.
     /// Lines stay within their hull.
     pub(crate) fn blend_within_soft_limits(
         &self,

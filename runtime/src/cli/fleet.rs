@@ -171,7 +171,10 @@ impl FleetMeasurement {
             format!("{:.2} ms", value * 1000.0)
         };
         let per_machine = |value: Option<f64>, digits: usize, unit: &str| match value {
-            Some(value) => format!("{value:.digits$} {unit}, {:.3} {unit} each", value / machines),
+            Some(value) => format!(
+                "{value:.digits$} {unit}, {:.3} {unit} per machine",
+                value / machines
+            ),
             None => "unknown".to_owned(),
         };
         let cpu = self.cpu_s.map(|cpu_s| cpu_s / took_s * 100.0);
@@ -186,7 +189,7 @@ impl FleetMeasurement {
             (
                 "M codes",
                 format!(
-                    "{m_codes}, {:.1} a minute each",
+                    "{m_codes}, {:.1} a minute per machine",
                     m_codes as f64 / minutes / machines
                 ),
             ),
@@ -197,7 +200,7 @@ impl FleetMeasurement {
             (
                 "messages that HMIs read",
                 format!(
-                    "{:.0} a second, {:.1} each",
+                    "{:.0} a second, {:.1} a second per machine",
                     all.messages as f64 / took_s,
                     all.messages as f64 / took_s / machines
                 ),

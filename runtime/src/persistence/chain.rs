@@ -155,7 +155,7 @@ pub(super) struct Anchor {
     /// Hash of a line that must exist: the newest line when the anchor was written. It is [`Hash::ORIGIN`] if
     /// there was no line.
     pub hash: Hash,
-    /// Number of that line.
+    /// Number of the line whose hash is `hash`.
     pub n: u64,
     /// Number of the newest file.
     pub file: u64,

@@ -497,7 +497,7 @@ impl World {
         }
         self.current.set(None);
         drop(process);
-        // The remaining tasks end here; their operations have no effect.
+        // During this wait the aborted tasks of the process end; the disk rejects their operations.
         tokio::time::sleep(STEP).await;
     }
 

@@ -355,7 +355,7 @@ impl Parser<'_> {
                 &TOO_DEEP,
                 span,
                 what,
-                "write a part as a FUNCTION, or assign a part to a variable",
+                "move inner statements into a FUNCTION, or assign part of the expression to a variable",
             ));
         }
         self.depth += 1;

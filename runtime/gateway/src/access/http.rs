@@ -24,8 +24,8 @@ const USER_PER_SECOND: u32 = 500;
 const URGENT_BURST: u32 = 1000;
 const URGENT_PER_SECOND: u32 = 1000;
 
-/// Holds, stops and aborts without a login of one host, where they are allowed; further ones are 429. Reason: a person
-/// presses a button.
+/// Holds, stops and aborts that one host requests without a login, if the settings allow them: burst, and
+/// rate per second; more are 429. The limits are low because a person presses a button.
 const STOP_BURST: u32 = 20;
 const STOP_PER_SECOND: u32 = 5;
 

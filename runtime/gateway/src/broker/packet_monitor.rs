@@ -26,7 +26,8 @@ const UNRESPONSIVE_AFTER: Duration = Duration::from_secs(1);
 /// presence, as large as any message of a client at most.
 const CONNECT_BYTES_MAX: usize = PAYLOAD_MAX + 4096;
 
-/// Bytes of the topic of a message. Reason: the library remembers 64 of them for each client, as aliases.
+/// Maximum length of the topic of a message, bytes. Reason: the library stores up to 64 topics for each
+/// client, as topic aliases of MQTT 5.
 const TOPIC_BYTES_MAX: usize = 1024;
 
 /// Kinds of packets, the first four bits.
@@ -54,7 +55,7 @@ struct PacketState {
     /// Remaining bytes of this packet.
     left: usize,
     is_publish: bool,
-    /// The latest received PUBLISH, complete once nothing remains.
+    /// Bytes of the PUBLISH packet received last; the packet is complete if `left` is 0.
     publish: Vec<u8>,
     /// Why the broker reads no further from the client.
     refusal: Option<(ReasonCode, &'static str)>,

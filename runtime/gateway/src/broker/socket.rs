@@ -52,7 +52,7 @@ impl AsyncRead for SocketBytes {
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        // the writer need not flush
+        // a read continues an unfinished flush, so a frame is sent even if the writer does not flush again
         if self.is_unflushed
             && let Poll::Ready(flushed) = self.flush(context)
         {

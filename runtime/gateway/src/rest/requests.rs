@@ -134,7 +134,8 @@ async fn register(shared: &ServerState, authorized: AuthorizedRequest) -> Result
     answer
 }
 
-/// Returns the tag of a reply that the client may already have.
+/// Returns the entity tag (`ETag`) of a program text or planned path; `None` for other replies. The client
+/// sends the tag back to ask whether its copy is still current.
 fn tag_of(reply: &Reply) -> Option<&str> {
     match reply {
         Reply::Program(ProgramText { hash: tag, .. }) | Reply::Bytes(PlannedPath { tag, .. }) => Some(tag),

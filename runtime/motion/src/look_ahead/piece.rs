@@ -65,7 +65,7 @@ impl Piece {
         }
     }
 
-    /// Returns a whole phase at one speed as a piece, which is not halved.
+    /// Returns a piece that spans a whole phase with constant limits. The look-ahead never halves this piece.
     pub(super) fn straight(straight: Straight, cap: f64, phase: Phase) -> Self {
         Self {
             from_s: phase.from_s,

@@ -18,7 +18,7 @@ pub(super) enum ExprType {
     Type(Type),
     /// An integer without a type, which takes the wanted type.
     Integer,
-    /// A number without a type.
+    /// A number with a fraction and without a type, which takes the wanted real type.
     Real,
     /// A function without a result.
     Nothing,
