@@ -207,7 +207,7 @@ impl DataFolder {
             match found {
                 ProgramFileState::Stored(_) => {}
                 ProgramFileState::FromOutside(_, how, _) => {
-                    findings.notes.push(format!("program {number}: {how}"))
+                    findings.notes.push(format!("program {number}: {how}"));
                 }
                 ProgramFileState::Damaged(how) => findings.damaged.push(format!("program {number}: {how}")),
             }

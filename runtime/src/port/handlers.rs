@@ -35,7 +35,7 @@ impl RuntimePort {
                 return Ok(Answer::Done);
             }
             PresenceEffect::Offline(departure) => {
-                self.handler_left(&id, presence.instance, departure).await?
+                self.handler_left(&id, presence.instance, departure).await?;
             }
             PresenceEffect::Online {
                 took_over,

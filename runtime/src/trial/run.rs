@@ -168,7 +168,7 @@ impl<'a> TrialRun<'a> {
                 Item::Stop(_) => self.rest(&item),
                 Item::NeedsStandstill(_) => self.flush(),
                 Item::Warning(origin, text) => {
-                    add_warning(warnings, &diagnostics::WARNS_IN_RUN, origin, text)
+                    add_warning(warnings, &diagnostics::WARNS_IN_RUN, origin, text);
                 }
                 Item::End(_) => {
                     self.rest(&item);
