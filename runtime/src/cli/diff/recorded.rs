@@ -158,7 +158,7 @@ impl Recording {
     fn plan(&mut self, planned: PlannedMotion<'_>) {
         match planned {
             PlannedMotion::Segment { number, segment, .. } => {
-                self.0.push((number, Element::from_segment(segment)))
+                self.0.push((number, Element::from_segment(segment)));
             }
             PlannedMotion::Profile(profile) => {
                 let mut latest = self.0.iter_mut().rev();
