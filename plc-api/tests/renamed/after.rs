@@ -46,7 +46,7 @@ async fn clamp(output: AuxOutput, HandlerState(valve): HandlerState<Valve>, plc:
 
 fn program() -> SequenceProgram {
     let clamps = SequenceProgram::new().state(Valve("V1")).on(CLAMP, clamp);
-    SequenceProgram::new().merge_at(10..=19, clamps)
+    SequenceProgram::new().merge_at(12..=19, clamps)
 }
 
 #[test]
