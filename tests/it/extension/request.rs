@@ -11,7 +11,7 @@ const PORT: &str = "runtime/src/port.rs";
 const LEDGER: &str = "plc-api/src/handshake.rs";
 const COORDINATE_SYSTEM: &str = "runtime/src/coordinate_system/mod.rs";
 const FAKE: &str = "plc-api/src/fake/requests.rs";
-const SPEAKER: &str = "plc-api/src/wire/speaker.rs";
+const MESSAGE_SENDER: &str = "plc-api/src/wire/message_sender.rs";
 
 fn is_name(letter: char) -> bool {
     letter.is_alphanumeric() || letter == '_'
@@ -78,7 +78,7 @@ fn a_request_about_an_output_is_named_by_its_two_rows_and_by_the_ledger() {
 
 #[test]
 fn coordinate_system_request_is_named_in_its_documented_files_only() {
-    let files = [REQUESTS, WIRE, COORDINATE_SYSTEM, FAKE, SPEAKER];
+    let files = [REQUESTS, WIRE, COORDINATE_SYSTEM, FAKE, MESSAGE_SENDER];
     assert_eq!(naming("CoordinateSystemRequest", "Spindle"), sorted(files));
     assert_eq!(costs("a request to a coordinate system"), files);
 }
