@@ -1,4 +1,4 @@
-//! Presence and claims of a named handler. The raw queue and sequence programs use this session.
+//! Presence and claims of a named handler. The raw queue and sequence programs use it.
 //!
 //! The session announces the handler at each boot of the runtime. It announces the handler again if a late
 //! last will of an earlier connection or of another instance has arrived. It repeats the claims that were

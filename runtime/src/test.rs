@@ -52,7 +52,7 @@
 //! ```
 //! # use std::time::Duration;
 //! # use plc_api::{Alarm, AuxOutput, CancelReason, Execution, Plc, SequenceProgram};
-//! # use tandem_runtime::test::{Bench, Ended, TestError};
+//! # use tandem_runtime::test::{Bench, OutputEnd, TestError};
 //! # async fn clamp(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
 //! #     plc.sleep(Duration::from_secs(10)).await;
 //! #     Ok(())
@@ -67,7 +67,7 @@
 //!     })
 //!     .at_output(10, |scene| async move { scene.cs(1).stop().await })
 //!     .run("G91 G01 X10 F600\nX10\nM10\nM30")?;
-//! assert_eq!(run.output(10)?.ended, Ended::Cancelled(CancelReason::Stop));
+//! assert_eq!(run.output(10)?.ended, OutputEnd::Cancelled(CancelReason::Stop));
 //! assert_eq!(run.system(1)?.execution, Execution::Stopped);
 //! # Ok(()) }
 //! ```

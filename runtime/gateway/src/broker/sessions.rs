@@ -99,7 +99,7 @@ impl Sessions {
         }
         let session = PersistentSession {
             account,
-            // the client counts as absent until it is connected
+            // the client is treated as absent until it is connected
             absent_since: Some(Instant::now()),
         };
         remembered.insert(client_id.to_owned(), session);
