@@ -50,7 +50,7 @@
 //! | --- | --- |
 //! | [`Va<T>`](Va) to [`Vh<T>`](Vh) | one parameter: a [unit](crate::units) with bounds, `f64`, `u16`, `bool`; `Va<Option<T>>` may be left out |
 //! | a struct with [`#[derive(Params)]`](derive@crate::Params) | several parameters by name |
-//! | [`HandlerState<T>`](State) | a clone of the state that [`SequenceProgram::state`](crate::SequenceProgram::state) added |
+//! | [`HandlerState<T>`](HandlerState) | a clone of the state that [`SequenceProgram::state`](crate::SequenceProgram::state) added |
 //! | [`AuxOutput`], [`Plc`], [`CoordinateSystem`] | the output, the machine, the coordinate system of the output |
 //! | a type of your own | the value that its implementation of [`FromOutput`] returns |
 
