@@ -7,7 +7,7 @@ use plc_api::types::CoordinateSystemNumber;
 
 use super::Inner;
 use super::plan::Plan;
-use super::slots::PlanUse;
+use super::slots::{PlanOrder, PlanUse};
 
 /// A plan that is being made. Dropping this value, also after a panic, ends the planning. An incomplete plan
 /// is then discarded, so the program is planned again.
@@ -20,8 +20,15 @@ pub(super) struct PlanInProgress<'a> {
 }
 
 impl<'a> PlanInProgress<'a> {
-    pub fn new(inner: &'a Inner, cs: CoordinateSystemNumber, which: PlanUse, plan: &'a Arc<Plan>) -> Self {
-        inner.slots.lock().entry(cs).or_default().begin_plan(which, plan);
+    pub fn new(
+        inner: &'a Inner,
+        cs: CoordinateSystemNumber,
+        (which, order): (PlanUse, &PlanOrder),
+        plan: &'a Arc<Plan>,
+    ) -> Self {
+        let mut all = inner.slots.lock();
+        all.entry(cs).or_default().begin_plan(which, order, plan);
+        drop(all);
         Self {
             inner,
             cs,

@@ -12,6 +12,7 @@ mod in_progress;
 mod path_simplifier;
 mod plan;
 mod planning;
+mod planning_thread;
 mod rehearsed;
 mod slots;
 mod spindle;
@@ -29,27 +30,20 @@ use plc_api::supervisor::Consequence;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::line_start::{LineStart, LineState};
 use plc_api::types::message::Payload;
-use plc_api::types::planned::{
-    PathIdentity, PathQuery, PlannedPath, Rehearsal, RehearsalOutcome, RehearsedRun,
-};
+use plc_api::types::planned::{PathIdentity, PathQuery, PlannedPath, Rehearsal, RehearsedRun};
 use plc_api::types::request::{Refusal, RefusalCode};
 use plc_api::types::run::TimeLeft;
-use plc_api::types::start::{StartObstacle, StartObstacleKind};
 use plc_api::types::state::{Execution, Overrides, Reason, State};
 use plc_api::types::topic::{CsTopic, Topic};
 use tandem_model::Axis;
 use tokio::sync::watch;
 
 use crate::config::ConfiguredSystem;
-use crate::coordinate_system::{Conditions, Prediction, RunStart, View, line_search, state_of};
+use crate::coordinate_system::{Conditions, RunStart, View, line_search, state_of};
 use crate::program_store::StoredProgram;
 use crate::shared::SharedState;
-use in_progress::PlanInProgress;
 use plan::{Plan, PlanContent, RunMoment};
-use slots::{PlanOrder, PlanUse, Slots};
-
-/// Interval at which the thread checks for changes.
-const LOOK_INTERVAL: Duration = Duration::from_millis(200);
+use slots::{PlanUse, Slots};
 
 /// Interval at which the time left of each run is published.
 const TIME_LEFT_INTERVAL: Duration = Duration::from_secs(1);
@@ -66,9 +60,6 @@ const THREAD: &str = "preview";
 /// Pause after a fault in the planning of a program. Reason: the thread plans the same program again.
 const FAULT_PAUSE: Duration = Duration::from_secs(1);
 
-/// Pause before a plan for changed conditions, as a multiple of the duration of the last planning.
-const PAUSE_FACTOR: u32 = 2;
-
 /// If an M code takes longer than its usual time multiplied by this, plus `OVERDUE_S`, its end is unknown.
 const OVERDUE_FACTOR: f64 = 2.0;
 const OVERDUE_S: f64 = 1.0;
@@ -83,7 +74,7 @@ pub(crate) struct Previews {
 #[derive(Debug)]
 struct Inner {
     shared: Arc<SharedState>,
-    systems: Vec<(ConfiguredSystem, Arc<View>)>,
+    systems: Vec<PlannedSystem>,
     slots: Mutex<BTreeMap<CoordinateSystemNumber, Slots>>,
     /// Wakes the planning thread.
     work: Condvar,
@@ -91,6 +82,9 @@ struct Inner {
     /// Counts the changes of all plans.
     changes: watch::Sender<u64>,
 }
+
+/// Coordinate system whose programs are planned.
+type PlannedSystem = (ConfiguredSystem, Arc<View>);
 
 /// A plan, and the run in progress that uses it.
 struct FoundPlan {
@@ -291,7 +285,7 @@ impl Inner {
         self.closing.load(Ordering::Relaxed) || self.shared.closing.is_cancelled()
     }
 
-    fn system(&self, cs: CoordinateSystemNumber) -> Option<&(ConfiguredSystem, Arc<View>)> {
+    fn system(&self, cs: CoordinateSystemNumber) -> Option<&PlannedSystem> {
         let mut systems = self.systems.iter();
         systems.find(|(configured, _)| configured.settings.number == cs)
     }
@@ -398,13 +392,24 @@ impl Inner {
     /// Returns the plan that the active run of the program uses; without such a run, the plan of the program
     /// for the current conditions. If no plan exists, orders it.
     fn look(&self, cs: CoordinateSystemNumber, program: &Arc<StoredProgram>) -> Option<FoundPlan> {
-        let (_, view) = self.system(cs)?;
-        let run = view.run();
-        let is_of = |run: &Arc<RunStart>| run.conditions.main.number == program.number;
-        match run.filter(is_of) {
-            Some(run) => self.look_at_run(cs, run),
-            None => self.look_at_program(cs, program),
+        let state = state_of(&self.shared, cs).unwrap_or_default();
+        if let Some(run) = self.run_of(cs, program) {
+            return self.look_at_run(cs, run);
         }
+        let now = self.conditions(cs, program)?;
+        // A run may have begun meanwhile. Then `now` may contain a position on its path, which would replace the
+        // plan with which the run began.
+        match self.run_of(cs, program) {
+            Some(run) => self.look_at_run(cs, run),
+            None => self.look_at_program(cs, program, &state, &now),
+        }
+    }
+
+    /// Returns the active run of the program.
+    fn run_of(&self, cs: CoordinateSystemNumber, program: &StoredProgram) -> Option<Arc<RunStart>> {
+        let (_, view) = self.system(cs)?;
+        view.run()
+            .filter(|run| run.conditions.main.number == program.number)
     }
 
     fn look_at_run(&self, cs: CoordinateSystemNumber, run: Arc<RunStart>) -> Option<FoundPlan> {
@@ -419,19 +424,23 @@ impl Inner {
         })
     }
 
-    fn look_at_program(&self, cs: CoordinateSystemNumber, program: &Arc<StoredProgram>) -> Option<FoundPlan> {
-        let state = state_of(&self.shared, cs).unwrap_or_default();
-        let now = self.conditions(cs, program)?;
+    fn look_at_program(
+        &self,
+        cs: CoordinateSystemNumber,
+        program: &Arc<StoredProgram>,
+        state: &State,
+        now: &Conditions,
+    ) -> Option<FoundPlan> {
         let is_loaded = state.program == Some(program.number);
         let which = if is_loaded {
             PlanUse::Loaded
         } else {
             PlanUse::Asked
         };
-        let is_moving = is_loaded && is_running(&state);
+        let is_moving = is_loaded && is_running(state);
         let mut all = self.slots.lock();
         let slots = all.entry(cs).or_default();
-        let (plan, is_new) = slots.plan_of_program(which, program, &now, is_moving);
+        let (plan, is_new) = slots.plan_of_program(which, program, now, is_moving);
         if is_new {
             self.work.notify_all();
         }
@@ -449,134 +458,6 @@ impl Inner {
             configured,
             Arc::clone(program),
         ))
-    }
-
-    /// Makes the plan in the requesting thread if it does not exist.
-    fn make_if_needed(&self, cs: CoordinateSystemNumber, program: &Arc<StoredProgram>) {
-        if self.look(cs, program).is_none() {
-            while let Some((cs, which, wanted)) = self.next() {
-                self.make(cs, which, wanted);
-            }
-        }
-    }
-
-    fn work(&self) {
-        while !self.is_closing() {
-            self.shared.supervisor.fault_point(THREAD);
-            self.want_loaded();
-            if let Some((cs, which, wanted)) = self.next() {
-                self.make(cs, which, wanted);
-                continue;
-            }
-            let mut slots = self.slots.lock();
-            if !self.is_closing() {
-                self.work.wait_for(&mut slots, LOOK_INTERVAL);
-            }
-        }
-    }
-
-    /// Orders missing plans for runs and loaded programs, and plans for changed conditions.
-    fn want_loaded(&self) {
-        for (configured, view) in &self.systems {
-            let cs = configured.settings.number;
-            if let Some(run) = view.run() {
-                self.look_at_run(cs, run);
-                continue;
-            }
-            if let Some(slots) = self.slots.lock().get_mut(&cs) {
-                slots.end_run();
-            }
-            let Some(state) = state_of(&self.shared, cs) else {
-                continue;
-            };
-            let program = state.program.and_then(|number| self.shared.store.get(number));
-            let Some(program) = program.filter(|_| !is_running(&state)) else {
-                continue;
-            };
-            if self.validate_program(cs, &program).is_err() {
-                continue;
-            }
-            let slots = self.slots.lock();
-            let pauses = slots
-                .get(&cs)
-                .is_some_and(|slots| slots.pauses(program.number, PAUSE_FACTOR));
-            drop(slots);
-            if !pauses {
-                let found = self.look_at_program(cs, &program);
-                self.predict(cs, found.map(|found| found.plan).as_deref());
-            }
-        }
-    }
-
-    /// Takes the next order for a plan.
-    fn next(&self) -> Option<(CoordinateSystemNumber, PlanUse, PlanOrder)> {
-        let mut all = self.slots.lock();
-        PlanUse::ALL.into_iter().find_map(|which| {
-            let mut systems = all.iter_mut();
-            systems.find_map(|(cs, slots)| Some((*cs, which, slots.take_wanted(which)?)))
-        })
-    }
-
-    fn make(&self, cs: CoordinateSystemNumber, which: PlanUse, wanted: PlanOrder) {
-        let (number, conditions) = match wanted {
-            PlanOrder::Program(program) => (program.number, self.conditions(cs, &program).map(Arc::new)),
-            PlanOrder::Run(run) => {
-                let conditions = Arc::clone(&run.conditions);
-                (conditions.main.number, Some(conditions))
-            }
-        };
-        let Some(conditions) = conditions else { return };
-        let plan = Arc::new(Plan::new(conditions));
-        let in_progress = PlanInProgress::new(self, cs, which, &plan);
-        let is_wanted = || {
-            self.shared.supervisor.fault_point(THREAD);
-            !self.is_closing() && self.is_wanted(cs, which, number, &plan)
-        };
-        let on_change = || self.changes.send_modify(|count| *count += 1);
-        planning::plan(&self.shared, &plan, &is_wanted, &on_change);
-        drop(in_progress);
-        if which == PlanUse::Loaded {
-            self.predict(cs, Some(&plan));
-        }
-        on_change();
-    }
-
-    /// Records the alarm with which the plan of the loaded program ends, if it ends with an alarm.
-    fn predict(&self, cs: CoordinateSystemNumber, plan: Option<&Plan>) {
-        let prediction = plan.and_then(|plan| {
-            let content = plan.content();
-            (content.outcome == RehearsalOutcome::Alarm).then(|| Prediction {
-                hash: plan.conditions.main.checksum().to_owned(),
-                obstacle: StartObstacle {
-                    refuses: false,
-                    at: content.at,
-                    detail: content.text.clone(),
-                    ..StartObstacle::refusing(
-                        StartObstacleKind::Prediction,
-                        format!("the rehearsal ends in an alarm: {}", content.text),
-                    )
-                },
-            })
-        });
-        let is_new = self.system(cs).is_some_and(|(_, view)| view.predict(prediction));
-        if is_new {
-            self.shared.wake_all();
-        }
-    }
-
-    /// Returns false if a plan in progress is no longer useful, or if a run waits for the planning thread.
-    fn is_wanted(&self, cs: CoordinateSystemNumber, which: PlanUse, number: u16, plan: &Plan) -> bool {
-        let run = self.system(cs).and_then(|(_, view)| view.run());
-        if let Some(run) = run.filter(|run| run.conditions.main.number == number) {
-            return plan.matches(&run.conditions);
-        }
-        let loaded = state_of(&self.shared, cs).and_then(|state| state.program);
-        let waits = |slots: &Slots| slots.is_run_waiting();
-        match which {
-            PlanUse::Running => false,
-            PlanUse::Loaded => loaded == Some(number),
-            PlanUse::Asked => loaded != Some(number) && !self.slots.lock().values().any(waits),
-        }
     }
 }
 

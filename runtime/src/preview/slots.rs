@@ -53,7 +53,8 @@ impl PlanOrder {
 #[derive(Debug, Default)]
 struct PlanSlot {
     plan: Option<Arc<Plan>>,
-    /// Order for a plan that has not begun.
+    /// Order for a plan that has not begun. It remains until planning begins, so that a request meanwhile does
+    /// not order the plan again.
     wanted: Option<PlanOrder>,
     /// Duration of the last planning, and the time when it ended.
     took: Option<(Duration, Instant)>,
@@ -138,13 +139,16 @@ impl Slots {
         self.running.wanted.is_some()
     }
 
-    pub fn take_wanted(&mut self, which: PlanUse) -> Option<PlanOrder> {
-        self.slot_mut(which).wanted.take()
+    /// Returns the order for a plan that has not begun.
+    pub fn wanted(&mut self, which: PlanUse) -> Option<PlanOrder> {
+        self.slot_mut(which).wanted.clone()
     }
 
-    /// Records that planning has begun.
-    pub fn begin_plan(&mut self, which: PlanUse, plan: &Arc<Plan>) {
-        self.slot_mut(which).plan = Some(Arc::clone(plan));
+    /// Records that planning for an order has begun.
+    pub fn begin_plan(&mut self, which: PlanUse, order: &PlanOrder, plan: &Arc<Plan>) {
+        let slot = self.slot_mut(which);
+        slot.wanted.take_if(|wanted| wanted.is(order));
+        slot.plan = Some(Arc::clone(plan));
     }
 
     /// Records that planning has ended; discards an incomplete plan.
@@ -174,5 +178,24 @@ impl Slots {
                 plan.cancel();
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Config;
+
+    #[test]
+    fn an_order_is_given_once_until_its_planning_begins() {
+        let machine = Config::demo().resolve().unwrap();
+        let program = Arc::new(StoredProgram::new(1, "M30\n", machine.text_rules()));
+        let order = PlanOrder::Program(program);
+        let mut slots = Slots::default();
+        assert!(slots.slot_mut(PlanUse::Loaded).want(order.clone()));
+        // the planning thread has seen the order, and collects the conditions
+        let seen = slots.wanted(PlanUse::Loaded);
+        assert!(seen.is_some_and(|seen| seen.is(&order)));
+        assert!(!slots.slot_mut(PlanUse::Loaded).want(order));
     }
 }

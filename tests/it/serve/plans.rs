@@ -151,7 +151,12 @@ async fn check_change(
     });
     let of_run = of_run.await;
     let is_unchanged = UNCHANGED.contains(&input);
-    assert_eq!(first == before["plan"], is_unchanged, "{input} {delay:?}");
+    assert_eq!(
+        first == before["plan"],
+        is_unchanged,
+        "{input} {delay:?}: {first} after {}",
+        before["plan"]
+    );
     let planned_highest = of_run["axes"][axis]["highest"].as_f64().unwrap();
     assert!(
         (planned_highest - highest).abs() < 1e-9,

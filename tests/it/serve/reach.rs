@@ -403,10 +403,11 @@ async fn memory_that_clients_needed_is_given_back_when_they_have_gone() {
             while count < 150 {
                 let event = events.poll().await.expect("a connection");
                 count += u32::from(matches!(event, Event::Incoming(Packet::PubAck(_))));
+                // the runtime may return memory at any time, also before the last message
+                most = most.max(allocated_mib(served.process.id()));
             }
         };
         tokio::join!(publish, acknowledged);
-        most = most.max(allocated_mib(served.process.id()));
         assert!(most >= before + 25, "{most} MiB after {before} MiB");
     }
     drop((client, events));
