@@ -19,7 +19,7 @@ pub fn tandem() -> &'static Path {
             assert!(path.is_file(), "TANDEM_BIN = {}: no such file", path.display());
             return path;
         }
-        build(&["-p", "tandem-runtime", "--bin", "tandem"]);
+        build(&["--workspace", "--bin", "tandem"]);
         built("tandem")
     })
 }
@@ -27,7 +27,8 @@ pub fn tandem() -> &'static Path {
 /// One of the programs in `examples/`.
 pub fn example(name: &str) -> PathBuf {
     static BUILT: OnceLock<()> = OnceLock::new();
-    BUILT.get_or_init(|| build(&["-p", "tandem", "--examples"]));
+    // of the whole workspace, because a part would select other features of dependencies, and build them again
+    BUILT.get_or_init(|| build(&["--workspace", "--examples"]));
     built(&format!("examples/{name}"))
 }
 
@@ -61,7 +62,7 @@ fn built(name: &str) -> PathBuf {
     let path = folder().join(name);
     assert!(
         path.is_file(),
-        "{} is missing: run `cargo build -p tandem-runtime && cargo build -p tandem --examples`",
+        "{} is missing: run `cargo build --workspace --examples`",
         path.display()
     );
     path
