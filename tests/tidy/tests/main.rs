@@ -9,5 +9,6 @@ mod language;
 mod names;
 mod product;
 mod quick;
+mod roadmap;
 mod sizes;
 mod texts;
