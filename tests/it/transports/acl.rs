@@ -25,7 +25,7 @@ const USERS: [(&str, &str); 5] = [
     ("boss", "admin"),
 ];
 
-/// Roles that may send requests of a right, according to docs/src/explanation/security.md.
+/// Roles that may send requests of a right, according to docs/src/reference/users.md.
 fn roles(right: &str) -> &'static [&'static str] {
     match right {
         "read" => &["view", "handler", "operate", "admin"],
