@@ -15,9 +15,11 @@ import subprocess
 import sys
 import threading
 import time
+import tomllib
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+TOOLCHAIN = tomllib.loads((ROOT / "rust-toolchain.toml").read_text())["toolchain"]["channel"]
 FAILED = re.compile(r"^test (\S+)(?: - should panic)? \.\.\. FAILED", re.MULTILINE)
 PASSED = re.compile(r"^test result: \w+\. (\d+) passed", re.MULTILINE)
 
@@ -41,11 +43,14 @@ class Program:
             "PROPTEST_RNG_SEED": "20",
             "TANDEM_BIN": str(TARGET / "debug/tandem"),
             **os.environ,
-            # as cargo does; compile tests read it
+            # as cargo does: tests of the compiler read the folder, and projects of readers are built by this compiler
             "CARGO_MANIFEST_DIR": str(self.folder),
+            "RUSTUP_TOOLCHAIN": TOOLCHAIN,
         }
+        # whole machines have time limits, so they come first
+        priority = [] if self.is_of_whole_machines() else ["nice", "-n", "10"]
         return subprocess.run(
-            [self.path, *arguments],
+            [*priority, self.path, *arguments],
             cwd=self.folder,
             env=environment,
             stdout=subprocess.PIPE,

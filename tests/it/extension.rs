@@ -16,7 +16,9 @@ mod spindle;
 mod topic;
 mod transport;
 
-use std::path::PathBuf;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
 
 use tandem_tidy::product::without_tests;
 use tandem_tidy::{files, read};
@@ -33,23 +35,38 @@ fn costs(addition: &str) -> Vec<String> {
 /// Folders and files that hold tests only; the worlds are simulated ones.
 const TEST_FOLDERS: [&str; 5] = ["tests", "tests.rs", "benches", "world", "world.rs"];
 
+/// Code of product files, without tests and comments. Kept, because many tests search it and parsing all files takes
+/// seconds.
+static CODE: Mutex<BTreeMap<PathBuf, Arc<str>>> = Mutex::new(BTreeMap::new());
+
+/// Returns the code of a product file, without tests and comments.
+fn code_of(path: &Path) -> Arc<str> {
+    let is_code = |line: &&str| !line.trim_start().starts_with("//") && !line.trim_start().starts_with('*');
+    let mut known = CODE.lock().unwrap();
+    let code = known.entry(path.to_owned()).or_insert_with(|| {
+        let text = read(path);
+        let product = match path.extension() {
+            Some(extension) if extension == "rs" => without_tests(path, &text),
+            _ => text,
+        };
+        product
+            .lines()
+            .filter(is_code)
+            .collect::<Vec<_>>()
+            .join("\n")
+            .into()
+    });
+    Arc::clone(code)
+}
+
 /// Returns product files of a folder with this ending and matching code, without tests and comments.
 fn files_where(folder: &str, ending: &str, is_meant: impl Fn(&str) -> bool) -> Vec<PathBuf> {
-    let is_code = |line: &&str| !line.trim_start().starts_with("//") && !line.trim_start().starts_with('*');
     let mut found = files(&[ending]);
     found.retain(|path| {
         let is_test = path
             .components()
             .any(|part| TEST_FOLDERS.contains(&part.as_os_str().to_str().unwrap()));
-        !is_test && path.starts_with(folder) && {
-            let text = read(path);
-            let product = match path.extension() {
-                Some(extension) if extension == "rs" => without_tests(path, &text),
-                _ => text,
-            };
-            let code: Vec<_> = product.lines().filter(is_code).collect();
-            is_meant(&code.join("\n"))
-        }
+        !is_test && path.starts_with(folder) && is_meant(&code_of(path))
     });
     found
 }

@@ -39,7 +39,11 @@ pub fn build_beside(folder: &Path) {
     let manifest: toml::Table = manifest.parse().expect("a manifest");
     let target = tandem().parent().and_then(Path::parent).expect("a target folder");
     let mut config = toml::Table::new();
-    let dev = manifest["profile"]["dev"].clone();
+    let mut dev = manifest["profile"]["dev"].clone();
+    // a reader's project builds this crate again in any case, and faster without optimisation
+    if let Some(packages) = dev.get_mut("package").and_then(toml::Value::as_table_mut) {
+        packages.remove("tandem-runtime");
+    }
     config.insert(
         "profile".to_owned(),
         toml::Table::from_iter([("dev".to_owned(), dev)]).into(),
