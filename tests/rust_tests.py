@@ -19,6 +19,7 @@ import time
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
 TOOLCHAIN = re.search(r'channel = "(.+)"', (ROOT / "rust-toolchain.toml").read_text())[1]
+LIBRARIES = subprocess.check_output(["rustc", "--print", "target-libdir"], cwd=ROOT, text=True).strip()
 FAILED = re.compile(r"^test (\S+)(?: - should panic)? \.\.\. FAILED", re.MULTILINE)
 PASSED = re.compile(r"^test result: \w+\. (\d+) passed", re.MULTILINE)
 
@@ -45,6 +46,8 @@ class Program:
             # as cargo does: tests of the compiler read the folder, and projects of readers are built by this compiler
             "CARGO_MANIFEST_DIR": str(self.folder),
             "RUSTUP_TOOLCHAIN": TOOLCHAIN,
+            # the program of a derive macro needs the libraries of the compiler
+            "LD_LIBRARY_PATH": LIBRARIES,
         }
         # whole machines have time limits, so they come first
         priority = [] if self.is_of_whole_machines() else ["nice", "-n", "10"]
