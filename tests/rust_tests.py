@@ -3,8 +3,7 @@
 
   tests/rust_tests.py     builds the tests, runs their programs, and then the examples in documentation comments
 
-The tests of whole machines (tests/it) wait more than they compute, so the other programs run at the same time. A test
-that fails is repeated alone. If it then passes, it is reported as flaky, which is a failure too.
+A test that fails is repeated alone. If it then passes, it is reported as flaky, which is a failure too.
 """
 
 import json
@@ -13,7 +12,6 @@ import pathlib
 import re
 import subprocess
 import sys
-import threading
 import time
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
@@ -21,7 +19,7 @@ TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
 TOOLCHAIN = re.search(r'channel = "(.+)"', (ROOT / "rust-toolchain.toml").read_text())[1]
 LIBRARIES = subprocess.check_output(["rustc", "--print", "target-libdir"], cwd=ROOT, text=True).strip()
 FAILED = re.compile(r"^test (\S+)(?: - should panic)? \.\.\. FAILED", re.MULTILINE)
-PASSED = re.compile(r"^test result: \w+\. (\d+) passed", re.MULTILINE)
+PASSED_ONE = re.compile(r"^test result: ok\. 1 passed", re.MULTILINE)
 
 
 class Program:
@@ -49,10 +47,9 @@ class Program:
             # the program of a derive macro needs the libraries of the compiler
             "LD_LIBRARY_PATH": LIBRARIES,
         }
-        # whole machines have time limits, so they come first
-        priority = [] if self.is_of_whole_machines() else ["nice", "-n", "10"]
-        return subprocess.run(
-            [*priority, self.path, *arguments],
+        begin = time.monotonic()
+        ended = subprocess.run(
+            [self.path, *arguments],
             cwd=self.folder,
             env=environment,
             stdout=subprocess.PIPE,
@@ -61,6 +58,10 @@ class Program:
             errors="replace",
             check=False,
         )
+        seconds = time.monotonic() - begin
+        verdict = "passed" if ended.returncode == 0 else "FAILED"
+        print(f"{' '.join([str(self), *arguments])}: {verdict} after {seconds:.0f} s", flush=True)
+        return ended
 
     def is_of_whole_machines(self):
         return self.package == "tandem" and self.target == "it"
@@ -76,37 +77,20 @@ def test_programs():
     return [Program(message) for message in messages if message.get("executable") and message["profile"]["test"]]
 
 
-class Report:
-    """Results of all programs."""
+def failures(program):
+    """Runs a program; returns a line for each failure."""
+    ended = program.run()
+    if ended.returncode == 0:
+        return []
+    print(ended.stdout, flush=True)
+    failed = FAILED.findall(ended.stdout)
+    return [repeated(program, test) for test in failed] or [f"{program}: ended with {ended.returncode}"]
 
-    def __init__(self):
-        self.printing = threading.Lock()
-        self.failures = []
 
-    def run_all(self, programs):
-        for program in programs:
-            self.run(program)
-
-    def run(self, program):
-        begin = time.monotonic()
-        ended = program.run()
-        seconds = time.monotonic() - begin
-        passed = PASSED.search(ended.stdout)
-        with self.printing:
-            print(f"{program}: {passed[1] if passed else 'none'} passed in {seconds:.0f} s", flush=True)
-        if ended.returncode != 0:
-            self.repeat_failures(program, ended)
-
-    def repeat_failures(self, program, ended):
-        failures = FAILED.findall(ended.stdout)
-        found = [] if failures else [f"{program} ended with {ended.returncode}"]
-        for test in failures:
-            again = program.run("--exact", test)
-            verdict = "flaky: it failed, and passed when repeated" if again.returncode == 0 else "failed twice"
-            found.append(f"{program}: {test} {verdict}")
-        with self.printing:
-            print(ended.stdout, flush=True)
-            self.failures += found
+def repeated(program, test):
+    """Repeats a failed test alone; returns what this shows."""
+    is_flaky = PASSED_ONE.search(program.run("--exact", test).stdout)
+    return f"{program}: {test} {'is flaky: it passed when repeated' if is_flaky else 'failed twice'}"
 
 
 def run_examples():
@@ -118,19 +102,11 @@ def run_examples():
 def main():
     if len(sys.argv) > 1:
         sys.exit(__doc__)
-    programs = test_programs()
-    report = Report()
-    whole = [program for program in programs if program.is_of_whole_machines()]
-    others = [program for program in programs if not program.is_of_whole_machines()]
-    beside = threading.Thread(target=report.run_all, args=[whole])
-    beside.start()
-    report.run_all(others)
+    found = [failure for program in test_programs() for failure in failures(program)]
     if not run_examples():
-        report.failures.append("an example in a documentation comment failed")
-    beside.join()
-    for failure in report.failures:
-        print(failure, flush=True)
-    sys.exit(1 if report.failures else 0)
+        found.append("an example in a documentation comment failed")
+    print("\n".join(found))
+    sys.exit(1 if found else 0)
 
 
 if __name__ == "__main__":
