@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use plc_api::{Alarm, AuxOutput, HandlerState, MCode, Params, Plc, SequenceProgram};
-use tandem_runtime::test::{Bench, TestError};
+use tandem_testing::{Bench, TestError};
 
 const CHANGE_TOOL: MCode = MCode::new(100, "change tool");
 const POCKETS: u16 = 24;

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use plc_api::handlers::with;
 use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
-use tandem_runtime::test::{Bench, TestError};
+use tandem_testing::{Bench, TestError};
 use tokio::sync::watch;
 
 const MILL: u8 = 1;

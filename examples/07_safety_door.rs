@@ -11,7 +11,7 @@
 use std::time::Duration;
 
 use plc_api::{Execution, SequenceProgram};
-use tandem_runtime::test::{Bench, TestError};
+use tandem_testing::{Bench, TestError};
 use tokio::sync::watch;
 
 const MILL: u8 = 1;

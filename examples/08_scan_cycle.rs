@@ -7,7 +7,7 @@
 use plc_api::function_blocks::OnDelay;
 use plc_api::{Alarm, SequenceProgram, scan::Image, scan::Reads, scan::ScanProgram};
 use std::time::Duration;
-use tandem_runtime::test::{Bench, TestError};
+use tandem_testing::{Bench, TestError};
 
 const PERIOD: Duration = Duration::from_millis(10);
 const STEP_MM: f64 = 2.0;

@@ -9,10 +9,10 @@
 use std::time::Duration;
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::OutputOutcome;
+use plc_api::fake::OutputOutcome;
 use plc_api::types::state::Reason;
 use plc_api::{Alarm, Params, Redelivery, SequenceProgram};
-use tandem_runtime::test::{Bench, TestError};
+use tandem_testing::{Bench, TestError};
 
 #[path = "handlers/clamp.rs"]
 mod clamp;

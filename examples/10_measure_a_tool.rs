@@ -7,7 +7,7 @@
 
 use plc_api::types::data::ToolData;
 use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
-use tandem_runtime::test::{Bench, TestError};
+use tandem_testing::{Bench, TestError};
 
 const MILL: u8 = 1;
 const Z_MOTOR: u16 = 3;

@@ -17,14 +17,14 @@ fn main() {
     println!("cargo::rustc-env=TANDEM_BUILD={build}");
 }
 
-/// The commit that a package was made of.
+/// Returns the commit that a package was made of.
 fn packaged() -> Option<String> {
     let text = std::fs::read_to_string(".cargo_vcs_info.json").ok()?;
     let (_, rest) = text.split_once("\"sha1\": \"")?;
     Some(rest.split('"').next()?.to_owned())
 }
 
-/// The commit of the checkout that this folder belongs to.
+/// Returns the commit of the checkout that this folder belongs to.
 fn checked_out() -> Option<String> {
     let top = git(&["--show-toplevel"])?;
     let is_ours = Path::new("..").canonicalize().ok()? == Path::new(&top).canonicalize().ok()?;

@@ -4,6 +4,8 @@
   tests/rust_tests.py     builds the tests, runs their programs, and then the examples in documentation comments
 
 A test that fails is repeated alone. If it then passes, it is reported as flaky, which is a failure too.
+
+The simulated worlds only compute, in simulated time. They run at idle priority next to the other tests, most of which wait.
 """
 
 import json
@@ -34,8 +36,8 @@ class Program:
     def __str__(self):
         return f"tests of {self.package} ({self.target})"
 
-    def run(self, *arguments):
-        """Runs tests of the program; returns the result with its output."""
+    def start(self, *arguments, **options):
+        """Starts tests of the program; its output is a pipe."""
         environment = {
             "RUST_TEST_THREADS": str(max(3, os.cpu_count() or 1)),
             "PROPTEST_RNG_SEED": "20",
@@ -47,8 +49,7 @@ class Program:
             # the program of a derive macro needs the libraries of the compiler
             "LD_LIBRARY_PATH": LIBRARIES,
         }
-        begin = time.monotonic()
-        ended = subprocess.run(
+        return subprocess.Popen(
             [self.path, *arguments],
             cwd=self.folder,
             env=environment,
@@ -56,15 +57,28 @@ class Program:
             stderr=subprocess.STDOUT,
             encoding="utf-8",
             errors="replace",
-            check=False,
+            **options,
         )
+
+    def run(self, *arguments):
+        """Runs tests of the program; returns the result with its output."""
+        begin = time.monotonic()
+        return self.wait(self.start(*arguments), begin, *arguments)
+
+    def wait(self, started, begin, *arguments):
+        """Waits for the end of started tests; returns the result with its output."""
+        output, _ = started.communicate()
         seconds = time.monotonic() - begin
-        verdict = "passed" if ended.returncode == 0 else "FAILED"
+        verdict = "passed" if started.returncode == 0 else "FAILED"
         print(f"{' '.join([str(self), *arguments])}: {verdict} after {seconds:.0f} s", flush=True)
-        return ended
+        return subprocess.CompletedProcess(started.args, started.returncode, output)
 
     def is_of_whole_machines(self):
         return self.package == "tandem" and self.target == "it"
+
+    def only_computes(self):
+        """Returns whether this is the program of the simulated worlds, which never wait for real time."""
+        return self.target == "worlds"
 
 
 def test_programs():
@@ -77,9 +91,13 @@ def test_programs():
     return [Program(message) for message in messages if message.get("executable") and message["profile"]["test"]]
 
 
-def failures(program):
-    """Runs a program; returns a line for each failure."""
-    ended = program.run()
+def idle():
+    """Gives this process only the processor time that no other process uses."""
+    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+
+
+def failures(program, ended):
+    """Returns a line for each failure of a program that has ended."""
     if ended.returncode == 0:
         return []
     print(ended.stdout, flush=True)
@@ -102,7 +120,15 @@ def run_examples():
 def main():
     if len(sys.argv) > 1:
         sys.exit(__doc__)
-    found = [failure for program in test_programs() for failure in failures(program)]
+    programs = test_programs()
+    begin = time.monotonic()
+    computing = [(program, program.start(preexec_fn=idle)) for program in programs if program.only_computes()]
+    found = []
+    for program in programs:
+        if not program.only_computes():
+            found += failures(program, program.run())
+    for program, started in computing:
+        found += failures(program, program.wait(started, begin))
     if not run_examples():
         found.append("an example in a documentation comment failed")
     print("\n".join(found))

@@ -442,10 +442,11 @@ export type RefusalCode = "not_found" | "not_allowed" | "program_runs" | "start_
 /** Predicted run of a program. If a run of the program is in progress, it is planned with the conditions at
  * the start of that run, otherwise with the current conditions. Times apply to overrides of 100 percent. */
 export interface Rehearsal {
-  at: PlannedLocation | null; axes: Record<string, RehearsedAxis>; cs: number; cycle_time_s: number;
-  depends: RunTimeDependence | null; feed_s: number; fixed_s: number; hash: string; lines: RehearsedLine[];
-  m_code_count: number; m_codes: RehearsedMCode[]; outcome: RehearsalOutcome; plan: PlanIdentity; program: number;
-  rapid_s: number; revision: string; run: RehearsedRun | null; run_id: string | null; text: string; wait_s: number;
+  at: PlannedLocation | null; axes: Record<string, RehearsedAxis>; corners: RehearsedCorner[]; cs: number;
+  cycle_time_s: number; depends: RunTimeDependence | null; feed_s: number; fixed_s: number; hash: string;
+  lines: RehearsedLine[]; m_code_count: number; m_codes: RehearsedMCode[]; outcome: RehearsalOutcome;
+  plan: PlanIdentity; program: number; rapid_s: number; revision: string; run: RehearsedRun | null;
+  run_id: string | null; text: string; wait_s: number;
 }
 
 /** State of the planning. */
@@ -456,6 +457,9 @@ export interface RehearsedAxis {
   acceleration: RehearsedPeak; highest: number; lowest: number; motor: number; soft_limits: [number, number] | null;
   velocity: RehearsedPeak;
 }
+
+/** A programmed corner that the path misses, because the next block begins without a stop. */
+export interface RehearsedCorner { distance_mm: number; line: number; program: number; }
 
 /** Start time of a block. */
 export interface RehearsedLine { at_s: number; line: number; program: number; }

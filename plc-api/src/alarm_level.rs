@@ -6,8 +6,8 @@
 
 use std::time::Duration;
 
-use crate::types::CoordinateSystemNumber;
-use crate::types::machine::{AlarmRecord, AlarmSeverity};
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::machine::{AlarmRecord, AlarmSeverity};
 
 /// Time within which a raised alarm must appear among the active alarms; otherwise this program raises the
 /// alarm again, because a reset may have cleared it before this program received it.

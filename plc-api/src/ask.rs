@@ -1,23 +1,26 @@
 //! Questions to the operator: a handler asks, panels show the question with its output, and any operator
 //! answers.
 
+use std::future::ready;
 use std::sync::Arc;
+
+use plc_protocol::error::{Error, Result};
+use plc_protocol::hub::Filter;
+use plc_protocol::names::unique_name;
+use plc_protocol::port::BoxFuture;
+use plc_protocol::types::BootId;
+use plc_protocol::types::message::Message;
+use plc_protocol::types::output::{HandshakeStatus, PendingOutput};
+use plc_protocol::types::question::{Ask, OperatorAnswer, Question};
+use plc_protocol::types::refusal::{Refusal, RefusalCode};
+use plc_protocol::types::request::typed::{self, AnswerQuestion};
+use plc_protocol::types::topic::{CsTopic, Topic};
 
 use crate::claim::{RETRY, accepted};
 use crate::coordinate_system::CoordinateSystem;
-use crate::error::{Error, Result};
 use crate::handler_session::open_outputs;
 use crate::handlers::AuxOutput;
-use crate::hub::Filter;
-use crate::names::unique_name;
 use crate::plc::Plc;
-use crate::types::BootId;
-use crate::types::message::Message;
-use crate::types::output::{HandshakeStatus, PendingOutput};
-use crate::types::question::{Ask, OperatorAnswer, Question};
-use crate::types::refusal::{Refusal, RefusalCode};
-use crate::types::request::typed::{self, AnswerQuestion};
-use crate::types::topic::{CsTopic, Topic};
 
 impl AuxOutput {
     /// Asks the operator a question, and waits for one of the choices. Panels show the question with the
@@ -27,7 +30,7 @@ impl AuxOutput {
     /// `text` has 1 to 200 characters; there are 1 to 8 different choices of 1 to 40 characters.
     ///
     /// ```
-    /// # use plc_api::{Alarm, AuxOutput, Params, SequenceProgram, fake::FakePort, handshake::OutputOutcome};
+    /// # use plc_api::{Alarm, AuxOutput, Params, SequenceProgram, fake::{FakePort, OutputOutcome}};
     /// async fn measure(output: AuxOutput) -> Result<(), Alarm> {
     ///     match output.ask("Is the part clean?", ["yes", "no"]).await?.as_str() {
     ///         "yes" => Ok(()),
@@ -70,7 +73,11 @@ impl AuxOutput {
         }
         ask.check()?;
         let _turn = self.lock_question().await;
-        let question = PendingQuestion { output: self, ask };
+        let question = PendingQuestion {
+            output: self,
+            ask,
+            is_answered: false,
+        };
         question.answer().await
     }
 }
@@ -99,37 +106,21 @@ impl Plc {
     }
 }
 
-/// A pending question; dropping it withdraws the question.
+/// A pending question; dropping it before its answer withdraws the question.
 struct PendingQuestion<'a> {
     output: &'a AuxOutput,
     ask: Ask,
+    is_answered: bool,
 }
 
 impl PendingQuestion<'_> {
-    async fn answer(self) -> Result<String> {
+    async fn answer(mut self) -> Result<String> {
         let plc = self.output.plc();
         let topic = Topic::cs(self.output.coordinate_system(), CsTopic::Pending);
         let mut pending = plc.port().subscribe(Filter::Topics(vec![topic]));
         let mut seen = false;
+        let mut ask_at: BoxFuture<'_, ()> = Box::pin(ready(()));
         loop {
-            if !seen {
-                match plc.request(self.request(self.ask.clone())).await {
-                    Ok(answer) => match accepted(self.output.m(), self.output.seq(), answer) {
-                        // the claim was lost with the connection: the next `pending` message shows the new
-                        // state of the output
-                        Ok(())
-                        | Err(Error::Handshake {
-                            status: HandshakeStatus::NotOwner,
-                            ..
-                        }) => {}
-                        Err(Error::Handshake { .. }) => return Err(self.ended().await),
-                        Err(error) => return Err(error),
-                    },
-                    Err(Error::NoAnswer { .. }) => {}
-                    Err(Error::Refused(refusal)) if refusal.code.may_pass() => {}
-                    Err(error) => return Err(error),
-                }
-            }
             tokio::select! {
                 biased;
                 message = pending.next() => {
@@ -138,12 +129,46 @@ impl PendingQuestion<'_> {
                         return Err(self.ended().await);
                     };
                     match output.question.as_ref().filter(|question| question.id == self.ask.question_id) {
-                        Some(Question { answer: Some(choice), .. }) => return Ok(choice.clone()),
+                        Some(Question { answer: Some(choice), .. }) => {
+                            self.is_answered = true;
+                            return Ok(choice.clone());
+                        }
+                        None if seen => {
+                            // the question was lost with the claim
+                            seen = false;
+                            ask_at = Box::pin(ready(()));
+                        }
                         question => seen = question.is_some(),
                     }
                 }
-                () = plc.sleep(RETRY), if !seen => {}
+                () = &mut ask_at, if !seen => {
+                    self.send_question().await?;
+                    ask_at = Box::pin(plc.sleep(RETRY));
+                }
             }
+        }
+    }
+
+    /// Sends the question once.
+    ///
+    /// # Errors
+    /// Fails if the machine refuses the question permanently, or the handler no longer owns the output.
+    async fn send_question(&self) -> Result<()> {
+        match self.output.plc().request(self.request(self.ask.clone())).await {
+            Ok(answer) => match accepted(self.output.m(), self.output.seq(), answer) {
+                // the claim was lost with the connection: the next `pending` message shows the new state of the
+                // output
+                Ok(())
+                | Err(Error::Handshake {
+                    status: HandshakeStatus::NotOwner,
+                    ..
+                }) => Ok(()),
+                Err(Error::Handshake { .. }) => Err(self.ended().await),
+                Err(error) => Err(error),
+            },
+            Err(Error::NoAnswer { .. }) => Ok(()),
+            Err(Error::Refused(refusal)) if refusal.code.may_pass() => Ok(()),
+            Err(error) => Err(error),
         }
     }
 
@@ -178,6 +203,9 @@ impl PendingQuestion<'_> {
 
 impl Drop for PendingQuestion<'_> {
     fn drop(&mut self) {
+        if self.is_answered {
+            return;
+        }
         let back = Ask {
             text: String::new(),
             choices: Vec::new(),

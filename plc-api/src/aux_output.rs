@@ -7,26 +7,27 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use futures_util::FutureExt;
+use plc_protocol::error::Result;
+use plc_protocol::lock::lock;
+use plc_protocol::port::BoxFuture;
+use plc_protocol::supervisor::panic_text;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::output::{
+    CancelReason, CheckpointReport, OutputNotice, Params, PendingOutput, ProgressReport,
+};
+use plc_protocol::types::refusal::{Refusal, RefusalCode};
+use plc_protocol::types::request::Request;
+use plc_protocol::types::request::typed::{Checkpoint, Progress};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use tokio::sync::{Mutex, MutexGuard, watch};
 
 use crate::claim::OutputId;
-use crate::error::Result;
 use crate::handler_session::HandlerSession;
 use crate::identity::Identity;
-use crate::lock::lock;
 use crate::plc::Plc;
-use crate::port::BoxFuture;
 use crate::states::States;
-use crate::text::panic_text;
-use crate::types::CoordinateSystemNumber;
-use crate::types::output::{
-    CancelReason, CheckpointReport, OutputNotice, Params, PendingOutput, ProgressReport,
-};
-use crate::types::refusal::{Refusal, RefusalCode};
-use crate::types::request::typed::{Checkpoint, Progress};
 
 tokio::task_local! {
     /// The output whose handler runs in the current task.
@@ -50,7 +51,7 @@ struct HandledOutput {
     notice: OutputNotice,
     /// Checkpoint that the machine had stored at the time of the claim.
     checkpoint: Option<Value>,
-    verify: bool,
+    verify: AtomicBool,
     cancellation: Cancellation,
     /// True once the handler has ended and the reset is being sent: a cancellation then has no effect.
     is_answering: AtomicBool,
@@ -58,6 +59,14 @@ struct HandledOutput {
     question: Mutex<()>,
     /// Clean-ups for a cancellation; they run in reverse order.
     clean_ups: std::sync::Mutex<CleanUps>,
+    reports: std::sync::Mutex<LastReports>,
+}
+
+/// The last reports of the handler, which are sent again after a lost connection.
+#[derive(Debug, Default)]
+struct LastReports {
+    progress: Option<ProgressReport>,
+    checkpoint: Option<CheckpointReport>,
 }
 
 /// Clean-ups for a cancellation, each with a time limit.
@@ -84,11 +93,12 @@ impl AuxOutput {
             id,
             notice: pending.output.clone(),
             checkpoint: pending.checkpoint.clone(),
-            verify,
+            verify: AtomicBool::new(verify),
             cancellation: Cancellation { state },
             is_answering: AtomicBool::new(false),
             question: Mutex::default(),
             clean_ups: std::sync::Mutex::default(),
+            reports: std::sync::Mutex::default(),
         };
         let inner = Arc::new(inner);
         let states = states.clone();
@@ -115,6 +125,22 @@ impl AuxOutput {
 
     pub(crate) fn set_answering(&self) {
         self.inner.is_answering.store(true, Ordering::Relaxed);
+    }
+
+    /// Sets whether the handler must check the machine first, before the handler starts.
+    pub(crate) fn set_redelivered(&self, verify: bool) {
+        self.inner.verify.store(verify, Ordering::Relaxed);
+    }
+
+    /// Returns the last reports of the handler, to send them again.
+    pub(crate) fn last_reports(&self) -> Vec<Request> {
+        let (cs, m) = (self.coordinate_system(), Some(self.m()));
+        let reports = lock(&self.inner.reports);
+        let progress = reports.progress.clone();
+        let checkpoint = reports.checkpoint.clone();
+        let progress = progress.map(|report| Request::Progress(cs, m, report));
+        let checkpoint = checkpoint.map(|report| Request::Checkpoint(cs, m, report));
+        progress.into_iter().chain(checkpoint).collect()
     }
 
     /// Waits until no other question of this output is pending, and returns the lock for a new question.
@@ -207,11 +233,12 @@ impl AuxOutput {
     /// handler must check the machine first. Returns false on the first delivery, and if the redelivery is
     /// `redo`.
     pub fn redelivered(&self) -> bool {
-        self.inner.verify
+        self.inner.verify.load(Ordering::Relaxed)
     }
 
     /// Reports progress, which panels show while the program waits. `text` has at most 200 characters,
-    /// `percent` is 0 to 100 or `None`. The report has no effect if this handler no longer owns the output.
+    /// `percent` is 0 to 100 or `None`. The report is sent again after a loss of the connection. It has no
+    /// effect if this handler no longer owns the output.
     ///
     /// # Errors
     /// Fails if the machine cannot be reached.
@@ -224,6 +251,7 @@ impl AuxOutput {
             text: text.into(),
             percent: percent.into(),
         };
+        lock(&self.inner.reports).progress = Some(report.clone());
         let request = Progress(self.coordinate_system(), Some(self.m()), report);
         self.inner.plc.request(request).await.map(|_| ())
     }
@@ -267,6 +295,7 @@ impl AuxOutput {
             checkpoint,
         };
         report.check()?;
+        lock(&self.inner.reports).checkpoint = Some(report.clone());
         let request = Checkpoint(self.coordinate_system(), Some(self.m()), report);
         self.inner.plc.request(request).await.map(|_| ())
     }
@@ -281,7 +310,7 @@ impl AuxOutput {
             return Ok(None);
         };
         T::deserialize(noted).map(Some).map_err(|error| {
-            let text = format!("the checkpoint of M{} has another form: {error}", self.m());
+            let text = format!("the checkpoint of M{} has another type: {error}", self.m());
             Refusal::new(RefusalCode::Invalid, text).into()
         })
     }

@@ -3,14 +3,17 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
+use plc_protocol::error::{Error, Result};
+use plc_protocol::hub::{Filter, Subscription};
+use plc_protocol::types::data::{
+    JsonNumber, PublishedVariables, ToolData, VARIABLES_AT_ONCE_MAX, VariableKind,
+};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::refusal::{Refusal, RefusalCode};
+use plc_protocol::types::topic::{CsTopic, Topic};
+
 use crate::coordinate_system::CoordinateSystem;
-use crate::error::{Error, Result};
-use crate::hub::{Filter, Subscription};
 use crate::plc::Plc;
-use crate::types::data::{JsonNumber, PublishedVariables, ToolData, VARIABLES_AT_ONCE_MAX, VariableKind};
-use crate::types::message::Payload;
-use crate::types::refusal::{Refusal, RefusalCode};
-use crate::types::topic::{CsTopic, Topic};
 use crate::variables::Variables;
 
 /// Function that returns the value in a message, or `None` if the message does not contain the value.

@@ -1,18 +1,17 @@
 //! Claims and resets of an output, each repeated until the machine has answered.
 
-use crate::alarm::Alarm;
-use crate::error::{Error, Result};
-use crate::handshake::strictest;
+use plc_protocol::alarm::Alarm;
+use plc_protocol::error::{Error, Result};
+use plc_protocol::handshake::{reset_of, strictest};
+use plc_protocol::types::message::Message;
+use plc_protocol::types::output::{Claim, HandshakeResult, HandshakeStatus, PendingOutput, Redelivery};
+use plc_protocol::types::request::{TypedRequest, typed};
+use plc_protocol::types::{BootId, CoordinateSystemNumber};
+
 use crate::identity::Identity;
 use crate::plc::Plc;
-use crate::types::message::Message;
-use crate::types::output::{
-    Claim, HandshakeResult, HandshakeStatus, PendingOutput, Redelivery, Reset, ResetResult,
-};
-use crate::types::request::{TypedRequest, typed};
-use crate::types::{BootId, CoordinateSystemNumber};
 
-pub(crate) use crate::port::RETRY;
+pub(crate) use plc_protocol::port::RETRY;
 
 /// Identifier of an output that is unique over all boots.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -53,28 +52,6 @@ impl OutputId {
     }
 }
 
-/// Creates the reset with the result of a handler; `alarm` is the fault, if the handler failed.
-pub(crate) fn reset_of(boot_id: &BootId, seq: u64, handler_id: &str, alarm: Option<Alarm>) -> Reset {
-    let (result, code, text) = match alarm {
-        None => (ResetResult::Ok, None, None),
-        Some(alarm) => (
-            ResetResult::Fault,
-            Some(alarm.user_code().unwrap_or(0)),
-            Some(alarm.text),
-        ),
-    };
-    Reset {
-        boot_id: boot_id.clone(),
-        seq,
-        handler_id: handler_id.to_owned(),
-        result,
-        code,
-        text,
-        force: None,
-        instance: None,
-    }
-}
-
 /// Checks the answer to a claim or reset. If the transport returns no answer (`None`), this is not an error.
 pub(crate) fn accepted(m: u16, seq: u64, answer: Option<HandshakeResult>) -> Result<()> {
     match answer.map(|result| result.status) {
@@ -84,9 +61,9 @@ pub(crate) fn accepted(m: u16, seq: u64, answer: Option<HandshakeResult>) -> Res
 }
 
 /// Outcome of one attempt at a claim or reset.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) enum HandshakeAttempt {
-    Answered(HandshakeStatus),
+    Answered(HandshakeResult),
     /// The machine permanently refuses the claim or reset.
     Refused,
     /// No answer has arrived. [`RETRY`] has passed since the attempt: the caller may repeat the claim or
@@ -100,7 +77,7 @@ pub(crate) async fn ask_once(
     request: impl TypedRequest<Answer = HandshakeResult>,
 ) -> HandshakeAttempt {
     match plc.port().ask(request).await {
-        Ok(HandshakeResult { status, .. }) => HandshakeAttempt::Answered(status),
+        Ok(result) => HandshakeAttempt::Answered(result),
         Err(refusal) if refusal.code.may_pass() => {
             tracing::warn!(%refusal, "claim or reset not answered yet");
             plc.sleep(RETRY).await;
@@ -120,7 +97,7 @@ pub(crate) async fn until_answered(
 ) -> Option<HandshakeStatus> {
     loop {
         match ask_once(plc, request.clone()).await {
-            HandshakeAttempt::Answered(status) => return Some(status),
+            HandshakeAttempt::Answered(result) => return Some(result.status),
             HandshakeAttempt::Refused => return None,
             HandshakeAttempt::NotYet => {}
         }

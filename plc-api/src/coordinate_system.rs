@@ -2,25 +2,26 @@
 
 use std::collections::BTreeMap;
 
-use crate::alarm::Alarm;
-use crate::error::{Error, Result};
-use crate::hub::Filter;
-use crate::levels::LockKind;
-use crate::plc::Plc;
-use crate::types::CoordinateSystemNumber;
-use crate::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
-use crate::types::lease::LeaseState;
-use crate::types::line_start::{LineStart, LineState};
-use crate::types::message::Payload;
-use crate::types::output::Pending;
-use crate::types::refusal::{Refusal, RefusalCode};
-use crate::types::request::typed;
-use crate::types::request::{Input, OverrideChange, SpindleCommand};
-use crate::types::state::{
+use plc_protocol::alarm::Alarm;
+use plc_protocol::error::{Error, Result};
+use plc_protocol::hub::Filter;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
+use plc_protocol::types::lease::LeaseState;
+use plc_protocol::types::line_start::{LineStart, LineState};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::output::Pending;
+use plc_protocol::types::refusal::{Refusal, RefusalCode};
+use plc_protocol::types::request::typed;
+use plc_protocol::types::request::{Input, OverrideChange, SpindleCommand};
+use plc_protocol::types::state::{
     CapturedPositions, Execution, Lock, LockSet, Modal, OptionalSkip, Overrides, Position, ProgramLocation,
     Spindle, SpindleDirection, State, Tool,
 };
-use crate::types::topic::{CsTopic, Topic};
+use plc_protocol::types::topic::{CsTopic, Topic};
+
+use crate::levels::LockKind;
+use crate::plc::Plc;
 
 /// One CNC coordinate system of a machine. Each method that sends a command returns after the effect of the
 /// command.
@@ -325,7 +326,7 @@ impl CoordinateSystem {
                 code: reply.code,
                 text: reply.text,
             }),
-            CommandStatus::Accepted | CommandStatus::Done => Ok(reply),
+            _ => Ok(reply),
         }
     }
 

@@ -64,7 +64,8 @@ pub use state::HandlerState;
 pub use takes::Takes;
 pub use value::{ParamValue, Va, Vb, Vc, Vd, Ve, Vf, Vg, Vh, param};
 
-use crate::alarm::Alarm;
+use plc_protocol::alarm::Alarm;
+
 use crate::aux_output::AuxOutput;
 use crate::coordinate_system::CoordinateSystem;
 use crate::plc::Plc;

@@ -16,7 +16,7 @@
 //! use std::time::Duration;
 //! use plc_api::function_blocks::{OnDelay, RisingEdge, UpCounter};
 //! use plc_api::scan::{Image, ScanProgram};
-//! use plc_api::{Alarm, Params, SequenceProgram, fake::FakePort, handshake::OutputOutcome};
+//! use plc_api::{Alarm, Params, SequenceProgram, fake::{FakePort, OutputOutcome}};
 //!
 //! /// M50 counts a part, and is done when the gripper has been closed for 0.2 s.
 //! struct Gripper {

@@ -13,23 +13,23 @@ use std::time::Duration;
 
 use futures_util::StreamExt;
 use futures_util::stream::FuturesUnordered;
+use plc_protocol::error::{Error, Result};
+use plc_protocol::hub::{Filter, Subscription};
+use plc_protocol::port::BoxFuture;
+use plc_protocol::types::alarm_text::AlarmText;
+use plc_protocol::types::handler::{HandlerResult, HandlerStatus, RETURNS_WITHIN_MS};
+use plc_protocol::types::m_code::MCodeDeclaration;
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::output::{
+    HandledCode, HandlerPresence, HandshakeResult, HandshakeStatus, OutputState, PendingOutput, Redelivery,
+};
+use plc_protocol::types::request::{Refusal, Request, typed};
+use plc_protocol::types::topic::{CsTopic, Topic};
+use plc_protocol::types::{BootId, CoordinateSystemNumber};
 
 use crate::claim::{HandshakeAttempt, OutputId, RETRY, ask_once};
-use crate::error::{Error, Result};
-use crate::hub::{Filter, Subscription};
 use crate::identity::Identity;
 use crate::plc::Plc;
-use crate::port::BoxFuture;
-use crate::types::alarm_text::AlarmText;
-use crate::types::handler::{HandlerResult, HandlerStatus, RETURNS_WITHIN_MS};
-use crate::types::m_code::MCodeDeclaration;
-use crate::types::message::{Message, Payload};
-use crate::types::output::{
-    HandledCode, HandlerPresence, HandshakeStatus, OutputState, PendingOutput, Redelivery,
-};
-use crate::types::request::{Refusal, Request, typed};
-use crate::types::topic::{CsTopic, Topic};
-use crate::types::{BootId, CoordinateSystemNumber};
 
 /// Number of refusals after which an announcement has failed. Reason to try again: an earlier program of this
 /// name may be about to end.
@@ -381,8 +381,8 @@ impl HandlerSession {
         }
         let (claim, registration) = (id.claim(m, &self.by), self.registration());
         self.requests.push(Box::pin(async move {
-            let status = registration.claim_lost(claim).await?;
-            let is_ours = status == Some(HandshakeStatus::Accepted);
+            let answer = registration.claim_lost(claim).await?;
+            let is_ours = answer.is_some_and(|result| result.status == HandshakeStatus::Accepted);
             Ok(Some(Event::Reclaimed(id, is_ours)))
         }));
     }
@@ -398,10 +398,17 @@ impl HandlerSession {
 
     /// Sends a request without waiting for its answer.
     pub(crate) fn send(&mut self, request: Request, what_if_not: &'static str) {
+        self.send_all(vec![request], what_if_not);
+    }
+
+    /// Sends requests one after the other. The caller does not wait for the answers.
+    pub(crate) fn send_all(&mut self, requests: Vec<Request>, what_if_not: &'static str) {
         let plc = self.plc.clone();
         self.requests.push(Box::pin(async move {
-            if let Err(refusal) = plc.port().request(request).await {
-                tracing::warn!(%refusal, "{what_if_not}");
+            for request in requests {
+                if let Err(refusal) = plc.port().request(request).await {
+                    tracing::warn!(%refusal, "{what_if_not}");
+                }
             }
             Ok(None)
         }));
@@ -427,9 +434,9 @@ impl Registration {
     pub(crate) async fn claim(
         &self,
         claim: typed::Claim,
-    ) -> std::result::Result<Option<HandshakeStatus>, Refusal> {
+    ) -> std::result::Result<Option<HandshakeResult>, Refusal> {
         match ask_once(&self.plc, claim.clone()).await {
-            HandshakeAttempt::Answered(status) => Ok(Some(status)),
+            HandshakeAttempt::Answered(result) => Ok(Some(result)),
             HandshakeAttempt::Refused => Ok(None),
             HandshakeAttempt::NotYet => self.claim_lost(claim).await,
         }
@@ -443,11 +450,11 @@ impl Registration {
     pub(crate) async fn claim_lost(
         &self,
         claim: typed::Claim,
-    ) -> std::result::Result<Option<HandshakeStatus>, Refusal> {
+    ) -> std::result::Result<Option<HandshakeResult>, Refusal> {
         loop {
             send_presence(&self.plc, &self.by.handler_id, self.presence.clone()).await?;
             match ask_once(&self.plc, claim.clone()).await {
-                HandshakeAttempt::Answered(status) => return Ok(Some(status)),
+                HandshakeAttempt::Answered(result) => return Ok(Some(result)),
                 HandshakeAttempt::Refused => return Ok(None),
                 HandshakeAttempt::NotYet => {}
             }

@@ -17,7 +17,7 @@ pub use device::{Device, DeviceHandler};
 pub use table::{Handler, with};
 
 pub use crate::aux_output::{AuxOutput, Cancellation};
-pub use crate::m_codes::{ByName, ByNumber, M_CODE_MAX, MCodes, RUNTIME_M_CODES};
+pub use crate::m_codes::{ByName, ByNumber, MCodes};
 
 use std::marker::PhantomData;
 use std::ops::RangeInclusive;
@@ -26,18 +26,18 @@ use std::time::Duration;
 
 use futures_util::FutureExt;
 use futures_util::stream::{FuturesUnordered, StreamExt};
+use plc_protocol::alarm::{Alarm, UserAlarm};
+use plc_protocol::error::{Error, Result};
+use plc_protocol::names::mistake_in_id;
+use plc_protocol::port::BoxFuture;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::alarm_text::AlarmText;
+use plc_protocol::types::machine::{ServedMCode, ServedMCodesFile};
+use plc_protocol::types::output::{Params, Redelivery};
 use tokio::sync::watch;
 
-use crate::alarm::{Alarm, UserAlarm};
-use crate::error::{Error, Result};
 use crate::levels::LockKind;
-use crate::names::mistake_in_id;
 use crate::plc::Plc;
-use crate::port::BoxFuture;
-use crate::types::CoordinateSystemNumber;
-use crate::types::alarm_text::AlarmText;
-use crate::types::machine::{ServedMCode, ServedMCodesFile};
-use crate::types::output::{Params, Redelivery};
 
 use followed_level::FollowedLevel;
 use run::LifecycleOptions;
@@ -60,7 +60,7 @@ type Companion = Arc<dyn Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync
 /// A sequence program: the handlers that serve M codes.
 ///
 /// ```
-/// use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, fake::FakePort, handshake::OutputOutcome};
+/// use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, fake::{FakePort, OutputOutcome}};
 ///
 /// async fn clamp(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
 ///     let force = output.params().a().ok_or(Alarm::user(1, "M10 needs VA"))?;

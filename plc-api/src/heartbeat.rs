@@ -2,16 +2,16 @@
 
 use std::time::Duration;
 
+use plc_protocol::error::Result;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::heartbeat::ClientHeartbeat;
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::request::typed;
+use plc_protocol::types::topic::Topic;
 use tokio::task::JoinHandle;
 
 use crate::coordinate_system::CoordinateSystem;
-use crate::error::Result;
 use crate::plc::Plc;
-use crate::types::CoordinateSystemNumber;
-use crate::types::heartbeat::ClientHeartbeat;
-use crate::types::message::Payload;
-use crate::types::request::typed;
-use crate::types::topic::Topic;
 
 /// Number of heartbeats that are sent within one `ttl`. Reason: two of them may be lost.
 const BEATS: u32 = 3;

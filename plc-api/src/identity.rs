@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::names::unique_name;
+use plc_protocol::names::unique_name;
 
 /// A handler and one of its instances, as the sender of claims, resets and writes of levels.
 #[derive(Debug, Clone)]

@@ -1,14 +1,15 @@
 //! Inputs and outputs of the plant, from the point of view of a sequence program.
 
-use crate::error::{Error, Result};
-use crate::hub::{Filter, Subscription};
-use crate::io_points::{check_io_declared, check_io_owner};
+use plc_protocol::error::{Error, Result};
+use plc_protocol::hub::{Filter, Subscription};
+use plc_protocol::io_points::{check_io_declared, check_io_owner};
+use plc_protocol::types::io::{IoForce, IoPoint, IoState, IoValue, refused};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::refusal::RefusalCode;
+use plc_protocol::types::request::typed::ForceIo;
+use plc_protocol::types::topic::Topic;
+
 use crate::plc::Plc;
-use crate::types::io::{IoForce, IoPoint, IoState, IoValue, refused};
-use crate::types::message::Payload;
-use crate::types::refusal::RefusalCode;
-use crate::types::request::typed::ForceIo;
-use crate::types::topic::Topic;
 
 /// An input or output of the plant, created by [`Plc::io_in`] or [`Plc::io_out`].
 ///
@@ -40,7 +41,7 @@ use crate::types::topic::Topic;
 /// # assert_eq!(fake.closed(1, seq), None);
 /// # fake.plc().io_in("coolant_flows").set(true).await?;
 /// # fake.settle().await;
-/// # assert_eq!(fake.closed(1, seq), Some(plc_api::handshake::OutputOutcome::Reset));
+/// # assert_eq!(fake.closed(1, seq), Some(plc_api::fake::OutputOutcome::Reset));
 /// # Ok(()) }
 /// ```
 #[derive(Debug, Clone)]

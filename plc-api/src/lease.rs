@@ -4,14 +4,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use plc_protocol::error::{Error, Result};
+use plc_protocol::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
+use plc_protocol::types::refusal::{Refusal, RefusalCode};
+use plc_protocol::types::request::typed;
 use tokio::task::JoinHandle;
 
 use crate::coordinate_system::CoordinateSystem;
-use crate::error::{Error, Result};
 use crate::plc::Plc;
-use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
-use crate::types::refusal::{Refusal, RefusalCode};
-use crate::types::request::typed;
 
 /// Number of renewals within one `ttl` of a lease. Reason: two of them may be lost.
 const RENEWALS: u32 = 3;

@@ -5,16 +5,16 @@
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 
+use plc_protocol::error::Result;
+use plc_protocol::lock::lock;
+use plc_protocol::port::{Port, RETRY};
+use plc_protocol::types::io::{IoPoint, IoSet, IoValue};
+use plc_protocol::types::lock::LockSet;
+use plc_protocol::types::request::{Input, Request};
+use plc_protocol::types::{BootId, CoordinateSystemNumber};
 use tokio::sync::watch;
 
-use crate::error::Result;
 use crate::identity::Identity;
-use crate::lock::lock;
-use crate::port::{Port, RETRY};
-use crate::types::io::{IoPoint, IoSet, IoValue};
-use crate::types::lock::LockSet;
-use crate::types::request::{Input, Request};
-use crate::types::{BootId, CoordinateSystemNumber};
 
 /// Kind of a lock input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

@@ -192,15 +192,16 @@
 //!
 //! # Testing
 //! [`fake::FakePort`] is a scripted machine: the test issues outputs and advances the time, as in the example
-//! of [`SequenceProgram`]. `tandem_runtime::test` (dev-dependency, feature `testing`) is a whole runtime that
-//! runs NC programs with motion in simulated time.
+//! of [`SequenceProgram`]. `tandem_testing` (a dev-dependency) is a whole runtime that runs NC programs with
+//! motion in simulated time.
 //!
 //! # Layers
-//! [`port::Port`] is the whole interface as one trait; [`types`] contains all messages and requests;
-//! [`handshake`] is the state machine of outputs and resets for all transports; [`execution`] defines the
-//! commands that are allowed in each state; [`hub`] distributes messages. A number such as D16 names a
-//! decision on how the runtime interprets the NC language; a number such as H4 names a rule of the
-//! [handshake](handshake::rules).
+//! [`port::Port`] is the whole interface as one trait; [`types`] contains the messages and requests that
+//! sequence programs use. Programs that implement a transport or a server, or that use further requests of
+//! [`Plc::port`], depend on the crate [`plc_protocol`]. That crate contains all messages and requests, the
+//! state machine of outputs and resets, and the commands that are allowed in each state. A number such as D16
+//! names a decision on how the runtime interprets the NC language; a number such as H4 names a rule of the
+//! [handshake](plc_protocol::handshake::rules).
 //!
 //! # Compatibility
 //! A release without a new major version (before 1.0: without a new minor version) may add variants to
@@ -208,66 +209,56 @@
 //! members by their names, end a pattern with `..`, and create a message by its constructor or from its
 //! `Default`.
 //!
-//! Features: `mqtt` (default) is the MQTT client, with TLS; `rest` is the client for REST and WebSocket;
-//! `schema` derives JSON Schemas of the types. Without these features the crate has few dependencies except
-//! tokio and serde.
+//! Features: `mqtt` (default) is the MQTT client, with TLS; `rest` is the client for REST and WebSocket.
+//! Without these features the crate has few dependencies except tokio and serde.
 
 // the code that the derive macro generates uses this name of the crate
 extern crate self as plc_api;
 
-pub mod alarm;
 mod alarm_level;
 mod ask;
 mod aux_output;
 mod changes;
 mod claim;
 mod coordinate_system;
-mod error;
-pub mod execution;
 pub mod extract;
 pub mod fake;
 pub mod function_blocks;
-pub mod handler_registry;
 mod handler_session;
 pub mod handlers;
-pub mod handshake;
 mod heartbeat;
-pub mod hub;
 mod identity;
 mod io;
-pub mod io_points;
 mod lease;
 mod levels;
 mod limited_port;
-mod lock;
 mod lock_guard;
-pub mod lock_input;
 mod m_codes;
-mod names;
 mod outputs;
 mod plc;
-pub mod port;
-pub mod queue;
 mod run;
 pub mod scan;
-pub mod server;
 mod states;
 mod stop_signal;
-pub mod supervisor;
 mod tables;
-mod text;
 mod time;
-pub mod transport;
 pub mod types;
 pub mod units;
 mod variables;
-pub mod wire;
 
-pub use alarm::{Alarm, UserAlarm};
+/// Subscriptions to the messages of a machine.
+pub mod hub {
+    pub use plc_protocol::hub::{Filter, Subscription};
+}
+
+/// The interface of a machine as one trait.
+pub mod port {
+    pub use plc_protocol::port::Port;
+}
+
 pub use ask::OpenQuestion;
 pub use changes::Changes;
 pub use coordinate_system::CoordinateSystem;
-pub use error::{Error, Result};
 pub use extract::{HandlerState, Va, Vb, Vc, Vd, Ve, Vf, Vg, Vh};
 pub use handlers::{AuxOutput, Cancellation, SequenceProgram};
 pub use heartbeat::HeartbeatGuard;
@@ -278,13 +269,15 @@ pub use m_codes::MCode;
 pub use outputs::{Outputs, RawOutput};
 pub use plc::Plc;
 pub use plc_api_derive::Params;
+pub use plc_protocol::alarm::{Alarm, UserAlarm};
+pub use plc_protocol::error::{Error, Result};
+#[cfg(any(feature = "mqtt", feature = "rest"))]
+pub use plc_protocol::transport::options::MqttOptions;
+#[cfg(any(feature = "mqtt", feature = "rest"))]
+pub use plc_protocol::transport::tls::TlsFiles;
+pub use plc_protocol::types::output::{CancelReason, Params, Redelivery};
+pub use plc_protocol::types::state::Execution;
 pub use run::OrderedRun;
 pub use stop_signal::stop_signal;
 pub use time::Interval;
-#[cfg(any(feature = "mqtt", feature = "rest"))]
-pub use transport::options::MqttOptions;
-#[cfg(any(feature = "mqtt", feature = "rest"))]
-pub use transport::tls::TlsFiles;
-pub use types::output::{CancelReason, Params, Redelivery};
-pub use types::state::Execution;
 pub use variables::Variables;

@@ -3,13 +3,13 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::hub::{Filter, Subscription};
-use crate::port::{BoxFuture, Port};
-use crate::types::BootId;
-use crate::types::message::Message;
-use crate::types::not_after::NotAfter;
-use crate::types::request::{Answer, Refusal, Request};
-use crate::types::topic::Topic;
+use plc_protocol::hub::{Filter, Subscription};
+use plc_protocol::port::{BoxFuture, Port};
+use plc_protocol::types::BootId;
+use plc_protocol::types::message::Message;
+use plc_protocol::types::not_after::NotAfter;
+use plc_protocol::types::request::{Answer, Refusal, Request};
+use plc_protocol::types::topic::Topic;
 
 /// A port that sends every request with one and the same age limit.
 pub(crate) struct LimitedPort {

@@ -1,9 +1,10 @@
 //! Guards that keep an interlock or a start lock on while a handler works.
 
+use plc_protocol::error::Result;
+use plc_protocol::types::lock::LockSet;
+
 use crate::coordinate_system::CoordinateSystem;
-use crate::error::Result;
 use crate::levels::{LevelTarget, LockKind};
-use crate::types::lock::LockSet;
 
 /// A guard that keeps a source of an interlock or start lock on until the guard is released or dropped, for
 /// example because its handler is cancelled. Created by [`CoordinateSystem::start_lock_while_here`] and

@@ -2,11 +2,7 @@
 
 use std::ops::{Range, RangeInclusive};
 
-/// Highest M number.
-pub const M_CODE_MAX: u16 = 191;
-
-/// M codes that the runtime handles itself (D35); they never reach a handler.
-pub const RUNTIME_M_CODES: [u16; 6] = [0, 1, 2, 30, 98, 99];
+use plc_protocol::types::m_code::{M_CODE_MAX, RUNTIME_M_CODES};
 
 /// Marker of M codes that a program gives by number. Their handlers take an output, or an output and the
 /// machine.

@@ -9,16 +9,17 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use futures_util::FutureExt;
+use plc_protocol::error::{Error, Result};
+use plc_protocol::hub::{Filter, Subscription};
+use plc_protocol::names::mistake_in_id;
+use plc_protocol::types::m_code::M_CODE_MAX;
+use plc_protocol::types::message::Message;
+use plc_protocol::types::output::{OutputState, PendingOutput, Redelivery};
 
 use crate::claim::{OutputId, decide_start};
-use crate::error::{Error, Result};
 use crate::handler_session::{HandlerDeclaration, HandlerSession, OpenOutputs};
-use crate::hub::{Filter, Subscription};
-use crate::m_codes::{M_CODE_MAX, MCodes};
-use crate::names::mistake_in_id;
+use crate::m_codes::MCodes;
 use crate::plc::Plc;
-use crate::types::message::Message;
-use crate::types::output::{OutputState, PendingOutput, Redelivery};
 
 use owner::OutputsOwner;
 

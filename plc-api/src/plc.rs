@@ -5,29 +5,29 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use futures_util::FutureExt;
+use plc_protocol::alarm::Alarm;
+use plc_protocol::error::{Error, Result};
+use plc_protocol::names::unique_name;
+use plc_protocol::port::{BoxFuture, Port};
+#[cfg(any(feature = "mqtt", feature = "rest"))]
+use plc_protocol::transport::options::MqttOptions;
+use plc_protocol::types::BootId;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::command::CommandMeta;
+use plc_protocol::types::data::JournalFilter;
+use plc_protocol::types::io::{IoPoint, IoValue};
+use plc_protocol::types::lock::LockSet;
+use plc_protocol::types::machine::{AlarmRaise, AlarmRecord};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::not_after::{NOT_AFTER_MS, NotAfter};
+use plc_protocol::types::program::ProgramInfo;
+use plc_protocol::types::refusal::{Refusal, RefusalCode};
+use plc_protocol::types::request::typed::{Journal, Programs, RaiseAlarm, SkipInput};
+use plc_protocol::types::request::{Request, TypedRequest};
+use plc_protocol::types::topic::Topic;
 
-use crate::alarm::Alarm;
-use crate::error::{Error, Result};
 use crate::levels::{Levels, LockKind};
 use crate::limited_port::LimitedPort;
-use crate::names::unique_name;
-use crate::port::{BoxFuture, Port};
-#[cfg(any(feature = "mqtt", feature = "rest"))]
-use crate::transport::options::MqttOptions;
-use crate::types::BootId;
-use crate::types::CoordinateSystemNumber;
-use crate::types::command::CommandMeta;
-use crate::types::data::JournalFilter;
-use crate::types::io::{IoPoint, IoValue};
-use crate::types::lock::LockSet;
-use crate::types::machine::{AlarmRaise, AlarmRecord};
-use crate::types::message::Payload;
-use crate::types::not_after::{NOT_AFTER_MS, NotAfter};
-use crate::types::program::ProgramInfo;
-use crate::types::refusal::{Refusal, RefusalCode};
-use crate::types::request::typed::{Journal, Programs, RaiseAlarm, SkipInput};
-use crate::types::request::{Request, TypedRequest};
-use crate::types::topic::Topic;
 
 /// A machine: one runtime with its coordinate systems. Cloning gives another handle to the same machine.
 ///
@@ -116,11 +116,11 @@ impl Plc {
             #[cfg(feature = "mqtt")]
             Some(("mqtt" | "mqtts", _)) => Self::connect_with(address, MqttOptions::default()).await,
             #[cfg(not(feature = "mqtt"))]
-            Some(("mqtt" | "mqtts", _)) => Err(Error::without_feature(address, "mqtt")),
+            Some(("mqtt" | "mqtts", _)) => Err(without_feature(address, "mqtt")),
             #[cfg(feature = "rest")]
             Some(("http" | "https", _)) => Self::connect_with(address, MqttOptions::default()).await,
             #[cfg(not(feature = "rest"))]
-            Some(("http" | "https", _)) => Err(Error::without_feature(address, "rest")),
+            Some(("http" | "https", _)) => Err(without_feature(address, "rest")),
             _ => Err(wrong("write mqtt://host:port/machine or http://host:port")),
         }
     }
@@ -134,9 +134,9 @@ impl Plc {
     pub async fn connect_with(address: &str, options: MqttOptions) -> Result<Self> {
         let (port, user) = match address.split_once("://") {
             #[cfg(feature = "rest")]
-            Some(("http" | "https", _)) => crate::transport::rest::connect(address, options).await?,
+            Some(("http" | "https", _)) => plc_protocol::transport::rest::connect(address, options).await?,
             #[cfg(feature = "mqtt")]
-            _ => crate::transport::mqtt::connect(address, options).await?,
+            _ => plc_protocol::transport::mqtt::connect(address, options).await?,
             #[cfg(not(feature = "mqtt"))]
             _ => {
                 return Err(Error::Address {
@@ -418,5 +418,17 @@ impl Plc {
         if let Some(runtime) = here.or_else(|| self.runtime.clone()) {
             runtime.spawn(work);
         }
+    }
+}
+
+/// Returns the error of an address that needs a feature which this build does not contain.
+#[cfg(not(all(feature = "mqtt", feature = "rest")))]
+fn without_feature(address: &str, feature: &'static str) -> Error {
+    // the text before @ may contain a password
+    let (scheme, rest) = address.split_once("://").unwrap_or_default();
+    let host = rest.rsplit_once('@').map_or(rest, |(_, host)| host);
+    Error::Feature {
+        address: format!("{scheme}://{host}"),
+        feature,
     }
 }

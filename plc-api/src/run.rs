@@ -1,14 +1,15 @@
 //! Runs that a program has ordered: their progress and their end.
 
+use plc_protocol::error::{Error, Result};
+use plc_protocol::hub::Filter;
+use plc_protocol::types::command::Command;
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::request::typed;
+use plc_protocol::types::run::{Run, RunOrder, RunQuery, Runs};
+use plc_protocol::types::topic::{CsTopic, Topic};
+use plc_protocol::types::{BootId, CoordinateSystemNumber};
+
 use crate::coordinate_system::CoordinateSystem;
-use crate::error::{Error, Result};
-use crate::hub::Filter;
-use crate::types::command::Command;
-use crate::types::message::Payload;
-use crate::types::request::typed;
-use crate::types::run::{Run, RunOrder, RunQuery, Runs};
-use crate::types::topic::{CsTopic, Topic};
-use crate::types::{BootId, CoordinateSystemNumber};
 
 /// A handle to an ordered run. Dropping the handle does not affect the run.
 ///

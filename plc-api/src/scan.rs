@@ -12,7 +12,7 @@
 //! ```
 //! use std::time::Duration;
 //! use plc_api::scan::{Image, ScanProgram};
-//! use plc_api::{Alarm, Params, SequenceProgram, fake::FakePort, handshake::OutputOutcome};
+//! use plc_api::{Alarm, Params, SequenceProgram, fake::{FakePort, OutputOutcome}};
 //!
 //! /// M10 closes the clamp, M11 opens the clamp; each takes half a second.
 //! #[derive(Default)]
@@ -99,11 +99,12 @@ use std::panic::AssertUnwindSafe;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use crate::error::{Error, Result};
+use plc_protocol::error::{Error, Result};
+use plc_protocol::lock::lock;
+use plc_protocol::supervisor::panic_text;
+
 use crate::handlers::{AuxOutput, MCodes, SequenceProgram};
-use crate::lock::lock;
 use crate::plc::Plc;
-use crate::text::panic_text;
 
 use flags::Flags;
 use image::Camera;

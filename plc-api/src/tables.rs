@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use plc_protocol::error::Result;
+use plc_protocol::types::data::{LastRun, ToolChange, ToolData, VariableArea, WorkOffsetTable};
+use plc_protocol::types::request::typed::{self, Tools, WorkOffsets, WriteTools, WriteWorkOffsets};
+
 use crate::coordinate_system::CoordinateSystem;
-use crate::error::Result;
 use crate::plc::Plc;
-use crate::types::data::{LastRun, ToolChange, ToolData, VariableArea, WorkOffsetTable};
-use crate::types::request::typed::{self, Tools, WorkOffsets, WriteTools, WriteWorkOffsets};
 use crate::variables::Variables;
 
 impl Plc {

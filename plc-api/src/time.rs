@@ -3,7 +3,8 @@
 use std::future::Future;
 use std::time::Duration;
 
-use crate::error::{Error, Result};
+use plc_protocol::error::{Error, Result};
+
 use crate::plc::Plc;
 
 /// Shortest period of an interval. Reason: the clocks have a resolution of 1 ms.
@@ -15,7 +16,7 @@ impl Plc {
     ///
     /// ```
     /// # use std::time::Duration;
-    /// # use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, fake::FakePort, handshake::OutputOutcome};
+    /// # use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, fake::{FakePort, OutputOutcome}};
     /// # async fn clamp_is_closed() { std::future::pending().await }
     /// async fn clamp(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     ///     let closed = plc.timeout(Duration::from_secs(3), clamp_is_closed()).await;

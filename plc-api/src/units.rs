@@ -3,8 +3,9 @@
 //! The bounds are whole numbers; for other bounds write a struct with
 //! [`#[derive(Params)]`](derive@crate::Params). To define a further unit see [`unit`](crate::unit).
 
+use plc_protocol::types::m_code::ParamDeclaration;
+
 use crate::extract::ParamValue;
-use crate::types::m_code::ParamDeclaration;
 
 /// Returns a bound of a unit, or `None` for the constant that means "no bound".
 #[doc(hidden)]

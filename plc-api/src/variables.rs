@@ -1,10 +1,11 @@
 //! P and Q variables, from the point of view of a sequence program.
 
-use crate::error::Result;
+use plc_protocol::error::Result;
+use plc_protocol::types::data::VariableArea;
+use plc_protocol::types::refusal::{Refusal, RefusalCode};
+use plc_protocol::types::request::typed::{ReadVariables, WriteVariables};
+
 use crate::plc::Plc;
-use crate::types::data::VariableArea;
-use crate::types::refusal::{Refusal, RefusalCode};
-use crate::types::request::typed::{ReadVariables, WriteVariables};
 
 /// The P variables of a machine ([`Plc::variables`]) or the Q variables of a coordinate system
 /// ([`CoordinateSystem::variables`](crate::CoordinateSystem::variables)).

@@ -2,8 +2,8 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use plc_api::types::machine::{ActiveAlarms, AlarmRecord, AlarmSeverity};
-use plc_api::types::{CoordinateSystemNumber, Timestamp};
+use plc_protocol::types::machine::{ActiveAlarms, AlarmRecord, AlarmSeverity};
+use plc_protocol::types::{CoordinateSystemNumber, Timestamp};
 use tandem_model::alarm::{ALARMS, After, AlarmEntry};
 
 /// Maximum number of alarms in the history. Further alarms drop the oldest.

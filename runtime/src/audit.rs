@@ -1,16 +1,16 @@
 //! The journal of a machine as an audit trail. It can be verified and searched while the machine runs, or in a copy of
 //! its folder.
 
-use std::path::{Path, PathBuf};
-
-pub use crate::journal::LineFilter;
-pub use crate::persistence::chain::Hash;
-use crate::persistence::journal_folder::JOURNAL_FOLDER;
-pub use crate::persistence::journal_query::{LeftOut, search};
-pub use crate::persistence::journal_verify::{Break, ChainVerification, verify};
+pub use tandem_store::disk::DiskPath;
+pub use tandem_store::journal::LineFilter;
+pub use tandem_store::persistence::chain::Hash;
+use tandem_store::persistence::journal_folder::JOURNAL_FOLDER;
+pub use tandem_store::persistence::journal_query::{LeftOut, search};
+pub use tandem_store::persistence::journal_verify::{Break, ChainVerification, verify};
 
 /// Returns the folder of the journal in a data folder. If `folder` contains no journal folder, returns `folder` itself.
-pub fn journal_folder(folder: &Path) -> PathBuf {
+pub fn journal_folder(folder: &DiskPath) -> DiskPath {
     let below = folder.join(JOURNAL_FOLDER);
-    if below.is_dir() { below } else { folder.to_owned() }
+    let is_folder = below.metadata().is_ok_and(|metadata| metadata.is_folder());
+    if is_folder { below } else { folder.clone() }
 }

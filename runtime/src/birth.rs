@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use plc_api::types::machine::{Birth, CoordinateSystemInfo, Limits, MCodeInfo, MotorInfo, ServedMCode};
-use plc_api::types::output::{HandlerPresence, Timing};
+use plc_protocol::types::machine::{Birth, CoordinateSystemInfo, Limits, MCodeInfo, MotorInfo, ServedMCode};
+use plc_protocol::types::output::{HandlerPresence, Timing};
+use tandem_config::{ConfiguredSystem, Machine};
 use tandem_model::Axis;
 use tandem_model::limits::{M_CODE_MAX, PROGRAM_BYTES_MAX};
 use tandem_model::settings::{MotorKind, Unit};
 
-use crate::config::{ConfiguredSystem, Machine};
 use crate::sequence::stock;
 
 /// Returns the description of the machine, with the handlers of its M codes.

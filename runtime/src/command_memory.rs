@@ -9,10 +9,10 @@ use std::fmt::Debug;
 use std::hash::{Hash, Hasher};
 use std::time::{Duration, SystemTime};
 
-use plc_api::execution::wire_name;
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::command::{Command, CommandReply, CommandStatus, MemoryKey, Verb};
-use plc_api::types::request::{Refusal, RefusalCode};
+use plc_protocol::execution::wire_name;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::command::{Command, CommandReply, CommandStatus, MemoryKey, Verb};
+use plc_protocol::types::request::{Refusal, RefusalCode};
 
 /// Validity of a stored reply. Within this time, a command with the same id gets this reply and is not executed again.
 pub const COMMAND_MEMORY: Duration = Duration::from_mins(10);

@@ -1,46 +1,48 @@
 //! The coordinator: one task for each coordinate system, one servo for all of them, and the port to the whole machine.
 
 mod opening;
+mod servo_cycles;
 
 use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
 use parking_lot::Mutex;
-use plc_api::port::Port;
-use plc_api::server::ServedPort;
-use plc_api::types::handler::REFRESHES;
-use plc_api::types::machine::{ActiveAlarms, AlarmRecord, AlarmSeverity, Presence};
-use plc_api::types::message::Payload;
-use plc_api::types::planned::PlannedLocation;
-use plc_api::types::run::{Run, TimeLeft};
-use plc_api::types::state::{Execution, Reason};
-use plc_api::types::topic::{CsTopic, Topic};
-use plc_api::types::{BootId, CoordinateSystemNumber};
+use plc_protocol::port::Port;
+use plc_protocol::server::ServedPort;
+use plc_protocol::types::handler::REFRESHES;
+use plc_protocol::types::machine::{ActiveAlarms, AlarmRecord, AlarmSeverity, Presence};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::planned::PlannedLocation;
+use plc_protocol::types::run::{Run, TimeLeft};
+use plc_protocol::types::state::{Execution, Reason};
+use plc_protocol::types::topic::{CsTopic, Topic};
+use plc_protocol::types::{BootId, CoordinateSystemNumber};
 use serde_json::Value;
+use tandem_config::{Config, ConfigError, Machine};
 use tandem_model::Variables;
 use tandem_model::alarm::SOFT_LIMIT;
 use tandem_model::flow::Transform;
 use tandem_servo::{Hardware, HardwareFactory, Servo};
+use tandem_store::clock::Clock;
+use tandem_store::disk::{Disk, Health};
+use tandem_store::environment::Environment;
+use tandem_store::journal::{Event, Journal};
+use tandem_store::persistence::positions::KeptPositions;
+use tandem_store::persistence::{LastRuns, RestoredState, cut_short, cut_short_between_parts};
+use tandem_store::program_store::{HeldBack, PROGRAMS_BYTES_MAX, ProgramStore, Signers};
+use tandem_store::runs::KeptRuns;
+use tandem_store::tables::Tables;
 use tokio::task::JoinSet;
 
-use crate::clock::Clock;
-use crate::config::{Config, ConfigError, Machine};
 use crate::coordinate_system::{CoordinateSystem, Mailbox};
-use crate::disk::Health;
-use crate::journal::{Event, Journal};
-use crate::persistence::positions::KeptPositions;
-use crate::persistence::{LastRuns, RestoredState, cut_short, cut_short_between_parts};
 use crate::port::{AccessLines, RuntimePort};
 use crate::preview::Previews;
-use crate::program_store::{HeldBack, PROGRAMS_BYTES_MAX, ProgramStore, Signers};
-use crate::runs::KeptRuns;
 use crate::servo_thread::{RelayCallbacks, ServoStatistics, ServoThread};
 use crate::shared::SharedState;
 use crate::simulation::{self, Simulation, SimulationOptions};
-use crate::tables::Tables;
-pub(crate) use opening::everything;
-use opening::{Data, Keepers, Programs, bring_up, new_boot_id};
+use opening::{Data, Keepers, Programs, bring_up, new_boot_id, report_programs};
+pub use servo_cycles::ServoCycles;
 
 /// Interval at which positions, variables and the heartbeat are published. Program positions and spindles are published
 /// at every second interval.
@@ -91,7 +93,7 @@ pub enum StartError {
 /// order.
 #[derive(Debug)]
 pub struct Runtime {
-    port: Arc<RuntimePort>,
+    pub(crate) port: Arc<RuntimePort>,
     tasks: JoinSet<()>,
     servo: Option<ServoThread>,
     simulation: Option<Arc<Simulation>>,
@@ -116,12 +118,13 @@ impl Runtime {
     pub async fn start_on(config: Config, hardware: HardwareFactory) -> Result<Runtime, StartError> {
         let machine = config.resolve()?;
         let boot_id = new_boot_id();
-        let (opening, of_journal) = (machine.clone(), boot_id.clone());
-        let open = move || OpenedResources::open(&opening, of_journal, hardware);
+        let environment = Environment::default();
+        let (of_opening, opening, of_journal) = (environment.clone(), machine.clone(), boot_id.clone());
+        let open = move || OpenedResources::open(&of_opening, &opening, of_journal, hardware);
         let opened = tokio::task::spawn_blocking(open)
             .await
             .map_err(|error| StartError::Store(error.to_string()))??;
-        let (mut runtime, servo) = opened.put_together(machine, boot_id, Clock::real())?;
+        let (mut runtime, servo) = opened.put_together(machine, boot_id, environment)?;
         let shared = Arc::clone(&runtime.port.shared);
         let (period, missed_max) = (shared.machine.servo_period(), shared.machine.missed_cycles_max());
         let statistics = Arc::clone(&shared.servo);
@@ -138,18 +141,21 @@ impl Runtime {
         Ok(runtime)
     }
 
-    /// Starts the machine as [`Runtime::start`] does, but with the disk, the threads and the time of a simulated world.
-    /// The world executes the servo cycles.
-    #[cfg(test)]
-    pub(crate) fn start_in_world(
+    /// Starts a machine as [`Runtime::start`] does, but in an environment: with its disk, its threads and its clock. The
+    /// caller executes the servo cycles. `boot_id` identifies this start. Blocks until the disk operations are done.
+    ///
+    /// # Errors
+    /// Returns an error in the cases of [`Runtime::start`].
+    pub fn start_in_environment(
+        environment: Environment,
         machine: Machine,
         boot_id: BootId,
-        clock: Clock,
-    ) -> Result<(Runtime, Servo, Arc<SharedState>), StartError> {
-        let opened = OpenedResources::open(&machine, boot_id.clone(), Hardware::simulated_factory())?;
-        let (runtime, servo) = opened.put_together(machine, boot_id, clock)?;
-        let shared = Arc::clone(&runtime.port.shared);
-        Ok((runtime, servo, shared))
+    ) -> Result<(Runtime, ServoCycles), StartError> {
+        let hardware = Hardware::simulated_factory();
+        let opened = OpenedResources::open(&environment, &machine, boot_id.clone(), hardware)?;
+        let (runtime, servo) = opened.put_together(machine, boot_id, environment)?;
+        let cycles = ServoCycles::new(servo, &runtime.port.shared);
+        Ok((runtime, cycles))
     }
 
     /// Starts a machine in simulated time, inside [`simulation::run`]. The machine stores nothing on disk.
@@ -172,13 +178,18 @@ impl Runtime {
         };
         let Programs {
             store, first_state, ..
-        } = Programs::open(&machine, &Health::default(), &HeldBack::default())?;
+        } = Programs::open(
+            &Disk::default(),
+            &machine,
+            &Health::default(),
+            &HeldBack::default(),
+        )?;
         let factory = options.hardware.take();
         let factory = factory.unwrap_or_else(Hardware::simulated_factory);
         let hardware = bring_up(factory, &machine, &KeptPositions::default())?;
         let clock = Clock::simulated();
         let boot_id = BootId("simulation".into());
-        let tables = Tables::new(&machine);
+        let tables = Tables::new(machine.table_settings());
         let mut shared = SharedState::new(machine, boot_id, clock.clone(), store, journal, tables);
         shared.on_plan = options.on_plan.take();
         let shared = Arc::new(shared);
@@ -210,12 +221,6 @@ impl Runtime {
     /// Returns the sequence-control interface of the machine.
     pub fn port(&self) -> Arc<dyn Port> {
         Arc::<RuntimePort>::clone(&self.port)
-    }
-
-    /// Returns the state that all parts of the runtime share.
-    #[cfg(test)]
-    pub(crate) fn shared(&self) -> &Arc<crate::shared::SharedState> {
-        &self.port.shared
     }
 
     /// Returns the sequence-control interface with the additional functions for server ends.
@@ -293,15 +298,20 @@ struct OpenedResources {
 
 impl OpenedResources {
     /// Opens the data folder, the programs and the hardware. Blocks until the disk operations are done.
-    fn open(machine: &Machine, boot_id: BootId, hardware: HardwareFactory) -> Result<Self, StartError> {
-        let data = Data::open(machine, boot_id)?;
+    fn open(
+        environment: &Environment,
+        machine: &Machine,
+        boot_id: BootId,
+        hardware: HardwareFactory,
+    ) -> Result<Self, StartError> {
+        let data = Data::open(environment, machine, boot_id)?;
         let health = data
             .as_ref()
             .map(|data| Arc::clone(&data.health))
             .unwrap_or_default();
         let none = HeldBack::default();
         let held = data.as_ref().map_or(&none, |data| &data.held);
-        let programs = Programs::open(machine, &health, held)?;
+        let programs = Programs::open(&environment.disk, machine, &health, held)?;
         let kept = data.as_ref().map(Data::positions).unwrap_or_default();
         Ok(Self {
             programs,
@@ -316,10 +326,10 @@ impl OpenedResources {
         self,
         machine: Machine,
         boot_id: BootId,
-        clock: Clock,
+        environment: Environment,
     ) -> Result<(Runtime, Servo), StartError> {
         let mut data = self.data;
-        let tables = Tables::new(&machine);
+        let tables = Tables::new(machine.table_settings());
         let (journal, mut restored) = match &mut data {
             Some(data) => (
                 Journal::to_disk(data.journal.writer()),
@@ -334,7 +344,9 @@ impl OpenedResources {
             findings,
             first_state,
         } = self.programs;
+        let Environment { disk, clock, .. } = environment;
         let mut shared = SharedState::new(machine, boot_id, clock, store, journal, tables);
+        shared.disk = disk;
         shared.supervisor = self.health.supervisor.clone();
         shared.health = self.health;
         shared.restore_outputs(std::mem::take(&mut restored.outputs));
@@ -346,7 +358,7 @@ impl OpenedResources {
         let ended_runs = restore_runs(&shared, kept_runs, &restored.last_runs, lines.unwrap_or_default());
         let shared = Arc::new(shared);
         let mut parts = RuntimeParts::new(&shared, first_state, &restored, self.hardware);
-        findings.report(&shared);
+        report_programs(findings, &shared);
         let last_runs = restored.last_runs;
         let positions = data.as_ref().map(Data::positions).unwrap_or_default();
         let kept = data.map(|data| data.keep(&shared, &parts.mailboxes, last_runs.clone()));

@@ -3,22 +3,19 @@
 //! be slow.
 
 use std::io;
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
-use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
-use rustix::fs::{Access, StatVfsMountFlags};
+use plc_protocol::types::machine::{AlarmRecord, AlarmSeverity};
 use tandem_model::alarm::{
     AlarmEntry, DATA_FOLDER_FAILED, PROGRAM_CHANGED, PROGRAM_DAMAGED, STORED_DATA_QUESTION, VALUES_LOST,
 };
+use tandem_store::disk::{DataFolderPart, DiskPath};
+use tandem_store::journal::Event;
+use tandem_store::threads::{StartedThread, Threads, Work};
 
-use crate::disk::DataFolderPart;
-use crate::disk::fs::{self, access, statvfs};
-use crate::journal::Event;
 use crate::shared::SharedState;
-use crate::threads::{self, Thread};
 
 /// Interval at which the faults that other threads have found are checked.
 const INTERVAL: Duration = Duration::from_millis(100);
@@ -36,7 +33,7 @@ const NAMED_MAX: usize = 20;
 #[derive(Debug)]
 pub(crate) struct DataWatch {
     stop: Option<Sender<()>>,
-    thread: Option<Thread>,
+    thread: Arc<dyn StartedThread>,
 }
 
 impl DataWatch {
@@ -44,19 +41,19 @@ impl DataWatch {
     ///
     /// # Errors
     /// Returns an error if the operating system provides no thread.
-    pub fn start(folder: &Path, shared: Arc<SharedState>) -> io::Result<Self> {
+    pub fn start(folder: &DiskPath, shared: Arc<SharedState>, threads: &Threads) -> io::Result<Self> {
         let (stop, stopped) = channel();
         let supervisor = shared.supervisor.clone();
         let watch = DataWatchState {
-            folder: folder.to_owned(),
+            folder: folder.clone(),
             shared,
             stopped,
             looks: 0,
         };
-        let thread = Thread::start("data-watch", &supervisor, watch)?;
+        let thread = threads.start("data-watch", &supervisor, watch)?;
         Ok(Self {
             stop: Some(stop),
-            thread: Some(thread),
+            thread,
         })
     }
 }
@@ -64,21 +61,19 @@ impl DataWatch {
 impl Drop for DataWatch {
     fn drop(&mut self) {
         drop(self.stop.take());
-        if let Some(thread) = self.thread.take() {
-            thread.join();
-        }
+        self.thread.join();
     }
 }
 
 /// State of the watch thread.
 struct DataWatchState {
-    folder: PathBuf,
+    folder: DiskPath,
     shared: Arc<SharedState>,
     stopped: Receiver<()>,
     looks: u32,
 }
 
-impl threads::Work for DataWatchState {
+impl Work for DataWatchState {
     fn patience(&self) -> Duration {
         INTERVAL
     }
@@ -99,9 +94,9 @@ impl threads::Work for DataWatchState {
     }
 }
 
-fn look_at_disk(folder: &Path, shared: &SharedState) {
-    let places: Vec<PathBuf> = vec![folder.to_owned(), folder.join("programs"), folder.join("journal")];
-    let faults: Vec<String> = places.iter().filter_map(|place| fault(place)).collect();
+fn look_at_disk(folder: &DiskPath, shared: &SharedState) {
+    let places = [folder.clone(), folder.join("programs"), folder.join("journal")];
+    let faults: Vec<String> = places.iter().filter_map(fault).collect();
     shared.update_standing_warning(&DATA_FOLDER_FAILED, list(&faults).as_deref());
     if shared.health.fault(DataFolderPart::Programs).is_some() {
         // The result is recorded: it shows whether the folder can be written again.
@@ -127,25 +122,22 @@ fn look_at_disk(folder: &Path, shared: &SharedState) {
 }
 
 /// Returns a description of the fault of a folder; `None` if the folder can be used.
-fn fault(place: &Path) -> Option<String> {
+fn fault(place: &DiskPath) -> Option<String> {
     let named = |what: &str| Some(format!("{}: {what}", place.display()));
-    match fs::metadata(place) {
+    match place.metadata() {
         Err(error) => return named(&format!("the folder does not exist ({error})")),
-        Ok(metadata) if !metadata.is_dir() => return named("it is not a folder"),
+        Ok(metadata) if !metadata.is_folder() => return named("it is not a folder"),
         Ok(_) => {}
     }
-    match statvfs(place) {
+    let space = match place.space() {
         Err(error) => return named(&error.to_string()),
-        Ok(disk) if disk.f_flag.contains(StatVfsMountFlags::RDONLY) => {
-            return named("the disk is read-only");
-        }
-        Ok(disk) if disk.f_blocks > 0 && disk.f_bavail.saturating_mul(disk.f_frsize) < FREE_MIN => {
-            let left = disk.f_bavail.saturating_mul(disk.f_frsize) >> 10;
-            return named(&format!("the disk is full: {left} KiB are left"));
-        }
-        Ok(_) => {}
+        Ok(space) if space.is_read_only => return named("the disk is read-only"),
+        Ok(space) => space,
+    };
+    if let Some(free_bytes) = space.free_bytes.filter(|free_bytes| *free_bytes < FREE_MIN) {
+        return named(&format!("the disk is full: {} KiB are left", free_bytes >> 10));
     }
-    match access(place, Access::WRITE_OK | Access::EXEC_OK) {
+    match place.check_writable() {
         Err(error) => named(&format!("the folder is not writable ({error})")),
         Ok(()) => None,
     }
@@ -203,11 +195,19 @@ mod tests {
     #[test]
     fn a_folder_that_is_gone_or_no_folder_is_a_fault_that_names_it() {
         let folder = tempfile::tempdir().unwrap();
-        assert_eq!(fault(folder.path()), None);
+        assert_eq!(fault(&folder.path().into()), None);
         let file = folder.path().join("file");
-        assert!(fault(&file).unwrap().contains("file: the folder does not exist"));
+        assert!(
+            fault(&file.as_path().into())
+                .unwrap()
+                .contains("file: the folder does not exist")
+        );
         std::fs::write(&file, "").unwrap();
-        assert!(fault(&file).unwrap().ends_with("it is not a folder"));
+        assert!(
+            fault(&file.as_path().into())
+                .unwrap()
+                .ends_with("it is not a folder")
+        );
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use plc_api::types::not_after::{NOT_AFTER_MAX_MS, NotAfter};
+use plc_protocol::types::not_after::{NOT_AFTER_MAX_MS, NotAfter};
 
 /// Time for which the time of a heartbeat is stored. Reason: `not_after` of a request allows at most this age.
 const KEPT: Duration = Duration::from_millis(NOT_AFTER_MAX_MS);
@@ -137,7 +137,7 @@ mod tests {
         let mut times = HeartbeatTimes::default();
         times.record_heartbeat(7, ms(0));
         let not_after = NotAfter {
-            boot_id: plc_api::types::BootId("b".into()),
+            boot_id: plc_protocol::types::BootId("b".into()),
             heartbeat: 7,
             within_ms: 1000,
         };

@@ -2,14 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use plc_api::io_points::LostPoint;
-use plc_api::types::handler::Departure;
-use plc_api::types::io::{IoForce, IoPoint, IoSet, IoSide, IoState, IoValue};
-use plc_api::types::message::Payload;
-use plc_api::types::request::Refusal;
-use plc_api::types::topic::Topic;
+use plc_protocol::io_points::LostPoint;
+use plc_protocol::types::handler::Departure;
+use plc_protocol::types::io::{IoForce, IoPoint, IoSet, IoSide, IoState, IoValue};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::request::Refusal;
+use plc_protocol::types::topic::Topic;
+use tandem_store::journal::Event;
 
-use crate::journal::Event;
 use crate::shared::SharedState;
 
 /// Difference in s below which two times are equal. Reason: sums of times are rounded.
@@ -35,7 +35,7 @@ impl SharedState {
     /// Validates a write without changing anything. Returns the last written value.
     ///
     /// # Errors
-    /// Returns an error in the cases of [`IoPoints::write`](plc_api::io_points::IoPoints::write).
+    /// Returns an error in the cases of [`IoPoints::write`](plc_protocol::io_points::IoPoints::write).
     pub fn check_io(&self, point: &IoPoint, set: &IoSet) -> Result<IoValue, Refusal> {
         let io = self.io.lock();
         io.check(point, set, |id, instance| self.check_writer(id, instance))?;
@@ -46,7 +46,7 @@ impl SharedState {
     /// Writes an input or output for a handler or a client.
     ///
     /// # Errors
-    /// Returns an error in the cases of [`IoPoints::write`](plc_api::io_points::IoPoints::write).
+    /// Returns an error in the cases of [`IoPoints::write`](plc_protocol::io_points::IoPoints::write).
     pub fn write_io(&self, point: &IoPoint, set: IoSet) -> Result<(), Refusal> {
         let (value, handler_id) = (set.value, set.handler_id.clone());
         let mut io = self.io.lock();
@@ -69,7 +69,7 @@ impl SharedState {
     /// Forces a value for an operator, which replaces the written value, or ends the forcing.
     ///
     /// # Errors
-    /// Returns an error in the cases of [`IoPoints::force`](plc_api::io_points::IoPoints::force).
+    /// Returns an error in the cases of [`IoPoints::force`](plc_protocol::io_points::IoPoints::force).
     pub fn force_io(&self, point: &IoPoint, force: IoForce) -> Result<(), Refusal> {
         let (value, user) = (force.value, force.by.clone());
         let mut io = self.io.lock();

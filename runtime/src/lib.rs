@@ -5,47 +5,29 @@
 mod alarms;
 pub mod audit;
 mod birth;
-mod clock;
 mod command_memory;
-mod config;
 mod coordinate_system;
 mod coordinator;
-pub mod data_folder;
 mod data_watch;
-pub mod declared;
-mod disk;
-pub mod explain;
 mod heartbeat_times;
 mod io;
-pub mod journal;
-mod order_key;
-mod persistence;
 mod planned;
 mod port;
 mod preview;
-pub mod program_store;
 mod published_data;
-mod runs;
 mod sequence;
 mod servo_thread;
 mod shared;
 pub mod simulation;
+mod state_writer;
 pub mod stops;
-mod stored_data;
-mod tables;
-#[cfg(feature = "testing")]
-pub mod test;
-mod threads;
 pub mod trial;
-#[cfg(test)]
-mod world;
 
-pub use clock::Clock;
-pub use config::{
+pub use coordinator::{Runtime, ServoCycles, StartError};
+pub use tandem_config::{
     Broker, Config, ConfigError, ConfigKey, ConfigWord, ConfiguredSystem, ExternalBroker, MCodeSettings,
-    Machine, Stock, UnhandledReaction,
+    Machine, ProgramSource, Stock, UnhandledReaction,
 };
-pub use coordinator::{Runtime, StartError};
 /// Interface to hardware: traits for a bus and a spindle of your own, and the factory that passes them to a runtime.
 pub mod hardware {
     pub use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
@@ -56,3 +38,5 @@ pub mod hardware {
 }
 pub use sequence::demo::{demo_sequence_program, open_demo};
 pub use servo_thread::{DurationHistogram, JITTER_BUCKETS, ServoStatistics};
+pub use tandem_config::{declared, explain};
+pub use tandem_store::{Clock, data_folder, environment, journal, program_store};

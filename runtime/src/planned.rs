@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use parking_lot::Mutex;
-use plc_api::types::CoordinateSystemNumber;
+use plc_protocol::types::CoordinateSystemNumber;
 use tandem_model::flow::Segment;
 use tandem_model::profile::Profile;
 

@@ -16,40 +16,41 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, SystemTime};
 
 use futures_util::future::join_all;
-use plc_api::handler_registry::Reach;
-use plc_api::hub::{Filter, Subscription};
-use plc_api::port::{BoxFuture, Port};
-use plc_api::server::{Origin, ServedPort, ServerNotice, ServerTransport, ServoTiming};
-use plc_api::supervisor::Supervisor;
-use plc_api::types::command::{Command, CommandMeta};
-use plc_api::types::explained::Explanation;
-use plc_api::types::heartbeat::ClientHeartbeat;
-use plc_api::types::ids::check_client_id;
-use plc_api::types::machine::{AlarmRaise, AlarmRecord, AlarmSeverity};
-use plc_api::types::message::{Message, Payload};
-use plc_api::types::not_after::NotAfter;
-use plc_api::types::planned::PathQuery;
-use plc_api::types::request::{
+use plc_protocol::handler_registry::Reach;
+use plc_protocol::hub::{Filter, Subscription};
+use plc_protocol::port::{BoxFuture, Port};
+use plc_protocol::server::{Origin, ServedPort, ServerNotice, ServerTransport, ServoTiming};
+use plc_protocol::supervisor::Supervisor;
+use plc_protocol::types::command::{Command, CommandMeta};
+use plc_protocol::types::explained::Explanation;
+use plc_protocol::types::heartbeat::ClientHeartbeat;
+use plc_protocol::types::ids::check_client_id;
+use plc_protocol::types::machine::{AlarmRaise, AlarmRecord, AlarmSeverity};
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::not_after::NotAfter;
+use plc_protocol::types::planned::PathQuery;
+use plc_protocol::types::request::{
     Answer, CoordinateSystemRequest, Destination, MachineRequest, ProgramRequest, Refusal, RefusalCode,
     Request,
 };
-use plc_api::types::run::{RUN_WAIT_MAX_S, RUNS_KEPT, Run};
-use plc_api::types::state::{Execution, Spindle, State};
-use plc_api::types::topic::{CsTopic, Topic};
-use plc_api::types::trace::{Trace, TraceQuery};
-use plc_api::types::upload::{ProgramCondition, ProgramUpload};
-use plc_api::types::{BootId, CoordinateSystemNumber};
-use plc_api::wire::takes_not_after;
+use plc_protocol::types::run::{RUN_WAIT_MAX_S, RUNS_KEPT, Run};
+use plc_protocol::types::state::{Execution, Spindle, State};
+use plc_protocol::types::topic::{CsTopic, Topic};
+use plc_protocol::types::trace::{Trace, TraceQuery};
+use plc_protocol::types::upload::{ProgramCondition, ProgramUpload};
+use plc_protocol::types::{BootId, CoordinateSystemNumber};
+use plc_protocol::wire::takes_not_after;
 use tandem_model::alarm::{MESSAGES_NOT_KEPT, REQUEST_REFUSED};
 
 pub(crate) use access::AccessLines;
 use sender::Sender;
+use tandem_config::explain::{explain_here, nearest, picture};
+use tandem_store::persistence::LastRuns;
 
 use crate::coordinate_system::Mailbox;
-use crate::explain::{explain_here, nearest, picture};
-use crate::persistence::{LastRuns, StateWriter};
 use crate::preview::Previews;
 use crate::shared::SharedState;
+use crate::state_writer::StateWriter;
 
 /// Maximum length in characters of the text of a warning that a server end raises.
 const WARNING_TEXT_MAX: usize = 500;

@@ -1,10 +1,10 @@
 //! Publication of variables, tools and work offsets after each change.
 
-use plc_api::types::data::{
+use plc_protocol::types::data::{
     PublishedVariables, VariableArea, VariableValues, WorkOffsetTable, WorkOffsetValues,
 };
-use plc_api::types::message::Payload;
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::topic::{CsTopic, Topic};
 
 use crate::shared::SharedState;
 
@@ -67,11 +67,11 @@ mod tests {
     use std::sync::{Arc, Mutex};
     use std::time::Duration;
 
-    use plc_api::types::data::{ToolData, VariableArea};
-    use plc_api::types::topic::Topic;
     use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
+    use plc_protocol::types::data::{ToolData, VariableArea};
+    use plc_protocol::types::topic::Topic;
 
-    use crate::test::Bench;
+    use tandem_testing::Bench;
 
     type ObservedValues = Arc<Mutex<Vec<Vec<f64>>>>;
 

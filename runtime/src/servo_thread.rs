@@ -13,8 +13,8 @@ use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use plc_api::server::{Durations, ServoTiming};
-use plc_api::supervisor::panic_text;
+use plc_protocol::server::{Durations, ServoTiming};
+use plc_protocol::supervisor::panic_text;
 use tandem_servo::{Cutoff, Servo};
 
 use stall_watch::{LOOK_EVERY, STALL_MAX, StallWatch, record_thread_folder};

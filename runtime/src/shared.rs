@@ -8,43 +8,43 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use parking_lot::Mutex;
-use plc_api::alarm::USER_ALARM_BASE;
-use plc_api::handler_registry::{HandlerRegistry, PresenceEffect, Reach};
-use plc_api::handshake::Now;
-use plc_api::hub::Hub;
-use plc_api::io_points::IoPoints;
-use plc_api::supervisor::{Consequence, FaultReport, Supervisor};
-use plc_api::types::alarm_text::AlarmText;
-use plc_api::types::data::{PublishedVariables, VariableArea};
-use plc_api::types::handler::HandlerResult;
-use plc_api::types::machine::{AlarmRecord, AlarmSeverity, BrokerInUse, Presence};
-use plc_api::types::message::{Message, Payload};
-use plc_api::types::output::HandlerPresence;
-use plc_api::types::request::Refusal;
-use plc_api::types::stored_data::StoredData;
-use plc_api::types::topic::{CsTopic, Topic};
-use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
+use plc_protocol::alarm::USER_ALARM_BASE;
+use plc_protocol::handler_registry::{HandlerRegistry, PresenceEffect, Reach};
+use plc_protocol::handshake::Now;
+use plc_protocol::hub::Hub;
+use plc_protocol::io_points::IoPoints;
+use plc_protocol::supervisor::{Consequence, FaultReport, Supervisor};
+use plc_protocol::types::alarm_text::AlarmText;
+use plc_protocol::types::data::{PublishedVariables, VariableArea};
+use plc_protocol::types::handler::HandlerResult;
+use plc_protocol::types::machine::{AlarmRecord, AlarmSeverity, BrokerInUse, Presence};
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::output::HandlerPresence;
+use plc_protocol::types::request::Refusal;
+use plc_protocol::types::stored_data::StoredData;
+use plc_protocol::types::topic::{CsTopic, Topic};
+use plc_protocol::types::{BootId, CoordinateSystemNumber, Timestamp};
+use tandem_config::Machine;
+use tandem_config::declared::{SourcedDeclaration, refused_output};
 use tandem_model::Alarm;
 use tandem_model::alarm::{AlarmEntry, SERVO_FAILED, STORED_DATA_QUESTION, TASK_FAILED};
 use tandem_model::flow::Output;
+use tandem_store::clock::Clock;
+use tandem_store::disk::{DataFolderPart, Disk, Health};
+use tandem_store::journal::{Event, Journal};
+use tandem_store::program_store::ProgramStore;
+use tandem_store::runs::RunBook;
+use tandem_store::stored_data::OpenQuestion;
+use tandem_store::tables::Tables;
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
 use crate::alarms::{Alarms, RaiseOutcome};
 use crate::birth::birth;
-use crate::clock::Clock;
 use crate::command_memory::CommandMemory;
-use crate::config::Machine;
-use crate::declared::{SourcedDeclaration, refused_output};
-use crate::disk::{DataFolderPart, Health};
 use crate::heartbeat_times::HeartbeatTimes;
-use crate::journal::{Event, Journal};
 use crate::planned::OnPlan;
-use crate::program_store::ProgramStore;
-use crate::runs::RunBook;
 use crate::servo_thread::ServoStatistics;
-use crate::stored_data::OpenQuestion;
-use crate::tables::Tables;
 
 /// State of a machine that all of its parts share.
 #[derive(Debug)]
@@ -53,6 +53,8 @@ pub(crate) struct SharedState {
     pub boot_id: BootId,
     pub hub: Hub,
     pub clock: Clock,
+    /// Disk with the data folder.
+    pub disk: Disk,
     pub store: ProgramStore,
     pub journal: Journal,
     /// Function that receives each part of a plan, in simulated time only.
@@ -111,6 +113,7 @@ impl SharedState {
             boot_id,
             hub: Hub::new(),
             clock,
+            disk: Disk::default(),
             store,
             journal,
             health: Arc::default(),

@@ -4,23 +4,18 @@
 //! coordinate system, such as the start of the next block. Then that coordinate system handles the event at once, and
 //! no task is woken.
 
-#[cfg(feature = "testing")]
-mod tokio_clock;
-
 use std::future::Future;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use parking_lot::Mutex;
 use tandem_servo::{HardwareFactory, Servo};
+use tandem_store::clock::Clock;
 use tokio::sync::Notify;
 
-use crate::clock::Clock;
 use crate::coordinate_system::Mailbox;
 use crate::servo_thread::{cycle_after, pass};
 use crate::shared::SharedState;
-#[cfg(feature = "testing")]
-use tokio_clock::TokioClock;
 
 pub use crate::planned::{OnPlan, PlannedMotion};
 
@@ -60,7 +55,7 @@ struct SimulatedServo {
 
 /// Next event of a simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum NextEvent {
+pub enum NextEvent {
     /// Tasks are ready to run.
     Tasks,
     /// This servo cycle is next; nothing happens before it.
@@ -124,8 +119,72 @@ impl Simulation {
     }
 
     /// Returns the number of servo cycles so far, including omitted cycles.
-    pub(crate) fn cycles(&self) -> u64 {
+    pub fn cycles(&self) -> u64 {
         self.servo.lock().cycles
+    }
+
+    /// Returns the time after the start at which a servo cycle begins, ns.
+    pub fn cycle_start_ns(&self, cycle: u64) -> u64 {
+        cycle * self.period_ns
+    }
+
+    /// Returns the simulated time at which the simulation ends, ns.
+    pub fn limit_ns(&self) -> u64 {
+        self.limit_ns
+    }
+
+    /// Returns the next event. If sleeping tasks are due, wakes them. An executor that advances other clocks together
+    /// with the simulation uses this function and [`follow`](Simulation::follow).
+    pub fn next_event(&self) -> NextEvent {
+        self.next(&mut self.servo.lock())
+    }
+
+    /// Executes this cycle if it is the end of a [delay](Simulation::delay_servo), during which no task wakes. Returns
+    /// true if it was executed.
+    pub fn run_delayed_cycle(&self, cycle: u64) -> bool {
+        let mut servo = self.servo.lock();
+        let is_delayed = servo.missed > 0;
+        if is_delayed {
+            self.advance(&mut servo, cycle);
+        }
+        is_delayed
+    }
+
+    /// Advances the simulation to `now_ns`, at most to the next event.
+    pub fn follow(&self, next: NextEvent, now_ns: u64) {
+        let last = match next {
+            NextEvent::Tasks => return,
+            NextEvent::Cycle(cycle) => cycle,
+            NextEvent::Nothing => u64::MAX,
+        };
+        let due = if now_ns < self.limit_ns {
+            now_ns / self.period_ns
+        } else {
+            self.stalled.notify_one();
+            self.limit_ns.div_ceil(self.period_ns)
+        };
+        let mut servo = self.servo.lock();
+        if due >= last {
+            self.advance(&mut servo, last);
+        } else {
+            if due > servo.cycles {
+                self.advance(&mut servo, due);
+            }
+            self.clock.set_ns(now_ns);
+        }
+    }
+
+    /// Lets time pass while nothing moves and no task sleeps on the clock of the machine.
+    pub fn rest_until(&self, now_ns: u64) {
+        self.clock.set_ns(now_ns);
+    }
+
+    /// Reports that nothing further can happen; `since_ns` is the time since which nothing has happened.
+    pub fn stall_at(&self, since_ns: u64) {
+        if !self.is_at_limit() {
+            self.clock.set_ns(since_ns);
+        }
+        self.stalled.notify_one();
     }
 
     /// Executes cycles until a task is ready to run or nothing can happen.
@@ -263,7 +322,7 @@ impl Default for SimulationOptions {
 }
 
 /// Place where a runtime in simulated time puts its simulation, so that the executor finds the simulation.
-pub(crate) type SimulationSlot = Arc<OnceLock<Arc<Simulation>>>;
+pub type SimulationSlot = Arc<OnceLock<Arc<Simulation>>>;
 
 tokio::task_local! {
     static SLOT: SimulationSlot;
@@ -292,47 +351,14 @@ pub fn run<T>(main: impl Future<Output = T>) -> std::io::Result<T> {
     Ok(executor.enable_all().build()?.block_on(SLOT.scope(slot, watched)))
 }
 
-/// Code that runs in a simulation.
-#[cfg(feature = "testing")]
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Code {
-    /// Only the runtime's code, which sleeps on the clock of the machine.
-    Own,
-    /// Also the code of a user, which may sleep on the clock of tokio.
-    Foreign,
+/// Runs a future whose runtime puts its simulation into `slot`, on an executor that advances this simulation, such as
+/// one of [`executor`].
+pub async fn run_in_slot<T>(slot: SimulationSlot, main: impl Future<Output = T>) -> T {
+    SLOT.scope(slot, main).await
 }
 
-/// Runs a future in simulated time. If `code` is foreign, tokio's clock runs in simulated time as well. Sockets do not
-/// exist: opening one panics. `on_thread` is called when tokio starts another thread for blocking work, before the
-/// simulation continues. The runtime puts its simulation into `slot`.
-///
-/// # Errors
-/// Returns an error in the cases of [`run`].
-#[cfg(feature = "testing")]
-pub(crate) fn run_in<T>(
-    slot: SimulationSlot,
-    code: Code,
-    on_thread: impl Fn() + Send + Sync + 'static,
-    main: impl Future<Output = T>,
-) -> std::io::Result<T> {
-    // tokio calls this when it requests a thread, so before the simulation continues
-    let name = move || {
-        on_thread();
-        "other-thread".to_owned()
-    };
-    let clock = TokioClock::for_slot(&slot);
-    let mut executor = match code {
-        Code::Own => executor(&slot),
-        Code::Foreign => clock.executor(),
-    };
-    let executor = executor.enable_time().thread_name_fn(name).build()?;
-    let done = executor.block_on(SLOT.scope(slot, main));
-    clock.release();
-    Ok(done)
-}
-
-/// Returns an executor that executes servo cycles when no task is ready to run.
-fn executor(slot: &SimulationSlot) -> tokio::runtime::Builder {
+/// Returns an executor that executes the servo cycles of the simulation in `slot` when no task is ready to run.
+pub fn executor(slot: &SimulationSlot) -> tokio::runtime::Builder {
     let stepper = Arc::clone(slot);
     let mut executor = tokio::runtime::Builder::new_current_thread();
     executor.on_thread_park(move || {
@@ -358,3 +384,6 @@ async fn report_standstill(slot: SimulationSlot) -> std::convert::Infallible {
         last = cycles;
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests;

@@ -14,6 +14,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use tandem_config::{ConfiguredSystem, Machine};
 use tandem_interp::Dialect;
 use tandem_interp::codes::ModalGroup;
 use tandem_interp::meaning::{ModalValue, MotionKind, Role};
@@ -25,7 +26,6 @@ use tandem_syntax::diagnostics::{self, DiagnosticEntry};
 use tandem_syntax::{Address, NcProgram, Word};
 
 use self::run::{FIRST, SECOND, TrialAssumptions, TrialRun};
-use crate::config::{ConfiguredSystem, Machine};
 
 /// Maximum number of executed blocks, in addition to four times the blocks of the program.
 const STEPS_MAX: u64 = 2_000_000;

@@ -6,7 +6,7 @@
 use std::process::Command;
 use std::time::Duration;
 
-use tandem_runtime::test::{Bench, TestError};
+use tandem_testing::{Bench, TestError};
 
 /// Limit of the memory in addition to that of the machine before it runs a program, bytes.
 const LIMIT: usize = 64 << 20;

@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use plc_api::SequenceProgram;
-use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
+use plc_protocol::types::machine::{AlarmRecord, AlarmSeverity};
 use programs::Made;
 use tandem_interp::{CheckContext, Inputs, Interpreter, NO_TOOLS};
 use tandem_model::alarm::{COMPENSATION_REFUSED, STEP_LIMIT, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
@@ -25,10 +25,10 @@ use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings,
 use tandem_model::variables::Variables;
 use tandem_model::{AXES_MAX, Alarm, MachinePosition};
 use tandem_path::PathStage;
-use tandem_runtime::test::Bench;
 use tandem_runtime::trial::{Trial, TrialResult};
 use tandem_runtime::{Config, Machine};
 use tandem_syntax::NcProgram;
+use tandem_testing::Bench;
 
 /// Number of generated programs without findings that are tested.
 const CLEAN: u64 = 5000;

@@ -50,6 +50,6 @@ export function plannedPath(number, cs, vertices, { run_id = null, ...plan } = P
 export function rehearsal(program, cs, change = {}) {
   return {
     program, cs, hash: PLAN.hash, run_id: null, plan: PLAN, revision: "r", outcome: "completed", text: "", at: null, cycle_time_s: 0, feed_s: 0, rapid_s: 0, fixed_s: 0, wait_s: 0,
-    depends: null, m_codes: [], m_code_count: 0, axes: {}, lines: [], run: null, ...change,
+    depends: null, m_codes: [], m_code_count: 0, axes: {}, corners: [], lines: [], run: null, ...change,
   };
 }

@@ -1,5 +1,6 @@
-// Runs all tests of this folder, two files at the same time. Tests that hold a button for a certain time, or measure
-// times, run alone.
+// Runs the tests of this folder, two files at the same time. Tests that hold a button for a certain time, or measure
+// times, run alone after them.
+//   node run.mjs [together | alone]     only the first part, or only the second
 
 import { readdirSync } from "node:fs";
 import { run } from "node:test";
@@ -21,5 +22,6 @@ function runs(names, concurrency) {
 }
 
 const all = readdirSync(FOLDER).filter((name) => name.endsWith(".test.mjs"));
-await runs(all.filter((name) => !ALONE.includes(name)), 2);
-await runs(ALONE, 1);
+const part = process.argv[2] ?? "all";
+if (part !== "alone") await runs(all.filter((name) => !ALONE.includes(name)), 2);
+if (part !== "together") await runs(ALONE, 1);

@@ -21,6 +21,7 @@ fn json_has_exactly_the_documented_fields() {
             "alarm",
             "blocks",
             "captured",
+            "corner",
             "cycle_time_s",
             "lost",
             "m_codes",

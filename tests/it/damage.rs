@@ -10,12 +10,12 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use plc_api::Plc;
-use plc_api::types::data::{JournalFilter, ToolChange, ToolData, VariableArea, WorkOffsetTable};
-use plc_api::types::io::IoPoint;
-use plc_api::types::message::Payload;
-use plc_api::types::program::ProgramFolder;
-use plc_api::types::request::typed;
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_protocol::types::data::{JournalFilter, ToolChange, ToolData, VariableArea, WorkOffsetTable};
+use plc_protocol::types::io::IoPoint;
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::program::ProgramFolder;
+use plc_protocol::types::request::typed;
+use plc_protocol::types::topic::{CsTopic, Topic};
 use serde_json::Value;
 use tandem_runtime::{Config, Runtime};
 

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use plc_api::types::state::Reason;
 use plc_api::{Execution, Plc};
-use tandem_runtime::test::Bench;
+use plc_protocol::types::state::Reason;
 use tandem_runtime::{Config, demo_sequence_program};
+use tandem_testing::Bench;
 
 use crate::support::binary::{example, root};
 use crate::support::machine::Machine;
@@ -221,7 +221,7 @@ fn demo(programs: &'static [(u8, u16)]) -> Vec<(Execution, Option<Reason>)> {
 async fn end(plc: &Plc, cs: u8) -> (Execution, Option<Reason>) {
     let system = plc.coordinate_system(cs);
     loop {
-        let over = |state: &plc_api::types::state::State| {
+        let over = |state: &plc_protocol::types::state::State| {
             let inspects = state.waiting_on.as_ref().is_some_and(|waiting| waiting.m == 80);
             inspects || matches!(state.execution, Execution::ProgramCompleted | Execution::Stopped)
         };
@@ -234,8 +234,8 @@ async fn end(plc: &Plc, cs: u8) -> (Execution, Option<Reason>) {
 }
 
 async fn reset_by_hand(plc: &Plc, cs: u8, seq: u64) {
-    use plc_api::types::output::{Reset, ResetResult};
-    use plc_api::types::request::Request;
+    use plc_protocol::types::output::{Reset, ResetResult};
+    use plc_protocol::types::request::Request;
     let reset = Reset {
         boot_id: plc.port().boot_id(),
         seq,

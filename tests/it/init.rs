@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::Command;
 
-use crate::support::binary::{build_beside, root};
+use crate::support::binary::{build_beside, root, select_features_of_tests};
 use crate::support::simulated::run;
 
 /// A project with the dependencies of this checkout.
@@ -20,6 +20,7 @@ fn what_init_writes_builds_and_its_test_passes() {
     let folder = tempfile::tempdir().unwrap();
     let project = init(folder.path(), "My Mill");
     build_beside(folder.path());
+    select_features_of_tests(&project);
     let built = Command::new(env!("CARGO"))
         .args(["test", "--quiet"])
         .current_dir(&project)

@@ -20,6 +20,7 @@ mod cli_diff;
 mod cli_findings;
 mod cli_fleet;
 mod cli_fmt;
+mod cli_limits;
 mod cli_lsp;
 mod cli_output;
 mod cli_plot;

@@ -20,7 +20,7 @@ async fn main() -> plc_api::Result<()> {
     SequenceProgram::new().on(CLAMP, clamp).run(&plc).await
 }
 
-use tandem_runtime::test::{Bench, TestError};
+use tandem_testing::{Bench, TestError};
 
 #[test]
 fn m12_closes_the_clamp_before_the_motion_goes_on() -> Result<(), TestError> {

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use plc_api::SequenceProgram;
-use tandem_runtime::test::{Bench, Run};
 use tandem_structured_text::Program;
+use tandem_testing::{Bench, Run};
 
 use crate::book::generated::check;
 use crate::support::binary::{root, tandem};

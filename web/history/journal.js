@@ -22,7 +22,7 @@ const HIDDEN = new Set(["event", "ts", "t_s", "cs", "boot_id", "hash", "n", "use
 /** Value for the machine, and text. @type {[string, string][]} */
 const SINCE = [["", t("journal.all_kept")], ["1h", t("journal.last_hour")], ["8h", t("journal.last_8_hours")], ["24h", t("journal.last_day")], ["168h", t("journal.last_week")]];
 
-const EVENTS = ["request", "command", "start", "end", "output", "claim", "reset", "question", "answer", "hold", "stop", "resume", "alarm", "warning", "program", "refused", "access", "lease", "force", "io_write", "io_lost", "boot"];
+const EVENTS = ["request", "command", "start", "end", "output", "claim", "reset", "question", "answer", "hold", "stop", "resume", "alarm", "warning", "program", "refused", "access", "lease", "force", "io_write", "io_lost", "inconsistency", "boot"];
 
 /** @param {import("../main.js").App} app */
 export function journal(app) {

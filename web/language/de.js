@@ -598,6 +598,7 @@ const texts = {
 
   "rehearse.acceleration": "Beschl. /s²",
   "rehearse.at": "Bei",
+  "rehearse.corner": "Die Bahn verfehlt die Ecken um bis zu {distance} mm (Zeile {line}).",
   "rehearse.cycle": "Zyklus {time}",
   "rehearse.from_line_on_it_may": "Ab Zeile {line} kann der Lauf abweichen: {why}.",
   "rehearse.highest": "Höchste",

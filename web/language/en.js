@@ -597,6 +597,7 @@ export default {
 
   "rehearse.acceleration": "Acceleration /s²",
   "rehearse.at": "At",
+  "rehearse.corner": "The path misses the corners by up to {distance} mm (line {line}).",
   "rehearse.cycle": "Cycle {time}",
   "rehearse.from_line_on_it_may": "From line {line} on the run may differ: {why}.",
   "rehearse.highest": "Highest",

@@ -598,6 +598,7 @@ const texts = {
 
   "rehearse.acceleration": "加速度 /s²",
   "rehearse.at": "時点",
+  "rehearse.corner": "経路は角から最大 {distance} mm 離れます（{line} 行）。",
   "rehearse.cycle": "サイクル {time}",
   "rehearse.from_line_on_it_may": "{line} 行以降は変わることがあります: {why}。",
   "rehearse.highest": "最大",

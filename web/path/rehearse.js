@@ -151,6 +151,7 @@ export class Rehearse {
       h("p", {}, shares(rehearsal)),
       rehearsal.text ? h("p", { class: "error" }, ending(rehearsal)) : null,
       rehearsal.depends ? h("p", {}, t("rehearse.from_line_on_it_may", { line: rehearsal.depends.line, why: rehearsal.depends.why })) : null,
+      corner(rehearsal),
       h("div", { class: "scroll" }, axes(rehearsal, this.#app.model), mCodes(rehearsal), lastRuns(rehearsal.program, rehearsal.cs)),
       h("div", { class: "row end" }, close),
     ]);
@@ -170,6 +171,12 @@ function ending({ text, at }) {
 /** @param {Rehearsal} rehearsal */
 function shares({ feed_s, rapid_s, fixed_s, wait_s }) {
   return t("rehearse.shares", { feed: time(feed_s), rapid: time(rapid_s), fixed: time(fixed_s), wait: time(wait_s) });
+}
+
+/** Returns the largest distance of the path from a programmed corner. @param {Rehearsal} rehearsal */
+function corner({ corners }) {
+  const [largest] = corners;
+  return largest ? h("p", {}, t("rehearse.corner", { distance: plain(Math.round(1000 * largest.distance_mm) / 1000), line: largest.line })) : null;
 }
 
 /** @param {Rehearsal} rehearsal @param {import("../machine/model.js").Model} model */

@@ -6,7 +6,7 @@ import { setTimeout as delay } from "node:timers/promises";
 
 import { SequenceProgram } from "../src/index.js";
 import { limits } from "../src/link.js";
-import { FakeBroker } from "./fake_broker.js";
+import { FakeBroker, PRESENCE } from "./fake_broker.js";
 
 limits.silenceMs = 500;
 limits.lookMs = 50;
@@ -18,9 +18,9 @@ const program = () => new SequenceProgram("cell").on(20, () => {});
 
 test("a broker that acknowledges nothing is left for the next node", async () => {
   const silent = await FakeBroker.open({ acknowledges: false, accepts: false });
-  const sound = await FakeBroker.open({ acknowledges: true, accepts: true });
+  const sound = await FakeBroker.open();
   const serving = await program().serve(`mqtt://${silent.node},${sound.node}/mill-1`, { log });
-  assert.ok(silent.heard.includes("handler/cell/presence") && sound.heard.includes("handler/cell/presence"));
+  assert.ok(silent.topics.includes(PRESENCE) && sound.topics.includes(PRESENCE));
   assert.ok(said.some((words) => words.includes(`${silent.node}: the broker has acknowledged nothing for 0.5 s`)), said.join("\n"));
   await serving.close();
   await serving.ended;
@@ -29,7 +29,7 @@ test("a broker that acknowledges nothing is left for the next node", async () =>
 
 test("a broker is not left while nothing waits for it", async () => {
   said.length = 0;
-  const sound = await FakeBroker.open({ acknowledges: true, accepts: true });
+  const sound = await FakeBroker.open();
   const serving = await program().serve(`mqtt://${sound.node}/mill-1`, { log });
   await delay(3 * limits.silenceMs);
   await serving.close();
@@ -37,26 +37,13 @@ test("a broker is not left while nothing waits for it", async () => {
   sound.close();
 });
 
-test("a claim without an answer follows the registration on a new connection", async () => {
-  const claim = "handler/cell/cs/1/m_code/20/claim";
-  const broker = await FakeBroker.open({ acknowledges: true, accepts: true });
-  const serving = await program().serve(`mqtt://${broker.node}/mill-1`, { log });
-  broker.issueOutput(20);
-  while (!broker.heard.includes(claim)) await delay(10);
-  broker.heard.length = 0;
-  broker.cut();
-  while (!broker.heard.includes(claim)) await delay(10);
-  assert.ok(broker.heard.slice(0, broker.heard.indexOf(claim)).includes("handler/cell/presence"));
-  await serving.close();
-  broker.close();
-});
-
 test("what a missed machine said is read anew when it is heard again", async () => {
   said.length = 0;
-  const broker = await FakeBroker.open({ acknowledges: true, accepts: true, expiresMs: 300 });
+  const broker = await FakeBroker.open();
+  broker.publish("presence", { expires_ms: 300 });
   const serving = await program().serve(`mqtt://${broker.node}/mill-1`, { log });
   while (!said.some((words) => words.includes("treated as offline"))) await delay(10);
-  broker.sayPresence();
+  broker.publish("presence", {});
   while (broker.connections < 2) await delay(10);
   assert.equal(broker.goodbyes, 1, "without one its last will would lose the handler's outputs");
   await serving.close();
@@ -64,14 +51,14 @@ test("what a missed machine said is read anew when it is heard again", async () 
 });
 
 test("a task begins when the machine knows the handlers, and not when the broker does", async () => {
-  const broker = await FakeBroker.open({ acknowledges: true, accepts: false });
+  const broker = await FakeBroker.open({ accepts: false });
   let hasBegun = false;
   const tasked = program().task(async () => {
     hasBegun = true;
   });
   const serve = tasked.serve(`mqtt://${broker.node}/mill-1`, { log });
   // goes offline first and online afterwards: the broker has received both
-  while (broker.heard.filter((path) => path === "handler/cell/presence").length < 2) await delay(10);
+  while (broker.topics.filter((topic) => topic === PRESENCE).length < 2) await delay(10);
   await delay(100);
   assert.ok(!hasBegun);
   broker.accept();

@@ -132,29 +132,6 @@ test("questions are answered one after the other", async () => {
   assert.deepEqual(answers, ["no", "yes"]);
 });
 
-for (const verb of ["stop", "abort", "reset"]) {
-  test(`the signal of an output tells of ${verb}, and what waits for it cleans up`, async () => {
-    /** @type {unknown[]} */
-    const ends = [];
-    const program = new SequenceProgram("rinse").on(20, async (output) => {
-      output.progress("it rinses");
-      try {
-        await delay(1_000_000, undefined, { signal: output.signal });
-      } finally {
-        ends.push([output.cancelled, output.cancelReason, output.signal.reason instanceof OutputEnded]);
-      }
-    });
-    await serving(program, async () => {
-      await machine.load("M20\nM30");
-      await machine.started();
-      await machine.waitFor(({ waiting_on: waiting }) => waiting?.progress !== undefined);
-      await machine.rest("POST", `/cs/1/${verb}?wait=1`);
-      await machine.waitFor(() => ends.length > 0);
-    });
-    assert.deepEqual(ends, [[true, verb, true]]);
-  });
-}
-
 test("what a handler sends that works on after its cancel is refused here, once it has had time to clean up", async (t) => {
   const before = limits.cleanUpMs;
   t.after(() => (limits.cleanUpMs = before));
@@ -182,22 +159,6 @@ test("what a handler sends that works on after its cancel is refused here, once 
   });
   assert.ok(error instanceof OutputEnded && error.reason === "stop", String(error));
   assert.match(error.message, /^M20 was cancelled 0.2 s ago and more; reason: stop; nothing was sent: its handler must end when/);
-});
-
-test("a question that is open ends with its output", async () => {
-  /** @type {unknown[]} */
-  const ends = [];
-  const program = new SequenceProgram("inspection").on(80, async (output) => {
-    await output.ask("Is it clean?", ["yes", "no"]).catch((error) => ends.push(error instanceof OutputEnded && error.reason));
-  });
-  await serving(program, async () => {
-    await machine.load("M80\nM30");
-    await machine.started();
-    await machine.waitFor(({ waiting_on: waiting }) => waiting?.question !== undefined);
-    await machine.rest("POST", "/cs/1/stop?wait=1");
-    await machine.waitFor(() => ends.length > 0);
-  });
-  assert.deepEqual(ends, ["stop"]);
 });
 
 test("what a program owns is set from its first moment on and when it changes", async () => {
@@ -237,41 +198,6 @@ test("a program runs until its signal, and the machine is told", async () => {
   const program = new SequenceProgram("cell").on(9, () => {}).task(() => stop.abort());
   await program.run(machine.mqtt, { signal: stop.signal, log: quiet });
   await cellHasGone();
-});
-
-test("a program that is stopped lets its handlers end and says when it is back", async () => {
-  const stop = new AbortController();
-  /** @type {unknown[]} */
-  const ends = [];
-  const program = new SequenceProgram("cell").on(20, async (output) => {
-    stop.abort();
-    await delay(300, undefined, { signal: output.signal });
-    ends.push(output.cancelled);
-  });
-  const runs = program.runUntil(machine.mqtt, stop.signal, { returnsWithinMs: 30_000, log: quiet });
-  await until(async () => (await machine.rest("GET", "/handlers")).handlers.cell?.online);
-  await machine.load("M20\nM20\nM30");
-  const end = await machine.started();
-  await runs;
-  assert.deepEqual(ends, [false]);
-  assert.equal((await cellHasGone()).returns_within_ms, 30_000);
-  assert.equal((await machine.state()).execution, "WAIT", "the second M20 waits");
-  await serving(program, async () => assert.ok((await end()).completed));
-  assert.deepEqual(ends, [false, false]);
-});
-
-test("a program that is stopped aborts what does not end in its time", async () => {
-  /** @type {unknown[]} */
-  const ends = [];
-  const program = new SequenceProgram("cell", { redelivery: "redo" }).on(20, async (output) => {
-    await delay(ends.length > 0 ? 0 : 1_000_000, undefined, { signal: output.signal }).finally(() => ends.push(output.cancelReason));
-  });
-  const served = await program.serve(machine.mqtt, { log: quiet });
-  await machine.load("M20\nM30");
-  const end = await machine.started();
-  await served.leave({ endsWithinMs: 100 });
-  assert.deepEqual(ends, ["shutdown"]);
-  await serving(program, async () => assert.ok((await end()).completed));
 });
 
 test("a task that fails while the program is stopped ends it", async () => {

@@ -1,4 +1,4 @@
-"""A scripted broker with an online machine; the test decides whether messages are acknowledged."""
+"""A scripted broker with a machine; the test decides what it publishes, accepts and acknowledges."""
 
 from __future__ import annotations
 
@@ -10,41 +10,46 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[3]
+TABLE: dict[str, Any] = json.loads((ROOT / "tests/transcripts/handshake.json").read_text())
+"""The transcripts, with the members that messages of the machine have."""
 MACHINE = "tandem/v1/mill-1/"
+PRESENCE = "handler/cell/presence"
 CONNACK, PUBLISH, PUBACK, SUBSCRIBE, SUBACK, PINGREQ, PINGRESP = 0x20, 3, 0x40, 8, 0x90, 12, 0xD0
 CONNECT, DISCONNECT = 1, 14
+HAS_WILL = 4
 
 
-def example(address: str) -> dict[str, Any]:
-    """Return the contract's example of a message."""
-    document = json.loads((ROOT / "runtime/gateway/api/asyncapi.json").read_text())
-    for channel in document["channels"].values():
-        if channel["address"] == f"tandem/v1/{{machine}}/{address}":
-            (message,) = channel["messages"].values()
-            payload: dict[str, Any] = message["examples"][0]["payload"]
-            return payload
-    raise AssertionError(address)
+def message(topic: str, members: dict[str, Any]) -> dict[str, Any]:
+    """Return a message of the machine with these members; the table has the other ones."""
+    levels = ["+" if at in (1, 3) and level != "pending" else level for at, level in enumerate(topic.split("/"))]
+    pattern = topic if topic in TABLE["messages"] else "/".join(levels)
+    whole = {**TABLE["messages"][pattern], **members}
+    if "outputs" in whole:
+        whole["outputs"] = [{**TABLE["output"], **output} for output in whole["outputs"]]
+    return whole
 
 
 class FakeBroker:
-    """Accepts connections, and publishes to each that the machine is online."""
+    """Accepts connections, keeps retained messages, and answers for a machine that is online."""
 
-    def __init__(self, *, acknowledges: bool, accepts: bool, expires_ms: int = 30_000) -> None:
+    def __init__(self, *, acknowledges: bool = True, accepts: bool = True) -> None:
         self.acknowledges = acknowledges
         self.accepts = accepts
         """The machine accepts a handler as soon as it registers."""
-        self.expires_ms = expires_ms
-        """Validity of the machine's presence, which is not repeated automatically."""
+        self.is_down = False
+        """New connections are closed at once."""
         self.is_connected = asyncio.Event()
         """A client has connected."""
         self.goodbyes = 0
-        self.heard: list[str] = []
-        """Topics of received messages, below the machine."""
+        self.heard: list[tuple[str, dict[str, Any]]] = []
+        """Received messages: topic below the machine, payload."""
         self._has_heard = asyncio.Event()
-        self.has_come = asyncio.Event()
-        """A handler has published its presence."""
+        self.will: dict[str, Any] | None = None
+        """Last will of the newest connection."""
+        self.instance: str | None = None
+        """Instance of the handler that has published a presence."""
         self.port = 0
-        self._instance: str | None = None
+        self._retained = {topic: message(topic, {}) for topic in ("birth", "presence")}
         self._lines: set[asyncio.StreamWriter] = set()
 
     @property
@@ -61,45 +66,46 @@ class FakeBroker:
             yield self
         finally:
             server.close()
-            for line in self._lines:
-                line.close()
+            self.cut()
+
+    def publish(self, topic: str, members: dict[str, Any]) -> None:
+        """Publish a message of the machine; states stay for later connections."""
+        whole = message(topic, members)
+        if whole.get("instance") == "$instance":
+            whole["instance"] = self.instance
+        if topic in self._retained or topic.endswith("/pending"):
+            self._retained[topic] = whole
+        for line in self._lines:
+            _publish(line, topic, whole)
 
     def accept(self) -> None:
         """Publish that the machine has accepted the registered handler."""
-        result = {**example("handler/{id}/result"), "instance": self._instance}
-        for line in self._lines:
-            self._publish(line, "handler/cell/result", result)
+        self.publish("handler/cell/result", {})
 
-    def say_presence(self) -> None:
-        """Publish that the machine is online."""
-        for line in self._lines:
-            self._publish(line, "presence", {**example("presence"), "expires_ms": self.expires_ms})
-
-    def issue_output(self, m: int) -> None:
-        """Publish a pending M code that no handler has claimed."""
-        pending = example("cs/{cs}/m_code/pending")
-        nobody = dict.fromkeys(("handler_id", "instance", "progress", "question"))
-        output = {**pending["outputs"][0], "m": m, "state": "OUTPUT", **nobody}
-        for line in self._lines:
-            self._publish(line, "cs/1/m_code/pending", {**pending, "outputs": [output]})
-
-    async def until_heard(self, topic: str) -> None:
-        """Wait until a message has arrived on a topic."""
-        while topic not in self.heard:
+    async def until_heard(self, topic: str, count: int) -> None:
+        """Wait until as many messages have arrived on a topic."""
+        while self.topics.count(topic) < count:
             self._has_heard.clear()
             await self._has_heard.wait()
 
+    @property
+    def topics(self) -> list[str]:
+        """Topics of the received messages."""
+        return [topic for topic, _ in self.heard]
+
     def cut(self) -> None:
-        """Break all connections."""
+        """Break all connections; the broker publishes the last will."""
+        if self.will is not None:
+            self._retained[PRESENCE] = self.will
         for line in self._lines:
             line.close()
 
     async def _serve(self, reader: asyncio.StreamReader, line: asyncio.StreamWriter) -> None:
-        self._lines.add(line)
-        with contextlib.suppress(asyncio.IncompleteReadError, ConnectionError):
-            while True:
-                (head,) = await reader.readexactly(1)
-                self._answer(line, head, await reader.readexactly(await _length(reader)))
+        if not self.is_down:
+            with contextlib.suppress(asyncio.IncompleteReadError, ConnectionError):
+                while True:
+                    (head,) = await reader.readexactly(1)
+                    self._answer(line, head, await reader.readexactly(await _length(reader)))
         self._lines.discard(line)
         line.close()
 
@@ -107,6 +113,8 @@ class FakeBroker:
         kind = head >> 4
         if kind == CONNECT:
             self.is_connected.set()
+            _name, _client_id, *will = _texts(body, [0, 4, 0, 0] if body[7] & HAS_WILL else [0, 4])
+            self.will = json.loads(will[1]) if will else None
             line.write(bytes([CONNACK, 2, 0, 0]))
         elif kind == DISCONNECT:
             self.goodbyes += 1
@@ -115,29 +123,33 @@ class FakeBroker:
         elif kind == SUBSCRIBE:
             count = sum(1 for _ in _filters(body[2:]))
             line.write(bytes([SUBACK, 2 + count]) + body[:2] + bytes([1] * count))
-            self._publish(line, "birth", example("birth"))
-            self.say_presence()
+            self._lines.add(line)
+            for topic, retained in self._retained.items():
+                _publish(line, topic, retained, retain=True)
         elif kind == PUBLISH:
             end = 2 + int.from_bytes(body[:2], "big")
             topic = body[2:end].decode().removeprefix(MACHINE)
-            self.heard.append(topic)
-            self._has_heard.set()
+            payload = json.loads(body[end + 2 :])
             if self.acknowledges:
                 line.write(bytes([PUBACK, 2]) + body[end : end + 2])
-            if topic == "handler/cell/presence":
-                self._on_presence(json.loads(body[end + 2 :]))
+            if topic == PRESENCE:
+                self._on_presence(payload)
+            self.heard.append((topic, payload))
+            self._has_heard.set()
 
     def _on_presence(self, presence: dict[str, Any]) -> None:
-        if presence["online"]:
-            self._instance = presence["instance"]
-            self.has_come.set()
-            if self.accepts:
-                self.accept()
+        self.instance = presence["instance"]
+        self._retained[PRESENCE] = presence
+        for line in self._lines:
+            _publish(line, PRESENCE, presence)
+        if presence["online"] and self.accepts:
+            self.accept()
 
-    def _publish(self, line: asyncio.StreamWriter, topic: str, message: dict[str, Any]) -> None:
-        path, payload = f"{MACHINE}{topic}".encode(), json.dumps(message).encode()
-        body = len(path).to_bytes(2, "big") + path + payload
-        line.write(bytes([PUBLISH << 4]) + bytes([len(body) % 128 | 128, len(body) // 128]) + body)
+
+def _publish(line: asyncio.StreamWriter, topic: str, message: dict[str, Any], *, retain: bool = False) -> None:
+    path, payload = f"{MACHINE}{topic}".encode(), json.dumps(message).encode()
+    body = len(path).to_bytes(2, "big") + path + payload
+    line.write(bytes([PUBLISH << 4 | retain, len(body) % 128 | 128, len(body) // 128]) + body)
 
 
 async def _length(reader: asyncio.StreamReader) -> int:
@@ -148,6 +160,15 @@ async def _length(reader: asyncio.StreamReader) -> int:
         shift += 7
         if byte < 128:
             return length
+
+
+def _texts(body: bytes, gaps: list[int]) -> Iterator[str]:
+    """Yield texts with their length in front, each after as many other bytes as its gap."""
+    at = 0
+    for gap in gaps:
+        begin = at + gap + 2
+        at = begin + int.from_bytes(body[begin - 2 : begin], "big")
+        yield body[begin:at].decode()
 
 
 def _filters(body: bytes) -> Iterator[bytes]:

@@ -7,15 +7,13 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 import pytest
-from fake_broker import FakeBroker
+from fake_broker import PRESENCE, FakeBroker
 
 from tandem_plc import Output, Plc, SequenceProgram, connection, link
 from tandem_plc.program import Serving
 
 InLoop = Callable[[Awaitable[Any]], Any]
 
-PRESENCE = "handler/cell/presence"
-CLAIM = "handler/cell/cs/1/m_code/20/claim"
 SILENCE_MAX_S = 0.5
 
 
@@ -35,13 +33,13 @@ def test_a_broker_that_acknowledges_nothing_is_left_for_the_next_node(
     monkeypatch.setattr(link, "SILENCE_MAX_S", SILENCE_MAX_S)
 
     async def work() -> None:
-        silent, sound = FakeBroker(acknowledges=False, accepts=False), FakeBroker(acknowledges=True, accepts=True)
+        silent, sound = FakeBroker(acknowledges=False, accepts=False), FakeBroker()
         async with silent.open(), sound.open():
             address = f"mqtt://127.0.0.1:{silent.port},127.0.0.1:{sound.port}/mill-1"
             async with program.serving(address) as serving:
-                assert PRESENCE in sound.heard
+                assert PRESENCE in sound.topics
                 assert not serving.ended.done()
-            assert PRESENCE in silent.heard
+            assert PRESENCE in silent.topics
 
     in_loop(work())
     assert f"acknowledged nothing for {SILENCE_MAX_S:g} s" in caplog.text
@@ -53,28 +51,12 @@ def test_a_broker_is_not_left_while_nothing_waits_for_it(
     monkeypatch.setattr(link, "SILENCE_MAX_S", SILENCE_MAX_S)
 
     async def work() -> None:
-        sound = FakeBroker(acknowledges=True, accepts=True)
+        sound = FakeBroker()
         async with sound.open(), program.serving(sound.address):
             await asyncio.sleep(3 * SILENCE_MAX_S)
 
     in_loop(work())
     assert "acknowledged nothing" not in caplog.text
-
-
-def test_a_claim_without_an_answer_follows_the_registration_on_a_new_connection(
-    program: SequenceProgram, in_loop: InLoop
-) -> None:
-    async def work() -> None:
-        broker = FakeBroker(acknowledges=True, accepts=True)
-        async with broker.open(), program.serving(broker.address):
-            broker.issue_output(20)
-            await broker.until_heard(CLAIM)
-            broker.heard.clear()
-            broker.cut()
-            await broker.until_heard(CLAIM)
-            assert PRESENCE in broker.heard[: broker.heard.index(CLAIM)]
-
-    in_loop(work())
 
 
 def test_what_a_missed_machine_said_is_read_anew_when_it_is_heard_again(
@@ -83,13 +65,14 @@ def test_what_a_missed_machine_said_is_read_anew_when_it_is_heard_again(
     monkeypatch.setattr(connection, "LOOK_AT_AGE_S", 0.05)
 
     async def work() -> None:
-        broker = FakeBroker(acknowledges=True, accepts=True, expires_ms=300)
+        broker = FakeBroker()
+        broker.publish("presence", {"expires_ms": 300})
         async with broker.open(), Plc.connect(broker.address) as plc:
             async for presence in plc.presences():
                 if not presence.online:
                     break
             broker.is_connected.clear()
-            broker.say_presence()
+            broker.publish("presence", {})
             await broker.is_connected.wait()
             assert broker.goodbyes == 1, "without one its last will would lose the outputs of a handler"
 
@@ -111,11 +94,12 @@ def test_a_task_begins_when_the_machine_knows_the_handlers_and_not_when_the_brok
             await serving.ended
 
     async def work() -> None:
-        broker = FakeBroker(acknowledges=True, accepts=False)
+        broker = FakeBroker(accepts=False)
         async with broker.open():
             ready: asyncio.Future[Serving] = asyncio.get_running_loop().create_future()
             served = asyncio.create_task(serve(broker.address, ready))
-            await broker.has_come.wait()
+            # goes offline first and online afterwards: the broker has received both
+            await broker.until_heard(PRESENCE, 2)
             await asyncio.sleep(0.1)
             assert not begun.is_set()
             assert not ready.done()

@@ -15,15 +15,12 @@ from typing import Any
 import pytest
 
 from tandem_plc import (
-    Alarm,
     AlarmWords,
-    CancelReason,
     Output,
     Param,
     Params,
     Plc,
     ProgramError,
-    Redelivery,
     RequestRefused,
     SequenceProgram,
     UserAlarm,
@@ -58,16 +55,6 @@ def test_the_program_goes_on_when_the_handler_has_returned(tandem_machine: Machi
     assert seen == [(5, "WAIT", 1, 5.0, None), (6, "WAIT", 3, 6.0, -0.5)]
     assert [line["m"] for line in run.events("reset")] == [6, 6]
     assert tandem_machine.rest("GET", "/cs/1/tool")["id"] == 6
-
-
-def test_parameters_are_refused_when_the_program_is_loaded(tandem_machine: Machine) -> None:
-    program = SequenceProgram("changer")
-
-    @program.on(6, validate=pocket)
-    async def change_tool(_output: Output) -> None: ...
-
-    with tandem_machine.serve(program), pytest.raises(RequestRefused, match=r"line 2: E0190.*VA is 99.*1 to 24"):
-        tandem_machine.run("G01 X0 F3000\nM06 VA99\nM30")
 
 
 def test_a_program_with_parameters_that_are_not_declared_is_not_loaded(tandem_machine: Machine) -> None:
@@ -145,20 +132,6 @@ def test_a_check_that_fails_refuses_the_program_and_the_program_goes_on_serving(
         assert tandem_machine.run("M07\nM30").completed
 
 
-def test_an_alarm_stops_the_program_with_its_text(tandem_machine: Machine) -> None:
-    program = SequenceProgram("coolant")
-
-    @program.on(7)
-    async def coolant(_output: Output) -> None:
-        raise Alarm(7, "the tank is empty")
-
-    with tandem_machine.serve(program):
-        run = tandem_machine.run("M07\nM30")
-        numbers = [alarm["number"] for alarm in tandem_machine.rest("GET", "/alarms")["alarms"]]
-    assert (run.execution, run.reason, run.alarms) == ("STOPPED", "ALARM", ["the tank is empty"])
-    assert numbers == [10_007]
-
-
 NO_AIR = UserAlarm(
     12,
     "the air pressure is low",
@@ -201,60 +174,6 @@ def test_what_is_said_of_alarms_is_checked_where_it_is_written() -> None:
     for make, message in wrong:
         with pytest.raises(ProgramError, match=message):
             make()
-
-
-def test_a_program_that_is_stopped_lets_its_handlers_end_and_says_when_it_is_back(tandem_machine: Machine) -> None:
-    program, known = SequenceProgram("cell"), asyncio.Event()
-    ends: list[bool] = []
-
-    @program.on(20)
-    async def rinse(output: Output) -> None:
-        output.progress("it rinses")
-        await asyncio.sleep(0.3)
-        ends.append(output.cancelled)
-
-    @program.task
-    async def begin(_plc: Plc) -> None:
-        known.set()
-
-    async def at_work() -> None:
-        # the program is awaited from the start; starting before the machine knows the handler raises an alarm
-        await known.wait()
-        await asyncio.to_thread(tandem_machine.load, "M20\nM20\nM30")
-        await asyncio.to_thread(tandem_machine.started)
-        await asyncio.to_thread(
-            tandem_machine.wait_for, lambda state: bool((state["waiting_on"] or {}).get("progress"))
-        )
-
-    asyncio.run(program.run_until(tandem_machine.mqtt, at_work(), returns_within_s=30))
-    assert ends == [False]
-    assert gone(tandem_machine)["returns_within_ms"] == 30_000
-    # the second M20 waits
-    assert tandem_machine.state()["execution"] == "WAIT"
-    with tandem_machine.serve(program):
-        tandem_machine.wait_for(lambda state: state["execution"] == "PROGRAM_COMPLETED")
-    assert ends == [False, False]
-
-
-def test_a_program_that_is_stopped_cancels_what_does_not_end_in_its_time(tandem_machine: Machine) -> None:
-    program = SequenceProgram("cell", redelivery=Redelivery.REDO)
-    ends: list[object] = []
-
-    @program.on(20)
-    async def rinse(output: Output) -> None:
-        try:
-            await asyncio.sleep(0 if ends else 1_000)
-        finally:
-            ends.append(output.cancel_reason)
-
-    with tandem_machine.serve(program) as serving:
-        tandem_machine.load("M20\nM30")
-        run = tandem_machine.started()
-        leaving = asyncio.run_coroutine_threadsafe(serving.leave(ends_within_s=0.1), serving.ended.get_loop())
-        leaving.result(10)
-    assert ends == [CancelReason.SHUTDOWN]
-    with tandem_machine.serve(program):
-        assert run.end().completed
 
 
 def test_a_task_that_fails_while_the_program_is_stopped_ends_it(tandem_machine: Machine) -> None:
@@ -313,52 +232,6 @@ def test_an_exception_stops_the_program_and_no_other_handler(tandem_machine: Mac
         assert run.alarms == ["the handler of M7 has failed: KeyError: 'no such valve'"]
         tandem_machine.rest("POST", "/cs/1/reset?wait=1")
         assert tandem_machine.run("M07 VA1\nM30").completed
-
-
-def test_a_question_is_answered_by_the_operator(tandem_machine: Machine) -> None:
-    program = SequenceProgram("inspection")
-    answers: list[str] = []
-
-    @program.on(80)
-    async def inspect(output: Output) -> None:
-        output.progress("the part is at the window", 50)
-        answers.append(await output.ask("Is the part clean?", ["yes", "no"]))
-        answers.append(await output.ask("And dry?", ["yes", "no"]))
-
-    with tandem_machine.serve(program):
-        tandem_machine.load("M80\nM30")
-        run = tandem_machine.started()
-        assert tandem_machine.answer("no") == "Is the part clean?"
-        tandem_machine.wait_for(lambda state: (state["waiting_on"].get("question") or {}).get("text") == "And dry?")
-        assert tandem_machine.state()["waiting_on"]["progress"] == {"text": "the part is at the window", "percent": 50}
-        tandem_machine.answer("yes")
-        assert run.end().completed
-    assert answers == ["no", "yes"]
-
-
-@pytest.mark.parametrize("verb", ["stop", "abort", "reset"])
-def test_a_handler_is_cancelled_with_the_reason_and_cleans_up(tandem_machine: Machine, verb: str) -> None:
-    program = SequenceProgram("rinse")
-    ends: list[object] = []
-
-    @program.on(20)
-    async def rinse(output: Output) -> None:
-        output.progress("it rinses")
-        try:
-            await asyncio.sleep(1_000)
-        finally:
-            await asyncio.sleep(0.01)  # the pump stops
-            ends.append((output.cancelled, output.cancel_reason))
-
-    with tandem_machine.serve(program):
-        tandem_machine.load("M20\nM30")
-        run = tandem_machine.started()
-        tandem_machine.wait_for(lambda state: bool((state["waiting_on"] or {}).get("progress")))
-        tandem_machine.rest("POST", f"/cs/1/{verb}?wait=1")
-        if verb != "reset":
-            assert run.end().execution == "STOPPED"
-        tandem_machine.wait_for(lambda _state: bool(ends))
-    assert ends == [(True, CancelReason(verb))]
 
 
 def test_what_a_program_owns_is_set_from_its_first_moment_on_and_when_it_changes(tandem_machine: Machine) -> None:

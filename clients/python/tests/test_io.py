@@ -126,7 +126,8 @@ def test_what_cannot_be_is_refused_in_words(tandem_machine: Machine, in_loop: In
 
 
 def test_a_value_is_a_bool_or_a_number_and_nothing_else() -> None:
-    said = {"boot_id": "b", "value": True, "written": 1, "owner": None, "forced": {"value": 2.5, "by": "anna"}}
+    forced = {"value": 2.5, "by": "anna"}
+    said = {"boot_id": "b", "ts": "t", "value": True, "written": 1, "owner": None, "lost": False, "forced": forced}
     state = decode(IoState, said)
     assert state.value is True
     assert isinstance(state.written, float)

@@ -35,7 +35,8 @@ class _Noting:
 
     async def request(self, path: str, payload: dict[str, Any], **_options: Any) -> CommandReply:
         self.sent.append((path, payload))
-        return CommandReply(command_id=payload.get("command_id", ""), status="done", code="ok", text="", state_rev=1)
+        named = payload.get("command_id", "")
+        return CommandReply(boot_id="b", ts="", command_id=named, status="done", code="ok", text="", state_rev=1)
 
 
 def _plc(connection: _Noting) -> Plc:
@@ -43,11 +44,11 @@ def _plc(connection: _Noting) -> Plc:
 
 
 def test_each_request_of_a_persons_handle_carries_the_heartbeat_of_the_press(in_loop: InLoop) -> None:
-    noting = _Noting(Heartbeat(boot_id="b", cycle=7))
+    noting = _Noting(Heartbeat(boot_id="b", ts="", cycle=7))
 
     async def work() -> None:
         person = _plc(noting).for_person(within_s=0.5)
-        noting.hub.heartbeat = Heartbeat(boot_id="b", cycle=99)
+        noting.hub.heartbeat = Heartbeat(boot_id="b", ts="", cycle=99)
         await person.cs(1).start()
         await person.cs(1).set_overrides(feed=50)
         await person.cs(1).set_interlock(False)
@@ -61,7 +62,7 @@ def test_each_request_of_a_persons_handle_carries_the_heartbeat_of_the_press(in_
 
 
 def test_a_programs_own_requests_carry_no_age_limit(in_loop: InLoop) -> None:
-    noting = _Noting(Heartbeat(boot_id="b", cycle=7))
+    noting = _Noting(Heartbeat(boot_id="b", ts="", cycle=7))
     plc = _plc(noting)
 
     async def work() -> None:

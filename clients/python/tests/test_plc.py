@@ -74,7 +74,7 @@ def test_a_step_is_whole_without_refresh_and_a_macro_leaves_nothing_behind(
             mill = plc.cs(1)
             await mill.home()
             reply = await mill.jog("X", 600.0, "step-1", distance=5.0)
-            assert (reply.status, reply.moved) == ("done", None)
+            assert (reply.status, reply.moved) == ("done", {})
             with pytest.raises(CommandFailed) as failed:
                 await mill.jog("X", 600.0, "step-2", distance=50.0)
             assert failed.value.code == "not_refreshed"

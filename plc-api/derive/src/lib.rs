@@ -162,7 +162,7 @@ fn letter(attribute: &Attribute) -> Option<Ident> {
     Some(Ident::new(&letter, attribute.path().get_ident()?.span()))
 }
 
-/// Contents of an attribute.
+/// Contents of an attribute `#[va(..)]` to `#[vh(..)]`.
 #[derive(Default)]
 struct Form {
     range: Option<ExprRange>,

@@ -1,7 +1,8 @@
 //! State that handlers share.
 
+use plc_protocol::alarm::Alarm;
+
 use super::{FromOutput, Takes};
-use crate::alarm::Alarm;
 use crate::aux_output::AuxOutput;
 use crate::plc::Plc;
 

@@ -2,7 +2,7 @@
 
 use std::any::TypeId;
 
-use crate::types::m_code::{DeclaredParams, ParamDeclaration, ParamLetter};
+use plc_protocol::types::m_code::{DeclaredParams, ParamDeclaration, ParamLetter};
 
 /// Parameters of the M code and states of the sequence program that a handler takes as arguments.
 #[derive(Debug, Default)]

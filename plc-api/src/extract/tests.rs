@@ -1,15 +1,15 @@
 use std::sync::{Arc, Mutex};
 
+use plc_protocol::error::{Error, Result};
+use plc_protocol::handshake::OutputOutcome;
+use plc_protocol::types::m_code::{MCodeDeclaration, ParamLetter};
+use plc_protocol::types::output::Params;
 use tokio::task::JoinHandle;
 
 use super::*;
-use crate::error::{Error, Result};
 use crate::fake::FakePort;
 use crate::handlers::SequenceProgram;
-use crate::handshake::OutputOutcome;
 use crate::m_codes::MCode;
-use crate::types::m_code::{MCodeDeclaration, ParamLetter};
-use crate::types::output::Params;
 use crate::units::{Bar, KiloNewton, Whole};
 
 const CLAMP: MCode = MCode::new(12, "clamp");
@@ -153,7 +153,7 @@ async fn what_a_handler_declares_is_in_its_presence() {
 async fn a_value_that_a_type_does_not_have_is_an_alarm() {
     struct Odd;
     impl ParamValue for Odd {
-        fn declaration() -> crate::types::m_code::ParamDeclaration {
+        fn declaration() -> plc_protocol::types::m_code::ParamDeclaration {
             Whole::<1, 9>::declaration()
         }
         fn from_number(number: Option<f64>) -> Option<Self> {
@@ -202,7 +202,7 @@ fn missing_or_duplicate_state_and_duplicate_parameters_are_errors() {
 
 #[test]
 fn a_unit_declares_its_bounds_and_is_written_with_its_name() {
-    let declared = |declaration: crate::types::m_code::ParamDeclaration| MCodeDeclaration {
+    let declared = |declaration: plc_protocol::types::m_code::ParamDeclaration| MCodeDeclaration {
         m: 12,
         params: Some([(ParamLetter::A, declaration)].into()),
         ..MCodeDeclaration::default()

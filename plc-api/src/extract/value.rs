@@ -1,10 +1,11 @@
 //! Types to which the numbers of M code parameters are converted.
 
+use plc_protocol::alarm::Alarm;
+use plc_protocol::types::m_code::{ParamDeclaration, ParamLetter};
+
 use super::{FromOutput, Takes};
-use crate::alarm::Alarm;
 use crate::aux_output::AuxOutput;
 use crate::plc::Plc;
-use crate::types::m_code::{ParamDeclaration, ParamLetter};
 
 /// A type to which the number of an M code parameter is converted.
 ///

@@ -1,11 +1,14 @@
 use std::time::Duration;
 
+use plc_protocol::types::machine::ActiveAlarms;
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::request::{OverrideChange, RefusalCode};
+use plc_protocol::types::state::{Execution, Overrides, Reason, State};
+use plc_protocol::types::topic::{CsTopic, Topic};
+
 use super::*;
 use crate::coordinate_system::CoordinateSystem;
-use crate::types::machine::ActiveAlarms;
-use crate::types::request::{OverrideChange, RefusalCode};
-use crate::types::state::{Execution, Overrides, Reason, State};
-use crate::{Error, handlers::AuxOutput, handlers::SequenceProgram};
+use crate::{Alarm, CancelReason, Error, Params, handlers::AuxOutput, handlers::SequenceProgram};
 
 async fn slow(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     plc.sleep(Duration::from_secs(5)).await;
@@ -144,7 +147,7 @@ async fn stop_abort_and_reset_cancel_and_end_the_run_each_in_its_state() {
     ] {
         let seq = fake.issue_output(1, 10, Params::default());
         fake.settle().await;
-        let command = crate::types::command::Command::parse(command, &serde_json::json!({})).unwrap();
+        let command = plc_protocol::types::command::Command::parse(command, &serde_json::json!({})).unwrap();
         system.command(command).await.unwrap();
         assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Cancelled(reason)));
         assert_eq!(word(&system).await, word_after);

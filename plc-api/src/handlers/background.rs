@@ -6,19 +6,19 @@ use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
 
 use futures_util::FutureExt;
+use plc_protocol::alarm::Alarm;
+use plc_protocol::error::{Error, Result};
+use plc_protocol::hub::{Filter, Subscription};
+use plc_protocol::port::{BoxFuture, RETRY};
+use plc_protocol::supervisor::panic_text;
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::topic::Topic;
+use plc_protocol::types::{BootId, CoordinateSystemNumber};
 use tokio::sync::watch;
 
 use super::SequenceProgram;
-use crate::alarm::Alarm;
 use crate::alarm_level::{AlarmLevel, SHOWN_WITHIN, is_active};
-use crate::error::{Error, Result};
-use crate::hub::{Filter, Subscription};
 use crate::plc::Plc;
-use crate::port::{BoxFuture, RETRY};
-use crate::text::panic_text;
-use crate::types::message::{Message, Payload};
-use crate::types::topic::Topic;
-use crate::types::{BootId, CoordinateSystemNumber};
 
 impl<Scope> SequenceProgram<Scope> {
     /// Raises an alarm when a level turns true. Within
@@ -165,6 +165,9 @@ impl FollowedAlarm {
         }
     }
 
+    /// Raises the alarm. If the sender of the level has ended (`is_sent` is false), the text states that the level is
+    /// unknown.
+    ///
     /// # Errors
     /// Fails if the machine refuses the alarm.
     async fn raise(&self, plc: &Plc, is_sent: bool) -> Result<()> {
@@ -173,7 +176,7 @@ impl FollowedAlarm {
             alarm.text = format!("{}, or unknown (the program no longer reports it)", alarm.text);
         }
         match plc.raise(self.cs, alarm).await {
-            Err(error) if error.may_pass() => {
+            Err(error) if may_pass(&error) => {
                 tracing::warn!(%error, number = self.alarm.number, "an alarm is not raised yet");
                 Ok(())
             }
@@ -219,7 +222,7 @@ impl Task {
             plc.levels().wait_until_announced(boot).await;
             let work = AssertUnwindSafe(async { (self.0)(plc.clone()).await });
             match work.catch_unwind().await {
-                Ok(Err(error)) if error.may_pass() => {
+                Ok(Err(error)) if may_pass(&error) => {
                     tracing::warn!(%error, "a task of a sequence program is started again");
                     plc.sleep(RETRY).await;
                 }
@@ -248,4 +251,13 @@ async fn wait_for_other_boot(presence: &mut Subscription, than: Option<&BootId>)
     }
     // the machine has ended the connection, and the handlers will end as well
     pending().await
+}
+
+/// Returns true for a temporary error of the connection, after which a retry may succeed.
+fn may_pass(error: &Error) -> bool {
+    match error {
+        Error::Refused(refusal) => refusal.code.may_pass(),
+        Error::NoAnswer { .. } => true,
+        _ => false,
+    }
 }

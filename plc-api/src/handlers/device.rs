@@ -3,14 +3,14 @@
 use std::future::Future;
 use std::sync::Arc;
 
+use plc_protocol::alarm::Alarm;
+use plc_protocol::port::BoxFuture;
 use tokio::sync::Mutex;
 
 use super::SequenceProgram;
-use crate::alarm::Alarm;
 use crate::aux_output::AuxOutput;
 use crate::m_codes::{ByNumber, MCodes};
 use crate::plc::Plc;
-use crate::port::BoxFuture;
 
 /// An async method of a device with the arguments `(&mut self, AuxOutput)` or `(&mut self, AuxOutput, Plc)`.
 #[diagnostic::on_unimplemented(

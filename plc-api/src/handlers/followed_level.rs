@@ -1,12 +1,12 @@
 //! Sources of interlocks and start locks, each of which follows a level of a sequence program.
 
+use plc_protocol::error::Result;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::lock::LockSet;
 use tokio::sync::watch;
 
-use crate::error::Result;
 use crate::levels::LockKind;
 use crate::plc::Plc;
-use crate::types::CoordinateSystemNumber;
-use crate::types::lock::LockSet;
 
 /// A level, and the source of a lock that follows it.
 #[derive(Debug, Clone)]

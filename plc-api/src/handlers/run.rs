@@ -10,22 +10,22 @@ use futures_util::future::{AbortHandle, Abortable};
 use futures_util::stream::FuturesUnordered;
 use futures_util::{FutureExt, StreamExt};
 
+use plc_protocol::alarm::Alarm;
+use plc_protocol::error::Result;
+use plc_protocol::port::BoxFuture;
+use plc_protocol::supervisor::panic_text;
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::output::{CancelReason, HandshakeStatus, OutputState, PendingOutput, Redelivery};
+use plc_protocol::types::question::{Validate, ValidateResult};
+use plc_protocol::types::request::Request;
+use plc_protocol::types::topic::{CsTopic, Topic};
+use plc_protocol::types::{BootId, CoordinateSystemNumber};
 use tracing::Instrument;
 
-use crate::alarm::Alarm;
 use crate::aux_output::{AuxOutput, CancelSender};
 use crate::claim::{OutputId, decide_start, until_answered};
-use crate::error::Result;
 use crate::handler_session::{Change, Event, HandlerDeclaration, HandlerSession, Registration, open_outputs};
 use crate::plc::Plc;
-use crate::port::BoxFuture;
-use crate::text::panic_text;
-use crate::types::message::{Message, Payload};
-use crate::types::output::{CancelReason, HandshakeStatus, OutputState, PendingOutput, Redelivery};
-use crate::types::question::{Validate, ValidateResult};
-use crate::types::request::Request;
-use crate::types::topic::{CsTopic, Topic};
-use crate::types::{BootId, CoordinateSystemNumber};
 
 use super::table::{BoxedHandler, Table};
 
@@ -229,7 +229,12 @@ impl Runner {
                 }
             }
             Event::Reclaimed(id, false) => self.cancel_where(|other| *other == id, None),
-            Event::Reclaimed(_, true) => {}
+            Event::Reclaimed(id, true) => {
+                if let Some(running) = self.running.get(&id) {
+                    self.presence
+                        .send_all(running.output.last_reports(), "a report was not sent again");
+                }
+            }
         }
     }
 
@@ -296,7 +301,7 @@ impl Runner {
                 OutputState::Claimed if self.is_claimed_for_us(output) && self.is_new(&id) => {
                     self.start_handler(id, output, true);
                 }
-                OutputState::Claimed | OutputState::Queued => {}
+                _ => {}
             }
         }
     }
@@ -414,8 +419,14 @@ impl Claiming {
             self.registration.claim(claim).await
         };
         match answer {
-            Ok(Some(HandshakeStatus::Accepted)) => return true,
-            Ok(status) => tracing::debug!(m, seq, ?status, "the output is not claimed by this handler"),
+            Ok(Some(result)) if result.status == HandshakeStatus::Accepted => {
+                // an operator may have decided since the message from which this handler began
+                if let Some(how) = result.how {
+                    output.set_redelivered(how == Redelivery::Verify);
+                }
+                return true;
+            }
+            Ok(result) => tracing::debug!(m, seq, ?result, "the output is not claimed by this handler"),
             Err(refusal) => {
                 tracing::warn!(m, seq, %refusal, "the output is not claimed: the registration was refused");
             }

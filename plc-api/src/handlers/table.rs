@@ -7,19 +7,21 @@ use std::ops::RangeInclusive;
 use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
 
-use crate::alarm::Alarm;
+use plc_protocol::alarm::Alarm;
+use plc_protocol::port::BoxFuture;
+use plc_protocol::supervisor::panic_text;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::alarm_text::AlarmText;
+use plc_protocol::types::m_code::MCodeDeclaration;
+use plc_protocol::types::m_code::{M_CODE_MAX, RUNTIME_M_CODES};
+use plc_protocol::types::output::{Params, Redelivery};
+
 use crate::aux_output::AuxOutput;
 use crate::extract::{FromOutput, Takes};
 use crate::handler_session::ServedCode;
-use crate::m_codes::{ByName, ByNumber, M_CODE_MAX, MCode, RUNTIME_M_CODES};
+use crate::m_codes::{ByName, ByNumber, MCode};
 use crate::plc::Plc;
-use crate::port::BoxFuture;
 use crate::states::States;
-use crate::text::panic_text;
-use crate::types::CoordinateSystemNumber;
-use crate::types::alarm_text::AlarmText;
-use crate::types::m_code::MCodeDeclaration;
-use crate::types::output::{Params, Redelivery};
 
 /// A handler: an async function or closure with the output as its argument, or with the output and the
 /// machine. A handler of an M code with a name ([`MCode`](crate::MCode)) instead has up to six
@@ -145,7 +147,7 @@ pub(super) struct Table {
     redeliveries: BTreeMap<ServedCode, Redelivery>,
     /// Texts of the alarms of the program, by their codes.
     pub(super) alarms: BTreeMap<u16, AlarmText>,
-    // mistakes that a single call of the builder shows
+    // mistakes that a call of the builder finds at once; `check` reports them with those of the whole program
     pub(super) mistakes: Vec<String>,
 }
 

@@ -3,14 +3,14 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
+use plc_protocol::error::{Error, Result};
+use plc_protocol::lock::lock;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
 use crate::claim::OutputId;
-use crate::error::{Error, Result};
 use crate::handler_session::{Event, HandlerSession, OfflineGuard};
 use crate::identity::Identity;
-use crate::lock::lock;
 use crate::plc::Plc;
 
 /// Outputs that exist as [`RawOutput`](super::RawOutput). The value is true while the output is claimed and

@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
-use crate::alarm::Alarm;
+use plc_protocol::alarm::Alarm;
+use plc_protocol::error::Result;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::output::{HandshakeResult, OutputNotice};
+use plc_protocol::types::request::TypedRequest;
+
 use crate::claim::{OutputId, accepted};
-use crate::error::Result;
-use crate::types::CoordinateSystemNumber;
-use crate::types::output::{HandshakeResult, OutputNotice};
-use crate::types::request::TypedRequest;
 
 use super::owner::OutputsOwner;
 

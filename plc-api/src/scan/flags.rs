@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};
 
+use plc_protocol::alarm::Alarm;
+use plc_protocol::lock::lock;
+use plc_protocol::types::CoordinateSystemNumber;
 use tokio::sync::{oneshot, watch};
 
 use super::scan_question::ScanQuestion;
-use crate::alarm::Alarm;
 use crate::handlers::AuxOutput;
-use crate::lock::lock;
-use crate::types::CoordinateSystemNumber;
 
 /// Key of a flag: coordinate system and M number.
 pub(super) type FlagKey = (CoordinateSystemNumber, u16);

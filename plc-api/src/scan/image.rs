@@ -5,28 +5,28 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use futures_util::future::{join, join_all};
+use plc_protocol::alarm::Alarm;
+use plc_protocol::hub::{Filter, Subscription};
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::command::Command;
+use plc_protocol::types::data::VariableArea;
+use plc_protocol::types::io::{IoPoint, IoSet, IoState, IoValue};
+use plc_protocol::types::machine::{AlarmRecord, Birth};
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::output::Params;
+use plc_protocol::types::request::typed::ReadVariables;
+use plc_protocol::types::request::{Input, OverrideChange, Refusal, Request, SpindleCommand};
+use plc_protocol::types::state::{
+    CapturedPositions, Execution, Lock, LockSet, Modal, OptionalSkip, Overrides, Position, Spindle,
+    SpindleDirection, State,
+};
+use plc_protocol::types::topic::{CsTopic, Topic};
 
 use super::flags::{Flags, OperatorAnswers, ShownSeqs};
 use super::watch::CycleTimes;
 use super::writes::{Writes, put};
-use crate::alarm::Alarm;
 use crate::handlers::AuxOutput;
-use crate::hub::{Filter, Subscription};
 use crate::plc::Plc;
-use crate::types::CoordinateSystemNumber;
-use crate::types::command::Command;
-use crate::types::data::VariableArea;
-use crate::types::io::{IoPoint, IoSet, IoState, IoValue};
-use crate::types::machine::{AlarmRecord, Birth};
-use crate::types::message::{Message, Payload};
-use crate::types::output::Params;
-use crate::types::request::typed::ReadVariables;
-use crate::types::request::{Input, OverrideChange, Refusal, Request, SpindleCommand};
-use crate::types::state::{
-    CapturedPositions, Execution, Lock, LockSet, Modal, OptionalSkip, Overrides, Position, Spindle,
-    SpindleDirection, State,
-};
-use crate::types::topic::{CsTopic, Topic};
 
 /// Positions and variables that a scan program reads, returned by
 /// [`ScanProgram::reads`](super::ScanProgram::reads).

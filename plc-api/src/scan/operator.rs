@@ -1,9 +1,10 @@
 //! Alarms and questions of a scan to the operator.
 
+use plc_protocol::alarm::Alarm;
+use plc_protocol::types::CoordinateSystemNumber;
+
 use super::image::Image;
 use super::scan_question::ScanQuestion;
-use crate::alarm::Alarm;
-use crate::types::CoordinateSystemNumber;
 
 /// Methods for alarms and questions. Call such a method in every scan while the alarm or question applies.
 impl Image {
@@ -44,7 +45,7 @@ impl Image {
     /// other question is refused ([`Image::refusals`]).
     ///
     /// ```
-    /// # use plc_api::{Alarm, Params, SequenceProgram, fake::FakePort, handshake::OutputOutcome, scan::Image};
+    /// # use plc_api::{Alarm, Params, SequenceProgram, fake::{FakePort, OutputOutcome}, scan::Image};
     /// # use std::time::Duration;
     /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
     /// # let fake = FakePort::new([1]);

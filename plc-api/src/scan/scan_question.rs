@@ -1,7 +1,7 @@
 //! A question of a scan program to the operator.
 
-use crate::types::question::check_question;
-use crate::types::refusal::{Refusal, RefusalCode};
+use plc_protocol::types::question::check_question;
+use plc_protocol::types::refusal::{Refusal, RefusalCode};
 
 /// A question to the operator about an M code.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -11,6 +11,8 @@ pub(super) struct ScanQuestion {
 }
 
 impl ScanQuestion {
+    /// Validates the text and the choices.
+    ///
     /// # Errors
     /// Fails if text or choices are out of range.
     pub(super) fn check(&self) -> Result<(), Refusal> {

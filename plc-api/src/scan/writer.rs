@@ -3,20 +3,21 @@
 use std::collections::BTreeMap;
 use std::mem::take;
 
+use plc_protocol::alarm::Alarm;
+use plc_protocol::error::Error;
+use plc_protocol::io_points::{check_io_declared, check_io_owner};
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::data::{VARIABLES_AT_ONCE_MAX, VariableArea};
+use plc_protocol::types::request::{Input, Refusal, Request};
+use plc_protocol::types::state::{Lock, LockSet};
+
 use super::flags::Flags;
 use super::image::Image;
 use super::scan_question::ScanQuestion;
 use super::writes::put;
-use crate::alarm::Alarm;
 use crate::alarm_level::{AlarmLevel, is_active};
-use crate::error::Error;
 use crate::handlers::AuxOutput;
-use crate::io_points::{check_io_declared, check_io_owner};
 use crate::plc::Plc;
-use crate::types::CoordinateSystemNumber;
-use crate::types::data::{VARIABLES_AT_ONCE_MAX, VariableArea};
-use crate::types::request::{Input, Refusal, Request};
-use crate::types::state::{Lock, LockSet};
 
 /// Executor of the writes of scans.
 #[derive(Debug, Default)]

@@ -3,14 +3,15 @@
 use std::collections::BTreeMap;
 use std::mem::discriminant;
 
+use plc_protocol::alarm::Alarm;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::command::Command;
+use plc_protocol::types::data::VariableArea;
+use plc_protocol::types::request::{Input, Request};
+
 use super::flags::FlagKey;
 use super::scan_question::ScanQuestion;
-use crate::alarm::Alarm;
 use crate::handlers::AuxOutput;
-use crate::types::CoordinateSystemNumber;
-use crate::types::command::Command;
-use crate::types::data::VariableArea;
-use crate::types::request::{Input, Request};
 
 /// Values that one scan has written.
 #[derive(Debug, Default)]

@@ -1,7 +1,7 @@
 //! Alarms that a sequence program raises.
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::OutputOutcome;
+use plc_api::fake::OutputOutcome;
 use plc_api::{Alarm, CancelReason, Execution, Params};
 
 #[tokio::test]

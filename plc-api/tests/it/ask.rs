@@ -1,11 +1,11 @@
 //! A question to the operator belongs to an output, is shown with the output, and ends with the output.
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::OutputOutcome;
-use plc_api::types::output::HandshakeStatus;
-use plc_api::types::question::{Ask, OperatorAnswer};
-use plc_api::types::request::{RefusalCode, typed};
+use plc_api::fake::OutputOutcome;
 use plc_api::{Alarm, AuxOutput, CancelReason, Error, Params, Plc, SequenceProgram};
+use plc_protocol::types::output::HandshakeStatus;
+use plc_protocol::types::question::{Ask, OperatorAnswer};
+use plc_protocol::types::request::{RefusalCode, typed};
 
 use crate::{ms, serve};
 

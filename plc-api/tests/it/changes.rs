@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use plc_api::fake::FakePort;
-use plc_api::types::data::{ToolData, VariableArea};
 use plc_api::{Error, Plc};
+use plc_protocol::types::data::{ToolData, VariableArea};
 
 fn published() -> (FakePort, Plc) {
     let fake = FakePort::new([1, 2]);

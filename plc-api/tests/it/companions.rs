@@ -3,11 +3,10 @@
 use std::sync::{Arc, Mutex};
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::OutputOutcome;
-use plc_api::types::output::OutputState;
-use plc_api::types::refusal::{Refusal, RefusalCode};
+use plc_api::fake::OutputOutcome;
 use plc_api::{Alarm, AuxOutput, CancelReason, HandlerState, Params, Plc, Redelivery, SequenceProgram};
-use tokio::sync::{oneshot, watch};
+use plc_protocol::types::refusal::{Refusal, RefusalCode};
+use tokio::sync::watch;
 
 use crate::{ms, serve};
 
@@ -303,51 +302,6 @@ async fn an_interval_leaves_out_what_it_has_missed_and_keeps_its_phase() {
     });
     fake.advance(ms(1000)).await;
     assert_eq!(task.await.unwrap(), [0.0, 100.0, 200.0, 450.0]);
-}
-
-#[tokio::test]
-async fn a_program_that_stops_ends_what_is_open_and_takes_nothing_new() {
-    let fake = FakePort::new([1]);
-    let plc = fake.plc();
-    let (stop, stopped) = oneshot::channel::<()>();
-    let program = SequenceProgram::new().on(10, long).on(11, ok).handler_id("cell");
-    let served = tokio::spawn(async move { program.run_until(&plc, stopped).await });
-    fake.settle().await;
-    let open = fake.issue_output(1, 10, Params::default());
-    fake.advance(ms(1000)).await;
-    stop.send(()).unwrap();
-    fake.settle().await;
-    let later = fake.issue_output(1, 11, Params::default());
-    fake.advance(ms(8000)).await;
-    assert!(!served.is_finished());
-    assert_eq!(fake.pending(1)[1].state, OutputState::Output, "nobody claims it");
-    fake.advance(ms(2000)).await;
-    assert_eq!(served.await.unwrap(), Ok(()));
-    assert_eq!(fake.closed(1, open), Some(OutputOutcome::Reset));
-    assert_eq!(fake.closed(1, later), None);
-    assert!(!fake.pending(1)[0].lost, "it was nobody's");
-    serve(&fake, SequenceProgram::new().on(11, ok).handler_id("cell")).await;
-    assert_eq!(
-        fake.closed(1, later),
-        Some(OutputOutcome::Reset),
-        "the next one does it"
-    );
-}
-
-#[tokio::test]
-async fn output_claimed_before_the_program_sees_the_stop_is_still_executed() {
-    let fake = FakePort::new([1]);
-    let plc = fake.plc();
-    let (stop, stopped) = oneshot::channel::<()>();
-    let program = SequenceProgram::new().on(11, ok).handler_id("cell");
-    let served = tokio::spawn(async move { program.run_until(&plc, stopped).await });
-    fake.settle().await;
-    stop.send(()).unwrap();
-    let claimed = fake.issue_output(1, 11, Params::default());
-    assert_eq!(fake.pending(1)[0].state, OutputState::Claimed);
-    fake.settle().await;
-    assert_eq!(served.await.unwrap(), Ok(()));
-    assert_eq!(fake.closed(1, claimed), Some(OutputOutcome::Reset));
 }
 
 #[tokio::test]

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::OutputOutcome;
+use plc_api::fake::OutputOutcome;
 use plc_api::units::Number;
 use plc_api::{
     Alarm, AuxOutput, CancelReason, Execution, HandlerState, MCode, Params, Plc, Redelivery, SequenceProgram,
@@ -285,7 +285,7 @@ async fn a_checkpoint_of_another_form_is_an_error_and_none_is_none() {
         panic!("{:?}", fake.closed(1, seq))
     };
     assert!(
-        alarm.text.contains("the checkpoint of M90 has another form"),
+        alarm.text.contains("the checkpoint of M90 has another type"),
         "{}",
         alarm.text
     );

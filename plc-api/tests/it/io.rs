@@ -3,10 +3,10 @@
 use std::sync::{Arc, Mutex};
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::OutputOutcome;
-use plc_api::types::io::{IoDeclaration, IoPoint, IoState, IoValue};
-use plc_api::types::refusal::RefusalCode;
+use plc_api::fake::OutputOutcome;
 use plc_api::{Alarm, AuxOutput, Error, Params, Plc, SequenceProgram};
+use plc_protocol::types::io::{IoDeclaration, IoPoint, IoState, IoValue};
+use plc_protocol::types::refusal::RefusalCode;
 
 use crate::{ms, serve};
 

@@ -1,8 +1,8 @@
 //! Interlocks and start locks that belong to a sequence program.
 
 use plc_api::fake::FakePort;
-use plc_api::types::state::Lock;
 use plc_api::{Plc, SequenceProgram};
+use plc_protocol::types::state::Lock;
 use tokio::sync::watch;
 
 use super::{ms, serve};

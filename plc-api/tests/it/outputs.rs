@@ -1,9 +1,9 @@
 //! The raw queue: it owns a claimed output like any handler, and releases the output when the queue ends.
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::OutputOutcome;
-use plc_api::types::output::{HandshakeStatus, OutputState};
+use plc_api::fake::OutputOutcome;
 use plc_api::{Alarm, CancelReason, Error, Outputs, Params, RawOutput, Redelivery};
+use plc_protocol::types::output::{HandshakeStatus, OutputState};
 use tokio::task::JoinHandle;
 
 use crate::serve_raw;

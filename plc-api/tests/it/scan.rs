@@ -3,17 +3,17 @@
 use std::sync::{Arc, Mutex};
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::OutputOutcome;
+use plc_api::fake::OutputOutcome;
 use plc_api::scan::{Image, Reads, ScanProgram};
-use plc_api::types::command::Command;
-use plc_api::types::data::VariableArea;
-use plc_api::types::io::{IoDeclaration, IoPoint, IoState};
-use plc_api::types::message::Payload;
-use plc_api::types::output::OutputState;
-use plc_api::types::request::{Input, OverrideChange, Request, SpindleCommand};
-use plc_api::types::state::{CapturedPositions, Lock, LockSet, Position, SpindleDirection};
-use plc_api::types::topic::CsTopic;
 use plc_api::{Alarm, CancelReason, Params, Redelivery, SequenceProgram};
+use plc_protocol::types::command::Command;
+use plc_protocol::types::data::VariableArea;
+use plc_protocol::types::io::{IoDeclaration, IoPoint, IoState};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::output::OutputState;
+use plc_protocol::types::request::{Input, OverrideChange, Request, SpindleCommand};
+use plc_protocol::types::state::{CapturedPositions, Lock, LockSet, Position, SpindleDirection};
+use plc_protocol::types::topic::CsTopic;
 
 use crate::{ms, serve, va};
 
@@ -90,7 +90,7 @@ async fn what_a_scan_writes_is_carried_out_after_it() {
         image.progress(1, 20, "the door closes", 50.0);
         if image.is_on(1, 20) && image.scans() == 1 {
             image.select_tool(1, 5);
-            image.command(1, plc_api::types::command::Command::Hold);
+            image.command(1, plc_protocol::types::command::Command::Hold);
         }
     });
     let _task = serve(&fake, program).await;

@@ -5,16 +5,16 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::OutputOutcome;
-use plc_api::hub::{Filter, Subscription};
-use plc_api::port::{BoxFuture, Port};
+use plc_api::fake::OutputOutcome;
 use plc_api::scan::{Image, ScanProgram};
-use plc_api::types::BootId;
-use plc_api::types::message::Message;
-use plc_api::types::refusal::Refusal;
-use plc_api::types::request::{Answer, Request};
-use plc_api::types::topic::Topic;
 use plc_api::{Alarm, CancelReason, Execution, Params, Plc, SequenceProgram};
+use plc_protocol::hub::{Filter, Subscription};
+use plc_protocol::port::{BoxFuture, Port};
+use plc_protocol::types::BootId;
+use plc_protocol::types::message::Message;
+use plc_protocol::types::refusal::Refusal;
+use plc_protocol::types::request::{Answer, Request};
+use plc_protocol::types::topic::Topic;
 
 use crate::{ms, serve};
 

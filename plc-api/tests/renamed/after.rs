@@ -2,9 +2,10 @@
 
 use std::time::Duration;
 
+use plc_protocol::alarm::USER_ALARM_BASE;
 use plc_api::extract::ParamValue;
 use plc_api::fake::FakePort;
-use plc_api::handshake::OutputOutcome;
+use plc_api::fake::OutputOutcome;
 use plc_api::hub::Filter;
 use plc_api::types::handler::HandlerPresence;
 use plc_api::types::m_code::{ParamDeclaration, ParamLetter};
@@ -68,6 +69,7 @@ async fn a_force_out_of_range_is_an_alarm() {
     let seq = fake.issue_output(1, 12, force);
     fake.settle().await;
     let alarm = Alarm::user(2, "V1 cannot give 21 kN");
+    assert_eq!(alarm.number, USER_ALARM_BASE + 2);
     assert_eq!(fake.closed(1, seq), Some(OutputOutcome::Failed { alarm }));
     assert!(messages.try_next().is_some());
     assert_eq!(messages.dropped_events(), 0);

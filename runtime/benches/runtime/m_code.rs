@@ -41,12 +41,12 @@
 
 use std::time::{Duration, SystemTime};
 
-use plc_api::hub::{Filter, Subscription};
-use plc_api::types::message::Payload;
-use plc_api::types::output::{HandshakeStatus, OutputAct};
-use plc_api::types::request::typed::{Handlers, WriteProgram};
-use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::{Alarm, AuxOutput, Execution, Plc, SequenceProgram};
+use plc_protocol::hub::{Filter, Subscription};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::output::{HandshakeStatus, OutputAct};
+use plc_protocol::types::request::typed::{Handlers, WriteProgram};
+use plc_protocol::types::topic::{CsTopic, Topic};
 
 use crate::machine::{self, Machine};
 use crate::mosquitto::Mosquitto;

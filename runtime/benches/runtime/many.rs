@@ -13,9 +13,9 @@ use std::fmt::Write;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use plc_api::server::{ServedPort, ServoTiming};
-use plc_api::types::request::typed::WriteProgram;
 use plc_api::{Execution, Plc, SequenceProgram};
+use plc_protocol::server::{ServedPort, ServoTiming};
+use plc_protocol::types::request::typed::WriteProgram;
 
 use crate::m_code::{at_once, until_served};
 use crate::machine::alone;

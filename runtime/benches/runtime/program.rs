@@ -19,9 +19,9 @@ use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
 use plc_api::Plc;
-use plc_api::types::message::Payload;
-use plc_api::types::request::typed::WriteProgram;
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::request::typed::WriteProgram;
+use plc_protocol::types::topic::{CsTopic, Topic};
 
 use crate::machine::Machine;
 use crate::table::{Durations, say};

@@ -27,7 +27,7 @@ use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
 use tandem_runtime::Config;
-use tandem_runtime::test::Bench;
+use tandem_testing::Bench;
 
 use crate::machine::CONFIG;
 use crate::table::say;

@@ -1,4 +1,4 @@
-//! Ten minutes of a machine in simulated time, as a machine builder's unit tests run them (`tandem_runtime::test`).
+//! Ten minutes of a machine in simulated time, as a machine builder's unit tests run them (`tandem_testing`).
 //!
 //! Unit tests are mostly debug builds: `cargo bench --profile dev -p tandem-runtime --bench runtime -- ten_minutes`.
 //!
@@ -21,9 +21,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use plc_api::scan::Image;
-use plc_api::types::state::SpindleDirection;
 use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
-use tandem_runtime::test::Bench;
+use plc_protocol::types::state::SpindleDirection;
+use tandem_testing::Bench;
 
 use crate::table::say;
 

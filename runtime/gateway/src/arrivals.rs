@@ -6,7 +6,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use plc_api::types::CoordinateSystemNumber;
+use plc_protocol::types::CoordinateSystemNumber;
 use tokio::sync::Notify;
 
 /// User properties in which the embedded broker gives the number of a message in the order of arrival, and marks an
@@ -49,12 +49,12 @@ impl Default for Arrivals {
 }
 
 impl Arrivals {
-    /// The number of a message that arrives now; larger than all before.
+    /// Returns the number of a message that arrives now; larger than all before.
     pub(crate) fn next(&self) -> u64 {
         self.count.fetch_add(1, Ordering::SeqCst) + 1
     }
 
-    /// The number of a command to move a coordinate system, which arrives now.
+    /// Returns the number of a command to move a coordinate system, which arrives now.
     pub(crate) fn next_moving(&self, cs: CoordinateSystemNumber) -> u64 {
         let number = self.next();
         self.numbers(cs).moving.fetch_max(number, Ordering::SeqCst);
@@ -89,7 +89,7 @@ impl Arrivals {
         self.numbers(cs).halting.fetch_max(number, Ordering::SeqCst);
     }
 
-    /// True if a hold, stop or abort that arrived later has overtaken the message with this number.
+    /// Returns true if a hold, stop or abort that arrived later has overtaken the message with this number.
     pub(crate) fn is_overtaken(&self, cs: CoordinateSystemNumber, number: u64) -> bool {
         number < self.numbers(cs).halting.load(Ordering::SeqCst)
     }

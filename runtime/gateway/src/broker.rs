@@ -38,27 +38,27 @@ use guard::Guard;
 pub(crate) use sessions::Sessions;
 pub(crate) use socket::SocketBytes;
 
-/// Limit of connected clients; further ones are rejected.
+/// Largest number of connected clients; further ones are rejected.
 const CLIENTS_MAX: usize = SLOT_LIMITS.known;
-/// Bytes of one packet. Reason: the largest message, `birth`, stays far below.
+/// Largest number of bytes of one packet. Reason: the largest message, `birth`, stays far below.
 pub(crate) const PACKET_MAX: usize = 1024 * 1024;
-/// Subscriptions of one client.
+/// Largest number of subscriptions of one client.
 const SUBSCRIPTIONS_MAX: usize = 1024;
-/// Bytes of the topic filter of a subscription; a longer one is rejected. Reason: the broker keeps it as long as the
-/// session.
+/// Largest number of bytes of the topic filter of a subscription; a longer one is rejected. Reason: the broker keeps it
+/// as long as the session.
 const FILTER_BYTES_MAX: usize = 512;
-/// Bytes of one retained message.
+/// Largest number of bytes of one retained message.
 const RETAINED_SIZE_MAX: usize = 256 * 1024;
 /// How long the broker remembers an absent client; messages for it wait in memory.
 const SESSION_EXPIRY: Duration = Duration::from_hours(1);
-/// Messages queued for one client; beyond this limit the oldest are dropped.
+/// Largest number of messages queued for one client; beyond this limit the oldest are dropped.
 const QUEUED_MAX: usize = 1000;
-/// Bytes queued for one client: 160 MiB for all connected and remembered clients.
+/// Largest number of bytes queued for one client: 160 MiB for all connected and remembered clients.
 const QUEUED_BYTES_MAX: usize = 512 * 1024;
-/// Messages in transit to one connected client, for each quality of service. Further ones wait; those of quality 0 are
-/// dropped.
+/// Largest number of messages in transit to one connected client, for each quality of service. Further ones wait; those
+/// of quality 0 are dropped.
 pub(crate) const IN_TRANSIT_MAX: usize = 128;
-/// Unfinished messages of quality 2 of one client; a further one ends its connection.
+/// Largest number of unfinished messages of quality 2 of one client; a further one ends its connection.
 const UNFINISHED_MAX: u16 = 256;
 /// Time limit for stopping; then the task is aborted.
 const STOP_MAX: Duration = Duration::from_secs(2);
@@ -190,7 +190,7 @@ impl Broker {
         Arc::clone(&self.sessions)
     }
 
-    /// The address it listens on.
+    /// Returns the address on which the broker listens.
     pub(crate) fn addr(&self) -> SocketAddr {
         self.addr
     }

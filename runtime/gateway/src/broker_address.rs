@@ -17,7 +17,7 @@ pub(crate) struct BrokerAddress {
 }
 
 impl BrokerAddress {
-    /// The broker of the settings.
+    /// Returns the broker of the settings.
     pub(crate) fn of_settings(settings: &MqttSettings) -> Result<Self, GatewayError> {
         let user = settings.username.clone();
         Ok(Self {

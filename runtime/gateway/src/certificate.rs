@@ -102,7 +102,7 @@ fn time(der: &[u8]) -> Option<(SystemTime, &[u8])> {
 mod tests {
     use super::*;
 
-    /// A certificate that is valid in these years.
+    /// Returns a certificate that is valid in these years.
     fn certificate(from: i32, until: i32) -> Vec<u8> {
         let key = rcgen::KeyPair::generate().unwrap();
         let mut params = rcgen::CertificateParams::new(["localhost".to_owned()]).unwrap();

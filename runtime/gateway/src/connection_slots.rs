@@ -135,13 +135,6 @@ impl ConnectionSlots {
     fn now_ms(&self) -> u64 {
         u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
-
-    /// Returns the numbers of open connections and of known ones.
-    #[cfg(test)]
-    pub(crate) fn counts(&self) -> (usize, usize) {
-        let table = self.table.lock();
-        (table.open.len(), table.count(|open| open.is_known))
-    }
 }
 
 impl SlotTable {
@@ -198,7 +191,7 @@ impl ConnectionSlot {
         true
     }
 
-    /// Whether the client is authenticated.
+    /// Returns true if the client is authenticated.
     pub(crate) fn is_known(&self) -> bool {
         let table = self.slots.table.lock();
         table.open.get(&self.number).is_some_and(|open| open.is_known)
@@ -223,12 +216,12 @@ impl ConnectionSlot {
         self.moved_ms.store(self.slots.now_ms(), Ordering::Relaxed);
     }
 
-    /// Limit of known connections.
+    /// Returns the limit of known connections.
     pub(crate) fn known_max(&self) -> usize {
         self.slots.limits.known
     }
 
-    /// Token that is cancelled when the connection is evicted.
+    /// Returns the token that is cancelled when the connection is evicted.
     pub(crate) fn eviction_token(&self) -> CancellationToken {
         self.leave.clone()
     }
@@ -255,6 +248,14 @@ pub(crate) const ACCEPT_RETRY: Duration = Duration::from_millis(100);
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    impl ConnectionSlots {
+        /// Returns the numbers of open connections and of known ones.
+        pub(crate) fn counts(&self) -> (usize, usize) {
+            let table = self.table.lock();
+            (table.open.len(), table.count(|open| open.is_known))
+        }
+    }
 
     const LIMITS: SlotLimits = SlotLimits {
         all: 8,

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use axum::http::uri::Authority;
 
-/// Whether a text is an origin as a browser writes it: scheme and host in small letters, and a port that is not the
-/// default.
+/// Returns true if a text is an origin as a browser writes it: scheme and host in small letters, and a port that is not
+/// the default.
 pub(crate) fn is_origin(text: &str) -> bool {
     let named = text
         .strip_prefix("https://")

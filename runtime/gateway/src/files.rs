@@ -1,6 +1,6 @@
 //! Limit of open files of this process: each connection is one.
 
-use plc_api::server::ServerNotice;
+use plc_protocol::server::ServerNotice;
 
 use crate::broker;
 use crate::connection_slots::SlotLimits;

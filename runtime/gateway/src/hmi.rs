@@ -83,7 +83,7 @@ async fn serve(path: Option<Path<String>>, request: HeaderMap) -> Response {
     }
 }
 
-/// Whether the client already has the content with this tag.
+/// Returns true if the client already has the content with this tag.
 pub(crate) fn is_known(request: &HeaderMap, tag: &str) -> bool {
     let tags = request
         .get(header::IF_NONE_MATCH)

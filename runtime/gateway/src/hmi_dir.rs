@@ -29,7 +29,8 @@ const ROOT: &str = "/hmi";
 /// The file that is served for a folder.
 const INDEX: &str = "index.html";
 
-/// Bytes of one file; a larger one is rejected. Reason: tablets load it, and the machine's computer has other work.
+/// Largest number of bytes of one file; a larger one is rejected. Reason: tablets load it, and the machine's computer
+/// has other work.
 pub(crate) const FILE_MAX: u64 = 64 * 1024 * 1024;
 
 /// Endings of the files that are served, with their types.
@@ -148,7 +149,7 @@ async fn open(dir: &Path, path: &str) -> Result<ServedFile, Unread> {
     })
 }
 
-/// True for names one below the other, none of which is hidden or leads elsewhere.
+/// Returns true for names one below the other, none of which is hidden or leads elsewhere.
 fn is_plain(path: &str) -> bool {
     let path = path.strip_suffix('/').unwrap_or(path);
     let is_name = |name: &str| !name.is_empty() && !name.starts_with('.') && !name.contains(['\\', '\0']);

@@ -1,6 +1,6 @@
 //! The servers of the sequence-control interface: MQTT, REST, WebSocket and HMI.
 //!
-//! They depend on `plc_api` only and serve any [`ServedPort`]: the runtime's, or that of a test. [`Gateway::start`] opens
+//! They depend on `plc_protocol` only and serve any [`ServedPort`]: the runtime's, or that of a test. [`Gateway::start`] opens
 //! the listeners. Everything over HTTP starts in `http`, everything over MQTT in `mqtt`.
 
 mod access;
@@ -48,7 +48,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Router;
-use plc_api::server::ServedPort;
+use plc_protocol::server::ServedPort;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
@@ -77,7 +77,7 @@ pub use settings::{GatewaySettings, HTTP_LISTEN, HmiSettings, MQTT_LISTEN, MqttS
 pub use tandem_mtconnect::Version as MtconnectVersion;
 pub use tls::ServerTls;
 
-/// Time for running HTTP requests to end at a shutdown; then they are aborted.
+/// Longest time for running HTTP requests to end at a shutdown; then they are aborted.
 const HTTP_STOP_MAX: Duration = Duration::from_secs(2);
 
 /// The running servers of one machine.
@@ -249,12 +249,12 @@ impl Gateway {
         })
     }
 
-    /// The address of REST, WebSocket and HMI.
+    /// Returns the address of REST, WebSocket and HMI.
     pub fn http_addr(&self) -> SocketAddr {
         self.http_addr
     }
 
-    /// The address of the embedded broker; `None` with an external broker.
+    /// Returns the address of the embedded broker; `None` with an external broker.
     pub fn mqtt_addr(&self) -> Option<SocketAddr> {
         self.broker.as_ref().map(Broker::addr)
     }

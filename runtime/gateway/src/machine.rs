@@ -8,20 +8,20 @@ use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use plc_api::hub::{Filter, Subscription};
-use plc_api::port::BoxFuture;
-use plc_api::server::{
+use plc_protocol::hub::{Filter, Subscription};
+use plc_protocol::port::BoxFuture;
+use plc_protocol::server::{
     AccessKind, AccessNote, Origin, ServedPort, ServerNotice, ServerTransport, ServoTiming,
 };
-use plc_api::supervisor::Supervisor;
-use plc_api::types::message::{Message, Payload};
-use plc_api::types::output::HandlerPresence;
-use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
-use plc_api::types::topic::Topic;
-use plc_api::types::{BootId, CoordinateSystemNumber};
-use plc_api::wire::rest;
-use plc_api::wire::right::Right;
-use plc_api::wire::row::ParsedRequest;
+use plc_protocol::supervisor::Supervisor;
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::output::HandlerPresence;
+use plc_protocol::types::request::{Answer, Refusal, RefusalCode, Request};
+use plc_protocol::types::topic::Topic;
+use plc_protocol::types::{BootId, CoordinateSystemNumber};
+use plc_protocol::wire::rest;
+use plc_protocol::wire::right::Right;
+use plc_protocol::wire::row::ParsedRequest;
 
 use crate::access::{User, rules};
 use crate::shares::Shares;
@@ -50,7 +50,7 @@ pub(crate) struct AuthorizedRequest {
 }
 
 impl AuthorizedRequest {
-    /// The authorized request.
+    /// Returns the authorized request.
     pub(crate) fn request(&self) -> &Request {
         &self.request
     }
@@ -71,7 +71,7 @@ impl Machine {
         }
     }
 
-    /// Supervisor of the servers' tasks.
+    /// Returns the supervisor of the servers' tasks.
     pub(crate) fn supervisor(&self) -> Supervisor {
         self.port.supervisor()
     }

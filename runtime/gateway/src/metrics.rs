@@ -1,31 +1,39 @@
 //! Counters of the servers, states of the machine, and timing of the servo thread, as Prometheus text.
 
 mod machine;
+mod scrape;
 
-use std::fmt::{Display, Write as _};
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use parking_lot::Mutex;
-use plc_api::server::{Durations, ServoTiming};
-use plc_api::types::machine::BrokerInUse;
+use plc_protocol::server::ServoTiming;
+use plc_protocol::types::machine::BrokerInUse;
+use prometheus_client::encoding::prometheus_text;
+use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::family::Family;
+use prometheus_client::metrics::gauge::Gauge;
+use prometheus_client::registry::Registry;
 
 pub(crate) use machine::States;
-use machine::escaped;
+use scrape::Scrape;
+
+/// Classes of the status of an HTTP response: a status divided by 100, minus 1, is the index.
+const STATUS_CLASSES: [&str; 5] = ["1xx", "2xx", "3xx", "4xx", "5xx"];
 
 /// Counters since the start.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Metrics {
-    // by class of status: 1xx to 5xx
-    http_responses: [AtomicU64; 5],
-    pub(crate) websockets: AtomicU64,
+    /// Refers to all counters and gauges below.
+    registry: Registry,
+    http_responses: [Counter; STATUS_CLASSES.len()],
+    pub(crate) websockets: Gauge,
     /// 1 while the runtime is connected to the MQTT broker, otherwise 0.
-    pub(crate) mqtt_connected: AtomicU64,
-    pub(crate) mqtt_connections: AtomicU64,
-    pub(crate) mqtt_published: AtomicU64,
-    pub(crate) mqtt_received: AtomicU64,
-    pub(crate) mqtt_refused: AtomicU64,
-    pub(crate) mqtt_events_lost: AtomicU64,
+    pub(crate) mqtt_connected: Gauge,
+    pub(crate) mqtt_connections: Counter,
+    pub(crate) mqtt_published: Counter,
+    pub(crate) mqtt_received: Counter,
+    pub(crate) mqtt_refused: Counter,
+    pub(crate) mqtt_events_lost: Counter,
     pub(crate) broker: BrokerLink,
 }
 
@@ -58,158 +66,89 @@ impl BrokerLink {
         };
     }
 
-    /// The external broker that is connected.
+    /// Returns the external broker that is connected.
     pub(crate) fn in_use(&self) -> Option<BrokerInUse> {
         self.0.lock().in_use.as_ref().map(|(broker, _)| broker.clone())
     }
 
-    /// Whether no broker can be reached.
+    /// Returns the address of the external broker that is connected, and the age of the connection.
+    fn age(&self) -> Option<(String, Duration)> {
+        let state = self.0.lock();
+        let (broker, since) = state.in_use.as_ref()?;
+        Some((broker.address.clone(), since.elapsed()))
+    }
+
+    /// Returns true if no broker can be reached.
     pub(crate) fn is_lost(&self) -> bool {
         self.0.lock().is_lost
     }
 }
 
-/// Names and meanings of the counters without labels, in the order of [`Metrics`].
-const COUNTERS: [(&str, &str); 7] = [
-    ("tandem_websockets", "Open WebSockets."),
-    ("tandem_mqtt_connected", "1 while the MQTT broker is connected."),
-    (
-        "tandem_mqtt_connections_total",
-        "Connections made to the MQTT broker.",
-    ),
-    (
-        "tandem_mqtt_published_total",
-        "Messages handed to the MQTT broker.",
-    ),
-    ("tandem_mqtt_received_total", "Messages received over MQTT."),
-    (
-        "tandem_mqtt_refused_total",
-        "Refused messages over MQTT: malformed, retained, or too many at once.",
-    ),
-    (
-        "tandem_mqtt_events_lost_total",
-        "Events dropped while the MQTT broker was offline.",
-    ),
-];
+impl Default for Metrics {
+    /// Creates and registers all counters. The registry adds `_total` to the name of a counter, and a full stop to a help text.
+    fn default() -> Self {
+        let mut registry = Registry::default();
+        let responses = Family::<[(&str, &str); 1], Counter>::default();
+        let http_responses = STATUS_CLASSES.map(|class| responses.get_or_create_owned(&[("class", class)]));
+        registry.register(
+            "tandem_http_responses",
+            "HTTP responses by class of status",
+            responses,
+        );
+        let mut gauge = |name, help| {
+            let gauge = Gauge::default();
+            registry.register(name, help, gauge.clone());
+            gauge
+        };
+        let websockets = gauge("tandem_websockets", "Open WebSockets");
+        let mqtt_connected = gauge("tandem_mqtt_connected", "1 while the MQTT broker is connected");
+        let mut counter = |name, help| {
+            let counter = Counter::default();
+            registry.register(name, help, counter.clone());
+            counter
+        };
+        Self {
+            http_responses,
+            websockets,
+            mqtt_connected,
+            mqtt_connections: counter("tandem_mqtt_connections", "Connections made to the MQTT broker"),
+            mqtt_published: counter("tandem_mqtt_published", "Messages handed to the MQTT broker"),
+            mqtt_received: counter("tandem_mqtt_received", "Messages received over MQTT"),
+            mqtt_refused: counter(
+                "tandem_mqtt_refused",
+                "Refused messages over MQTT: malformed, retained, or too many at once",
+            ),
+            mqtt_events_lost: counter(
+                "tandem_mqtt_events_lost",
+                "Events dropped while the MQTT broker was offline",
+            ),
+            broker: BrokerLink::default(),
+            registry,
+        }
+    }
+}
 
 impl Metrics {
     pub(crate) fn count_response(&self, status: u16) {
-        let class = usize::from(status / 100).clamp(1, self.http_responses.len()) - 1;
+        let class = usize::from(status / 100).clamp(1, STATUS_CLASSES.len()) - 1;
         if let Some(counter) = self.http_responses.get(class) {
-            add(counter, 1);
+            counter.inc();
         }
     }
 
-    /// The text of `GET /metrics`.
-    pub(crate) fn text(&self, states: &States, servo: Option<&ServoTiming>) -> String {
-        let mut text = Text::default();
-        let responses = "tandem_http_responses_total";
-        text.head(responses, "HTTP responses by class of status.");
-        for (class, counter) in (1..).zip(&self.http_responses) {
-            text.value(&format!("{responses}{{class=\"{class}xx\"}}"), get(counter));
+    /// Returns the text of `GET /metrics`, of type [`prometheus_text::CONTENT_TYPE`].
+    pub(crate) fn text(&self, states: States, servo: Option<ServoTiming>) -> String {
+        let mut scraped = Registry::default();
+        scraped.register_collector(Box::new(Scrape {
+            broker: self.broker.age(),
+            states,
+            servo,
+        }));
+        let mut text = String::new();
+        for registry in [&self.registry, &scraped] {
+            let encoded = prometheus_text::encode(&mut text, registry);
+            debug_assert!(encoded.is_ok(), "writing to a `String` cannot fail");
         }
-        let counters = [
-            &self.websockets,
-            &self.mqtt_connected,
-            &self.mqtt_connections,
-            &self.mqtt_published,
-            &self.mqtt_received,
-            &self.mqtt_refused,
-            &self.mqtt_events_lost,
-        ];
-        for (counter, (name, help)) in counters.into_iter().zip(COUNTERS) {
-            text.number(name, help, get(counter));
-        }
-        if let Some((broker, since)) = &self.broker.0.lock().in_use {
-            text.broker(&broker.address, since.elapsed());
-        }
-        text.states(states);
-        if let Some(servo) = servo {
-            text.servo(servo);
-        }
-        text.process();
-        text.0
+        text
     }
-}
-
-/// Text under construction. Writing to a `String` cannot fail.
-#[derive(Default)]
-struct Text(String);
-
-impl Text {
-    /// Writes the help and kind of a metric. The name shows whether it is a counter.
-    fn head(&mut self, name: &str, help: &str) {
-        let kind = if name.ends_with("_total") {
-            "counter"
-        } else {
-            "gauge"
-        };
-        let _ = writeln!(self.0, "# HELP {name} {help}\n# TYPE {name} {kind}");
-    }
-
-    fn value(&mut self, name: &str, value: impl Display) {
-        let _ = writeln!(self.0, "{name} {value}");
-    }
-
-    fn number(&mut self, name: &str, help: &str, value: impl Display) {
-        self.head(name, help);
-        self.value(name, value);
-    }
-
-    fn broker(&mut self, address: &str, age: Duration) {
-        let name = "tandem_mqtt_connection_age_seconds";
-        self.head(name, "Age of the connection to this external MQTT broker.");
-        self.value(
-            &format!("{name}{{broker=\"{}\"}}", escaped(address)),
-            age.as_secs_f64(),
-        );
-    }
-
-    fn servo(&mut self, servo: &ServoTiming) {
-        self.number("tandem_servo_period_seconds", "Servo period.", servo.period_s);
-        let overruns =
-            "Servo cycles that were not finished when the next one was due, including the cycles left out.";
-        self.number("tandem_servo_overruns_total", overruns, servo.overruns);
-        let missed = "Servo cycles that were left out because the servo was late.";
-        self.number("tandem_servo_missed_cycles_total", missed, servo.missed);
-        let late = "Exchanges with the drives that ended late.";
-        self.number("tandem_servo_late_exchanges_total", late, servo.late_exchanges);
-        let lost = "Frames to the drives that were lost.";
-        self.number("tandem_servo_lost_frames_total", lost, servo.lost_frames);
-        let late = "Delay of the start of a servo cycle";
-        self.durations("tandem_servo_wakeup_lateness", late, &servo.lateness);
-        let computing = "Duration of a servo cycle";
-        self.durations("tandem_servo_cycle", computing, &servo.computing);
-    }
-
-    /// Writes a histogram with cumulative buckets, and its maximum.
-    fn durations(&mut self, name: &str, help: &str, durations: &Durations) {
-        let _ = writeln!(
-            self.0,
-            "# HELP {name}_seconds {help}.\n# TYPE {name}_seconds histogram"
-        );
-        let mut count = 0;
-        for (bound_s, in_bucket) in &durations.buckets {
-            count += in_bucket;
-            let bound = if bound_s.is_finite() {
-                bound_s.to_string()
-            } else {
-                "+Inf".to_owned()
-            };
-            self.value(&format!("{name}_seconds_bucket{{le=\"{bound}\"}}"), count);
-        }
-        self.value(&format!("{name}_seconds_sum"), durations.sum_s);
-        self.value(&format!("{name}_seconds_count"), count);
-        let most = format!("{help}, maximum since the start.");
-        self.number(&format!("{name}_max_seconds"), &most, durations.max_s);
-    }
-}
-
-/// Adds to a counter.
-pub(crate) fn add(counter: &AtomicU64, count: u64) {
-    counter.fetch_add(count, Ordering::Relaxed);
-}
-
-fn get(counter: &AtomicU64) -> u64 {
-    counter.load(Ordering::Relaxed)
 }

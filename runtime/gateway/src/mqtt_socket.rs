@@ -25,7 +25,8 @@ const PATH: &str = "/mqtt";
 /// Sub-protocols of MQTT (MQTT 5, 6.0-3).
 const PROTOCOLS: [&str; 2] = ["mqtt", "mqttv3.1"];
 
-/// Connections over WebSocket; further ones get 503. Reason: each takes a slot of HTTP before it is authenticated.
+/// Largest number of connections over WebSocket; further ones get 503. Reason: each takes a slot of HTTP before it is
+/// authenticated.
 pub(crate) const SOCKETS_MAX: usize = 64;
 
 // the largest packet and some pongs have room

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use axum::Router;
 use axum::middleware;
-use plc_api::port::Port;
-use plc_api::supervisor::Supervisor;
+use plc_protocol::port::Port;
+use plc_protocol::supervisor::Supervisor;
 use tandem_mtconnect::{Agent, AgentSettings};
 use tokio_util::sync::CancellationToken;
 

@@ -98,7 +98,7 @@ fn check(
     Ok(())
 }
 
-/// True for a loopback name or address with the server's port, or the address listened on.
+/// Returns true for a loopback name or address with the server's port, or the address listened on.
 fn is_own(host: &str, own: SocketAddr, scheme: &str) -> bool {
     let usual = if scheme == "https" { "443" } else { "80" };
     let (name, port) = match host.rsplit_once(':') {

@@ -9,7 +9,7 @@ mod registry;
 use std::sync::Arc;
 
 use parking_lot::Mutex;
-use plc_api::wire::machines::{Machines, SharedBroker};
+use plc_protocol::wire::machines::{Machines, SharedBroker};
 use tokio::sync::Notify;
 use tokio::time::Instant;
 

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use plc_api::types::message::Message;
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_protocol::types::message::Message;
+use plc_protocol::types::topic::{CsTopic, Topic};
 use tokio::time::{Interval, MissedTickBehavior};
 
 pub(crate) fn is_position(topic: &Topic) -> bool {

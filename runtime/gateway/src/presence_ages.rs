@@ -8,11 +8,12 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use plc_api::handler_registry::HANDLERS_MAX;
-use plc_api::types::output::HandlerPresence;
+use plc_protocol::handler_registry::HANDLERS_MAX;
+use plc_protocol::types::output::HandlerPresence;
 use tokio::time::Instant;
 
-/// Limit of watched presences. Reason: for each handler, the current instance and one that waits to replace it.
+/// Largest number of watched presences. Reason: for each handler, the current instance and one that waits to replace
+/// it.
 const WATCHED_MAX: usize = 2 * HANDLERS_MAX;
 
 /// A handler and its instance.

@@ -5,8 +5,8 @@ use std::time::Duration;
 use axum::body::Body;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use plc_api::types::refusal::Refusal;
-use plc_api::wire::problem::Problem as Details;
+use plc_protocol::types::refusal::Refusal;
+use plc_protocol::wire::problem::Problem as Details;
 
 /// A rejection as problem details. Boxed, because it is the rare result of every handler.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,12 +31,6 @@ impl Problem {
                 .max(1),
         );
         self
-    }
-
-    /// Status number and code, for tests.
-    #[cfg(test)]
-    pub(crate) fn status_and_code(&self) -> (u16, &str) {
-        (self.details.status, &self.details.code)
     }
 
     pub(crate) fn not_found(detail: impl Into<String>) -> Self {
@@ -102,6 +96,13 @@ impl IntoResponse for Problem {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    impl Problem {
+        /// Returns status number and code.
+        pub(crate) fn status_and_code(&self) -> (u16, &str) {
+            (self.details.status, &self.details.code)
+        }
+    }
 
     #[test]
     fn missing_token_names_the_scheme_and_large_body_closes_the_connection() {

@@ -33,7 +33,7 @@ fn cpu_s(stat: &str) -> Option<f64> {
     Some((ticks()? + ticks()?) as f64 / TICKS_PER_SECOND)
 }
 
-/// `VmRSS` of `/proc/self/status`, which counts in kB.
+/// Returns the resident memory in bytes, from `VmRSS` of `/proc/self/status`.
 fn resident_bytes(status: &str) -> Option<u64> {
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
     let kilobytes = line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?;

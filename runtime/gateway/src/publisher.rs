@@ -17,7 +17,7 @@ pub(crate) enum Publisher {
 }
 
 impl Publisher {
-    /// The publisher with this name and MQTT client id; `user` is `None` if the name is unknown.
+    /// Returns the publisher with this name and MQTT client id; `user` is `None` if the name is unknown.
     pub(crate) fn new(
         user: Option<User>,
         name: Option<&str>,

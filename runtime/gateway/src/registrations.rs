@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use parking_lot::Mutex;
-use plc_api::server::ServerTransport;
-use plc_api::types::output::HandlerPresence;
-use plc_api::types::refusal::{Refusal, RefusalCode};
+use plc_protocol::server::ServerTransport;
+use plc_protocol::types::output::HandlerPresence;
+use plc_protocol::types::refusal::{Refusal, RefusalCode};
 use tokio::sync::Notify;
 use tokio::time::Instant;
 use tracing::warn;
@@ -73,7 +73,7 @@ impl Registrations {
 
 #[cfg(test)]
 mod tests {
-    use plc_api::types::request::Request;
+    use plc_protocol::types::request::Request;
 
     use super::*;
     use crate::tests::StubPort;

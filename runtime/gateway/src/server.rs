@@ -15,8 +15,8 @@ use axum::{Extension, Router};
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use plc_api::supervisor::Supervisor;
-use plc_api::types::command::Verb;
+use plc_protocol::supervisor::Supervisor;
+use plc_protocol::types::command::Verb;
 use serde::Deserialize;
 use serde::de::IntoDeserializer;
 use serde::de::value::{Error as ValueError, StrDeserializer};
@@ -44,23 +44,23 @@ pub(crate) const SLOT_LIMITS: SlotLimits = SlotLimits {
 /// the pings of a WebSocket.
 const SILENCE_MAX: Duration = Duration::from_secs(75);
 
-/// Time within which a client must read the data sent to it. Each byte that it reads extends it at [`READ_RATE_MIN`];
-/// then its connection is closed. Reason: unread data stays in memory.
+/// Longest time within which a client must read the data sent to it. Each byte that it reads extends it at
+/// [`READ_RATE_MIN`]; then its connection is closed. Reason: unread data stays in memory.
 const UNREAD_MAX: Duration = Duration::from_secs(20);
 
 /// Bytes per second: the largest answer takes 17 minutes at this rate.
 const READ_RATE_MIN: u32 = 64 * 1024;
 
-/// Time to receive the header of a request; then its connection is closed.
+/// Longest time to receive the header of a request; then its connection is closed.
 pub(crate) const HEADER_MAX: Duration = Duration::from_secs(10);
 
-/// Header lines of one request; more are 431.
+/// Largest number of header lines of one request; more are 431.
 const HEADER_LINES_MAX: usize = 64;
 
-/// Bytes of the header of one request; more are 431.
+/// Largest number of bytes of the header of one request; more are 431.
 const HEADER_BYTES_MAX: usize = 64 * 1024;
 
-/// Time to send the rejection to a client without TLS.
+/// Longest time to send the rejection to a client without TLS.
 const REFUSAL_MAX: Duration = Duration::from_secs(2);
 
 /// Client of a connection.
@@ -71,7 +71,7 @@ pub(crate) struct Peer {
     pub(crate) certificate: Option<Fingerprint>,
 }
 
-/// The certificate that the connection of a request has shown.
+/// Returns the certificate that the connection of a request has shown.
 pub(crate) fn certificate_of(extensions: &Extensions) -> Option<&Fingerprint> {
     extensions.get::<Peer>()?.certificate.as_ref()
 }
@@ -154,7 +154,7 @@ async fn accept_client(stream: TcpStream, tls: Option<&LiveTls>) -> Option<Accep
         accepted.stream.write_all(answer.as_bytes()).await?;
         accepted.stream.shutdown().await
     };
-    // a client that does not read it has disconnected
+    // if the client does not read the response, it is dropped after this time
     let _ = tokio::time::timeout(REFUSAL_MAX, refusing).await;
     None
 }
@@ -193,7 +193,7 @@ pub(crate) fn hold_slot(shared: &ServerState, request: &Request) -> Option<HeldS
 }
 
 impl HeldSlot {
-    /// True when its request is to be served.
+    /// Returns true if the request of the connection must be served.
     pub(crate) fn is_served(&self) -> bool {
         self.busy.is_some()
     }
@@ -290,7 +290,7 @@ impl Connection {
         }
     }
 
-    /// Any traffic restarts the timer; its end is an error.
+    /// Restarts the timer of silence after any traffic; returns an error if the timer has ended.
     fn watched<T>(&mut self, context: &mut Context<'_>, result: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
         match result {
             Poll::Ready(result) => {

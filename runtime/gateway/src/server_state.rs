@@ -7,11 +7,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use parking_lot::Mutex;
-use plc_api::types::machine::Birth;
-use plc_api::types::message::{Message, Payload};
-use plc_api::types::request::Answer;
-use plc_api::types::topic::Topic;
-use plc_api::wire::problem::Problem as Details;
+use plc_protocol::types::machine::Birth;
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::request::Answer;
+use plc_protocol::types::topic::Topic;
+use plc_protocol::wire::problem::Problem as Details;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -28,14 +28,15 @@ use crate::settings::{HmiSettings, MqttSettings};
 use crate::unread::{LargeRequests, UnreadAnswers};
 use crate::urgent_slots::UrgentSlots;
 
-/// Limit of unanswered commands over REST; further ones get 503. They continue when their client disconnects.
+/// Largest number of unanswered commands over REST; further ones get 503. An unanswered command continues if its client
+/// disconnects.
 const COMMANDS_MAX: usize = 256;
 
-/// Holds, stops and aborts of one account that wait until they are done (`?wait=1`). A further one is executed, and
-/// answered when it is accepted.
+/// Largest number of holds, stops and aborts of one account that wait until they are done (`?wait=1`). A further one is
+/// executed, and answered when it is accepted.
 const URGENT_WAITS_MAX: usize = 16;
 
-/// Open `WebSocket` connections; more get 503.
+/// Largest number of open `WebSocket` connections; more get 503.
 pub(crate) const WEBSOCKETS_MAX: usize = 64;
 
 /// Address of the MQTT broker for clients.
@@ -193,7 +194,7 @@ impl ServerState {
         format!("rest-{}-{number}", self.machine.boot_id())
     }
 
-    /// The value of a state topic.
+    /// Returns the value of a state topic.
     pub(crate) async fn read(&self, topic: &Topic) -> Result<Arc<Message>, Problem> {
         self.machine
             .read(topic)
@@ -201,7 +202,7 @@ impl ServerState {
             .ok_or_else(|| Problem::not_found(format!("this machine has no {}", topic.path())))
     }
 
-    /// The description of the machine.
+    /// Returns the description of the machine.
     pub(crate) async fn birth(&self) -> Result<Birth, Problem> {
         let message = self.read(&Topic::Birth).await?;
         match &message.payload {

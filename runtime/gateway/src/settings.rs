@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use plc_api::TlsFiles;
-use plc_api::supervisor::Supervisor;
-use plc_api::transport::mqtt::mqtt_over;
-use plc_api::wire::hmi::Hmi;
+use plc_protocol::supervisor::Supervisor;
+use plc_protocol::transport::mqtt::mqtt_over;
+use plc_protocol::transport::tls::TlsFiles;
+use plc_protocol::wire::hmi::Hmi;
 use rumqttc::Transport;
 use tandem_mtconnect::Version as MtconnectVersion;
 use tokio::net::{TcpListener, TcpSocket};
@@ -104,7 +104,7 @@ pub struct MqttSettings {
 }
 
 impl Default for GatewaySettings {
-    /// The demo machine on the loopback.
+    /// Returns the demo machine on the loopback.
     fn default() -> Self {
         Self {
             machine: "mill-1".to_owned(),
@@ -123,7 +123,7 @@ impl Default for GatewaySettings {
 }
 
 impl Default for MqttSettings {
-    /// The embedded broker on the loopback.
+    /// Returns the embedded broker on the loopback.
     fn default() -> Self {
         Self {
             embedded_listen: Some("127.0.0.1:1883".to_owned()),
@@ -162,10 +162,11 @@ pub const MQTT_LISTEN: &str = "[mqtt] listen";
 /// Name of the setting of the address of the SHDR adapter, for messages.
 pub(crate) const SHDR_LISTEN: &str = "[mtconnect] shdr_listen";
 
-/// Limit of allowed foreign origins. Reason: each request is compared with them.
+/// Largest number of allowed foreign origins. Reason: each request is compared with them.
 pub const ORIGINS_MAX: usize = 16;
 
-/// Limit of addresses of further machines. Reason: the page connects to each of them; with this machine they are 32.
+/// Largest number of addresses of further machines. Reason: the page connects to each of them; with this machine they
+/// are 32.
 pub const MACHINES_MAX: usize = 31;
 
 /// Reason for rejecting a setting that opens the server to other computers.
@@ -275,17 +276,17 @@ impl GatewaySettings {
         )
     }
 
-    /// Shortest time between two positions.
+    /// Returns the shortest time between two published positions.
     pub(crate) fn position_interval(&self) -> Duration {
         Duration::from_millis(self.position_interval_ms)
     }
 
-    /// The address of HTTP.
+    /// Returns the address of HTTP.
     pub(crate) fn http_address(&self) -> Result<SocketAddr, GatewayError> {
         listen_address(HTTP_LISTEN, &self.http_listen, self.tokens.is_some())
     }
 
-    /// The address of the embedded broker, if there is one.
+    /// Returns the address of the embedded broker, if there is one.
     pub(crate) fn mqtt_address(&self) -> Result<Option<SocketAddr>, GatewayError> {
         let listen = self.mqtt.embedded_listen.as_deref();
         listen
@@ -314,7 +315,7 @@ impl GatewaySettings {
         }
     }
 
-    /// The certificate of the listeners, which follows its files.
+    /// Returns the certificate of the listeners, which follows its files.
     pub(crate) fn live_tls(
         &self,
         tokens: Option<LiveTokens>,
@@ -365,14 +366,14 @@ impl GatewaySettings {
 }
 
 impl MqttSettings {
-    /// TCP, or TLS, to the external broker.
+    /// Returns the transport to the external broker: TCP or TLS.
     pub(crate) fn transport(&self) -> Result<Transport, GatewayError> {
         let tls = self.tls.as_ref().map(TlsFiles::client_config).transpose();
         let tls = tls.map_err(GatewayError::Tls)?;
         Ok(tls.map_or_else(Transport::tcp, mqtt_over))
     }
 
-    /// Root of all topics of a machine, with its last slash.
+    /// Returns the root of all topics of a machine, with its last slash.
     pub fn root(&self, machine: &str) -> String {
         format!("{}{machine}/", self.base())
     }
@@ -386,13 +387,14 @@ impl MqttSettings {
     }
 }
 
-/// Whether a machine may have this name.
+/// Returns true if a machine may have this name.
 pub(crate) fn is_machine_name(name: &str) -> bool {
     let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
     (1..=32).contains(&name.len()) && name.chars().all(allowed)
 }
 
-/// Whether this is empty or made of topic levels that every broker accepts: topics that begin with `$` are reserved.
+/// Returns true if this is empty or made of topic levels that every broker accepts: topics that begin with `$` are
+/// reserved.
 fn is_prefix(prefix: &str) -> bool {
     let is_level = |level: &str| {
         !level.is_empty() && !level.contains(|c: char| ['+', '#'].contains(&c) || c.is_control())
@@ -400,13 +402,13 @@ fn is_prefix(prefix: &str) -> bool {
     prefix.is_empty() || prefix.len() <= 128 && !prefix.starts_with('$') && prefix.split('/').all(is_level)
 }
 
-/// Whether two listeners need the same port.
+/// Returns true if two listeners need the same port.
 fn share_a_port(one: SocketAddr, other: SocketAddr) -> bool {
     let overlap = one.ip() == other.ip() || one.ip().is_unspecified() || other.ip().is_unspecified();
     overlap && one.port() == other.port() && one.port() != 0
 }
 
-/// The address of a listen setting, which must be on the loopback where there are no tokens.
+/// Returns the address of a listen setting, which must be on the loopback where there are no tokens.
 fn listen_address(setting: &'static str, value: &str, has_tokens: bool) -> Result<SocketAddr, GatewayError> {
     let with_name = value
         .strip_prefix("localhost:")

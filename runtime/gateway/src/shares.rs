@@ -8,19 +8,20 @@ use std::collections::HashMap;
 use std::time::Duration;
 
 use parking_lot::Mutex;
-use plc_api::types::request::{Refusal, RefusalCode, Request};
-use plc_api::wire::right::Right;
+use plc_protocol::types::request::{Refusal, RefusalCode, Request};
+use plc_protocol::wire::right::Right;
 use tokio::time::Instant;
 
 use crate::access::{Account, User};
 
-/// Watches of one user, of the 64 of each coordinate system. Reason: three users leave room for further ones.
+/// Largest number of watches of one user, of the 64 of each coordinate system. Reason: three users leave room for
+/// further ones.
 const WATCHES_PER_USER_MAX: usize = 16;
 
-/// Watches of all users who may not operate the machine; the other 16 are reserved for operators.
+/// Largest number of watches of all users who may not operate the machine; the other 16 are reserved for operators.
 const WATCHES_UNRESERVED_MAX: usize = 48;
 
-/// Handlers of one user that are online, of the 256 of the machine.
+/// Largest number of handlers of one user that are online, of the 256 of the machine.
 const HANDLERS_PER_USER_MAX: usize = 64;
 
 /// A watch.
@@ -111,8 +112,8 @@ impl Shares {
 
 #[cfg(test)]
 mod tests {
-    use plc_api::types::heartbeat::ClientHeartbeat;
-    use plc_api::types::output::HandlerPresence;
+    use plc_protocol::types::heartbeat::ClientHeartbeat;
+    use plc_protocol::types::output::HandlerPresence;
 
     use super::*;
     use crate::Role;

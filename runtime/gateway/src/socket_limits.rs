@@ -8,8 +8,8 @@ use crate::access::Rate;
 /// the connection notices that its client does not read.
 const READ_BYTES: usize = 16 * 1024;
 
-/// Bytes of frames that wait to be written to one client: the largest message, and pongs. A further pong replaces the one
-/// that waits, and a further message ends the connection.
+/// Largest number of bytes of frames that wait to be written to one client: the largest message, and pongs. A further
+/// pong replaces the one that waits, and a further message ends the connection.
 pub(crate) const UNSENT_BYTES_MAX: usize = 1024 * 1024 + 64 * 1024;
 
 /// Control frames and empty frames of one client: burst, and rate per second. More end its connection. Reason: a client sends

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
-use plc_api::supervisor::Supervisor;
+use plc_protocol::supervisor::Supervisor;
 use rustls::client::danger::HandshakeSignatureValid;
 use rustls::crypto::{WebPkiSupportedAlgorithms, ring, verify_tls12_signature, verify_tls13_signature};
 use rustls::pki_types::pem::PemObject;
@@ -28,7 +28,7 @@ use crate::position::every;
 /// How often the files are checked.
 const LOOK_INTERVAL: Duration = Duration::from_secs(2);
 
-/// Time for a client to agree on keys; then its connection is closed.
+/// Longest time for a client to agree on keys; then its connection is closed.
 const HANDSHAKE_MAX: Duration = Duration::from_secs(10);
 
 /// The first byte of a client that speaks TLS: the type of a handshake record (RFC 8446, 5.1).
@@ -179,7 +179,7 @@ pub(crate) struct AcceptedClient {
 }
 
 impl AcceptedClient {
-    /// A client without TLS.
+    /// Returns a client without TLS.
     pub(crate) fn plain(stream: TcpStream) -> Self {
         Self {
             stream: Either::Left(stream),
@@ -187,7 +187,7 @@ impl AcceptedClient {
         }
     }
 
-    /// True with TLS.
+    /// Returns true if the connection uses TLS.
     pub(crate) fn is_private(&self) -> bool {
         matches!(self.stream, Either::Right(_))
     }
@@ -337,7 +337,7 @@ mod tests {
         }
     }
 
-    /// True if a client that trusts only this certificate can connect to the server.
+    /// Returns true if a client that trusts only this certificate can connect to the server.
     async fn shows(tls: &LiveTls, certificate: &CertificateDer<'static>) -> bool {
         negotiates(tls, certificate, &[]).await.is_some()
     }

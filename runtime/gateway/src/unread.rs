@@ -15,22 +15,23 @@ use tokio::time::timeout;
 
 use crate::problem::Problem;
 
-/// Concurrent requests with a whole program, in the request or in the answer; more wait. Reason: each may hold 64 MiB.
+/// Largest number of concurrent requests with a whole program, in the request or in the answer; more wait. Reason: each
+/// may hold 64 MiB.
 const LARGE_REQUESTS_MAX: usize = 4;
 
-/// Such requests of one user, so that other users find a permit.
+/// Largest number of such requests of one user, so that other users find a permit.
 const USER_LARGE_REQUESTS_MAX: usize = 2;
 
 /// Longest time that such a request waits for a permit; then 503.
 const LARGE_WAIT_MAX: Duration = Duration::from_secs(30);
 
-/// Size of a response that is not counted, bytes. Reason: a connection reads as many at once.
+/// Largest size of a response that is not counted, bytes. Reason: a connection reads as many at once.
 const SMALL_BYTES_MAX: usize = 64 * 1024;
 
-/// Unread bytes of larger responses without a whole program; a response beyond them is 503.
+/// Largest number of unread bytes of larger responses without a whole program; a response beyond them is 503.
 const UNREAD_BYTES_MAX: usize = 64 * 1024 * 1024;
 
-/// Unread bytes of one host, so that there is room for responses to other hosts.
+/// Largest number of unread bytes of one host, so that there is room for responses to other hosts.
 const HOST_UNREAD_BYTES_MAX: usize = 48 * 1024 * 1024;
 
 /// Permits of requests with a whole program.
@@ -181,7 +182,7 @@ async fn guard_body<T: Send + 'static>(response: Response, until_read: T) -> Res
     let (head, body) = response.into_parts();
     // a body with an exact size is in memory already
     let Ok(body) = to_bytes(body, usize::MAX).await else {
-        return Problem::from(plc_api::wire::problem::Problem::unexpected()).into_response();
+        return Problem::from(plc_protocol::wire::problem::Problem::unexpected()).into_response();
     };
     let held = GuardedBody {
         body,

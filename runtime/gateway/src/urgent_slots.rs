@@ -7,11 +7,11 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use parking_lot::Mutex;
-use plc_api::port::BoxFuture;
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::command::{Command, Verb};
-use plc_api::types::request::Request;
-use plc_api::wire::row::ParsedRequest;
+use plc_protocol::port::BoxFuture;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::command::{Command, Verb};
+use plc_protocol::types::request::Request;
+use plc_protocol::wire::row::ParsedRequest;
 use tokio::sync::OwnedMutexGuard;
 
 use crate::access::Account;
@@ -43,7 +43,7 @@ pub(crate) enum UrgentKind {
 }
 
 impl UrgentKind {
-    /// The kind of a request and its coordinate system (0 for all); `None` if it is not urgent.
+    /// Returns the kind of a request and its coordinate system (0 for all); `None` if it is not urgent.
     pub(crate) fn of_request(request: &Request) -> Option<(CoordinateSystemNumber, Self)> {
         match request {
             Request::Command {
@@ -59,7 +59,7 @@ impl UrgentKind {
         }
     }
 
-    /// True for hold, stop and abort.
+    /// Returns true for hold, stop and abort.
     pub(crate) fn is_verb(self) -> bool {
         matches!(self, Self::Verb(_))
     }

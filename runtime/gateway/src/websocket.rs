@@ -13,7 +13,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::IpAddr;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use axum::extract::State;
@@ -22,36 +21,35 @@ use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Extension, Router};
-use plc_api::hub::Filter;
-use plc_api::server::ServerTransport;
-use plc_api::types::message::Message;
-use plc_api::types::request::{Refusal, RefusalCode, Request};
-use plc_api::types::topic::Topic;
-use plc_api::wire::row::ParsedRequest;
-use plc_api::wire::websocket::{
+use plc_protocol::hub::Filter;
+use plc_protocol::server::ServerTransport;
+use plc_protocol::types::message::Message;
+use plc_protocol::types::request::{Refusal, RefusalCode, Request};
+use plc_protocol::types::topic::Topic;
+use plc_protocol::wire::row::ParsedRequest;
+use plc_protocol::wire::websocket::{
     ClientFrame, PING_INTERVAL, SILENCE_MAX, error_frame, message_frame, refusal_frame,
 };
-use plc_api::wire::{PAYLOAD_MAX, json_object};
+use plc_protocol::wire::{PAYLOAD_MAX, json_object};
 use tokio::time::{Instant, MissedTickBehavior};
 
 use crate::access::http::WEBSOCKET_PROTOCOL;
 use crate::access::topics::may_subscribe;
 use crate::access::{AuthenticatedUser, CloseReason, User};
 use crate::machine::{Caller, Machine};
-use crate::metrics::add;
 use crate::position::Positions;
 use crate::problem::Problem;
 use crate::server::Peer;
 use crate::server_state::{ServerState, WEBSOCKETS_MAX};
 use crate::socket_limits::{self, ControlFrames, TOO_MANY_CONTROL_FRAMES};
 
-/// Patterns of one client; more are refused.
+/// Largest number of patterns of one client; more are refused.
 const PATTERNS_MAX: usize = 256;
 
-/// Bytes of one pattern; a longer one is refused. Reason: no topic is longer.
+/// Largest number of bytes of one pattern; a longer one is refused. Reason: no topic is longer.
 const PATTERN_BYTES_MAX: usize = 256;
 
-/// Handlers that one client serves; more are refused.
+/// Largest number of handlers that one client serves; more are refused.
 const HANDLERS_MAX: usize = 16;
 
 /// A message that cannot be handed to the client's connection within this time ends it.
@@ -86,7 +84,7 @@ async fn upgrade(
         .protocols([WEBSOCKET_PROTOCOL])
         .on_upgrade(move |socket| {
             tasks.track_future(async move {
-                add(&shared.metrics.websockets, 1);
+                shared.metrics.websockets.inc();
                 WebSocketClient::new(
                     &shared,
                     shown.user.clone(),
@@ -94,7 +92,7 @@ async fn upgrade(
                 )
                 .run(socket, &shown)
                 .await;
-                shared.metrics.websockets.fetch_sub(1, Ordering::Relaxed);
+                shared.metrics.websockets.dec();
                 drop(permit);
             })
         })
@@ -211,7 +209,11 @@ impl WebSocketClient {
 
     async fn send_if_wanted(&self, socket: &mut WebSocket, message: &Message) -> Result<(), ClosedSocket> {
         let path = message.topic.path();
-        if self.patterns.iter().any(|pattern| matches(pattern, &path)) {
+        if self
+            .patterns
+            .iter()
+            .any(|pattern| rumqttc::matches(&path, pattern))
+        {
             send_text(socket, message_frame(&path, message)).await?;
         }
         Ok(())
@@ -259,7 +261,7 @@ impl WebSocketClient {
         }
         for message in self.states.values() {
             let path = message.topic.path();
-            if new.iter().any(|pattern| matches(pattern, &path)) {
+            if new.iter().any(|pattern| rumqttc::matches(&path, pattern)) {
                 let text = message_frame(&path, message);
                 bytes += text.len();
                 send_text(socket, text).await?;
@@ -328,32 +330,13 @@ async fn send_text(socket: &mut WebSocket, text: String) -> Result<(), ClosedSoc
     send(socket, Frame::Text(text.into())).await
 }
 
-/// True for a topic that the runtime publishes, and for a well-formed pattern with wildcards.
-fn is_known(pattern: &str) -> bool {
-    let levels: Vec<_> = pattern.split('/').collect();
-    let wild = levels.iter().any(|level| level.contains(['+', '#']));
-    if !wild {
-        return Topic::parse(pattern).is_some();
-    }
-    let last = levels.len() - 1;
-    levels.iter().enumerate().all(|(place, level)| match *level {
-        "+" => true,
-        "#" => place == last,
-        level => !level.is_empty() && !level.contains(['+', '#']),
-    })
-}
-
-/// True when the path is one that the pattern names: `+` is one level, a last `#` that level and all below.
-fn matches(pattern: &str, path: &str) -> bool {
-    let mut path = path.split('/');
-    let mut pattern = pattern.split('/');
-    loop {
-        match (pattern.next(), path.next()) {
-            (Some("#"), _) | (None, None) => return true,
-            (Some("+"), Some(_)) => {}
-            (Some(wanted), Some(level)) if wanted == level => {}
-            _ => return false,
-        }
+/// Returns true for a topic that the runtime publishes, and for a filter with wildcards that can match one: no topic of
+/// the runtime has an empty level, although MQTT allows it.
+fn is_known(filter: &str) -> bool {
+    if rumqttc::has_wildcards(filter) {
+        rumqttc::valid_filter(filter) && filter.split('/').all(|level| !level.is_empty())
+    } else {
+        Topic::parse(filter).is_some()
     }
 }
 
@@ -374,7 +357,7 @@ mod tests {
             ("cs/1/m_code/+/output", "cs/1/m_code/7/output", true),
             ("cs/1", "cs/1/state", false),
         ] {
-            assert_eq!(matches(pattern, path), expected, "{pattern} {path}");
+            assert_eq!(rumqttc::matches(path, pattern), expected, "{pattern} {path}");
         }
     }
 

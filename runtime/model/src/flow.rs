@@ -288,6 +288,8 @@ pub struct SegmentFeed {
     /// Millimetres per programmed unit of length: the maximum and the default feedrate are in this unit
     /// (D25).
     pub unit_mm: f64,
+    /// True if `path_tolerance` does not apply: in cutter compensation, the path stays as programmed.
+    pub keeps_path: bool,
 }
 
 impl Default for SegmentFeed {
@@ -298,6 +300,7 @@ impl Default for SegmentFeed {
             td_ms: 0.0,
             ts_ms: 0.0,
             unit_mm: 1.0,
+            keeps_path: false,
         }
     }
 }
@@ -368,8 +371,8 @@ pub enum SegmentMotion {
 }
 
 /// Geometry in machine coordinates.
-// The discriminant has 64 bits. One of one byte would be moved together with its odd neighbouring bytes,
-// which takes longer.
+// The discriminant has 64 bits: a discriminant of one byte would be copied with seven bytes of padding, which
+// takes longer.
 #[repr(u64)]
 #[derive(Debug, Clone, PartialEq)]
 pub enum Path {

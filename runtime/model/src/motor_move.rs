@@ -57,6 +57,18 @@ impl MotorMove {
         self.velocity * ramp.speed(t_s).min(ramp.speed(left))
     }
 
+    /// Returns the signed acceleration `t_s` seconds after the start.
+    pub fn acceleration_at(&self, t_s: f64) -> f64 {
+        let left = self.duration_s() - t_s;
+        if self.ramp_s <= 0.0 || t_s <= 0.0 || left <= 0.0 {
+            return 0.0;
+        }
+        let ramp = UnitRamp::new(self.ramp_s - self.jerk_s, self.jerk_s);
+        let [driving, _] = ramp.slopes(t_s, t_s);
+        let [braking, _] = ramp.slopes(left, left);
+        self.velocity * (driving - braking)
+    }
+
     /// Returns the room for overrides and feed hold between two times of the move (M1i), for a motor with
     /// this maximum acceleration. A move whose own acceleration exceeds the maximum leaves no room.
     pub fn room(&self, max_acceleration: f64, from_s: f64, to_s: f64) -> SlewRoom {

@@ -68,7 +68,7 @@ pub struct Pace {
     count: usize,
     /// Plan time at the end of the profile, s.
     pub ends_s: f64,
-    /// Feed override for which the full rate was planned, 1 or more.
+    /// Feed override for which the full rate was planned.
     pub feed_override: f64,
     /// Segment to whose end the motion may continue as soon as this profile is known; in backward motion, to
     /// whose start. From there the motion can still come to rest within the known profiles.

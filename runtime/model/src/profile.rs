@@ -1,12 +1,17 @@
 //! Position of one segment as a function of time: the motion stage produces it, the servo cycle evaluates it.
 
 use crate::axis::{AXES_MAX, AxisVector};
+pub use crate::cubic::CubicMotion;
 use crate::flow::{Path, TapLeg};
 pub use crate::motor_move::{MotorLimits, MotorMove};
+pub use crate::motor_stop::MotorStop;
 pub use crate::pace::{PACE_PIECES_MAX, Pace, PacePiece, PathPlace, SlewRoom, Stretch};
 use crate::ramp::UnitRamp;
 use crate::span::Origin;
 pub use crate::speed_growth::SpeedGrowth;
+
+/// Number of golden sections of a range, to a millionth of it.
+const SECTIONS: u32 = 30;
 
 /// One planned motion. Its times count from its own start at an override of 100 percent.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,9 +61,9 @@ pub enum Law {
     /// A block as in `Ramped`, but in plan time, which advances at a pace that respects the limits of the
     /// motors (M1d).
     Paced {
-        /// Geometry, speed and ramps of the block. If several profiles pass one block, the pace ends before
-        /// the end of the block.
-        block: RampedMotion,
+        /// Motion of the block at its programmed speed. If several profiles pass one block, the pace ends
+        /// before the end of the block.
+        block: PacedMotion,
         /// Plan time as a function of time.
         pace: Pace,
     },
@@ -132,6 +137,45 @@ pub struct RampedMotion {
     pub plan_s: f64,
 }
 
+/// Motion of a block with G500 at its programmed speed.
+#[allow(
+    clippy::large_enum_variant,
+    reason = "a box would be freed by the servo cycle"
+)]
+#[derive(Debug, Clone, PartialEq)]
+pub enum PacedMotion {
+    /// A block of M1b: its path, with the ramps to the blocks before and after it.
+    Ramped(RampedMotion),
+    /// A part of a block whose path was smoothed.
+    Smoothed(CubicMotion),
+}
+
+impl PacedMotion {
+    /// Returns the machine position at a plan time.
+    pub fn position(&self, plan_s: f64) -> AxisVector {
+        match self {
+            Self::Ramped(block) => block.position(plan_s),
+            Self::Smoothed(part) => part.position(plan_s),
+        }
+    }
+
+    /// Returns the block of a programmed path; `None` on a smoothed path.
+    pub fn as_ramped(&self) -> Option<&RampedMotion> {
+        match self {
+            Self::Ramped(block) => Some(block),
+            Self::Smoothed(_) => None,
+        }
+    }
+
+    /// Returns the programmed start and end of the block, machine coordinates.
+    pub fn programmed(&self) -> [AxisVector; 2] {
+        match self {
+            Self::Ramped(block) => [block.path.start(), block.path.end()],
+            Self::Smoothed(part) => part.programmed,
+        }
+    }
+}
+
 /// The start of the next block within the profile of the one before it (M1b).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lead {
@@ -159,6 +203,37 @@ impl Law {
             Law::Tap { .. } | Law::Rest { .. } => TimeBase::Fixed,
         }
     }
+}
+
+/// Returns velocity and acceleration at a distance along a path, for this speed and acceleration along the path.
+fn along(path: &Path, distance: f64, [speed, acceleration]: [f64; 2]) -> [AxisVector; 2] {
+    let [first, second] = match path {
+        Path::Line { from, to, length } => [to.minus(*from).scaled(1.0 / length), AxisVector::ZERO],
+        Path::Arc(arc) => arc.derivatives_at(distance),
+    };
+    [
+        first.scaled(speed),
+        first.scaled(acceleration).plus(second.scaled(speed * speed)),
+    ]
+}
+
+/// Returns the argument at which a function with one minimum in a range has its minimum, by golden sections.
+fn minimum([mut from, mut to]: [f64; 2], of: impl Fn(f64) -> f64) -> f64 {
+    let share = (3.0 - 5.0_f64.sqrt()) / 2.0;
+    let mut inner = [from + share * (to - from), to - share * (to - from)];
+    let mut values = inner.map(&of);
+    for _ in 0..SECTIONS {
+        if values[0] < values[1] {
+            to = inner[1];
+            inner = [from + share * (to - from), inner[0]];
+            values = [of(inner[0]), values[0]];
+        } else {
+            from = inner[0];
+            inner = [inner[1], to - share * (to - from)];
+            values = [values[1], of(inner[1])];
+        }
+    }
+    f64::midpoint(from, to)
 }
 
 /// Returns the position `t_s` seconds after the start of motors that each move alone. Start and end position
@@ -194,6 +269,38 @@ impl RampedMotion {
         (gone, stopped_s)
     }
 
+    /// Returns the distance, over X, Y and Z, of the path from the programmed corner at the end of the block, at the
+    /// nearest point of the path, mm. Returns `None` if the distance is at most `above`, or if the block ends at rest.
+    pub fn corner_distance(&self, above: f64) -> Option<f64> {
+        self.next.as_ref()?;
+        let corner = self.path.end();
+        let off = |plan_s: f64| self.position(plan_s).minus(corner).orthogonal_length();
+        let [from_s, to_s] = [self.plan_s - self.stop.duration_s(), self.plan_s];
+        // With equal speeds the nearest point is at the middle of the ramp, otherwise nearby.
+        let at_middle = off(f64::midpoint(from_s, to_s));
+        if at_middle <= above {
+            return None;
+        }
+        let nearest = off(minimum([from_s, to_s], off)).min(at_middle);
+        Some(nearest).filter(|nearest| *nearest > above)
+    }
+
+    /// Returns velocity and acceleration at a plan time, by the formulas of the phases that contain `within_s`.
+    pub fn motion_at(&self, plan_s: f64, within_s: f64) -> [AxisVector; 2] {
+        let stop_s = self.plan_s - self.stop.duration_s();
+        let [started, _] = self.start.slopes(plan_s + self.begun_s, within_s + self.begun_s);
+        let [stopped, _] = self.stop.slopes(plan_s - stop_s, within_s - stop_s);
+        let (own, ramped_s) = self.covered_distances(plan_s);
+        let stopping = self.stop.speed(plan_s - stop_s);
+        let own_speed = self.speed * (self.start.speed(plan_s + self.begun_s) - stopping);
+        let own = along(&self.path, own, [own_speed, self.speed * (started - stopped)]);
+        let Some(Lead { path, speed }) = &self.next else {
+            return own;
+        };
+        let next = along(path, speed * ramped_s, [speed * stopping, speed * stopped]);
+        [own[0].plus(next[0]), own[1].plus(next[1])]
+    }
+
     /// Returns the machine position at the end: the end of the block's path, moved by the distance that the
     /// next block has covered by then.
     pub fn end_position(&self) -> AxisVector {
@@ -215,9 +322,9 @@ impl Profile {
     /// programmed start.
     pub fn target(&self) -> AxisVector {
         match &self.law {
-            Law::Paced { block, pace } if pace.is_backward() => block.path.start(),
+            Law::Paced { block, pace } => block.programmed()[usize::from(!pace.is_backward())],
             Law::Motors { from, stretch, .. } if stretch.is_backward() => *from,
-            Law::Ramped { block, .. } | Law::Paced { block, .. } => block.path.end(),
+            Law::Ramped { block, .. } => block.path.end(),
             Law::Motors { to, .. } | Law::Skip { to, .. } | Law::Tap { to, .. } => *to,
             Law::Rest { at, .. } => *at,
         }
@@ -284,6 +391,27 @@ impl Profile {
             profile.duration_s = passed.duration_s();
         }
         profile
+    }
+
+    /// Returns the distance, over X, Y and Z, of the path from the programmed corner at the end of the block, at the
+    /// nearest point of the path, mm. Returns `None` if the distance is at most `above`, or if the profile does not
+    /// reach the end of a block that continues into the next one.
+    pub fn corner_distance(&self, above: f64) -> Option<f64> {
+        let ramped = match &self.law {
+            Law::Ramped { block, .. } => block,
+            Law::Paced {
+                block: PacedMotion::Ramped(block),
+                pace,
+            } if pace.ends_s >= block.plan_s => block,
+            Law::Paced {
+                block: PacedMotion::Smoothed(part),
+                ..
+            } if part.to_s >= part.plan_s => {
+                return Some(part.corner_distance()).filter(|off| *off > above);
+            }
+            _ => return None,
+        };
+        ramped.corner_distance(above)
     }
 
     /// Returns the revolutions that the spindle has turned `t_s` seconds after the start, clockwise positive,

@@ -205,6 +205,9 @@ pub const ARC_RADIUS_TOLERANCE_MM: f64 = 0.01;
 /// Options of path and motion, each with a default.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MotionOptions {
+    /// Largest distance of the path from the programmed path with G500, mm, and degrees for a rotary axis (M1d.8). If
+    /// 0, the path is that of G501.
+    pub path_tolerance_mm: f64,
     /// Tolerance by which the radius R of an arc may be smaller than half the chord, mm (D26).
     pub arc_radius_tolerance_mm: f64,
     /// Tolerance for the difference of the radii at start and end of an arc, mm. If 0, any difference makes a
@@ -218,6 +221,10 @@ pub struct MotionOptions {
     pub overcut: Overcut,
     /// Quantity that is reduced if the blocks of a blended chain are too short for their ramps (M1b).
     pub short_block: ShortBlock,
+    /// Distance of the path from a programmed corner above which a check warns, mm. If 0, it does not warn.
+    pub corner_warning_mm: f64,
+    /// Effect of a feed override below 100 percent with G500 (M1i.1).
+    pub low_override: LowOverride,
     /// Simulated skip input of each axis's motor (G31). `None` is an input that never switches on.
     pub simulated_skip: [Option<SimulatedSkip>; AXES_MAX],
     /// Round object that a simulated probe touches with X and Y.
@@ -306,15 +313,28 @@ pub enum ShortBlock {
     Extend,
 }
 
+/// Effect of a feed override below 100 percent with G500.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum LowOverride {
+    /// F is multiplied and the motion is planned again. The limits of the motors stay.
+    #[default]
+    Replan,
+    /// The time of the plan is scaled. Accelerations fall with the square of the override.
+    TimeBase,
+}
+
 impl Default for MotionOptions {
     fn default() -> Self {
         Self {
+            path_tolerance_mm: 0.0,
             arc_radius_tolerance_mm: ARC_RADIUS_TOLERANCE_MM,
             spiral_tolerance_mm: 0.0,
             dry_run_feedrate_mm_min: 0.0,
             compensation_feed: CompensationFeed::Centre,
             overcut: Overcut::Detect,
             short_block: ShortBlock::Shrink,
+            corner_warning_mm: 0.0,
+            low_override: LowOverride::Replan,
             simulated_skip: [None; AXES_MAX],
             simulated_round: None,
         }

@@ -7,14 +7,11 @@
 
 use std::collections::VecDeque;
 
-use tandem_model::Origin;
-use tandem_model::flow::Path;
 use tandem_model::profile::{ChainPlace, Lead, RampedMotion};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::ShortBlock;
 
-use crate::block::RampedBlock;
-use crate::ramped::SingleBlock;
+use crate::block::{BlockMotion, ChainBlock, PlannedBlock};
 
 /// The blocks of the chain whose plan is not complete.
 #[derive(Debug, Clone, Default)]
@@ -22,17 +19,6 @@ pub(crate) struct Chain {
     links: VecDeque<Link>,
     /// Position in the chain of the last output block. `None` before the first output block.
     place: Option<ChainPlace>,
-}
-
-/// A segment, as input of a chain.
-#[derive(Debug, Clone)]
-pub(crate) struct ChainBlock {
-    pub(crate) segment: u64,
-    pub(crate) epoch: u32,
-    pub(crate) origin: Origin,
-    pub(crate) path: Path,
-    /// The same block planned from rest to rest.
-    pub(crate) alone: SingleBlock,
 }
 
 /// A block within its chain.
@@ -56,7 +42,7 @@ impl Chain {
     }
 
     /// Adds a block, and outputs the blocks whose plan is final.
-    pub(crate) fn push(&mut self, rule: ShortBlock, block: ChainBlock, out: impl FnMut(RampedBlock)) {
+    pub(crate) fn push(&mut self, rule: ShortBlock, block: ChainBlock, out: impl FnMut(PlannedBlock)) {
         let mut link = Link {
             speed: block.alone.limit,
             is_first: self.links.is_empty(),
@@ -78,7 +64,7 @@ impl Chain {
     }
 
     /// Ends the chain at rest and outputs all remaining blocks.
-    pub(crate) fn finish(&mut self, rule: ShortBlock, mut out: impl FnMut(RampedBlock)) {
+    pub(crate) fn finish(&mut self, rule: ShortBlock, mut out: impl FnMut(PlannedBlock)) {
         if let Some(last) = self.links.back_mut()
             && !last.is_first
         {
@@ -97,7 +83,7 @@ impl Chain {
         self.clear();
     }
 
-    fn release_final(&mut self, rule: ShortBlock, mut out: impl FnMut(RampedBlock)) {
+    fn release_final(&mut self, rule: ShortBlock, mut out: impl FnMut(PlannedBlock)) {
         while let Some(next) = self.links.get(1) {
             if rule == ShortBlock::Extend && next.stop.is_none() {
                 return;
@@ -110,7 +96,7 @@ impl Chain {
 
     /// Plans a link that blends into the first of the remaining links. If the link is the only one of its
     /// chain, it is planned from rest to rest.
-    fn planned(&mut self, link: Link) -> RampedBlock {
+    fn planned(&mut self, link: Link) -> PlannedBlock {
         let length = link.block.path.length();
         let (speed, [start, stop], begun_s, plan_s) = match link.stop {
             None => {
@@ -136,23 +122,25 @@ impl Chain {
             ..before
         };
         self.place = Some(place);
-        RampedBlock {
+        PlannedBlock {
             segment: link.block.segment,
             epoch: link.block.epoch,
             origin: link.block.origin,
-            ramped: RampedMotion {
-                path: link.block.path,
-                speed,
-                start,
-                stop,
-                begun_s,
-                next: self.links.front().map(|next| Lead {
-                    path: next.block.path.clone(),
-                    speed: next.speed,
-                }),
-                plan_s,
+            motion: BlockMotion::Ramped {
+                block: RampedMotion {
+                    path: link.block.path,
+                    speed,
+                    start,
+                    stop,
+                    begun_s,
+                    next: self.links.front().map(|next| Lead {
+                        path: next.block.path.clone(),
+                        speed: next.speed,
+                    }),
+                    plan_s,
+                },
+                place,
             },
-            place,
         }
     }
 }

@@ -8,12 +8,13 @@ use tandem_model::flow::{MultiBlock, Path, Segment, SegmentEnd, SegmentMotion};
 use tandem_model::profile::{Law, PathPlace, Profile, Stretch};
 use tandem_model::settings::CoordinateSystemSettings;
 
-use crate::block::RampedBlock;
-use crate::chain::{Chain, ChainBlock};
+use crate::block::{ChainBlock, PlannedBlock};
+use crate::chain::Chain;
 use crate::look_ahead::LookAhead;
 use crate::ramped::{self, SingleBlock};
 use crate::record::{Entry, Record};
 use crate::replan::Replan;
+use crate::smooth::Smoothing;
 use crate::{rapid, tapping};
 
 /// Maximum duration of a profile, s: about 31 years. A longer profile raises an alarm, so that counting servo
@@ -27,10 +28,37 @@ pub struct Planner {
     epoch: u32,
     last_segment: u64,
     chain: Chain,
-    /// Multi-block setting (G500 or G501) of the blocks in the chain.
-    multi_block: MultiBlock,
+    smoothing: Smoothing,
+    /// Kind of the chain to which the blocks in `chain` or `smoothing` belong.
+    kind: ChainKind,
     look_ahead: LookAhead,
     record: Record,
+}
+
+/// Kind of a chain of blended blocks. Between chains of different kinds the motion stops.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ChainKind {
+    /// G501: the programmed path and ramps.
+    Programmed,
+    /// G500: the same path, with the speed of look-ahead.
+    Paced,
+    /// G500 with a path tolerance: a smoothed path, with the speed of look-ahead.
+    Smoothed,
+}
+
+impl ChainKind {
+    /// Returns the kind of chain to which a block belongs. Cutter compensation keeps the path.
+    pub(crate) fn of_block(
+        settings: &CoordinateSystemSettings,
+        multi_block: MultiBlock,
+        keeps_path: bool,
+    ) -> Self {
+        match multi_block {
+            MultiBlock::Off => Self::Programmed,
+            MultiBlock::On if keeps_path || settings.motion.path_tolerance_mm <= 0.0 => Self::Paced,
+            MultiBlock::On => Self::Smoothed,
+        }
+    }
 }
 
 impl Planner {
@@ -41,7 +69,8 @@ impl Planner {
             epoch: 0,
             last_segment: 0,
             chain: Chain::default(),
-            multi_block: MultiBlock::Off,
+            smoothing: Smoothing::new(settings.motion.path_tolerance_mm),
+            kind: ChainKind::Programmed,
             look_ahead: LookAhead::new(settings),
             record: Record::default(),
         }
@@ -60,12 +89,12 @@ impl Planner {
     pub fn restart(&mut self, epoch: u32) {
         self.epoch = epoch;
         self.chain.clear();
+        self.smoothing.clear();
         self.look_ahead.clear();
         self.record.clear();
     }
 
-    /// Plans further G500 blocks for this feed override: 1.0 is 100 percent, 2.0 the maximum. Up to 100
-    /// percent the plan is the same, because the servo scales its time.
+    /// Plans further G500 blocks for this feed override: 1.0 is 100 percent, 2.0 the maximum, 0.01 the minimum.
     pub fn set_feed_override(&mut self, factor: f64) {
         self.look_ahead.set_feed_override(factor);
     }
@@ -118,8 +147,9 @@ impl Planner {
     }
 
     /// Plans a segment. A segment that may blend is held back until the next segment or [`Planner::flush`]
-    /// decides how it ends, with G500 until no later block can change its speed. A chain ends at rest where
-    /// G500 changes to G501, or G501 to G500. Segment numbers follow the order of the segments in any case.
+    /// decides how it ends, with G500 until no later block can change its path or speed. A chain ends at rest
+    /// where G500 changes to G501, or G501 to G500, and with a path tolerance where cutter compensation
+    /// begins or ends. Segment numbers follow the order of the segments in any case.
     ///
     /// # Errors
     /// Returns an alarm at the segment's origin. The segment then outputs nothing, and the blocks held back
@@ -127,24 +157,56 @@ impl Planner {
     /// `VALUE_NOT_FINITE`, and `VALUE_OUT_OF_RANGE` for a negative time, a feedrate that is not above zero,
     /// or a duration above 1e9 s.
     pub fn push(&mut self, segment: &Segment, out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
+        let before = out.len();
         let pushed = self.plan_segment(segment, out);
         if pushed.is_err() || segment.end == SegmentEnd::ExactStop {
             self.flush(out);
         }
+        self.assert_invariants(out.range(before..));
         pushed.map_err(|alarm| alarm.at(segment.origin))
     }
 
     /// Outputs the blocks held back; the last of them ends at rest.
     pub fn flush(&mut self, out: &mut VecDeque<Profile>) {
-        let onward = onward(self.multi_block, &mut self.look_ahead, &mut self.record, out);
-        self.chain.finish(self.settings.motion.short_block, onward);
+        let before = out.len();
+        let onward = onward(self.kind, &mut self.look_ahead, &mut self.record, out);
+        match self.kind {
+            ChainKind::Smoothed => self.smoothing.finish(onward),
+            _ => self.chain.finish(self.settings.motion.short_block, onward),
+        }
+        self.assert_invariants(out.range(before..));
+    }
+
+    /// Asserts in debug builds that new profiles belong to the current epoch, keep the order of their segments, and have
+    /// a valid duration. A segment may have several profiles.
+    fn assert_invariants<'a>(&self, new: impl Iterator<Item = &'a Profile>) {
+        if !cfg!(debug_assertions) {
+            return;
+        }
+        let mut last = None;
+        for profile in new {
+            let segment = profile.segment;
+            assert_eq!(profile.epoch, self.epoch, "segment {segment} is of another epoch");
+            assert!(
+                last.is_none_or(|last| last == segment || last + 1 == segment)
+                    && segment <= self.last_segment,
+                "segment {segment} does not follow segment {last:?}"
+            );
+            assert!(
+                (0.0..=DURATION_MAX_S).contains(&profile.duration_s),
+                "segment {segment} takes {} s",
+                profile.duration_s
+            );
+            last = Some(segment);
+        }
     }
 
     fn plan_segment(&mut self, segment: &Segment, out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
         let (law, duration_s) = match &segment.motion {
             SegmentMotion::Feed { path, feed } => {
                 let alone = ramped::plan(&self.settings, path, *feed, segment.multi_block)?;
-                return self.blend(segment, path, alone, out);
+                let kind = ChainKind::of_block(&self.settings, segment.multi_block, feed.keeps_path);
+                return self.blend(segment, path, alone, kind, out);
             }
             SegmentMotion::Rapid { from, to } => rapid::plan(&self.settings, *from, *to)?,
             SegmentMotion::Skip { from, to } => rapid::plan_skip(&self.settings, *from, *to)?,
@@ -188,12 +250,13 @@ impl Planner {
         segment: &Segment,
         path: &Path,
         alone: SingleBlock,
+        kind: ChainKind,
         out: &mut VecDeque<Profile>,
     ) -> Result<(), Alarm> {
         check_duration(alone.duration_s_max(path.length()))?;
-        if segment.multi_block != self.multi_block {
+        if kind != self.kind {
             self.flush(out);
-            self.multi_block = segment.multi_block;
+            self.kind = kind;
         }
         self.last_segment += 1;
         let block = ChainBlock {
@@ -203,8 +266,11 @@ impl Planner {
             path: path.clone(),
             alone,
         };
-        let onward = onward(self.multi_block, &mut self.look_ahead, &mut self.record, out);
-        self.chain.push(self.settings.motion.short_block, block, onward);
+        let onward = onward(kind, &mut self.look_ahead, &mut self.record, out);
+        match kind {
+            ChainKind::Smoothed => self.smoothing.push(&block, onward),
+            _ => self.chain.push(self.settings.motion.short_block, block, onward),
+        }
         Ok(())
     }
 
@@ -226,15 +292,15 @@ impl Planner {
 
 /// Returns the function that receives the planned blocks of a chain.
 fn onward(
-    multi_block: MultiBlock,
+    kind: ChainKind,
     look_ahead: &mut LookAhead,
     record: &mut Record,
     out: &mut VecDeque<Profile>,
-) -> impl FnMut(RampedBlock) {
-    move |block| match multi_block {
-        MultiBlock::On => look_ahead.push(block, record, out),
-        MultiBlock::Off => {
-            out.push_back(block.profile());
+) -> impl FnMut(PlannedBlock) {
+    move |block| match kind {
+        ChainKind::Paced | ChainKind::Smoothed => look_ahead.push(block, record, out),
+        ChainKind::Programmed => {
+            out.extend(block.profile());
             record.push(Entry::Ramped(block));
         }
     }

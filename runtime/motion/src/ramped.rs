@@ -38,6 +38,11 @@ struct JerkLimits {
 }
 
 impl SingleBlock {
+    /// Returns the programmed acceleration and deceleration times, s.
+    pub(crate) fn ramps_s(&self) -> [f64; 2] {
+        [self.start, self.stop].map(|ramp| 1.0 / ramp.steepest()[0])
+    }
+
     /// Returns the ramps from rest to this speed and from this speed to rest.
     fn ramps(&self, speed: f64) -> [UnitRamp; 2] {
         [self.start_to(speed), self.stop_from(speed)]

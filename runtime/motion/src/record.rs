@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use tandem_model::profile::{Law, PathPlace, Profile};
 
-use crate::block::RampedBlock;
+use crate::block::PlannedBlock;
 
 /// Number of passed segments that are kept, which is the reach of back trace.
 pub(crate) const PASSED_MAX: usize = 10_000;
@@ -37,11 +37,11 @@ pub(crate) struct Record {
 )]
 pub(crate) enum Entry {
     /// A block of a G500 chain, paced by look-ahead. It can be passed in both directions.
-    Paced(RampedBlock),
+    Paced(PlannedBlock),
     /// A rapid or a dwell with G500. It can be passed in both directions.
     Alone(Box<Profile>),
     /// A block of a G501 chain. It can be passed forward only.
-    Ramped(RampedBlock),
+    Ramped(PlannedBlock),
     /// Any other segment outside of chains. It can be passed forward only.
     OneWay(Box<Profile>),
 }
@@ -57,7 +57,7 @@ impl Entry {
     /// Returns the plan time at the end of the entry, s.
     pub(crate) fn plan_s(&self) -> f64 {
         match self {
-            Entry::Paced(block) | Entry::Ramped(block) => block.ramped.plan_s,
+            Entry::Paced(block) | Entry::Ramped(block) => block.plan_s(),
             Entry::Alone(profile) | Entry::OneWay(profile) => profile.duration_s,
         }
     }
@@ -86,7 +86,26 @@ impl Record {
         if self.entries.capacity() < self.entries.len() + entries.len() {
             self.entries.reserve_exact(entries.len().max(ROOM));
         }
+        let first_new = self.entries.len();
         self.entries.extend(entries);
+        self.assert_consecutive(first_new);
+    }
+
+    /// Asserts in debug builds that segment numbers are consecutive from the entry before `first_new` on; backward
+    /// in a back trace.
+    fn assert_consecutive(&self, first_new: usize) {
+        let new = || {
+            self.entries
+                .range(first_new.saturating_sub(1)..)
+                .map(Entry::segment)
+        };
+        debug_assert!(
+            new()
+                .zip(new().skip(1))
+                .all(|(one, next)| one.abs_diff(next) == 1),
+            "the record has a gap: {:?}",
+            new().collect::<Vec<_>>()
+        );
     }
 
     /// Adds a segment.
@@ -99,7 +118,7 @@ impl Record {
         let Some(first) = self.entries.front().map(Entry::segment) else {
             return;
         };
-        // Segment numbers are consecutive.
+        // Segment numbers are consecutive (`assert_consecutive`).
         let behind = (segment + 1).saturating_sub(first);
         let behind = usize::try_from(behind).unwrap_or(usize::MAX);
         let too_many = behind.saturating_sub(PASSED_MAX).min(self.entries.len());

@@ -107,10 +107,10 @@ impl Replan {
                     .pass(block, passage, is_last, &mut self.record, &mut self.profiles);
             }
             Entry::Ramped(ref block) => block.profile(),
-            Entry::OneWay(ref profile) => Profile::clone(profile),
-            Entry::Alone(ref profile) => profile.over(stretch(record, &entry, passage)),
+            Entry::OneWay(ref profile) => Some(Profile::clone(profile)),
+            Entry::Alone(ref profile) => Some(profile.over(stretch(record, &entry, passage))),
         };
-        self.profiles.push_back(alone);
+        self.profiles.extend(alone);
         self.record.push(entry);
     }
 }

@@ -1,7 +1,7 @@
 //! The device model: components and data items of a machine, as a probe request returns them.
 
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::machine::{Birth, Identification};
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::machine::{Birth, Identification};
 
 /// Kind of value of a data item.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

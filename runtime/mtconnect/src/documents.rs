@@ -2,7 +2,7 @@
 
 use std::io::Cursor;
 
-use plc_api::types::data::ToolTable;
+use plc_protocol::types::data::ToolTable;
 use quick_xml::Writer;
 use quick_xml::events::{BytesDecl, BytesEnd, BytesStart, BytesText, Event};
 

@@ -4,15 +4,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
 use std::sync::Arc;
 
-use plc_api::Execution;
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::data::ToolData;
-use plc_api::types::io::{IoPoint, IoState};
-use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
-use plc_api::types::message::{Message, Payload};
-use plc_api::types::run::Run;
-use plc_api::types::state::{Position, ProgramLocation, RunKind, State};
-use plc_api::types::topic::Topic;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::data::ToolData;
+use plc_protocol::types::io::{IoPoint, IoState};
+use plc_protocol::types::machine::{AlarmRecord, AlarmSeverity};
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::run::Run;
+use plc_protocol::types::state::Execution;
+use plc_protocol::types::state::{Position, ProgramLocation, RunKind, State};
+use plc_protocol::types::topic::Topic;
 
 use crate::buffer::{ActiveAlarm, BUFFER_SIZE, Buffer, Value};
 use crate::device::{Category, Device, axis_id, item_id, path_id};
@@ -114,7 +114,7 @@ impl DeviceFeed {
                 self.observe_text(&path, "TOOL_ASSET_ID", None, format!("T{}", tool.id), at);
             }
             Payload::Modal(modal) => {
-                // G54 is the first
+                // MTConnect counts work offsets from 1: 1 is G54
                 let offset = modal
                     .work_offset
                     .as_deref()

@@ -11,8 +11,8 @@ use axum::http::{StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use futures_util::{StreamExt, stream};
-use plc_api::types::data::ToolTable;
-use plc_api::types::request::typed;
+use plc_protocol::types::data::ToolTable;
+use plc_protocol::types::request::typed;
 use serde::Deserialize;
 
 use crate::Agent;

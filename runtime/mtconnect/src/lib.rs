@@ -1,7 +1,7 @@
 //! MTConnect of a machine (read only): an agent with the requests `probe`, `current`, `sample` and `assets` (MTConnect
 //! part 1, 1.7 to 2.7), and an SHDR adapter for an agent of another manufacturer.
 //!
-//! It depends on `plc_api` only, and reads the same data of a machine as every client: [`Agent::start`] reads its
+//! It depends on `plc_protocol` only, and reads the same data of a machine as every client: [`Agent::start`] reads its
 //! birth, follows its messages, and keeps the last [`BUFFER_SIZE`] observations. [`Agent::router`] answers over HTTP.
 
 mod buffer;
@@ -19,15 +19,15 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use axum::Router;
 use parking_lot::Mutex;
-use plc_api::hub::{Filter, Subscription};
-use plc_api::port::Port;
-use plc_api::supervisor::Supervisor;
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::io::IoPoint;
-use plc_api::types::machine::Birth;
-use plc_api::types::message::{Message, Payload};
-use plc_api::types::request::typed;
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_protocol::hub::{Filter, Subscription};
+use plc_protocol::port::Port;
+use plc_protocol::supervisor::Supervisor;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::io::IoPoint;
+use plc_protocol::types::machine::Birth;
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::request::typed;
+use plc_protocol::types::topic::{CsTopic, Topic};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use tokio::net::TcpListener;

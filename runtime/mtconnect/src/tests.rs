@@ -10,17 +10,19 @@ use std::time::Duration;
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use http_body_util::BodyExt;
-use plc_api::Execution;
-use plc_api::supervisor::Supervisor;
-use plc_api::types::data::ToolData;
-use plc_api::types::machine::{
+use plc_protocol::supervisor::Supervisor;
+use plc_protocol::types::data::ToolData;
+use plc_protocol::types::machine::{
     ActiveAlarms, AlarmRecord, AlarmSeverity, Birth, CoordinateSystemInfo, Identification, MotorInfo,
 };
-use plc_api::types::message::{Message, Payload};
-use plc_api::types::run::{Run, RunState};
-use plc_api::types::state::{Modal, Overrides, Position, ProgramLocation, RunKind, Spindle, State, Tool};
-use plc_api::types::topic::{CsTopic, Topic};
-use plc_api::types::{BootId, Timestamp};
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::run::{Run, RunState};
+use plc_protocol::types::state::Execution;
+use plc_protocol::types::state::{
+    Modal, Overrides, Position, ProgramLocation, RunKind, Spindle, State, Tool,
+};
+use plc_protocol::types::topic::{CsTopic, Topic};
+use plc_protocol::types::{BootId, Timestamp};
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
 use tokio::net::{TcpListener, TcpStream};
 use tokio_util::sync::CancellationToken;
@@ -328,7 +330,7 @@ fn tool(id: u16, radius: f64, length: f64) -> ToolData {
 /// Returns the documents of every version.
 fn documents() -> Vec<(Version, &'static str, String)> {
     use crate::documents::{ErrorKind, Head, Sequences, assets, devices, error, streams};
-    use plc_api::types::data::ToolTable;
+    use plc_protocol::types::data::ToolTable;
 
     let mut all = Vec::new();
     for version in [Version::V1_7, Version::V2_0, Version::V2_3, Version::V2_7] {
@@ -424,8 +426,8 @@ fn every_document_is_valid_by_the_schema_of_its_version() {
     }
 }
 
-async fn agent() -> (plc_api::fake::FakePort, Agent, CancellationToken) {
-    let fake = plc_api::fake::FakePort::new([1]);
+async fn agent() -> (plc_protocol::fake::FakePort, Agent, CancellationToken) {
+    let fake = plc_protocol::fake::FakePort::new([1]);
     let stop = CancellationToken::new();
     let agent = Agent::start(
         Arc::new(fake.clone()),

@@ -2,8 +2,8 @@
 
 use opcua::types::{NodeId, ObjectId, QualifiedName, ReferenceTypeId};
 use plc_api::Execution;
-use plc_api::types::machine::CoordinateSystemInfo;
-use plc_api::types::state::{Position, Reason, RunKind, SpindleDirection, State};
+use plc_protocol::types::machine::CoordinateSystemInfo;
+use plc_protocol::types::state::{Position, Reason, RunKind, SpindleDirection, State};
 
 use crate::instance::Builder;
 use crate::nodesets::CNC;

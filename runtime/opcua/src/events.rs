@@ -12,9 +12,9 @@ use opcua::types::{
     ReferenceTypeId, StatusCode, UAString, Variant,
 };
 use plc_api::Plc;
-use plc_api::types::BootId;
-use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
-use plc_api::types::request::typed::Explain;
+use plc_protocol::types::BootId;
+use plc_protocol::types::machine::{AlarmRecord, AlarmSeverity};
+use plc_protocol::types::request::typed::Explain;
 use tokio::sync::mpsc;
 
 use crate::cnc;

@@ -7,11 +7,11 @@ use std::time::{Duration, Instant};
 use opcua::server::SubscriptionCache;
 use opcua::types::{DateTime, NodeId, StatusCode, Variant};
 use plc_api::Plc;
-use plc_api::hub::Filter;
-use plc_api::types::machine::AlarmRecord;
-use plc_api::types::message::Message;
-use plc_api::types::topic::{CsTopic, Topic};
-use plc_api::types::{BootId, CoordinateSystemNumber};
+use plc_protocol::hub::Filter;
+use plc_protocol::types::machine::AlarmRecord;
+use plc_protocol::types::message::Message;
+use plc_protocol::types::topic::{CsTopic, Topic};
+use plc_protocol::types::{BootId, CoordinateSystemNumber};
 use tokio::sync::mpsc;
 
 use crate::cnc;

@@ -1,8 +1,8 @@
 //! OPC 40501, machine tools: the object of a machine below `Machines`, and its values.
 
 use opcua::types::{LocalizedText, NodeId, QualifiedName, ReferenceTypeId, Variant};
-use plc_api::types::machine::{AlarmSeverity, CoordinateSystemInfo};
-use plc_api::types::state::{Execution, RunKind, State};
+use plc_protocol::types::machine::{AlarmSeverity, CoordinateSystemInfo};
+use plc_protocol::types::state::{Execution, RunKind, State};
 
 use crate::cnc;
 use crate::instance::Builder;

@@ -5,14 +5,16 @@ use std::time::Duration;
 use opcua::server::authenticator::UserToken;
 use opcua::types::{DiagnosticInfo, StatusCode, UAString, Variant};
 use plc_api::Plc;
-use plc_api::types::command::Command;
-use plc_api::types::message::Payload;
-use plc_api::types::output::{HandshakeResult, HandshakeStatus, Redeliver, Redelivery, Reset, ResetResult};
-use plc_api::types::question::OperatorAnswer;
-use plc_api::types::refusal::{Refusal, RefusalCode};
-use plc_api::types::request::{Input, OverrideChange, Request, typed};
-use plc_api::types::topic::{CsTopic, Topic};
-use plc_api::types::{BootId, CoordinateSystemNumber};
+use plc_protocol::types::command::Command;
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::output::{
+    HandshakeResult, HandshakeStatus, Redeliver, Redelivery, Reset, ResetResult,
+};
+use plc_protocol::types::question::OperatorAnswer;
+use plc_protocol::types::refusal::{Refusal, RefusalCode};
+use plc_protocol::types::request::{Input, OverrideChange, Request, typed};
+use plc_protocol::types::topic::{CsTopic, Topic};
+use plc_protocol::types::{BootId, CoordinateSystemNumber};
 use serde_json::{Map, Value, json};
 
 use crate::own::{Does, METHODS, Method, ROOT};
@@ -87,7 +89,11 @@ impl From<Refusal> for Outcome {
             RefusalCode::Unavailable => StatusCode::BadNoCommunication,
             _ => StatusCode::BadInvalidState,
         };
-        Self::new(status, plc_api::execution::wire_name(&refusal.code), refusal.text)
+        Self::new(
+            status,
+            plc_protocol::execution::wire_name(&refusal.code),
+            refusal.text,
+        )
     }
 }
 
@@ -247,7 +253,7 @@ fn handshake(result: HandshakeResult) -> Outcome {
         HandshakeStatus::Refused => StatusCode::BadInvalidArgument,
         _ => StatusCode::BadInvalidState,
     };
-    let code = plc_api::execution::wire_name(&result.status);
+    let code = plc_protocol::execution::wire_name(&result.status);
     Outcome::new(status, code, result.text.unwrap_or_default())
 }
 

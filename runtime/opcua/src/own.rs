@@ -2,9 +2,9 @@
 //! commands.
 
 use opcua::types::{Argument, DataTypeId, LocalizedText, NodeId, ObjectId, UAString};
-use plc_api::execution::wire_name;
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::machine::{AlarmRecord, CoordinateSystemInfo};
+use plc_protocol::execution::wire_name;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::machine::{AlarmRecord, CoordinateSystemInfo};
 
 use crate::instance::Builder;
 use crate::values::Values;

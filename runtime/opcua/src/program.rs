@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use plc_api::types::state::{Execution, RunKind, State};
+use plc_protocol::types::state::{Execution, RunKind, State};
 
 /// States of `ProductionProgramStateMachineType`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

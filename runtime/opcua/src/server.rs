@@ -14,7 +14,7 @@ use opcua::server::{
 };
 use opcua::types::MessageSecurityMode;
 use plc_api::Plc;
-use plc_api::hub::Filter;
+use plc_protocol::hub::Filter;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 

@@ -2,15 +2,15 @@
 
 use std::collections::BTreeMap;
 
-use plc_api::types::machine::{ActiveAlarms, Birth, CoordinateSystemInfo, MotorInfo, Presence};
-use plc_api::types::message::{Message, Payload};
-use plc_api::types::output::Pending;
-use plc_api::types::run::RunState;
-use plc_api::types::state::{
+use plc_protocol::types::machine::{ActiveAlarms, Birth, CoordinateSystemInfo, MotorInfo, Presence};
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::output::Pending;
+use plc_protocol::types::run::RunState;
+use plc_protocol::types::state::{
     Modal, OptionalSkip, Overrides, Position, ProgramLocation, Spindle, State, Tool,
 };
-use plc_api::types::topic::Topic;
-use plc_api::types::{BootId, CoordinateSystemNumber};
+use plc_protocol::types::topic::Topic;
+use plc_protocol::types::{BootId, CoordinateSystemNumber};
 
 /// The state of a machine.
 #[derive(Debug, Clone, Default)]

@@ -169,6 +169,15 @@ class Machine:
         first: dict[str, Any] = outputs[0]
         return first
 
+    def claim_m_code(self, cs: int = 1) -> tuple[str, dict[str, str]]:
+        """Claim the first open M code as the registered handler `clamp`: the path of the M code, and the identity of the claim."""
+        presence = {"online": True, "handles": [{"cs": 1, "m": 20}], "instance": "1", "expires_ms": 60_000}
+        self.ask("PUT", "/handlers/clamp", presence)
+        path = f"/cs/{cs}/m_codes/{self.open_m_code(cs)['seq']}"
+        said = {"boot_id": self.get(f"/cs/{cs}/m_codes")["boot_id"], "handler_id": "clamp", "instance": "1"}
+        self.ask("POST", f"{path}/claim", said)
+        return path, said
+
     def reset_m_code(self, cs: int = 1) -> int:
         """Reset the first open M code by hand."""
         output = self.open_m_code(cs)

@@ -422,9 +422,12 @@ impl PathStage {
 
     fn join_legs(&mut self, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         let mut legs = std::mem::take(&mut self.legs);
-        let joined = legs
-            .drain(..)
-            .try_for_each(|leg| self.join(leg.segment, leg.stop_before, out));
+        let joined = legs.drain(..).try_for_each(|mut leg| {
+            if let SegmentMotion::Feed { feed, .. } = &mut leg.segment.motion {
+                feed.keeps_path = true;
+            }
+            self.join(leg.segment, leg.stop_before, out)
+        });
         self.legs = legs;
         if joined.is_err() {
             self.compensator.clear();
@@ -534,6 +537,7 @@ impl PathStage {
             td_ms,
             ts_ms,
             unit_mm: block.unit.mm(),
+            keeps_path: false,
         })
     }
 

@@ -15,7 +15,8 @@ use std::hint::black_box;
 use divan::Bencher;
 use tandem_model::flow::Path;
 use tandem_model::profile::{
-    ChainPlace, Law, MotorMove, Pace, PacePiece, Profile, RampedMotion, SlewRoom, SpeedGrowth, Stretch,
+    ChainPlace, Law, MotorMove, Pace, PacePiece, PacedMotion, Profile, RampedMotion, SlewRoom, SpeedGrowth,
+    Stretch,
 };
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
@@ -171,7 +172,7 @@ fn paced() -> Profile {
         epoch: 0,
         origin: Origin::default(),
         law: Law::Paced {
-            block: RampedMotion {
+            block: PacedMotion::Ramped(RampedMotion {
                 path: Path::Line { from, to, length },
                 speed: 2.0 * length / DURATION_S,
                 start: ramp,
@@ -179,7 +180,7 @@ fn paced() -> Profile {
                 begun_s: 0.0,
                 next: None,
                 plan_s: DURATION_S,
-            },
+            }),
             pace: Pace::new(pieces, DURATION_S, 1.0, 1),
         },
         duration_s: DURATION_S,

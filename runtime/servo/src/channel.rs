@@ -5,7 +5,7 @@ use std::sync::Arc;
 use rtrb::{Consumer, Producer, RingBuffer};
 use tandem_model::flow::TapLeg;
 use tandem_model::profile::{Law, PathPlace, Profile, TimeBase};
-use tandem_model::settings::CoordinateSystemSettings;
+use tandem_model::settings::{CoordinateSystemSettings, LowOverride};
 use tandem_model::{AxisVector, MachinePosition, Origin};
 
 use crate::brake::Brake;
@@ -43,6 +43,9 @@ pub struct Channel {
     pub(crate) period_s: f64,
     /// Largest change of the time base per second towards the override.
     pub(crate) override_slope: f64,
+    /// Largest change of the time base per second towards the override in a G500 chain. Infinite if only the motors
+    /// limit it.
+    pub(crate) paced_override_slope: f64,
     /// Largest change of the time base per second towards rest.
     pub(crate) hold_slope: f64,
     pub(crate) feed_override: f64,
@@ -146,13 +149,7 @@ pub(crate) fn channel(
     let (splices_in, splices) = RingBuffer::new(SPLICES_MAX);
     let (unread, unread_out) = RingBuffer::new(SPLICES_MAX);
     let at = motors.actual();
-    let readings = Arc::new(Readings::default());
-    readings.write(&Reading {
-        commanded: MachinePosition(at),
-        actual: MachinePosition(at),
-        homed: motors.homed(),
-        ..Reading::default()
-    });
+    let readings = readings_at_rest(&motors);
     let tracer = Tracer::new(settings.axes(), settings.servo_period_s);
     let handle = ChannelHandle {
         profiles: profiles_in,
@@ -173,6 +170,7 @@ pub(crate) fn channel(
         tracer,
         period_s: settings.servo_period_s,
         override_slope: slope(settings.override_slew_ms),
+        paced_override_slope: paced_override_slope(settings),
         hold_slope: slope(settings.hold_slew_ms),
         feed_override: 1.0,
         rapid_override: 1.0,
@@ -203,6 +201,26 @@ pub(crate) fn channel(
         rests: false,
     };
     (channel, handle)
+}
+
+/// Creates the readings of motors at rest.
+fn readings_at_rest(motors: &Motors) -> Arc<Readings> {
+    let readings = Arc::new(Readings::default());
+    readings.write(&Reading {
+        commanded: MachinePosition(motors.actual()),
+        actual: MachinePosition(motors.actual()),
+        homed: motors.homed(),
+        ..Reading::default()
+    });
+    readings
+}
+
+/// Returns the largest change of the override factor per second in a G500 chain.
+fn paced_override_slope(settings: &CoordinateSystemSettings) -> f64 {
+    match settings.motion.low_override {
+        LowOverride::Replan => f64::INFINITY,
+        LowOverride::TimeBase => slope(settings.override_slew_ms),
+    }
 }
 
 impl Channel {

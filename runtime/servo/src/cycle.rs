@@ -342,7 +342,10 @@ impl Channel {
         let (target, slope) = match allowed {
             None => (0.0, way.slope),
             Some(target) if held => (target, self.hold_slope),
-            Some(target) => (target, self.override_slope),
+            Some(target) => match &profile.law {
+                Law::Paced { .. } => (target, self.paced_override_slope),
+                _ => (target, self.override_slope),
+            },
         };
         let slope = match &profile.law {
             // Nothing moves, so no slew is needed: a dwell stops and continues at once.
@@ -359,6 +362,10 @@ impl Channel {
                 slope.min(self.room_to(target))
             }
             Law::Motors { .. } | Law::Skip { .. } => slope.min(self.room_to(target)),
+            // If the motion needs all known profiles to come to rest, it must not slow down later.
+            Law::Ramped { .. } if allowed.is_some() && target.total_cmp(&rate).is_ne() => {
+                slope.min(self.room_on_ramps(target))
+            }
             Law::Ramped { .. } => slope,
         };
         let t_s = self.time.advance(target, slope);

@@ -66,7 +66,7 @@ impl Motors {
                 skip_limits: MotorLimits {
                     velocity: motor.skip_velocity,
                     acceleration: motor.rapid_acceleration,
-                    jerk: None,
+                    jerk: motor.max_jerk,
                 },
             })
         });
@@ -168,13 +168,13 @@ impl Motors {
         faults.min_by_key(|(rank, _)| *rank).map(|(_, fault)| fault)
     }
 
-    /// Returns true if every motor is homed and follows.
+    /// Returns true if every motor is homed and follows its commanded position.
     pub(crate) fn are_operational(&self) -> bool {
         self.trouble.is_none()
     }
 
-    /// Returns the fault that prevents the motors from following: a lost bus first, then the fault of a
-    /// motor.
+    /// Returns the fault that prevents the motors from following their commanded positions: a lost bus first,
+    /// then the fault of a motor.
     pub(crate) fn trouble(&self, bus_lost: Option<u32>) -> Option<Fault> {
         let lost = bus_lost.map(|cycles| Fault::BusLost { cycles });
         lost.or(self.trouble)

@@ -234,7 +234,8 @@ impl FactorFall {
         }
     }
 
-    /// Completes the current part, so that both neighbours of the following part are known.
+    /// Completes the open part of the time. Then both neighbours of the part completed before are known, and the
+    /// square of the factor passes that part.
     fn close(&mut self) {
         let (_, before) = self.open;
         if let Some((duration_s, room)) = self.complete.take() {

@@ -1,7 +1,7 @@
-//! G31 in the servo cycle (M1e, D40): a motor whose skip input switches on brakes without a jerk limit, and
-//! returns to the captured position. Also the room that the motors of G00 and G31 leave for overrides.
+//! G31 in the servo cycle (M1e, D40): a motor whose skip input switches on brakes, and returns to the captured
+//! position. Also the room that the motors of G00 and G31 leave for overrides.
 
-use tandem_model::profile::{Law, MotorLimits, MotorMove, Profile, SlewRoom};
+use tandem_model::profile::{Law, MotorLimits, MotorMove, MotorStop, Profile, SlewRoom};
 use tandem_model::{AXES_MAX, Axis, AxisSet, AxisVector};
 
 /// The motors that have turned back in the running profile.
@@ -16,43 +16,37 @@ pub(crate) struct SkipRun {
 struct SkipReturn {
     at_s: f64,
     from: f64,
-    velocity: f64,
-    braking_s: f64,
+    stop: MotorStop,
     captured: f64,
     back: MotorMove,
 }
 
 impl SkipReturn {
-    fn stop(&self) -> f64 {
-        self.from + self.velocity * self.braking_s / 2.0
+    fn back_s(&self) -> f64 {
+        self.at_s + self.stop.duration_s()
     }
 
     fn end_s(&self) -> f64 {
-        self.at_s + self.braking_s + self.back.duration_s()
+        self.back_s() + self.back.duration_s()
     }
 
-    /// Returns the room as [`MotorMove::room`] does. The deceleration is treated as the second half of a
-    /// move.
+    /// Returns the room as [`MotorMove::room`] does.
     fn room(&self, max_acceleration: f64, from_s: f64, to_s: f64) -> SlewRoom {
-        let brakes = MotorMove {
-            velocity: self.velocity,
-            ramp_s: self.braking_s,
-            ..MotorMove::default()
-        };
-        let back_s = self.at_s + self.braking_s;
-        let braking_s = back_s - 2.0 * self.braking_s;
-        let braking = brakes.room(max_acceleration, from_s - braking_s, to_s - braking_s);
-        braking.worst(self.back.room(max_acceleration, from_s - back_s, to_s - back_s))
+        let back_s = self.back_s();
+        let back = self.back.room(max_acceleration, from_s - back_s, to_s - back_s);
+        if from_s < back_s && to_s > self.at_s {
+            back.worst(self.stop.room(max_acceleration))
+        } else {
+            back
+        }
     }
 
     fn position(&self, t_s: f64) -> f64 {
-        let past_s = t_s - self.at_s;
         if t_s >= self.end_s() {
             self.captured
-        } else if past_s < self.braking_s {
-            self.from + self.velocity * past_s * (1.0 - past_s / (2.0 * self.braking_s))
         } else {
-            self.stop() + self.back.distance(past_s - self.braking_s)
+            let stopping = self.from + self.stop.distance(t_s - self.at_s);
+            stopping + self.back.distance(t_s - self.back_s())
         }
     }
 }
@@ -136,16 +130,17 @@ impl SkipRun {
         let Law::Skip { moves, .. } = &profile.law else {
             return;
         };
-        let velocity = moves[axis.index()].velocity_at(t_s);
-        let mut turned = SkipReturn {
+        let seeking = &moves[axis.index()];
+        let stop = MotorStop::fastest(seeking.velocity_at(t_s), seeking.acceleration_at(t_s), limits);
+        let from = profile.position(t_s)[axis];
+        let rest = from + stop.distance(stop.duration_s());
+        let turned = SkipReturn {
             at_s: t_s,
-            from: profile.position(t_s)[axis],
-            velocity,
-            braking_s: velocity.abs() / limits.acceleration,
+            from,
+            stop,
             captured,
-            back: MotorMove::default(),
+            back: MotorMove::shortest(captured - rest, limits),
         };
-        turned.back = MotorMove::shortest(captured - turned.stop(), limits);
         self.turned[axis.index()] = Some(turned);
     }
 

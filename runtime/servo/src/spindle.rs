@@ -291,8 +291,8 @@ impl SpindleLink {
         Fault::from_drive(self.motor, None, self.state.is_enabled, self.state.fault)
     }
 
-    /// Returns the largest change of a time base per second for a motion that turns the spindle. At this
-    /// change the spindle keeps within its acceleration; `rpm` is its speed at 100 percent.
+    /// Returns the largest change per second of the speed factor (1 at 100 percent) of a motion that turns the
+    /// spindle, at which the spindle keeps within its acceleration. `rpm` is its speed at 100 percent.
     pub(crate) fn steepest_slope(&self, rpm: f64) -> f64 {
         self.acceleration / rpm.abs()
     }

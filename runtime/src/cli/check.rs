@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use anyhow::Context;
 use clap::Args;
-use plc_api::types::CoordinateSystemNumber;
+use plc_protocol::types::CoordinateSystemNumber;
 use tandem_interp::{Check, CheckContext, Dialect, Programs, check, dialects};
 use tandem_model::Diagnostic;
 use tandem_model::limits::M_CODE_MAX;

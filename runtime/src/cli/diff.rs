@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::Args;
-use plc_api::types::CoordinateSystemNumber;
+use plc_protocol::types::CoordinateSystemNumber;
 use serde_json::json;
 use tandem_interp::{Dialect, dialects};
 

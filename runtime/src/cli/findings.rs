@@ -7,7 +7,7 @@ use codespan_reporting::diagnostic::{Diagnostic as Rendered, Label};
 use codespan_reporting::files::SimpleFile;
 use codespan_reporting::term;
 use percent_encoding::{AsciiSet, CONTROLS, utf8_percent_encode};
-use plc_api::types::program::{DiagnosticSeverity, ProgramDiagnostic};
+use plc_protocol::types::program::{DiagnosticSeverity, ProgramDiagnostic};
 use serde_json::{Value, json};
 use tandem_interp::Dialect;
 use tandem_model::{Diagnostic, Severity};

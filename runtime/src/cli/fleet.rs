@@ -5,6 +5,7 @@
 //! broker. All machines run in this process, so the load of a machine is the load of the process divided by
 //! the number of machines.
 
+mod broker;
 mod machine;
 
 use std::time::{Duration, Instant};
@@ -16,6 +17,7 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use tandem_gateway::Usage;
 
 use super::{CommandResult, EXIT_FOUND, EXIT_OK, complain, print_line};
+use broker::await_broker;
 use machine::{FleetCounters, FleetMachine, Order};
 
 /// Maximum number of machines.
@@ -90,6 +92,7 @@ async fn fleet(arguments: &FleetArguments) -> anyhow::Result<u8> {
         interval: Duration::from_mins(1) / arguments.m_codes_per_minute,
         run_s: arguments.seconds,
     };
+    await_broker(order.broker, &order.nodes()?).await?;
     let machines = start(&order, arguments.machines).await?;
     let measured = tokio::select! {
         measured = measure(&machines, &order) => Some(measured?),

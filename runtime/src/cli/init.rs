@@ -79,7 +79,7 @@ const TAKEN: &[&str] = &[
     "std",
     "struct",
     "super",
-    "tandem-runtime",
+    "tandem-testing",
     "target",
     "test",
     "tokio",
@@ -115,7 +115,7 @@ const NEXT: &str = "Next, in this folder: cargo test; then tandem serve --config
 pub struct InitArguments {
     /// Folder to write; it must be new or empty
     dir: PathBuf,
-    /// Checkout of Tandem whose plc-api and runtime the project uses; default: the checkout that contains the current
+    /// Checkout of Tandem whose plc-api and tandem-testing the project uses; default: the checkout that contains the current
     /// folder, otherwise the one in which this command was built, otherwise the published versions
     #[arg(long, value_name = "DIR")]
     checkout: Option<PathBuf>,
@@ -147,7 +147,7 @@ pub(super) fn run(arguments: &InitArguments) -> CommandResult {
             .replace("{{name}}", &name)
             .replace("{{crate}}", &name.replace('-', "_"))
             .replace("{{plc-api}}", &dependency("plc-api"))
-            .replace("{{tandem-runtime}}", &dependency("runtime"));
+            .replace("{{tandem-testing}}", &dependency("runtime/testing"));
         let path = dir.join(place);
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder).with_context(|| cannot(folder))?;
@@ -160,9 +160,9 @@ pub(super) fn run(arguments: &InitArguments) -> CommandResult {
         std::fs::copy(checkout.join("Cargo.lock"), &lock).with_context(|| cannot(&lock))?;
     }
     let crates = match &checkout {
-        Some(checkout) => format!("It uses plc-api and tandem-runtime of {}.", checkout.display()),
+        Some(checkout) => format!("It uses plc-api and tandem-testing of {}.", checkout.display()),
         None => format!(
-            "It uses plc-api and tandem-runtime {} of crates.io. If they are not published, name \
+            "It uses plc-api and tandem-testing {} of crates.io. If they are not published, name \
              a checkout: tandem init DIR --checkout PATH",
             env!("CARGO_PKG_VERSION")
         ),

@@ -6,9 +6,9 @@ use std::time::SystemTime;
 
 use anyhow::Context;
 use clap::{Args, Subcommand};
-use plc_api::types::data::JournalFilter;
+use plc_protocol::types::data::JournalFilter;
 use serde_json::{Map, Value};
-use tandem_runtime::audit::{self, ChainVerification, LineFilter};
+use tandem_runtime::audit::{self, ChainVerification, DiskPath, LineFilter};
 
 use super::{CommandResult, EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, complain, print_line, read_config};
 
@@ -84,15 +84,15 @@ fn noted_hash(text: &str) -> Result<String, String> {
 }
 
 impl JournalFolderArguments {
-    fn journal(&self) -> anyhow::Result<PathBuf> {
+    fn journal(&self) -> anyhow::Result<DiskPath> {
         if let Some(folder) = &self.folder {
-            return Ok(audit::journal_folder(folder));
+            return Ok(audit::journal_folder(&folder.as_path().into()));
         }
         let (_, machine) = read_config(self.config.as_deref())?;
         let folder = machine
             .data_dir
             .context("the machine keeps no journal: it has no data_dir")?;
-        Ok(folder.join("journal"))
+        Ok(DiskPath::from(folder).join("journal"))
     }
 }
 
@@ -100,7 +100,7 @@ pub(super) fn run(arguments: &JournalArguments) -> CommandResult {
     match &arguments.action {
         JournalAction::Verify { place, head } => {
             let folder = place.journal()?;
-            let shown = folder.display().to_string();
+            let shown = folder.as_path().display().to_string();
             let verified = audit::verify(&folder, head.as_deref());
             Ok(report(&shown, &verified.with_context(|| shown.clone())?))
         }
@@ -147,12 +147,8 @@ fn report(shown: &str, verified: &ChainVerification) -> u8 {
         verified.first.as_deref().unwrap_or("never"),
         verified.last.as_deref().unwrap_or("never"),
     );
-    let old = match verified.not_chained {
-        0 => String::new(),
-        old => format!(", and {old} earlier lines that are not chained, from versions without a chain"),
-    };
     print_line(format!(
-        "{shown}: {} lines of the chain{old}, from {first} to {last}.",
+        "{shown}: {} lines of the chain, from {first} to {last}.",
         verified.chained
     ));
     if let Some(head) = verified.head {
@@ -173,7 +169,7 @@ fn report(shown: &str, verified: &ChainVerification) -> u8 {
     EXIT_FOUND
 }
 
-fn show(folder: &std::path::Path, wanted: &JournalFilter, json: bool) -> CommandResult {
+fn show(folder: &DiskPath, wanted: &JournalFilter, json: bool) -> CommandResult {
     let mut filter = LineFilter::new(wanted, SystemTime::now()).map_err(anyhow::Error::msg)?;
     if !json {
         print_line(format!(
@@ -189,7 +185,7 @@ fn show(folder: &std::path::Path, wanted: &JournalFilter, json: bool) -> Command
         }
     };
     let searched = audit::search(folder, &mut filter, &mut show);
-    let left_out = searched.with_context(|| folder.display().to_string())?;
+    let left_out = searched.with_context(|| folder.as_path().display().to_string())?;
     if left_out.damaged > 0 {
         complain(format!(
             "{} damaged lines are left out; tandem journal verify names them",

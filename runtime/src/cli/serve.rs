@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use clap::Args;
 use plc_api::Plc;
-use plc_api::server::ServedPort;
+use plc_protocol::server::ServedPort;
 use tandem_gateway::{Gateway, GatewayError, GatewaySettings, HTTP_LISTEN};
 use tandem_runtime::{Config, ExternalBroker, Runtime, demo_sequence_program, open_demo};
 use tokio::signal::unix::{Signal, SignalKind, signal};

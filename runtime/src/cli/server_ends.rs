@@ -6,11 +6,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use plc_api::TlsFiles;
-use plc_api::wire::hmi::Hmi;
+use plc_protocol::wire::hmi::Hmi;
 use tandem_gateway::{
     GatewayError, GatewaySettings, HmiSettings, MqttSettings, MtconnectSettings, ServerTls, Tokens,
 };
-use tandem_runtime::{Broker, Config, Machine};
+use tandem_runtime::{Broker, Config, Machine, StartError};
 
 use super::read_config;
 
@@ -48,7 +48,7 @@ impl Servable {
                 there.display()
             ));
         }
-        let programs = machine.unreadable_programs();
+        let programs = StartError::of_unreadable_programs(&machine);
         problems.extend(programs.iter().map(ToString::to_string));
         if !problems.is_empty() {
             let place = path.map_or_else(String::new, |path| format!("{}: ", path.display()));

@@ -1,5 +1,6 @@
 //! `tandem simulate`: runs a program in simulated time, as fast as the computer can.
 
+mod exceeded;
 mod losses;
 mod measure;
 mod recorder;
@@ -15,10 +16,10 @@ use clap::Args;
 use futures_util::FutureExt;
 use futures_util::future::try_join_all;
 use parking_lot::Mutex;
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::request::OverrideChange;
-use plc_api::types::state::{Execution, State};
 use plc_api::{CoordinateSystem, Error, Plc};
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::request::OverrideChange;
+use plc_protocol::types::state::{Execution, State};
 use serde_json::{Value, json};
 use tandem_interp::{Dialect, dialects};
 use tandem_model::alarm::{AlarmEntry, SIMULATION_LIMIT, SIMULATION_STALLED};

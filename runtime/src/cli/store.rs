@@ -80,7 +80,7 @@ pub(super) fn run(arguments: &StoreArguments) -> CommandResult {
 
 fn open(machine: &MachineArguments) -> anyhow::Result<DataFolder> {
     let (_, machine) = read_config(machine.config.as_deref())?;
-    Ok(DataFolder::open(machine)?)
+    Ok(DataFolder::open(machine.stored())?)
 }
 
 /// Records the user and the command in the journal. If the journal cannot be written, the repair continues.

@@ -130,7 +130,7 @@ pub(super) fn record_in_journal(config: Option<&Path>, command: &str) {
         return;
     };
     let told = read_config(Some(path))
-        .and_then(|(_, machine)| Ok(DataFolder::record_in(&machine, os_user(), command)?));
+        .and_then(|(_, machine)| Ok(DataFolder::record_in(&machine.stored(), os_user(), command)?));
     match told {
         Ok(true) => {}
         Ok(false) => complain("This command is in no journal: the machine has no journal yet."),

@@ -3,24 +3,24 @@
 
 use std::sync::Arc;
 
-use plc_api::handshake::Now;
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
-use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
-use plc_api::types::message::Payload;
-use plc_api::types::request::Refusal;
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_protocol::handshake::Now;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::command::{CommandMeta, CommandReply, CommandStatus};
+use plc_protocol::types::machine::{AlarmRecord, AlarmSeverity};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::request::Refusal;
+use plc_protocol::types::topic::{CsTopic, Topic};
+use tandem_config::{ConfiguredSystem, MCodeSettings};
 use tandem_model::alarm::AlarmEntry;
 use tandem_model::{Origin, Variables};
+use tandem_store::journal::Event;
+use tandem_store::program_store::StoredProgram;
 
-use super::view::View;
-use crate::config::{ConfiguredSystem, MCodeSettings};
-use crate::journal::Event;
-use crate::program_store::StoredProgram;
+use super::publish::view::View;
 use crate::shared::SharedState;
 
 /// Number, settings and shared state of a coordinate system.
-pub(super) struct Context {
+pub(crate) struct Context {
     pub number: CoordinateSystemNumber,
     pub configured: ConfiguredSystem,
     pub shared: Arc<SharedState>,
@@ -46,6 +46,14 @@ impl Context {
     /// Writes a line to the journal.
     pub fn record(&self, event: Event) {
         self.shared.record(self.number, event);
+    }
+
+    /// Reports an internal event that no state expects: in the journal, and in a debug build also by a panic.
+    pub fn report_inconsistency(&self, text: &str) {
+        self.record(Event::Inconsistency {
+            text: text.to_owned(),
+        });
+        debug_assert!(false, "{text}");
     }
 
     /// Publishes an event, or a state that has changed.

@@ -8,31 +8,31 @@
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use plc_api::types::command::{Command, CommandStatus, Verb};
-use plc_api::types::message::Payload;
-use plc_api::types::output::{CancelReason, Pending};
-use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
-use plc_api::types::state::{Execution, Reason, State};
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_protocol::types::command::{Command, CommandStatus, Verb};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::output::{CancelReason, Pending};
+use plc_protocol::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
+use plc_protocol::types::state::{Execution, Reason, State};
+use plc_protocol::types::topic::{CsTopic, Topic};
 use tandem_model::alarm::{FAULT_LASTS, RUNTIME_FAULT, SERVO_FAILED};
+use tandem_store::journal::{Event, RaisedAlarm, RunEnd};
 
 use super::CoordinateSystem;
+use super::commands::pending_commands::{Awaiting, CommandFailure};
 use super::mailbox::Envelope;
-use super::pending_commands::{Awaiting, CommandFailure};
-use super::publish::PublishedValues;
-use super::replanning::Replanning;
-use super::run_state::EarlyEndCause;
-use crate::journal::{Event, RaisedAlarm, RunEnd};
+use super::publish::published_values::PublishedValues;
+use super::run::causes::EarlyEndCause;
+use super::run::replanning::Replanning;
 
 impl CoordinateSystem {
     /// Stops the motion: on its path, or with `abort` by the shortest path. Uses only the servo link.
-    pub(super) fn brake_at_once(&mut self, abort: bool) {
+    pub(crate) fn brake_at_once(&mut self, abort: bool) {
         self.servo.stop_at_once(abort);
     }
 
     /// Rebuilds the coordinate system in the state after an alarm, so that a reset clears the fault. Commands, inputs,
     /// the control lease and the numbers of outputs are kept; levels that sequence programs set stay valid.
-    pub(super) fn recover(&mut self, why: &str) {
+    pub(crate) fn recover(&mut self, why: &str) {
         let configured = &self.context.configured;
         let at = self.servo.commanded();
         self.pipeline.renew(&configured.settings, configured.dialect, at);
@@ -40,7 +40,7 @@ impl CoordinateSystem {
         let captured = self.published.captured;
         self.published = PublishedValues::default();
         self.published.captured = captured;
-        let origin = Some(self.context.view.executing()).filter(|at| self.run.is_some() && at.line > 0);
+        let origin = Some(self.context.view.executing()).filter(|at| self.state.has_run() && at.line > 0);
         let text = format!(
             "{}: {why}. Motion stopped on its path and outputs were cancelled; other coordinate systems continue. Check the \
              machine, then reset",
@@ -58,14 +58,14 @@ impl CoordinateSystem {
     }
 
     /// Returns true if a reset has cleared the alarm of [`CoordinateSystem::recover`].
-    pub(super) fn has_recovered(&self) -> bool {
+    pub(crate) fn has_recovered(&self) -> bool {
         let shared = &self.context.shared;
         !shared.is_alarm_active(RUNTIME_FAULT.number, self.context.number)
     }
 
     /// Leaves the coordinate system stopped until the runtime is restarted. If a step fails, the next steps are still
     /// executed.
-    pub(super) fn give_up(&mut self, why: &str) {
+    pub(crate) fn give_up(&mut self, why: &str) {
         let text = format!(
             "{}: {why}. Motion stopped and outputs were cancelled; hold, stop and abort still answer. Make the machine safe, \
              then restart the runtime",
@@ -86,7 +86,7 @@ impl CoordinateSystem {
                     program: None,
                     line: None,
                 };
-                if system.run.take().is_some() {
+                if system.state.give_up() {
                     system.context.record(Event::End(end));
                 }
             },
@@ -105,8 +105,8 @@ impl CoordinateSystem {
         }
     }
 
-    fn lasting_alarm(&self, text: String) -> plc_api::types::machine::AlarmRecord {
-        plc_api::types::machine::AlarmRecord {
+    fn lasting_alarm(&self, text: String) -> plc_protocol::types::machine::AlarmRecord {
+        plc_protocol::types::machine::AlarmRecord {
             number: FAULT_LASTS.number,
             text,
             cs: Some(self.context.number),
@@ -137,7 +137,7 @@ impl CoordinateSystem {
 
     /// Answers a request to a coordinate system that stays stopped. Hold, stop and abort brake the motion. Requests
     /// that also go to other coordinate systems are accepted without an effect here, and all others are refused.
-    pub(super) fn answer_given_up(&mut self, envelope: Envelope) {
+    pub(crate) fn answer_given_up(&mut self, envelope: Envelope) {
         let answer = match &envelope.request {
             CoordinateSystemRequest::Command { command, meta, .. } if command.is_urgent() => {
                 self.brake_at_once(command.verb() == Verb::Abort);
@@ -172,7 +172,7 @@ impl CoordinateSystem {
 
     /// If the servo has failed, ends the run and answers every request that waits for the machine to rest. Reason: no
     /// further servo event will arrive.
-    pub(super) fn follow_servo_failure(&mut self) {
+    pub(crate) fn follow_servo_failure(&mut self) {
         let Some(why) = self.context.shared.servo.failure().map(str::to_owned) else {
             return;
         };
@@ -186,7 +186,7 @@ impl CoordinateSystem {
     }
 
     /// Refuses a reset after a failure of the servo.
-    pub(super) fn check_servo(&self) -> Result<(), Refusal> {
+    pub(crate) fn check_servo(&self) -> Result<(), Refusal> {
         if self.context.shared.servo.failure().is_none() {
             return Ok(());
         }
@@ -199,7 +199,7 @@ impl CoordinateSystem {
 
     /// Discards the servo's events, which a stopped coordinate system does not need, and sends delayed controls to the
     /// servo. Returns true if some controls must still wait.
-    pub(super) fn follow_servo_given_up(&mut self) -> bool {
+    pub(crate) fn follow_servo_given_up(&mut self) -> bool {
         while self.servo.next_event().is_some() {}
         self.servo.is_backlogged()
     }

@@ -11,15 +11,15 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use parking_lot::{Mutex, MutexGuard};
-use plc_api::supervisor::{Consequence, FaultReport, panic_text};
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::command::Verb;
-use plc_api::types::not_after::NotAfter;
-use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
+use plc_protocol::supervisor::{Consequence, FaultReport, panic_text};
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::command::Verb;
+use plc_protocol::types::not_after::NotAfter;
+use plc_protocol::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
 use tandem_model::alarm::RUNTIME_FAULT;
 use tokio::sync::{Notify, Semaphore, TryAcquireError, oneshot};
 
-use super::preparation::TurnLimits;
+use super::run::preparation::TurnLimits;
 use super::{CoordinateSystem, View};
 use crate::shared::SharedState;
 
@@ -32,7 +32,7 @@ const REQUESTS_MAX: usize = 256;
 const RETRY_S: f64 = 0.001;
 
 /// Queued request and the channel for its answer.
-pub(super) struct Envelope {
+pub(crate) struct Envelope {
     /// Sequence number, larger than that of every envelope queued before.
     pub order: u64,
     pub request: CoordinateSystemRequest,

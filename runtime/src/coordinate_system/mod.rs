@@ -1,79 +1,60 @@
 //! One CNC coordinate system.
 //!
-//! The coordinate system pulls blocks through the stages, ahead of the motion, into the servo's queue (`preparation`).
-//! It keeps the ledger of outputs and resets (`outputs`), executes commands one after another (`commands`) and
-//! publishes changes (`publish`). The next step of its run follows from one state (`run_state`). The servo answers by
+//! The coordinate system pulls blocks through the stages, ahead of the motion, into the servo's queue
+//! (`run::preparation`). It keeps the ledger of outputs and resets (`outputs`), executes commands one after another
+//! (`commands`) and publishes changes (`publish`). The next step of its run follows from one state (`run::run_state`). The servo answers by
 //! events only; the servo never calls a stage. Only one thread at a time works on a coordinate system: its task's
 //! thread or a caller's thread (`mailbox`).
 
-mod bus;
 mod commands;
-mod conditions;
 mod context;
-mod cut_short;
 mod fault;
-mod holding;
-mod jog;
-mod lease;
-mod line_entry;
-pub(crate) mod line_search;
+mod locks;
 mod mailbox;
 mod manual;
-mod notes;
-mod open_outputs;
 mod outputs;
-mod parts;
-mod pending_commands;
-mod pipeline;
-mod preparation;
-mod programs;
 mod publish;
-mod replanning;
-mod rest;
 mod run;
-mod run_state;
 mod servo_link;
-mod start_conditions;
-mod validation;
-mod view;
-mod watched_clients;
 
 use std::sync::Arc;
 
-use plc_api::handshake::Ledger;
-use plc_api::lock_input::LockInput;
-use plc_api::types::machine::AlarmRaise;
-use plc_api::types::output::CancelReason;
-use plc_api::types::request::{Answer, CoordinateSystemRequest, Input, Refusal, RefusalCode};
-use plc_api::types::state::{Execution, Overrides, Reason, SpindleDirection};
+use plc_protocol::handshake::Ledger;
+use plc_protocol::lock_input::LockInput;
+use plc_protocol::types::machine::AlarmRaise;
+use plc_protocol::types::output::CancelReason;
+use plc_protocol::types::request::{Answer, CoordinateSystemRequest, Input, Refusal, RefusalCode};
+use plc_protocol::types::state::{Execution, Overrides, Reason, SpindleDirection};
 use tandem_model::MachinePosition;
 use tandem_model::flow::Transform;
 use tandem_servo::{ChannelHandle, Control, Event};
 
-use crate::config::ConfiguredSystem;
-use crate::journal::{Event as Happened, RaisedAlarm, RunEnd};
 use crate::shared::SharedState;
-use bus::Bus;
-pub(crate) use conditions::{Conditions, RunStart, state_of};
+use commands::pending_commands::{Awaiting, Commands, DeferredCommand};
 use context::Context;
-use cut_short::CutShort;
-use lease::ControlLease;
+use locks::bus::Bus;
+use locks::lease::ControlLease;
+use locks::watched_clients::WatchedClients;
 use mailbox::Envelope;
 pub(crate) use mailbox::Mailbox;
-use open_outputs::Outputs;
-use pending_commands::{Awaiting, Commands, DeferredCommand};
-pub(crate) use pipeline::{Pipeline, callers};
-use preparation::TurnLimits;
-pub(crate) use preparation::rest_refused;
-use publish::PublishedValues;
-pub(crate) use publish::published_modal;
-use replanning::Replanning;
-use rest::WrittenRest;
-use run::{ActiveRun, ActiveRunKind, PastRuns, Restores};
-use run_state::{EarlyEndCause, RunAction, RunEvent, RunState};
+use manual::cut_short::RunRemainder;
+use outputs::output_ledger::Outputs;
+use publish::published_values::PublishedValues;
+pub(crate) use publish::published_values::published_modal;
+use publish::rest::WrittenRest;
+pub(crate) use publish::view::{Prediction, View};
+use run::active_run::{ActiveRun, PastRuns};
+use run::causes::EarlyEndCause;
+pub(crate) use run::conditions::{Conditions, RunStart, state_of};
+pub(crate) use run::line_search;
+pub(crate) use run::pipeline::{Pipeline, callers};
+use run::preparation::TurnLimits;
+pub(crate) use run::preparation::rest_refused;
+use run::replanning::Replanning;
+use run::run_state::{RunAction, RunEvent, RunState};
 use servo_link::ServoLink;
-pub(crate) use view::{Prediction, View};
-use watched_clients::WatchedClients;
+use tandem_config::ConfiguredSystem;
+use tandem_store::journal::{Event as Happened, RaisedAlarm, RunEnd};
 
 /// Complete state of a coordinate system.
 pub(crate) struct CoordinateSystem {
@@ -81,13 +62,7 @@ pub(crate) struct CoordinateSystem {
     servo: ServoLink,
     pipeline: Pipeline,
     replanning: Replanning,
-    state: RunState,
-    /// The active run; `state` describes it.
-    run: Option<ActiveRun>,
-    /// The last run by hand (MDI, homing, jog), if it was ended early. Set until the machine rests.
-    cut_short: Option<CutShort>,
-    /// State to restore when the machine rests after a macro was ended early.
-    restores: Option<Box<Restores>>,
+    state: RunState<Box<ActiveRun>, RunRemainder>,
     past: PastRuns,
     /// Position at the last rest of the axes.
     rest: WrittenRest,
@@ -167,9 +142,6 @@ impl CoordinateSystem {
             servo: ServoLink::new(handle),
             replanning: Replanning::default(),
             state: RunState::Idle(first_state),
-            run: None,
-            cut_short: None,
-            restores: None,
             past: PastRuns::default(),
             rest: WrittenRest::default(),
             inputs: InputValues {
@@ -200,7 +172,7 @@ impl CoordinateSystem {
         }
         self.follow_servo_failure();
         let now = self.context.now();
-        if let Some(run) = &mut self.run {
+        if let Some(run) = self.state.run_mut() {
             run.at_rest.on_time(now.monotonic_s);
         }
         self.outputs.ledger.expire(now);
@@ -224,11 +196,15 @@ impl CoordinateSystem {
         self.publish_start_conditions();
         self.note_published();
         self.context.shared.publish_variables_simulated();
+        debug_assert!(
+            self.state.has_run() || self.outputs.ledger.is_empty(),
+            "outputs are open without a run"
+        );
         busy
     }
 
     fn next_deadline_s(&self) -> Option<f64> {
-        let goes_on_s = self.run.as_ref().and_then(|run| run.at_rest.until_s());
+        let goes_on_s = self.state.run().and_then(|run| run.at_rest.until_s());
         let retry = self.servo.is_backlogged().then(|| self.context.now_s() + 0.001);
         self.outputs
             .next_deadline_s()
@@ -255,7 +231,7 @@ impl CoordinateSystem {
             } => {
                 self.follow_changes(segment);
                 self.servo.started = Some(base);
-                let in_run = segment.saturating_sub(self.run.as_ref().map_or(0, |run| run.first_segment - 1));
+                let in_run = segment.saturating_sub(self.state.run().map_or(0, |run| run.first_segment - 1));
                 let since_s = self.context.now_s();
                 self.context.view.update(|place| {
                     place.executing = origin;
@@ -295,7 +271,7 @@ impl CoordinateSystem {
             Event::Fault(fault) => {
                 let alarm = fault.alarm();
                 let executing = self.context.view.executing();
-                let origin = (self.run.is_some() && executing.line > 0).then_some(executing);
+                let origin = (self.state.has_run() && executing.line > 0).then_some(executing);
                 self.raise(alarm.entry.number, alarm.text, origin);
             }
         }
@@ -318,20 +294,24 @@ impl CoordinateSystem {
     }
 
     /// Applies an event to the state of the run and performs the resulting actions.
-    fn drive(&mut self, event: RunEvent) {
+    fn drive(&mut self, event: RunEvent<Box<ActiveRun>, RunRemainder>) {
         for action in self.change_state(event) {
-            self.act(action);
+            self.execute_action(action);
         }
         self.look_at_outputs();
     }
 
-    fn change_state(&mut self, event: RunEvent) -> Vec<RunAction> {
+    fn change_state(
+        &mut self,
+        event: RunEvent<Box<ActiveRun>, RunRemainder>,
+    ) -> Vec<RunAction<Box<ActiveRun>, RunRemainder>> {
         let (state, actions) = std::mem::take(&mut self.state).on(event);
         self.state = state;
+        self.state.assert_invariants();
         actions
     }
 
-    fn act(&mut self, action: RunAction) {
+    fn execute_action(&mut self, action: RunAction<Box<ActiveRun>, RunRemainder>) {
         match action {
             RunAction::HoldServo { in_phase: true } => self.servo.control(Control::HoldInPhase),
             RunAction::HoldServo { in_phase: false } => self.servo.control(Control::Hold),
@@ -339,34 +319,42 @@ impl CoordinateSystem {
             RunAction::GoForward => self.go_forward(),
             RunAction::GoOn => self.resume_held_work(),
             RunAction::BeginBlock => {
-                if let Some(run) = &mut self.run {
+                if let Some(run) = self.state.run_mut() {
                     run.steps.in_block = false;
                 }
             }
-            RunAction::End { why, epoch } => self.on_run_end(why, epoch),
-            RunAction::Ended(why) => self.on_rest_after_end(why),
+            RunAction::End { why, epoch, run } => self.on_run_end(why, epoch, run),
+            RunAction::Ended { why, remainder } => self.on_rest_after_end(why, remainder),
+            RunAction::Complete { run, outcome } => self.on_run_completed(*run, outcome),
+            RunAction::ReportUnexpected { text, run } => {
+                if let Some(run) = run {
+                    self.context.shared.store.end_run(self.context.number, &run.id);
+                }
+                self.context.report_inconsistency(&text);
+            }
         }
     }
 
     /// Ends the run, if a run is active. Returns true if the machine already rests.
     fn end_run(&mut self, why: EarlyEndCause) -> bool {
         let epoch = self.servo.epoch() + 1;
-        self.drive(RunEvent::End { why, epoch });
+        let remainder = self.remainder_of_run(why);
+        self.drive(RunEvent::End {
+            why,
+            epoch,
+            remainder,
+        });
         self.state.is_idle()
     }
 
     /// Stops the servo and cancels the open outputs at once. The state of the run changes when the machine rests.
-    fn on_run_end(&mut self, why: EarlyEndCause, epoch: u32) {
+    fn on_run_end(&mut self, why: EarlyEndCause, epoch: u32, run: Option<Box<ActiveRun>>) {
         self.outputs.cancel_all(self.context.now(), why.cancel_reason());
         self.servo.stop(epoch, why.is_abort());
         // An early end of any run but a jog also ends the modal state from which the next MDI would continue.
-        self.past.manual_goes_on &= self
-            .run
-            .as_ref()
-            .is_some_and(|run| matches!(run.kind, ActiveRunKind::Jog(_)));
+        self.past.manual_goes_on &= run.as_ref().is_some_and(|run| run.is_jog());
         self.context.view.update(|place| place.run = None);
-        if let Some(mut run) = self.run.take() {
-            self.restores = run.restores.take();
+        if let Some(run) = run {
             let (outcome, reason) = why.at_rest();
             let executing = self.context.view.executing();
             let has_run = executing.line > 0 && executing.program != 0;
@@ -378,7 +366,6 @@ impl CoordinateSystem {
             };
             self.context.record(Happened::End(end));
             self.past.jogs.remember(&run.kind, self.context.now_s());
-            self.cut_short = CutShort::new(&run, why, &self.past.alarm);
             (self.context.shared.store).end_run(self.context.number, &run.id);
         }
         self.end_parts_by(why);
@@ -393,25 +380,24 @@ impl CoordinateSystem {
     }
 
     /// Completes the end of a run when the machine rests.
-    fn on_rest_after_end(&mut self, why: EarlyEndCause) {
-        let restores = self.restores.take();
+    fn on_rest_after_end(&mut self, why: EarlyEndCause, remainder: RunRemainder) {
         if matches!(why, EarlyEndCause::Reset { .. }) {
             self.pipeline.interpreter.reset();
             self.context
                 .view
                 .update(|place| place.transform = Transform::default());
             self.publish_modal(self.pipeline.interpreter.modal());
-        } else if let Some(restores) = restores {
+        } else if let Some(restores) = remainder.restores {
             self.restore_after_macro(*restores);
         }
         self.publish_carried();
-        self.answer_cut_short();
+        self.answer_cut_short(remainder.cut_short);
         self.complete(&Awaiting::is_end);
     }
 
     /// Raises an alarm, which ends the run of this coordinate system and cancels its outputs.
     fn raise(&mut self, number: u16, text: String, origin: Option<tandem_model::Origin>) {
-        let record = plc_api::types::machine::AlarmRecord {
+        let record = plc_protocol::types::machine::AlarmRecord {
             number,
             text,
             cs: Some(self.context.number),
@@ -535,7 +521,7 @@ impl CoordinateSystem {
                     self.inputs.optional_skip &= !bit;
                     self.inputs.optional_skip |= bit * u32::from(on);
                 }
-                if self.run.is_none() {
+                if !self.state.has_run() {
                     self.inputs.take_over_skip(1);
                 }
             }
@@ -561,7 +547,7 @@ impl CoordinateSystem {
         Ok(())
     }
 
-    fn set_overrides(&mut self, change: plc_api::types::request::OverrideChange) -> Result<(), Refusal> {
+    fn set_overrides(&mut self, change: plc_protocol::types::request::OverrideChange) -> Result<(), Refusal> {
         let overrides = &self.inputs.overrides;
         let new = Overrides {
             feed: change.feed.unwrap_or(overrides.feed),

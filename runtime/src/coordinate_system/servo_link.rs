@@ -6,11 +6,11 @@ use tandem_model::MachinePosition;
 use tandem_model::profile::{PathPlace, Profile, TimeBase};
 use tandem_servo::{ChannelHandle, Control, Event, ProfileProducer, Splice, profile_queue};
 
-use super::pipeline::Pipeline;
+use super::run::pipeline::Pipeline;
 
 /// Handle of the servo channel, and controls that wait because the servo's queue is full.
 #[derive(Debug)]
-pub(super) struct ServoLink {
+pub(crate) struct ServoLink {
     handle: ChannelHandle,
     backlog: VecDeque<Control>,
     /// Profile queues of the new plans that the servo has neither accepted nor refused yet.

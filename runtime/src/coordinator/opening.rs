@@ -1,43 +1,43 @@
 //! Opens the resources that a machine needs before it starts: its data folder, its program store and its hardware.
 
 use std::io;
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use plc_api::types::io::IoDeclarations;
-use plc_api::types::state::{Execution, Reason};
-use plc_api::types::stored_data::StoredDataPart;
-use plc_api::types::{BootId, Timestamp};
+use plc_protocol::types::io::IoDeclarations;
+use plc_protocol::types::state::{Execution, Reason};
+use plc_protocol::types::stored_data::StoredDataPart;
+use plc_protocol::types::{BootId, Timestamp};
+use tandem_config::{Machine, ProgramSource};
 use tandem_model::alarm::{JOURNAL_DAMAGED, NOT_READ, STORE_DAMAGED};
 use tandem_servo::{Hardware, HardwareFactory};
-
-use super::StartError;
-use crate::clock::time_of_day;
-use crate::config::{Machine, ProgramSource};
-use crate::coordinate_system::Mailbox;
-use crate::data_watch::{DataWatch, list, warn_changed, warn_once, warn_standing};
-use crate::disk::fs;
-use crate::disk::{DataFolderPart, Health, Lock, make_folder, tighten, write_whole};
-use crate::journal::Event;
-use crate::persistence::journal_file::JournalThread;
-use crate::persistence::journal_folder::{JOURNAL_FOLDER, Newest, newest};
-use crate::persistence::positions::{KeptPositions, POSITION, rest_positions};
-use crate::persistence::{
-    Image, InspectedStore, LastRuns, RestoredState, STARTED_FILE, STORE_FILE, Source, StateWriterThread,
-    Store, StoreCondition, forget_outputs, page_name, pages, replay_last_runs, restore, restore_outputs,
+use tandem_store::disk::{DataFolderPart, Disk, DiskPath, Health, Lock, make_folder, tighten, write_whole};
+use tandem_store::environment::Environment;
+use tandem_store::journal::Event;
+use tandem_store::persistence::journal_file::JournalThread;
+use tandem_store::persistence::journal_folder::{JOURNAL_FOLDER, Newest, newest};
+use tandem_store::persistence::positions::{KeptPositions, rest_positions};
+use tandem_store::persistence::{
+    Image, InspectedStore, LastRuns, RestoredState, STARTED_FILE, STORE_FILE, Store, StoreCondition,
+    forget_outputs, replay_last_runs, restore, restore_outputs,
 };
-use crate::program_store::signing::read_program_signature;
-use crate::program_store::{
+use tandem_store::program_store::signing::read_program_signature;
+use tandem_store::program_store::{
     Edit, EditKind, HeldBack, ProgramFindings, ProgramStore, StoredProgram, check_readable, read_text,
 };
+use tandem_store::stored_data::OpenQuestion;
+use tandem_store::stored_data::inspection::Inspection;
+use tandem_store::tables::Tables;
+
+use super::StartError;
+use crate::coordinate_system::Mailbox;
+use crate::data_watch::{DataWatch, list, warn_changed, warn_once, warn_standing};
 use crate::shared::SharedState;
-use crate::stored_data::OpenQuestion;
-use crate::stored_data::inspection::Inspection;
-use crate::tables::{Tables, value_key};
+use crate::state_writer::{Source, StateWriterThread};
 
 /// Contents of the opened data folder.
 pub(super) struct Data {
-    folder: PathBuf,
+    environment: Environment,
+    folder: DiskPath,
     /// `None` if the store cannot be opened.
     store: Option<Store>,
     image: Image,
@@ -63,19 +63,24 @@ pub(super) struct Keepers {
 
 impl Data {
     /// Opens the data folder and creates it if it is missing. Locks the folder, so that no other runtime can open it.
-    pub fn open(machine: &Machine, boot_id: BootId) -> Result<Option<Self>, StartError> {
-        let Some(folder) = &machine.data_dir else {
+    pub fn open(
+        environment: &Environment,
+        machine: &Machine,
+        boot_id: BootId,
+    ) -> Result<Option<Self>, StartError> {
+        let Some(folder) = machine.data_dir.as_ref() else {
             return Ok(None);
         };
+        let folder = &environment.disk.at(folder);
         let locked = make_folder(folder).and_then(|()| Lock::acquire(folder));
         let lock = locked.map_err(|error| refused(folder, error))?;
         let mut inspection = Inspection::new(folder, &machine.name);
         if inspection.inspected.is_all_lost || inspection.holds_back(StoredDataPart::Store) {
-            inspection.inspected.lose(everything(machine));
+            inspection.inspected.lose(machine.stored().value_names());
         }
         let health = Arc::new(Health::default());
         let journal = folder.join(JOURNAL_FOLDER);
-        let since = Timestamp::from_system_time(time_of_day());
+        let since = Timestamp::from_system_time(environment.clock.time_of_day());
         let question = inspection.ask(folder, since, newest(&journal, 0, 1).time());
         let held = HeldBack {
             generations: Arc::clone(&inspection.generations),
@@ -91,15 +96,17 @@ impl Data {
                 (None, None)
             }
         };
-        let mut notes = notes(folder, &inspected, aside.as_deref());
+        let mut notes = notes(folder, &inspected, aside.as_ref());
         if inspection.lacks_folders {
             notes.push("programs/folders.json: the file is missing; programs are in no folder".to_owned());
         }
         let image = inspected.image;
         let generations = Arc::clone(&held.generations);
-        let (journal, newest) = JournalThread::start(&journal, boot_id, generations, Arc::clone(&health))
+        let of_journal = Arc::clone(&health);
+        let (journal, newest) = JournalThread::start(&journal, boot_id, generations, of_journal, environment)
             .map_err(StartError::Thread)?;
         Ok(Some(Self {
+            environment: environment.clone(),
             folder: folder.clone(),
             store,
             image,
@@ -189,9 +196,11 @@ impl Data {
             runs: Arc::clone(&shared.runs),
             generations: self.held.generations,
         };
-        let state = StateWriterThread::start(folder.clone(), self.store, self.image, source);
+        let threads = &self.environment.threads;
+        let state = StateWriterThread::start(folder.clone(), self.store, self.image, source, threads);
+        let watch = DataWatch::start(&folder, Arc::clone(shared), threads);
         Ok(Keepers {
-            _watch: DataWatch::start(&folder, Arc::clone(shared)).map_err(StartError::Thread)?,
+            _watch: watch.map_err(StartError::Thread)?,
             state: state.map_err(StartError::Thread)?,
             _journal: self.journal,
             _lock: self.lock,
@@ -199,29 +208,8 @@ impl Data {
     }
 }
 
-/// Returns the names of all values that the store of this machine may contain.
-pub(crate) fn everything(machine: &Machine) -> Vec<String> {
-    let tables = Tables::new(machine);
-    let mut names: Vec<String> = (0..pages(&tables.global()))
-        .map(|place| page_name(0, place))
-        .collect();
-    for cs in tables.coordinate_systems() {
-        let array = tables.variables(cs).coordinate_system;
-        names.extend((0..pages(&array)).map(|place| page_name(cs, place)));
-        names.extend(["tool", "last_run", POSITION].map(|what| value_key(what, cs)));
-    }
-    names.extend(tables.kept(&tables.read().clone()).into_keys());
-    let outputs = machine.io.points().map(|(point, _)| point);
-    names.extend(
-        outputs
-            .filter(|point| machine.io.keeps_last(point))
-            .map(|point| point.to_string()),
-    );
-    names
-}
-
 /// Returns the notes for the operator about a damaged or unverified store.
-fn notes(folder: &Path, inspected: &InspectedStore, aside: Option<&Path>) -> Vec<String> {
+fn notes(folder: &DiskPath, inspected: &InspectedStore, aside: Option<&DiskPath>) -> Vec<String> {
     let path = folder.join(STORE_FILE);
     let mut notes = Vec::new();
     match &inspected.condition {
@@ -235,10 +223,6 @@ fn notes(folder: &Path, inspected: &InspectedStore, aside: Option<&Path>) -> Vec
             };
             notes.push(format!("{}: {how}; {lost}{aside}", path.display()));
         }
-        StoreCondition::WithoutSums => notes.push(format!(
-            "{}: written by a version without checksums, so its values cannot be verified; inspect them once",
-            path.display()
-        )),
         StoreCondition::New | StoreCondition::Whole => {}
     }
     if let Some(fault) = &inspected.sums_fault {
@@ -250,7 +234,7 @@ fn notes(folder: &Path, inspected: &InspectedStore, aside: Option<&Path>) -> Vec
     notes
 }
 
-fn refused(path: &Path, error: io::Error) -> StartError {
+fn refused(path: &DiskPath, error: io::Error) -> StartError {
     StartError::DataDir {
         path: path.display().to_string(),
         error,
@@ -281,17 +265,17 @@ pub(super) fn new_boot_id() -> BootId {
     BootId(format!("{random:016x}"))
 }
 
-impl Machine {
-    /// Returns the programs of the configuration that cannot be put into the store, each with the reason.
-    pub fn unreadable_programs(&self) -> Vec<StartError> {
-        let systems = self.coordinate_systems.iter();
+impl StartError {
+    /// Returns an error for each program of the configuration that cannot be put into the store.
+    pub fn of_unreadable_programs(machine: &Machine) -> Vec<Self> {
+        let systems = machine.coordinate_systems.iter();
         let programs = systems.flat_map(|system| &system.programs);
         let unreadable = programs.filter_map(|(number, source)| {
             let ProgramSource::File(path) = source else {
                 return None;
             };
             let error = check_readable(path).err()?;
-            Some(StartError::Program {
+            Some(Self::Program {
                 number: *number,
                 path: path.display().to_string(),
                 error,
@@ -312,18 +296,23 @@ pub(super) struct Programs {
 impl Programs {
     /// Opens the program store and puts the programs of the configuration into it. If the folder cannot be written, the
     /// start continues and `health` shows the reason.
-    pub fn open(machine: &Machine, health: &Health, held: &HeldBack) -> Result<Self, StartError> {
+    pub fn open(
+        disk: &Disk,
+        machine: &Machine,
+        health: &Health,
+        held: &HeldBack,
+    ) -> Result<Self, StartError> {
         let mut store = machine.new_store();
         let (mut findings, mut reason) = (ProgramFindings::default(), Reason::NoProgram);
         if let Some(folder) = &machine.data_dir {
-            let programs = folder.join("programs");
-            let is_lost = !fs::exists(&programs).unwrap_or(true);
+            let folder = disk.at(folder);
+            let (programs, started) = (folder.join("programs"), folder.join(STARTED_FILE));
+            let is_lost = !programs.exists().unwrap_or(true);
             let (found, opened) = store.open_folder(&programs, held);
             health.record_attempt(DataFolderPart::Programs, &opened);
             findings = found;
-            findings.lost =
-                (is_lost && fs::exists(folder.join(STARTED_FILE)).unwrap_or(false)).then_some(programs);
-            reason = mark_started(&folder.join(STARTED_FILE));
+            findings.lost = (is_lost && started.exists().unwrap_or(false)).then_some(programs);
+            reason = mark_started(&started);
         }
         for system in &machine.coordinate_systems {
             for (number, source) in &system.programs {
@@ -348,36 +337,34 @@ impl Programs {
     }
 }
 
-impl ProgramFindings {
-    /// Reports the findings to the operator, by warnings and in the journal.
-    pub(super) fn report(self, shared: &SharedState) {
-        if let Some(text) = list(&self.not_read) {
-            warn_standing(shared, &NOT_READ, &text);
-        }
-        if let Some(folder) = &self.lost {
-            let text = format!(
-                "{}: the folder was missing, and its programs are lost",
-                folder.display()
-            );
-            warn_standing(shared, &STORE_DAMAGED, &text);
-        }
-        for edit in self.edits {
-            shared.record(0, Event::Program(edit));
-        }
-        for text in self.changed {
-            warn_changed(shared, &text);
-        }
-        if self.without_sum > 0 {
-            let text = format!(
-                "{} programs had no checksum yet; their present texts are accepted",
-                self.without_sum
-            );
-            warn_once(shared, &STORE_DAMAGED, &text);
-        }
-        if let Some(fault) = &self.folders_fault {
-            let text = format!("programs/folders.json: {fault}; programs are in no folder");
-            warn_standing(shared, &STORE_DAMAGED, &text);
-        }
+/// Reports the findings in the program folder to the operator, by warnings and in the journal.
+pub(super) fn report_programs(findings: ProgramFindings, shared: &SharedState) {
+    if let Some(text) = list(&findings.not_read) {
+        warn_standing(shared, &NOT_READ, &text);
+    }
+    if let Some(folder) = &findings.lost {
+        let text = format!(
+            "{}: the folder was missing, and its programs are lost",
+            folder.display()
+        );
+        warn_standing(shared, &STORE_DAMAGED, &text);
+    }
+    for edit in findings.edits {
+        shared.record(0, Event::Program(edit));
+    }
+    for text in findings.changed {
+        warn_changed(shared, &text);
+    }
+    if findings.without_sum > 0 {
+        let text = format!(
+            "{} programs had no checksum yet; their present texts are accepted",
+            findings.without_sum
+        );
+        warn_once(shared, &STORE_DAMAGED, &text);
+    }
+    if let Some(fault) = &findings.folders_fault {
+        let text = format!("programs/folders.json: {fault}; programs are in no folder");
+        warn_standing(shared, &STORE_DAMAGED, &text);
     }
 }
 
@@ -423,8 +410,8 @@ fn put_program(
 }
 
 /// Writes a file into the data folder that marks it as used. Returns `RESTARTED` if the file already existed.
-fn mark_started(mark: &Path) -> Reason {
-    if fs::exists(mark).unwrap_or(false) {
+fn mark_started(mark: &DiskPath) -> Reason {
+    if mark.exists().unwrap_or(false) {
         tighten(mark);
         return Reason::Restarted;
     }

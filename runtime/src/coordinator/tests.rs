@@ -8,12 +8,12 @@ use std::sync::mpsc::sync_channel;
 use std::time::SystemTime;
 
 use parking_lot::Mutex;
-use plc_api::types::state::{Execution, State};
+use plc_protocol::types::state::{Execution, State};
+use tandem_store::journal::{JournalWriter, Line, WriteAhead};
 
 use super::*;
 use crate::coordinate_system::View;
-use crate::journal::{JournalWriter, Line, WriteAhead};
-use crate::test::Bench;
+use crate::simulation::tests::play;
 
 /// Journal sink that reads the published line number of a coordinate system before each of its lines is published.
 #[derive(Debug, Default)]
@@ -48,13 +48,12 @@ fn the_line_of_an_output_does_not_count_as_published_before_the_output_is() {
         last: Arc::<AtomicU64>::default(),
         ahead: Some(Arc::<ViewProbe>::clone(&look)),
     });
-    let machine = Config::demo().resolve().unwrap();
-    let bench = Bench::on_machine(machine).subprogram(50, "M03\nM05\nM03\nM30\n");
     let of_run = Arc::clone(&look);
-    let published = bench.journal(journal).play(async move |scene, runtime| {
+    let programs = [(50, "M03\nM05\nM03\nM30\n")];
+    let published = play(journal, &programs, async move |runtime, plc| {
         let view = Arc::clone(&runtime.port.mailboxes[0].view);
         of_run.view.set(Arc::clone(&view)).unwrap();
-        let cs = scene.cs(1);
+        let cs = plc.coordinate_system(1);
         cs.load(50).await.unwrap();
         cs.start().await.unwrap();
         let is_completed = |state: &State| state.execution == Execution::ProgramCompleted;
@@ -65,5 +64,5 @@ fn the_line_of_an_output_does_not_count_as_published_before_the_output_is() {
     // lines of the start, three outputs and the end
     assert_eq!(seen.len(), 5, "{seen:?}");
     assert!(seen.iter().all(|(line, published)| published < line), "{seen:?}");
-    assert!(published.unwrap() > seen[3].0, "{seen:?}");
+    assert!(published > seen[3].0, "{seen:?}");
 }

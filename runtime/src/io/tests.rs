@@ -3,21 +3,20 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use plc_api::port::Port;
-use plc_api::server::{Origin, ServerTransport};
-use plc_api::types::io::{IoForced, IoSet};
-use plc_api::types::lock::LockSet;
-use plc_api::types::output::{Claim, HandledCode, HandlerPresence, Redelivery};
-use plc_api::types::request::{Input, RefusalCode, Request, typed};
-use plc_api::types::state::{Reason, State};
-use plc_api::wire::right::Right;
 use plc_api::{Execution, Plc};
+use plc_protocol::port::Port;
+use plc_protocol::server::{Origin, ServerTransport};
+use plc_protocol::types::io::{IoForced, IoSet};
+use plc_protocol::types::lock::LockSet;
+use plc_protocol::types::output::{Claim, HandledCode, HandlerPresence, Redelivery};
+use plc_protocol::types::request::{Input, RefusalCode, Request, typed};
+use plc_protocol::types::state::{Reason, State};
+use plc_protocol::wire::right::Right;
 use tandem_model::alarm::M_CODE_UNHANDLED;
+use tandem_runtime::{Config, Machine, Runtime};
+use tandem_testing::{Bench, Scene, kept_journal};
 
 use super::*;
-use crate::config::Machine;
-use crate::test::{Bench, Scene, kept_journal};
-use crate::{Config, Runtime};
 
 /// Machine with an interlock source `door`, a start lock source `gas`, one input and three outputs.
 const PLANT: &str = "[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 100\nmax_acceleration = 1000\n\

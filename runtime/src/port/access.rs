@@ -1,9 +1,9 @@
 //! Journal lines about logins and refused requests. Their number is limited, because any client can cause such lines.
 
 use parking_lot::Mutex;
-use plc_api::server::{AccessKind, AccessNote};
+use plc_protocol::server::{AccessKind, AccessNote};
+use tandem_store::journal::Event;
 
-use crate::journal::Event;
 use crate::shared::SharedState;
 
 /// Number of refusals recorded at once, and time in s for each further refusal. Reason: 1500 lines per day are 0.4 MB

@@ -1,12 +1,12 @@
 //! Audit lines: a journal line for each request of a user that changes something.
 
-use plc_api::server::{Origin, ServerTransport};
-use plc_api::types::request::Request;
-use plc_api::wire::mqtt::sender;
-use plc_api::wire::rest;
-use plc_api::wire::right::Right;
+use plc_protocol::server::{Origin, ServerTransport};
+use plc_protocol::types::request::Request;
+use plc_protocol::wire::mqtt::sender;
+use plc_protocol::wire::rest;
+use plc_protocol::wire::right::Right;
+use tandem_store::journal::Event;
 
-use crate::journal::Event;
 use crate::shared::SharedState;
 
 /// Maximum number of characters of a request's content in its audit line; the rest is omitted.

@@ -2,18 +2,18 @@
 
 use std::time::Duration;
 
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
-use plc_api::types::ids::check_command;
-use plc_api::types::lease::LeaseRequest;
-use plc_api::types::message::Payload;
-use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
-use plc_api::types::run::RunOrder;
-use plc_api::types::topic::Topic;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
+use plc_protocol::types::ids::check_command;
+use plc_protocol::types::lease::LeaseRequest;
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
+use plc_protocol::types::run::RunOrder;
+use plc_protocol::types::topic::Topic;
+use tandem_store::order_key::OrderKey;
 
 use super::RuntimePort;
 use crate::command_memory::{CommandContent, CommandLookup, memory_is_full};
-use crate::order_key::OrderKey;
 
 impl RuntimePort {
     pub(super) async fn command(

@@ -1,24 +1,24 @@
 //! Requests for variables, tools and work offsets.
 
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
-use plc_api::types::data::{JOURNAL_LINES_MAX, JournalFilter, VariableArea, VariableValues};
-use plc_api::types::ids::check_command;
-use plc_api::types::io::{IoPoint, IoSet, IoValue};
-use plc_api::types::message::Payload;
-use plc_api::types::not_after::NotAfter;
-use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
-use plc_api::types::topic::Topic;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::command::{CommandMeta, CommandReply, CommandStatus};
+use plc_protocol::types::data::{JOURNAL_LINES_MAX, JournalFilter, VariableArea, VariableValues};
+use plc_protocol::types::ids::check_command;
+use plc_protocol::types::io::{IoPoint, IoSet, IoValue};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::not_after::NotAfter;
+use plc_protocol::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
+use plc_protocol::types::topic::Topic;
+use tandem_store::journal::LineFilter;
+use tandem_store::persistence::journal_folder::{JOURNAL_FOLDER, newest};
+use tandem_store::persistence::journal_query::newest_of;
+use tandem_store::tables::{KeptValues, Tables, Values, keep};
 
 use super::RuntimePort;
 use super::sender::Sender;
 use crate::command_memory::CommandContent;
-use crate::journal::LineFilter;
-use crate::persistence::StateWriter;
-use crate::persistence::journal_folder::{JOURNAL_FOLDER, newest};
-use crate::persistence::journal_query::newest_of;
 use crate::shared::SharedState;
-use crate::tables::{KeptValues, Tables, Values, keep};
+use crate::state_writer::StateWriter;
 
 impl RuntimePort {
     pub(super) fn last_run(&self, cs: CoordinateSystemNumber) -> Result<Answer, Refusal> {
@@ -43,7 +43,7 @@ impl RuntimePort {
             let text = "without data_dir the journal goes to the log only; set [machine] data_dir";
             return Err(Refusal::new(RefusalCode::NotFound, text));
         };
-        let folder = folder.join(JOURNAL_FOLDER);
+        let folder = self.shared.disk.at(folder).join(JOURNAL_FOLDER);
         let (from, count) = (from as usize, count as usize);
         if filter == JournalFilter::default() {
             let read = move |_: &SharedState| Ok(newest(&folder, from, count).lines);

@@ -1,9 +1,9 @@
 //! Handlers that come online, replace another instance, or go offline.
 
-use plc_api::handler_registry::{PresenceEffect, Reach};
-use plc_api::types::handler::{Departure, HandlerResult};
-use plc_api::types::output::HandlerPresence;
-use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal};
+use plc_protocol::handler_registry::{PresenceEffect, Reach};
+use plc_protocol::types::handler::{Departure, HandlerResult};
+use plc_protocol::types::output::HandlerPresence;
+use plc_protocol::types::request::{Answer, CoordinateSystemRequest, Refusal};
 
 use super::RuntimePort;
 

@@ -3,26 +3,26 @@
 use std::sync::Arc;
 use std::thread::Builder;
 
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::planned::ManualText;
-use plc_api::types::program::{ProgramFolder, ProgramText};
-use plc_api::types::request::{Answer, Refusal, RefusalCode};
-use plc_api::types::upload::{ProgramCondition, ProgramUpload};
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::planned::ManualText;
+use plc_protocol::types::program::{ProgramFolder, ProgramText};
+use plc_protocol::types::request::{Answer, Refusal, RefusalCode};
+use plc_protocol::types::upload::{ProgramCondition, ProgramUpload};
+use tandem_config::ConfiguredSystem;
 use tandem_interp::meaning::Role;
 use tandem_model::limits::{M_CODE_MAX, MDI_BYTES_MAX, PROGRAM_BYTES_MAX};
+use tandem_store::disk::DataFolderPart;
+use tandem_store::journal::Event;
+use tandem_store::program_store::{ChangeResult, Edit, EditKind, StoredProgram, called_by, signing};
+use tandem_store::threads::lower_priority;
 use tokio::sync::{Semaphore, oneshot};
 
 use super::RuntimePort;
-use crate::config::ConfiguredSystem;
-use crate::disk::DataFolderPart;
-use crate::journal::Event;
-use crate::program_store::{ChangeResult, Edit, EditKind, StoredProgram, called_by, signing};
 use crate::shared::SharedState;
-use crate::threads::lower_priority;
 
 // Stages and interface do not depend on each other, so each states the limit; this compares the values.
-const _: () = assert!(PROGRAM_BYTES_MAX == plc_api::types::program::PROGRAM_BYTES_MAX);
-const _: () = assert!(M_CODE_MAX == plc_api::handlers::M_CODE_MAX);
+const _: () = assert!(PROGRAM_BYTES_MAX == plc_protocol::types::program::PROGRAM_BYTES_MAX);
+const _: () = assert!(M_CODE_MAX == plc_protocol::types::m_code::M_CODE_MAX);
 
 impl RuntimePort {
     pub(super) fn stored(&self, number: u16) -> Result<Arc<StoredProgram>, Refusal> {

@@ -1,8 +1,8 @@
 //! The sender of a request, as far as the execution depends on it.
 
-use plc_api::server::{Origin, ServerTransport};
-use plc_api::types::not_after::NotAfter;
-use plc_api::types::request::{MachineRequest, Refusal};
+use plc_protocol::server::{Origin, ServerTransport};
+use plc_protocol::types::not_after::NotAfter;
+use plc_protocol::types::request::{MachineRequest, Refusal};
 
 use super::RuntimePort;
 

@@ -2,16 +2,16 @@
 
 use std::io;
 
-use plc_api::types::request::{Answer, Refusal, RefusalCode};
-use plc_api::types::stored_data::{StoredDataDecision, StoredDataFault};
+use plc_protocol::types::request::{Answer, Refusal, RefusalCode};
+use plc_protocol::types::stored_data::{StoredDataDecision, StoredDataFault};
+use tandem_store::journal::Event;
+use tandem_store::persistence::{Image, restore};
+use tandem_store::stored_data::OpenQuestion;
+use tandem_store::stored_data::inspection::held_values;
+use tandem_store::tables::Tables;
 
 use super::RuntimePort;
-use crate::journal::Event;
-use crate::persistence::{Image, restore};
 use crate::shared::SharedState;
-use crate::stored_data::OpenQuestion;
-use crate::stored_data::inspection::held_values;
-use crate::tables::Tables;
 
 impl RuntimePort {
     /// Executes the decision. The accepted data are on disk and in effect before the question is closed.
@@ -65,7 +65,7 @@ impl RuntimePort {
     }
 
     async fn take_held_values(&self, image: &Image) -> Result<(), Refusal> {
-        let held = Tables::new(&self.shared.machine);
+        let held = Tables::new(self.shared.machine.table_settings());
         let restored = restore(&held, image);
         let unknown = self.shared.tables.unknown_spindles();
         let values = held.read().clone();

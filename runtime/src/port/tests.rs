@@ -1,19 +1,19 @@
 //! Tests of the port on the demo machine in simulated time.
 
-use plc_api::types::Timestamp;
-use plc_api::types::command::{CommandReply, CommandStatus, Expect, Verb};
-use plc_api::types::output::HandledCode;
-use plc_api::types::output::HandlerPresence;
-use plc_api::types::question::ValidateResult;
-use plc_api::types::request::{Input, typed};
-use plc_api::types::state::{LockSet, ProgramLocation};
+use plc_protocol::types::Timestamp;
+use plc_protocol::types::command::{CommandReply, CommandStatus, Expect, Verb};
+use plc_protocol::types::output::HandledCode;
+use plc_protocol::types::output::HandlerPresence;
+use plc_protocol::types::question::ValidateResult;
+use plc_protocol::types::request::{Input, typed};
+use plc_protocol::types::state::{LockSet, ProgramLocation};
 
 use super::*;
 mod memory;
 mod not_after;
 
-use crate::Config;
-use crate::test::Bench;
+use tandem_runtime::Config;
+use tandem_testing::Bench;
 
 fn start(command_id: &str) -> typed::Command {
     let meta = CommandMeta {

@@ -1,7 +1,7 @@
 //! Encodes a planned path as bytes; `docs/src/reference/planned-path.md` describes the format.
 
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::planned::{PATH_HEADER_BYTES, PathIdentity, PathQuery};
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::planned::{PATH_HEADER_BYTES, PathIdentity, PathQuery};
 
 use super::chunk::{Chunk, LEVELS, PROGRAMS_MAX, TOLERANCES_MM, Vertex, single};
 use super::plan::{Plan, PlanContent};

@@ -13,7 +13,7 @@ const LEVEL_FACTOR: f64 = 4.0;
 
 /// Maximum distance in mm between the path and the lines of each level, finest level first.
 pub(super) const TOLERANCES_MM: [f64; LEVELS] = {
-    let finest = plc_api::types::planned::PATH_TOLERANCE_MM;
+    let finest = plc_protocol::types::planned::PATH_TOLERANCE_MM;
     let second = finest * LEVEL_FACTOR;
     let third = second * LEVEL_FACTOR;
     [finest, second, third, third * LEVEL_FACTOR]

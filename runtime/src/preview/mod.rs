@@ -26,21 +26,21 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use parking_lot::{Condvar, Mutex};
-use plc_api::supervisor::Consequence;
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::line_start::{LineStart, LineState};
-use plc_api::types::message::Payload;
-use plc_api::types::planned::{PathIdentity, PathQuery, PlannedPath, Rehearsal, RehearsedRun};
-use plc_api::types::request::{Refusal, RefusalCode};
-use plc_api::types::run::TimeLeft;
-use plc_api::types::state::{Execution, Overrides, Reason, State};
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_protocol::supervisor::Consequence;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::line_start::{LineStart, LineState};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::planned::{PathIdentity, PathQuery, PlannedPath, Rehearsal, RehearsedRun};
+use plc_protocol::types::request::{Refusal, RefusalCode};
+use plc_protocol::types::run::TimeLeft;
+use plc_protocol::types::state::{Execution, Overrides, Reason, State};
+use plc_protocol::types::topic::{CsTopic, Topic};
+use tandem_config::ConfiguredSystem;
 use tandem_model::Axis;
+use tandem_store::program_store::StoredProgram;
 use tokio::sync::watch;
 
-use crate::config::ConfiguredSystem;
 use crate::coordinate_system::{Conditions, RunStart, View, line_search, state_of};
-use crate::program_store::StoredProgram;
 use crate::shared::SharedState;
 use plan::{Plan, PlanContent, RunMoment};
 use slots::{PlanUse, Slots};
@@ -123,7 +123,7 @@ impl Previews {
     pub fn start_thread(&mut self) {
         let inner = Arc::clone(&self.inner);
         let work = move || {
-            crate::threads::lower_priority();
+            tandem_store::threads::lower_priority();
             while let Err(panicked) = catch_unwind(AssertUnwindSafe(|| inner.work())) {
                 let supervisor = &inner.shared.supervisor;
                 supervisor.report_panic(THREAD, Consequence::Restarted, panicked.as_ref());
@@ -350,7 +350,8 @@ impl Inner {
             at: Axis::ORTHOGONAL.map(|axis| chunk::single(at[axis])),
         };
         let overrides = overrides_of(&self.shared, cs);
-        Some(rehearsed::run(&content, &moment, &overrides))
+        let low_override = found.plan.conditions.configured.settings.motion.low_override;
+        Some(rehearsed::run(&content, &moment, &overrides, low_override))
     }
 
     /// Returns true if the end of the wait is unknown: at M00 and M01, or if an M code waits for a person or

@@ -6,18 +6,18 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use parking_lot::Mutex;
-use plc_api::types::planned::{
+use plc_protocol::types::planned::{
     PathIdentity, PlanIdentity, PlannedLocation, RehearsalOutcome, RehearsedMCode, RunTimeDependence,
 };
 
 use tandem_model::variables::VariableArray;
 use tandem_model::{Origin, Variables};
+use tandem_store::disk::checksum_hex;
 
 use crate::coordinate_system::Conditions;
-use crate::disk::checksum_hex;
 
 use super::chunk::{Chunk, distance_squared, share_along};
-use super::tracer::{AxisTrace, PlanMark, Times};
+use super::tracer::{AxisTrace, PlanMark, PlannedPeak, Times};
 
 /// Selects one of the arrays of variables.
 type ArrayOf = fn(&Variables) -> &VariableArray;
@@ -67,6 +67,7 @@ pub(super) struct PlanContent {
     pub m_codes: Vec<RehearsedMCode>,
     pub m_code_count: u64,
     pub axes: Vec<AxisTrace>,
+    pub corners: Vec<PlannedPeak>,
     pub marks: Vec<PlanMark>,
     /// True if the path has more vertices than are stored.
     pub is_cut: bool,

@@ -2,24 +2,24 @@
 
 use std::sync::Arc;
 
-use plc_api::types::data::VariableKind;
-use plc_api::types::line_start::LineStart;
-use plc_api::types::output::Timing;
-use plc_api::types::planned::{PlannedLocation, RehearsalOutcome, RehearsedMCode, RunTimeDependence};
-use plc_api::types::request::Refusal;
-use plc_api::types::state::SpindleDirection;
+use plc_protocol::types::data::VariableKind;
+use plc_protocol::types::line_start::LineStart;
+use plc_protocol::types::output::Timing;
+use plc_protocol::types::planned::{PlannedLocation, RehearsalOutcome, RehearsedMCode, RunTimeDependence};
+use plc_protocol::types::request::Refusal;
+use plc_protocol::types::state::SpindleDirection;
+use tandem_config::{ConfiguredSystem, MCodeSettings, Stock, UnhandledReaction};
 use tandem_interp::Inputs;
 use tandem_model::flow::{Item, Output};
 use tandem_model::profile::Law;
 use tandem_model::settings::Tool;
 use tandem_model::{Alarm, AxisVector, MachinePosition, Origin};
+use tandem_store::program_store::mentions_variables;
 
 use super::plan::{Plan, PlanContent};
 use super::spindle::PlannedSpindle;
 use super::tracer::Tracer;
-use crate::config::{ConfiguredSystem, MCodeSettings, Stock, UnhandledReaction};
 use crate::coordinate_system::{Pipeline, line_search, rest_refused};
-use crate::program_store::mentions_variables;
 use crate::sequence::stock;
 use crate::shared::SharedState;
 
@@ -349,6 +349,7 @@ impl Planning<'_> {
         self.content.palette.clone_from(&self.tracer.palette.0);
         self.content.times = self.tracer.times();
         self.content.axes = self.tracer.axes().copied().collect();
+        self.content.corners = self.tracer.corners();
         self.content.marks.clone_from(&self.tracer.marks);
         self.content.is_cut = self.tracer.is_cut();
         self.plan.publish(self.content.clone());

@@ -4,16 +4,16 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::planned::RehearsalOutcome;
-use plc_api::types::start::{StartObstacle, StartObstacleKind};
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::planned::RehearsalOutcome;
+use plc_protocol::types::start::{StartObstacle, StartObstacleKind};
+use tandem_store::program_store::StoredProgram;
 
 use super::in_progress::PlanInProgress;
 use super::plan::Plan;
 use super::slots::{PlanOrder, PlanUse, Slots};
 use super::{Inner, PlannedSystem, THREAD, is_running, planning};
 use crate::coordinate_system::{Conditions, Prediction, state_of};
-use crate::program_store::StoredProgram;
 
 /// Interval at which the thread checks for changes.
 const LOOK_INTERVAL: Duration = Duration::from_millis(200);

@@ -1,10 +1,10 @@
 //! Converts a plan to a rehearsal, the form in which clients receive it.
 
-use plc_api::types::planned::{
-    PathIdentity, Rehearsal, RehearsedAxis, RehearsedLine, RehearsedPeak, RehearsedRun,
+use plc_protocol::types::planned::{
+    PathIdentity, Rehearsal, RehearsedAxis, RehearsedCorner, RehearsedLine, RehearsedPeak, RehearsedRun,
 };
-use plc_api::types::state::Overrides;
-use tandem_model::settings::MotorSettings;
+use plc_protocol::types::state::Overrides;
+use tandem_model::settings::{LowOverride, MotorSettings};
 
 use super::plan::{Plan, PlanContent, RunMoment};
 use super::tracer::{AxisTrace, PlanMark, PlannedPeak, Times};
@@ -25,6 +25,7 @@ pub(super) fn rehearsal(plan: &Plan, content: &PlanContent, identity: PathIdenti
         rapid,
         fixed,
         wait,
+        ..
     } = content.times;
     let step = content.marks.len().div_ceil(LINES_MAX).max(1);
     Rehearsal {
@@ -46,8 +47,17 @@ pub(super) fn rehearsal(plan: &Plan, content: &PlanContent, identity: PathIdenti
         m_codes: content.m_codes.clone(),
         m_code_count: content.m_code_count,
         axes: content.axes.iter().filter_map(axis).collect(),
+        corners: content.corners.iter().map(corner_of).collect(),
         lines: content.marks.iter().step_by(step).map(line_of).collect(),
         run: None,
+    }
+}
+
+fn corner_of(corner: &PlannedPeak) -> RehearsedCorner {
+    RehearsedCorner {
+        distance_mm: corner.value,
+        program: corner.origin.program,
+        line: corner.origin.line,
     }
 }
 
@@ -80,7 +90,12 @@ fn axis_of(trace: &AxisTrace, motor: &MotorSettings) -> RehearsedAxis {
 const NOTHING_S: f64 = 1e-6;
 
 /// Returns the progress of a run at its current position.
-pub(super) fn run(content: &PlanContent, now: &RunMoment, overrides: &Overrides) -> RehearsedRun {
+pub(super) fn run(
+    content: &PlanContent,
+    now: &RunMoment,
+    overrides: &Overrides,
+    low_override: LowOverride,
+) -> RehearsedRun {
     let (at, end) = (content.time_of(now), content.times);
     let left = |from: f64, to: f64| (to - from).max(0.0);
     // At an override of 0 the machine rests, so the end time is unknown.
@@ -89,7 +104,13 @@ pub(super) fn run(content: &PlanContent, now: &RunMoment, overrides: &Overrides)
         _ if percent > 0.0 => Some(planned_s * 100.0 / percent),
         _ => None,
     };
-    let left_s = at_rate(left(at.feed, end.feed), overrides.feed)
+    let is_replanned = low_override == LowOverride::Replan || overrides.feed > 100.0;
+    let feed_s = match left(at.feed, end.feed) {
+        0.0..NOTHING_S => Some(0.0),
+        _ if overrides.feed > 0.0 => Some(at.feed_to(&end, overrides.feed / 100.0, is_replanned)),
+        _ => None,
+    };
+    let left_s = feed_s
         .zip(at_rate(left(at.rapid, end.rapid), overrides.rapid))
         .map(|(feed_s, rapid_s)| feed_s + rapid_s + left(at.fixed, end.fixed) + left(at.wait, end.wait));
     RehearsedRun {

@@ -3,9 +3,10 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use tandem_store::program_store::StoredProgram;
+
 use super::plan::Plan;
 use crate::coordinate_system::{Conditions, RunStart};
-use crate::program_store::StoredProgram;
 
 /// The plans of a coordinate system, one for each use.
 #[derive(Debug, Default)]
@@ -183,8 +184,9 @@ impl Slots {
 
 #[cfg(test)]
 mod tests {
+    use tandem_config::Config;
+
     use super::*;
-    use crate::config::Config;
 
     #[test]
     fn an_order_is_given_once_until_its_planning_begins() {

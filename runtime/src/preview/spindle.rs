@@ -1,7 +1,7 @@
 //! Calculates the time for which a rehearsal waits for the spindle, if the stock sequence program turns it.
 //! The override is 100 percent.
 
-use plc_api::types::state::SpindleDirection;
+use plc_protocol::types::state::SpindleDirection;
 use tandem_model::settings::MotorSettings;
 
 /// A planned spindle, which changes its speed with the full acceleration of its motor.

@@ -19,8 +19,17 @@ const END_TOLERANCE: f64 = 1e-6;
 /// constant.
 const LONG_S: f64 = 60.0;
 
-/// Number of steps in which a long profile is followed.
+/// Number of steps into which the middle part of a long profile is divided.
 const STEPS_OF_LONG: f64 = 50_000.0;
+
+/// Share of F from which the motion has the programmed speed.
+const AT_F: f64 = 0.999;
+
+/// Maximum number of corners of which the distance of the path is kept.
+const CORNERS_MAX: usize = 100;
+
+/// Distance of the path from a corner below which the corner is not kept, mm.
+const CORNER_MIN_MM: f64 = 0.001;
 
 /// Maximum number of marks. At this number, every second mark is dropped.
 const MARKS_MAX: usize = 8192;
@@ -33,9 +42,36 @@ pub(super) struct Times {
     pub rapid: f64,
     pub fixed: f64,
     pub wait: f64,
+    /// Parts of `feed` in which look-ahead is slower than F, by the share of F: [`SHARES`] equal ranges.
+    pub slower: [f64; SHARES],
 }
 
+/// Number of ranges of the share of F.
+pub(super) const SHARES: usize = 16;
+
 impl Times {
+    /// Returns the time at feedrate from these times to later ones at a feed override above 0, s. `is_replanned` is true
+    /// if the override multiplies F and keeps the limits of the motors; motion that is slower than F because of
+    /// these limits then takes longer only where its speed is above that of the override.
+    pub fn feed_to(&self, end: &Self, factor: f64, is_replanned: bool) -> f64 {
+        let feed = (end.feed - self.feed).max(0.0);
+        if !is_replanned {
+            return feed / factor;
+        }
+        let slower = || {
+            self.slower
+                .iter()
+                .zip(&end.slower)
+                .map(|(from, to)| (to - from).max(0.0))
+        };
+        let at_f = (feed - slower().sum::<f64>()).max(0.0);
+        let scaled = slower().enumerate().map(|(range, time_s)| {
+            let share = (range as f64 + 0.5) / SHARES as f64;
+            time_s * (share / factor).max(1.0)
+        });
+        at_f / factor + scaled.sum::<f64>()
+    }
+
     /// Interpolates between the times of two marks; `share` is from 0 to 1.
     pub fn between(&self, other: &Self, share: f64) -> Self {
         let part = |a: f64, b: f64| a + (b - a) * share;
@@ -45,6 +81,7 @@ impl Times {
             rapid: part(self.rapid, other.rapid),
             fixed: part(self.fixed, other.fixed),
             wait: part(self.wait, other.wait),
+            slower: std::array::from_fn(|range| part(self.slower[range], other.slower[range])),
         }
     }
 }
@@ -163,6 +200,8 @@ pub(super) struct Tracer {
     /// Completed chunks that the planning has not collected yet.
     pub chunks: Vec<Chunk>,
     vertex_count: usize,
+    /// The corners from which the path is farthest, in any order.
+    corners: Vec<PlannedPeak>,
     pub marks: Vec<PlanMark>,
     /// Number of blocks between two marks.
     stride: u32,
@@ -197,6 +236,7 @@ impl Tracer {
             vertices: Vec::new(),
             chunks: Vec::new(),
             vertex_count: 0,
+            corners: Vec::new(),
             marks: Vec::new(),
             stride: 1,
             unmarked: 0,
@@ -218,6 +258,32 @@ impl Tracer {
     /// Returns the recorded values of each axis.
     pub fn axes(&self) -> impl Iterator<Item = &AxisTrace> {
         self.axes.iter().map(|followed| &followed.trace)
+    }
+
+    /// Returns the corners from which the path is farthest, the largest distance first.
+    pub fn corners(&self) -> Vec<PlannedPeak> {
+        let mut corners = self.corners.clone();
+        corners.sort_by(|one, other| other.value.total_cmp(&one.value));
+        corners
+    }
+
+    /// Keeps the corner at the end of a profile if it is one of those from which the path is farthest.
+    fn see_corner(&mut self, profile: &Profile) {
+        let nearest =
+            (self.corners.iter().enumerate()).min_by(|one, other| one.1.value.total_cmp(&other.1.value));
+        let full = nearest.filter(|_| self.corners.len() >= CORNERS_MAX);
+        let above = full.map_or(CORNER_MIN_MM, |(_, corner)| corner.value);
+        let Some(value) = profile.corner_distance(above) else {
+            return;
+        };
+        let corner = PlannedPeak {
+            value,
+            origin: profile.origin,
+        };
+        match full.map(|(index, _)| index) {
+            Some(index) => self.corners[index] = corner,
+            None => self.corners.push(corner),
+        }
     }
 
     /// Begins the block to which this segment belongs, unless the block has already begun.
@@ -270,6 +336,7 @@ impl Tracer {
     /// Follows a profile to its end and records its setpoints.
     pub fn follow(&mut self, profile: &Profile) {
         self.begin_block(profile.origin, profile.segment);
+        self.see_corner(profile);
         let base = profile.law.time_base();
         if self.base != base {
             self.cut();
@@ -289,6 +356,7 @@ impl Tracer {
                 break;
             }
             self.setpoint(profile.position(t_s), 1.0);
+            self.see_rate(profile, t_s);
             let is_middle = end_s > LONG_S && t_s > LONG_S / 10.0 && end_s - t_s > LONG_S / 10.0;
             if is_middle && stride > 1.0 {
                 k += stride - 1.0;
@@ -302,6 +370,25 @@ impl Tracer {
             self.phase_s = None;
         } else {
             self.phase_s = Some(first_s);
+        }
+    }
+
+    /// Adds a period to the time in which look-ahead is slower than F.
+    fn see_rate(&mut self, profile: &Profile, t_s: f64) {
+        let Law::Paced { pace, .. } = &profile.law else {
+            return;
+        };
+        let to_s = (t_s + self.period_s).min(profile.duration_s);
+        let rate = (pace.plan_time(to_s) - pace.plan_time(t_s)) / (to_s - t_s);
+        if rate < AT_F {
+            let range = (rate * SHARES as f64).max(0.0);
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "it is a small number of at least 0"
+            )]
+            let range = (range as usize).min(SHARES - 1);
+            self.times.slower[range] += self.period_s;
         }
     }
 
@@ -418,4 +505,29 @@ impl Tracer {
 /// Returns the X, Y and Z positions of the picture, mm.
 fn picture_position(at: AxisVector) -> [f64; 3] {
     Axis::ORTHOGONAL.map(|axis| at[axis])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn m1d6_an_override_lengthens_only_motion_that_it_makes_slower() {
+        // 4 s at F, 2 s near a quarter of F, 1 s near three quarters
+        let mut end = Times {
+            feed: 7.0,
+            ..Times::default()
+        };
+        end.slower[SHARES / 4] = 2.0;
+        end.slower[SHARES * 3 / 4] = 1.0;
+        let start = Times::default();
+        let middle = 0.5 / SHARES as f64;
+        // At 50 percent: 8 s, 2 s, and 1 s in the proportion of the speeds
+        let half = 8.0 + 2.0 + (0.75 + middle) / 0.5;
+        assert!((start.feed_to(&end, 0.5, true) - half).abs() < 1e-9);
+        assert!((start.feed_to(&end, 0.5, false) - 14.0).abs() < 1e-9);
+        // At 200 percent only the motion at F is faster.
+        assert!((start.feed_to(&end, 2.0, true) - 5.0).abs() < 1e-9);
+        assert!((end.feed_to(&end, 0.5, true)).abs() < 1e-9);
+    }
 }

@@ -5,11 +5,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use parking_lot::Mutex;
-use plc_api::hub::Filter;
-use plc_api::types::message::Payload;
-use plc_api::types::state::{Execution, Reason};
-use plc_api::types::topic::Topic;
 use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
+use plc_protocol::hub::Filter;
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::state::{Execution, Reason};
+use plc_protocol::types::topic::Topic;
 use tokio::sync::oneshot;
 
 /// Number of pockets of the simulated magazine. The first pocket has the number 1.

@@ -1,10 +1,10 @@
 //! The stock sequence program: the runtime's action for an M code for which no handler is registered. This module only
 //! determines the action; the coordinate system executes it and resets the output.
 
-use plc_api::types::output::OutputNotice;
-use plc_api::types::state::SpindleDirection;
+use plc_protocol::types::output::OutputNotice;
+use plc_protocol::types::state::SpindleDirection;
 
-use crate::config::{MCodeSettings, Stock};
+use tandem_config::{MCodeSettings, Stock};
 
 /// Action of the stock sequence program. The reset of the output follows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,7 +68,7 @@ pub fn selected_tool(m: u16, va: Option<f64>) -> Result<u16, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use plc_api::types::output::{Params, Timing};
+    use plc_protocol::types::output::{Params, Timing};
 
     fn output(m: u16, a: Option<f64>) -> OutputNotice {
         OutputNotice {

@@ -2,14 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use plc_api::execution::wire_name;
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus, MemoryKey};
-use plc_api::types::heartbeat::Heartbeat;
-use plc_api::types::message::Payload;
-use plc_api::types::not_after::NotAfter;
-use plc_api::types::request::{Refusal, RefusalCode};
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_protocol::execution::wire_name;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::command::{CommandMeta, CommandReply, CommandStatus, MemoryKey};
+use plc_protocol::types::heartbeat::Heartbeat;
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::not_after::NotAfter;
+use plc_protocol::types::request::{Refusal, RefusalCode};
+use plc_protocol::types::topic::{CsTopic, Topic};
 
 use super::SharedState;
 use crate::command_memory::{CommandContent, CommandLookup};

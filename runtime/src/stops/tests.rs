@@ -2,16 +2,14 @@
 
 use std::time::Duration;
 
-use plc_api::lock_input::LockRules;
-use plc_api::server::ServerNotice;
-use plc_api::types::lock::OnLoss;
 use plc_api::{Alarm, CoordinateSystem, Execution, SequenceProgram};
+use plc_protocol::lock_input::LockRules;
+use plc_protocol::server::ServerNotice;
+use plc_protocol::types::lock::OnLoss;
+use tandem_runtime::{Config, Machine, Runtime};
+use tandem_testing::{Bench, Scene};
 
 use super::*;
-use crate::Config;
-use crate::config::Machine;
-use crate::coordinator::Runtime;
-use crate::test::{Bench, Scene};
 
 /// Maximum delay in s of the published state after the motion, including a servo cycle.
 const STATE_S: f64 = 0.01;

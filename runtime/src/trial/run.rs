@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use plc_api::types::output::Timing;
+use plc_protocol::types::output::Timing;
+use tandem_config::Stock;
 use tandem_interp::{Inputs, Interpreter, NO_TOOLS};
 use tandem_model::alarm::{
     AlarmEntry, COMPENSATION_ARC_SMALL, COMPENSATION_CORNER, COMPENSATION_LEAD_SHORT,
@@ -13,11 +14,11 @@ use tandem_model::lost::LOST;
 use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
 use tandem_model::variables::{GLOBAL_VARIABLES, VariableArray, Variables};
 use tandem_model::{AXES_MAX, Alarm, Axis, AxisVector, MachinePosition, Origin};
+use tandem_motion::{ChainCheck, ExceededLimit};
 use tandem_path::PathStage;
 use tandem_syntax::diagnostics::{self, DiagnosticEntry};
 
 use super::{LISTED_MAX, Trial, Warning, is_same};
-use crate::config::Stock;
 use crate::coordinate_system::rest_refused;
 use crate::sequence::stock::selected_tool;
 
@@ -75,6 +76,8 @@ pub(super) struct TrialRun<'a> {
     interpreter: Interpreter,
     path: PathStage,
     segments: Vec<Segment>,
+    /// Check of the blended chains, on a machine.
+    chains: Option<ChainCheck>,
     variables: Variables,
     work_offsets: WorkOffsets,
     tool: Tool,
@@ -115,6 +118,11 @@ impl<'a> TrialRun<'a> {
             interpreter,
             path,
             segments: Vec::new(),
+            // With other skips the same chains would be reported again.
+            chains: trial
+                .machine
+                .filter(|_| assumed.optional_skip == FIRST.optional_skip)
+                .map(|_| ChainCheck::new(settings, settings.motion.corner_warning_mm)),
             variables,
             work_offsets: trial
                 .machine
@@ -155,24 +163,27 @@ impl<'a> TrialRun<'a> {
                     let from = self.path.position();
                     self.process_block(block)?;
                     self.is_moving |= !self.segments.is_empty() || self.path.position() != from;
-                    self.segments.clear();
+                    self.check_chains(warnings);
                     self.end_skip(from);
                 }
                 Item::Output(output) => {
                     if self.timing(&output) == Timing::AfterMotion {
-                        self.rest(&item);
+                        self.rest(&item, warnings);
                     }
                     self.look_at_motion(&output, warnings);
                     self.select_tool(&output, warnings);
                 }
-                Item::Stop(_) => self.rest(&item),
-                Item::NeedsStandstill(_) => self.flush(),
+                Item::Stop(_) => self.rest(&item, warnings),
+                Item::NeedsStandstill(_) => self.flush(warnings),
                 Item::Warning(origin, text) => {
                     add_warning(warnings, &diagnostics::WARNS_IN_RUN, origin, text);
                 }
                 Item::End(_) => {
-                    self.rest(&item);
-                    return self.finish();
+                    self.rest(&item, warnings);
+                    let finished = self.finish();
+                    self.check_chains(warnings);
+                    self.warn_of_limits(warnings);
+                    return finished;
                 }
             }
         }
@@ -239,19 +250,61 @@ impl<'a> TrialRun<'a> {
     }
 
     /// Brings the program to rest; within cutter compensation, records an alarm instead.
-    fn rest(&mut self, item: &Item) {
+    fn rest(&mut self, item: &Item, warnings: &mut Vec<Warning>) {
         let is_compensating =
             self.path.is_compensating() || self.interpreter.modal().compensation != Compensation::Off;
         match rest_refused(item) {
             Some(alarm) if is_compensating && !self.is_uncompensated => self.record_alarm(alarm),
-            _ => self.flush(),
+            _ => self.flush(warnings),
         }
     }
 
-    fn flush(&mut self) {
+    fn flush(&mut self, warnings: &mut Vec<Warning>) {
         self.path.flush(&mut self.segments);
-        self.segments.clear();
+        self.check_chains(warnings);
         self.is_moving = false;
+    }
+
+    /// Passes the segments to the check of the chains, and warns of corners that the path misses.
+    fn check_chains(&mut self, warnings: &mut Vec<Warning>) {
+        let segments = self.segments.drain(..);
+        let Some(chains) = &mut self.chains else { return };
+        for segment in segments {
+            // The motion stage rejects such a segment with an alarm of its own when the program runs.
+            if chains.push(&segment).is_err() {
+                chains.finish();
+            }
+        }
+        for corner in chains.take_corners() {
+            let text = format!("the path misses this corner by {:.4} mm", corner.distance_mm);
+            add_warning(warnings, &diagnostics::CORNER_MISSED, corner.origin, text);
+        }
+    }
+
+    /// Warns of the limits that the chains exceed.
+    fn warn_of_limits(&self, warnings: &mut Vec<Warning>) {
+        let exceeded = self.chains.iter().flat_map(ChainCheck::exceeded);
+        for ExceededLimit {
+            axis,
+            limit,
+            factor,
+            origin,
+        } in exceeded
+        {
+            let motors = self.trial.machine.map(|(_, system)| &system.settings.motors);
+            let number = motors
+                .and_then(|motors| motors[axis.index()].as_ref())
+                .map_or(0, |motor| motor.number);
+            let text = if factor.is_finite() {
+                format!(
+                    "motor {number} ({}) reaches {factor:.2} times its {limit}",
+                    axis.letter()
+                )
+            } else {
+                format!("motor {number} ({}) exceeds its {limit}: ts is 0", axis.letter())
+            };
+            add_warning(warnings, &diagnostics::LIMIT_EXCEEDED, origin, text);
+        }
     }
 
     /// Ends a G31 immediately, after the assumed share of its distance.

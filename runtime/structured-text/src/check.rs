@@ -79,7 +79,7 @@ struct TypeInfo {
     progress: Progress,
     of: Option<Type>,
     fields: Vec<Field>,
-    /// Values at the start, of a structure.
+    /// Initial values of the fields of a structure.
     initial: Vec<Value>,
 }
 

@@ -7,7 +7,8 @@
 //!
 //! ```
 //! use std::time::Duration;
-//! use plc_api::{Params, fake::FakePort, handshake::OutputOutcome};
+//! use plc_api::{Params, fake::FakePort};
+//! use plc_api::fake::OutputOutcome;
 //! use tandem_structured_text::Program;
 //!
 //! # #[tokio::main(flavor = "current_thread")] async fn main() {

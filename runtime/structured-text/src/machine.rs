@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use plc_api::Alarm;
 use plc_api::scan::Image;
-use plc_api::types::CoordinateSystemNumber;
+use plc_protocol::types::CoordinateSystemNumber;
 
 use crate::types::Elementary;
 use crate::value::Value;
@@ -72,7 +72,7 @@ impl Levels {
         }
         for ((kind, cs, source), (is_on, texts)) in locks {
             let mut text = texts.join("; ");
-            if let Some((end, _)) = text.char_indices().nth(plc_api::types::lock::LOCK_TEXT_MAX) {
+            if let Some((end, _)) = text.char_indices().nth(plc_protocol::types::lock::LOCK_TEXT_MAX) {
                 text.truncate(end);
             }
             match (kind, source) {

@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use plc_api::handlers::MCodes;
 use plc_api::scan::{Image, Reads, ScanProgram};
-use plc_api::types::CoordinateSystemNumber;
 use plc_api::{Alarm, SequenceProgram};
+use plc_protocol::types::CoordinateSystemNumber;
 use tandem_model::{Diagnostic, Span};
 
 use crate::check::check;
@@ -87,23 +87,6 @@ impl Program {
             (1, Some(cs)) => program.in_coordinate_system(cs, |system| system.scan(codes, period, self)),
             _ => program.scan(codes, period, self),
         }
-    }
-
-    /// Returns the value of a variable of the program as text; `None` if no variable of this name has a
-    /// single value.
-    #[cfg(test)]
-    pub(crate) fn shown(&self, name: &str) -> Option<String> {
-        let (slot, kind) = self.code.names.get(name)?;
-        match crate::convert::convert(self.memory.get(*slot)?, *kind, crate::types::Elementary::String) {
-            Ok(Value::Text(text)) => Some(text),
-            _ => None,
-        }
-    }
-
-    /// Returns the reason why the program has stopped.
-    #[cfg(test)]
-    pub(crate) fn stopped(&self) -> Option<&str> {
-        self.stopped.as_deref()
     }
 
     /// Fails M codes that the program serves only in another coordinate system.
@@ -185,5 +168,29 @@ impl ScanProgram for Program {
         }
         self.levels.write(image);
         self.fail_others(image);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::convert::convert;
+    use crate::types::Elementary;
+
+    impl Program {
+        /// Returns the value of a variable of the program as text; `None` if no variable of this name has a
+        /// single value.
+        pub(crate) fn shown(&self, name: &str) -> Option<String> {
+            let (slot, kind) = self.code.names.get(name)?;
+            match convert(self.memory.get(*slot)?, *kind, Elementary::String) {
+                Ok(Value::Text(text)) => Some(text),
+                _ => None,
+            }
+        }
+
+        /// Returns the reason why the program has stopped.
+        pub(crate) fn stopped(&self) -> Option<&str> {
+            self.stopped.as_deref()
+        }
     }
 }

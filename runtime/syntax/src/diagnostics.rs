@@ -277,6 +277,12 @@ diagnostics! {
     CALL_TOO_DEEP = "W0019", "A call is too deep",
         "Calls can be nested 8 deep. A deeper call is skipped with a warning of the run, and the next block follows (D12). Depending on values that are unknown here, a run may not reach the call.",
         "wrong: program 1001 with M98 P1001   right: M98 P1001 L9 in the main program";
+    CORNER_MISSED = "W0020", "The path misses a corner",
+        "In G64 the path is rounded at a corner: the distance grows with F, with ta and with ts (M1b.3), or is within path_tolerance with G500 (M1d.8). The check reports distances above corner_warning of the coordinate system. A smaller F or ta, G09 in the block, G61, or G500 with path_tolerance reduces the distance.",
+        "wrong: G01 X50 F6000 and X0   right: G01 X50 G09 F6000 and X0";
+    LIMIT_EXCEEDED = "W0021", "A motor exceeds its limit",
+        "With G501, the motion follows the programmed ramps, whatever acceleration and jerk they need (M1a.7). The check compares them with max_acceleration and max_jerk of each motor, and reports the largest factor. A smaller F, longer ta, td and ts, or G500, which respects the limits, avoids the warning.",
+        "wrong: G501 and G01 X50 F20000 ta5   right: G500 and G01 X50 F20000 ta5";
 }
 
 #[cfg(test)]

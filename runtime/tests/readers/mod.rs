@@ -11,8 +11,8 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use plc_api::Plc;
-use plc_api::types::data::{ToolChange, ToolData, VariableArea};
-use plc_api::types::request::typed;
+use plc_protocol::types::data::{ToolChange, ToolData, VariableArea};
+use plc_protocol::types::request::typed;
 use serde_json::{Map, Value};
 use tandem_runtime::data_folder::DataFolder;
 use tandem_runtime::{Config, Runtime};
@@ -41,7 +41,7 @@ fn config(folder: &Path) -> Config {
 
 fn open(folder: &Path) -> DataFolder {
     let machine = config(folder).resolve().expect("a machine");
-    DataFolder::open(machine).expect("whatever is in it")
+    DataFolder::open(machine.stored()).expect("whatever is in it")
 }
 
 /// Returns the values that are read; lost values are null.

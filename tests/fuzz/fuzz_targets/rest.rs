@@ -1,7 +1,7 @@
 //! Reader of REST input: see the property.
 #![no_main]
 
-#[path = "../../../plc-api/tests/readers/mod.rs"]
+#[path = "../../../plc-api/protocol/tests/readers/mod.rs"]
 #[allow(dead_code, reason = "each fuzzer calls one of the properties")]
 mod readers;
 

@@ -21,7 +21,7 @@ use plc_api::Plc;
 use tandem_runtime::demo_sequence_program;
 
 use super::page::{Block, blocks, pages, read};
-use crate::support::binary::{build_beside, example, forget_package, root, tandem};
+use crate::support::binary::{build_beside, example, forget_package, root, select_features_of_tests, tandem};
 
 const HTTP: &str = "127.0.0.1:8080";
 const MQTT: &str = "127.0.0.1:1883";
@@ -203,6 +203,9 @@ impl Reader {
         assert!(ran.status.success(), "{script}\nfails:\n{said}{complained}");
         self.output = format!("{said}{complained}");
         self.folder = PathBuf::from(std::fs::read_to_string(place).unwrap().trim_end());
+        if self.folder.join("Cargo.toml").is_file() {
+            select_features_of_tests(&self.folder);
+        }
     }
 
     /// Starts a command in the background.

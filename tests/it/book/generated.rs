@@ -1,10 +1,7 @@
 //! Pages generated from the product: `TANDEM_UPDATE=1 cargo test -p tandem --test it book::`.
 
-use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::process::Command;
-
-use serde_json::Value;
 
 use crate::support::binary::{root, tandem};
 
@@ -52,64 +49,6 @@ fn the_page_of_the_command_line_is_what_the_command_says() {
         write!(page, "\n## tandem {command}\n\n```text\n{help}```\n").unwrap();
     }
     check("docs/src/reference/cli.md", &page);
-}
-
-/// Returns the names of the third-party packages in the command on Linux, with their licences and addresses.
-fn third_party() -> BTreeSet<(String, String, String)> {
-    let ran = Command::new(env!("CARGO"))
-        .args(["metadata", "--format-version", "1", "--locked", "--offline"])
-        .args(["--filter-platform", "x86_64-unknown-linux-gnu"])
-        .current_dir(root())
-        .output()
-        .unwrap();
-    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
-    let metadata: Value = serde_json::from_slice(&ran.stdout).unwrap();
-    let by_id = |list: &Value| -> BTreeMap<String, Value> {
-        let list = list.as_array().unwrap().iter();
-        list.map(|entry| (entry["id"].as_str().unwrap().to_owned(), entry.clone()))
-            .collect()
-    };
-    let (packages, nodes) = (by_id(&metadata["packages"]), by_id(&metadata["resolve"]["nodes"]));
-    let is_command = |package: &&Value| package["name"] == "tandem-runtime";
-    let command = packages.values().find(is_command).unwrap();
-    let mut open = vec![command["id"].as_str().unwrap()];
-    let mut reached = BTreeSet::new();
-    while let Some(id) = open.pop() {
-        if !reached.insert(id) {
-            continue;
-        }
-        for dependency in nodes[id]["deps"].as_array().unwrap() {
-            let kinds = dependency["dep_kinds"].as_array().unwrap();
-            if kinds.iter().any(|kind| kind["kind"].is_null()) {
-                open.push(dependency["pkg"].as_str().unwrap());
-            }
-        }
-    }
-    let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
-    let others = reached.into_iter().map(|id| &packages[id]);
-    others
-        .filter(|package| !package["source"].is_null())
-        .map(|package| {
-            let (name, licence) = (text(&package["name"]), text(&package["license"]));
-            (name, licence.replace('/', " OR "), text(&package["repository"]))
-        })
-        .collect()
-}
-
-#[test]
-fn third_party_page_lists_the_linked_packages_with_licences() {
-    let packages = third_party();
-    let mut page = String::from(
-        "# Third-party licences\n\nThe packages of others that the command `tandem` is made of on Linux; `Cargo.lock` names their \
-         versions. Each carries the text\nof its licence. The editor of the HMI is CodeMirror (MIT); `web/vendor/LICENSES.txt` has the licences of \
-         its parts.\n\n| package | licence | address |\n| --- | --- | --- |\n",
-    );
-    for (name, licence, address) in &packages {
-        assert!(!licence.is_empty(), "{name} names no licence");
-        writeln!(page, "| {name} | {licence} | {address} |").unwrap();
-    }
-    assert!(packages.iter().any(|(name, ..)| name == "tokio"), "{packages:?}");
-    check("docs/src/reference/third-party.md", &page);
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::process::Command;
 
-use plc_api::types::words::words;
+use plc_protocol::types::words::words;
 use tandem_interp::codes::{Code, ModalGroup, WordSpec};
 use tandem_interp::dialects::decisions::DECISIONS;
 use tandem_interp::restrictions_of;

@@ -54,6 +54,9 @@ pub fn blocks(page: &str) -> Vec<Block> {
     blocks
 }
 
+/// Included list of packages, which `docs/third-party-packages` writes. Only a built book needs it.
+const BUILD_PRODUCT: &str = "../../third-party-packages.md";
+
 /// A file of the checkout, with what it includes.
 pub fn read(path: &str) -> String {
     let read = |path: &Path| {
@@ -67,6 +70,7 @@ pub fn read(path: &str) -> String {
             .strip_prefix("{{#include ")
             .and_then(|rest| rest.strip_suffix("}}"));
         match included {
+            Some(BUILD_PRODUCT) => {}
             Some(file) => page.push_str(&read(&folder.join(file))),
             None => page.push_str(line),
         }

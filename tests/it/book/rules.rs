@@ -61,7 +61,7 @@ fn the_page_of_the_handshake_is_that_of_its_rules() {
         "# Rules of the handshake\n\nThese rules apply to the output of an M code on every transport. Tests and comments \
          name their numbers. Reasons:\n[The handshake](../explanation/handshake.md).\n\n",
     );
-    for (number, text) in plc_api::handshake::rules::RULES {
+    for (number, text) in plc_protocol::handshake::rules::RULES {
         writeln!(page, "- **{number}** {text}").unwrap();
     }
     check("docs/src/reference/handshake.md", &page);

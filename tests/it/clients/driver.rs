@@ -5,10 +5,10 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use plc_api::types::command::{Command, CommandMeta};
-use plc_api::types::io::IoValue;
-use plc_api::types::request::typed;
 use plc_api::{Alarm, AuxOutput, Cancellation, Error, Params, Plc, Redelivery, SequenceProgram, UserAlarm};
+use plc_protocol::types::command::{Command, CommandMeta};
+use plc_protocol::types::io::IoValue;
+use plc_protocol::types::request::typed;
 use tokio::sync::Notify;
 
 const EMPTY: UserAlarm = UserAlarm::new(23, "the tank is empty")

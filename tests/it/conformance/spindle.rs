@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use plc_api::types::state::SpindleDirection;
+use plc_protocol::types::state::SpindleDirection;
 
 use crate::support::machine::{Machine, bench};
 use crate::support::simulated::{Simulated, simulate_on};

@@ -1,7 +1,7 @@
 //! Time from which a program sees values written by a sequence program (D16).
 
-use plc_api::types::state::Position;
 use plc_api::{Alarm, AuxOutput, Execution, Plc, SequenceProgram};
+use plc_protocol::types::state::Position;
 
 use crate::support::machine::bench;
 

@@ -3,10 +3,10 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use plc_api::types::request::Request;
-use plc_api::types::state::Transition;
 use plc_api::{Execution, Plc};
-use tandem_runtime::test::Bench;
+use plc_protocol::types::request::Request;
+use plc_protocol::types::state::Transition;
+use tandem_testing::Bench;
 
 use crate::support::formula::{Block, LATE_S, assert_samples};
 use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS, Machine};
@@ -282,12 +282,12 @@ fn m1h_left_handed_threads_turn_the_other_way_and_overrides_do_not_act() {
     let program = "F100 S300\nG99 G74 Z-10 R0\nG80\nM30\n";
     let samples = run(with_spindle, program, 0.0, async |plc, _| {
         let system = plc.coordinate_system(1);
-        let change = plc_api::types::request::OverrideChange {
+        let change = plc_protocol::types::request::OverrideChange {
             feed: Some(50.0),
             rapid: None,
             spindle: Some(10.0),
         };
-        let input = plc_api::types::request::Input::Override(change);
+        let input = plc_protocol::types::request::Input::Override(change);
         plc.port().request(Request::Input(1, input)).await.unwrap();
         let begun_s = plc.now_s();
         system.wait_until(Execution::ProgramCompleted).await.unwrap();

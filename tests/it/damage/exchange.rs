@@ -7,13 +7,13 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use plc_api::Plc;
-use plc_api::types::data::ToolData;
-use plc_api::types::message::Payload;
-use plc_api::types::request::typed;
-use plc_api::types::stored_data::{
+use plc_protocol::types::data::ToolData;
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::request::typed;
+use plc_protocol::types::stored_data::{
     StoredDataAnswer, StoredDataDecision, StoredDataFault, StoredDataPart, StoredDataQuestion,
 };
-use plc_api::types::topic::Topic;
+use plc_protocol::types::topic::Topic;
 
 use super::{
     CLAMP, MACHINE, Random, Values, alarms, copy, damage, files, journal, keep_time, read, run_until_waiting,

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use tandem_model::Axis;
 use tandem_runtime::Config;
-use tandem_runtime::test::Bench;
+use tandem_testing::Bench;
 
 use super::MACHINE;
 

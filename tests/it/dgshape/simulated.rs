@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use plc_api::types::request::OverrideChange;
-use plc_api::types::state::SpindleDirection;
-use tandem_runtime::test::Bench;
+use plc_protocol::types::request::OverrideChange;
+use plc_protocol::types::state::SpindleDirection;
+use tandem_testing::Bench;
 
 use super::{MACHINE, program};
 use crate::support::machine::Machine;

@@ -7,8 +7,8 @@ use tandem_runtime::Config;
 
 use super::{costs, files_where};
 
-const FIELDS: &str = "runtime/src/config/mod.rs";
-const RANGES: &str = "runtime/src/config/resolve";
+const FIELDS: &str = "runtime/config/src/lib.rs";
+const RANGES: &str = "runtime/config/src/resolve";
 
 /// Product files that name a key, as a whole word.
 fn naming(key: &str) -> Vec<PathBuf> {
@@ -34,7 +34,7 @@ fn a_key_is_named_by_its_field_and_by_its_range_and_nowhere_else() {
 
 #[test]
 fn the_setting_that_takes_a_value_is_a_stages_or_the_coordinators() {
-    let (stages, coordinators) = ("runtime/model/src/settings.rs", "runtime/src/config/machine.rs");
+    let (stages, coordinators) = ("runtime/model/src/settings.rs", "runtime/config/src/machine.rs");
     for (setting, file) in [
         ("pub dry_run_feedrate_mm_min: f64,", stages),
         ("pub simulated_s: f64,", coordinators),

@@ -5,11 +5,11 @@ use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use plc_api::types::message::Payload;
-use plc_api::types::request::typed;
-use plc_api::types::state::Reason;
-use plc_api::types::topic::Topic;
 use plc_api::{Execution, Plc};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::request::typed;
+use plc_protocol::types::state::Reason;
+use plc_protocol::types::topic::Topic;
 use tandem_runtime::hardware::{
     Command, CoordinateSystemSettings, CycleResult, DriveBus, Feedback, Hardware, HardwareFactory,
 };

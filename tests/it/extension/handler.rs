@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use plc_api::{Alarm, AuxOutput, Execution, Plc, SequenceProgram};
-use tandem_runtime::test::Bench;
+use tandem_testing::Bench;
 
 /// M150 VA: blows chips away for VA seconds.
 async fn blow(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
@@ -23,18 +23,18 @@ fn run(program: &'static str) -> (Execution, f64, Option<String>) {
         system.load(500).await.unwrap();
         let started_s = plc.now_s();
         system.start().await.unwrap();
-        let ended = |state: &plc_api::types::state::State| {
+        let ended = |state: &plc_protocol::types::state::State| {
             matches!(state.execution, Execution::ProgramCompleted | Execution::Stopped)
         };
         let state = system.wait_for(ended).await.unwrap();
         let took_s = plc.now_s() - started_s;
         let active = plc
             .port()
-            .read(&plc_api::types::topic::Topic::AlarmActive)
+            .read(&plc_protocol::types::topic::Topic::AlarmActive)
             .await
             .unwrap();
         let text = match &active.payload {
-            plc_api::types::message::Payload::AlarmActive(active) => {
+            plc_protocol::types::message::Payload::AlarmActive(active) => {
                 active.alarms.first().map(|alarm| alarm.text.clone())
             }
             _ => None,

@@ -5,13 +5,15 @@ use std::path::PathBuf;
 
 use super::{costs, files_where};
 
-const REQUESTS: &str = "plc-api/src/types/request.rs";
-const WIRE: &str = "plc-api/src/wire/requests.rs";
+const REQUESTS: &str = "plc-api/protocol/src/types/request.rs";
+const WIRE: &str = "plc-api/protocol/src/wire/requests.rs";
+/// Rows of requests about programs, which are a part of the rows above.
+const PROGRAM_ROWS: &str = "plc-api/protocol/src/wire/program_rows.rs";
 const PORT: &str = "runtime/src/port.rs";
-const LEDGER: &str = "plc-api/src/handshake.rs";
+const LEDGER: &str = "plc-api/protocol/src/handshake.rs";
 const COORDINATE_SYSTEM: &str = "runtime/src/coordinate_system/mod.rs";
-const FAKE: &str = "plc-api/src/fake/requests.rs";
-const MESSAGE_SENDER: &str = "plc-api/src/wire/message_sender.rs";
+const FAKE: &str = "plc-api/protocol/src/fake/requests.rs";
+const MESSAGE_SENDER: &str = "plc-api/protocol/src/wire/message_sender.rs";
 
 fn is_name(letter: char) -> bool {
     letter.is_alphanumeric() || letter == '_'
@@ -38,7 +40,7 @@ fn naming(kind: &str, request: &str) -> Vec<PathBuf> {
         code.contains(&format!("\n        {request}(")) && code.contains("! requests")
     }));
     let on_a_wire =
-        |file: &PathBuf| file.starts_with("plc-api/src/wire") || file.starts_with("runtime/gateway");
+        |file: &PathBuf| file.starts_with("plc-api/protocol/src/wire") || file.starts_with("runtime/gateway");
     // the macros of the rows, with and without a right in front
     let rows = [format!("!({request}("), format!(", {request}(")];
     let of_wire = files(|code| names(code, &sent) || rows.iter().any(|row| code.contains(row)));
@@ -58,7 +60,11 @@ fn sorted<const N: usize>(files: [&str; N]) -> Vec<PathBuf> {
 fn machine_request_is_named_in_its_two_rows_and_in_the_port() {
     for request in ["IntermediateCode", "CheckProgram"] {
         let whole_word = |code: &str| code.split(|letter| !is_name(letter)).any(|word| word == request);
-        assert_eq!(files(whole_word), sorted([REQUESTS, WIRE, PORT]), "{request}");
+        assert_eq!(
+            files(whole_word),
+            sorted([REQUESTS, PROGRAM_ROWS, PORT]),
+            "{request}"
+        );
     }
     for request in ["CommandStatus", "Explain", "LineState"] {
         let named = naming("MachineRequest", request);

@@ -6,14 +6,14 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use plc_api::Execution;
-use plc_api::types::message::Payload;
-use plc_api::types::state::Reason;
-use plc_api::types::topic::Topic;
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::state::Reason;
+use plc_protocol::types::topic::Topic;
 use tandem_runtime::hardware::{
     CoordinateSystemSettings, Hardware, HardwareFactory, Orientation, Spindle, SpindleDirection,
     SpindleState, ThreadStep,
 };
-use tandem_runtime::test::Bench;
+use tandem_testing::Bench;
 
 use crate::support::machine::bench;
 

@@ -5,9 +5,9 @@ use std::path::PathBuf;
 
 use super::{costs, files_where};
 
-const TOPICS: &str = "plc-api/src/types/topic.rs";
-const PUBLISHED: &str = "runtime/src/coordinate_system/publish.rs";
-const TYPES: &str = "plc-api/src/types/state.rs";
+const TOPICS: &str = "plc-api/protocol/src/types/topic.rs";
+const PUBLISHED: &str = "runtime/src/coordinate_system/publish/published_values.rs";
+const TYPES: &str = "plc-api/protocol/src/types/state.rs";
 
 /// Product files of a folder with this code.
 fn with(folder: &str, code: &str) -> Vec<PathBuf> {

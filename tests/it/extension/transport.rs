@@ -5,14 +5,14 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use plc_api::hub::{Filter, Hub, Subscription};
-use plc_api::port::{BoxFuture, Port};
-use plc_api::types::BootId;
-use plc_api::types::message::Message;
-use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
-use plc_api::types::topic::Topic;
 use plc_api::{Alarm, AuxOutput, Execution, Plc, SequenceProgram};
-use tandem_runtime::test::Bench;
+use plc_protocol::hub::{Filter, Hub, Subscription};
+use plc_protocol::port::{BoxFuture, Port};
+use plc_protocol::types::BootId;
+use plc_protocol::types::message::Message;
+use plc_protocol::types::request::{Answer, Refusal, RefusalCode, Request};
+use plc_protocol::types::topic::Topic;
+use tandem_testing::Bench;
 use tokio::sync::{mpsc, oneshot};
 
 use super::{costs, files_where};

@@ -2,9 +2,9 @@
 
 use std::sync::{Arc, Mutex};
 
-use plc_api::types::request::{OverrideChange, RefusalCode};
-use plc_api::types::state::Reason;
 use plc_api::{AuxOutput, Execution, Plc, SequenceProgram};
+use plc_protocol::types::request::{OverrideChange, RefusalCode};
+use plc_protocol::types::state::Reason;
 
 use super::rig::{Point, Rig, close, distance, on_machine, refused};
 use super::stairs::{STAIRS, assert_on_stairs};

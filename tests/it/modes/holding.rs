@@ -1,8 +1,8 @@
 //! Feed hold, override, stop and abort at any moment of chains, arcs and G31: the path stays, the position is kept.
 
 use plc_api::Execution;
-use plc_api::types::request::OverrideChange;
-use plc_api::types::state::Reason;
+use plc_protocol::types::request::OverrideChange;
+use plc_protocol::types::state::Reason;
 
 use super::rig::{Point, Rig, close, on_machine};
 use super::stairs::{STAIRS, assert_on_stairs, stairs_end_s};

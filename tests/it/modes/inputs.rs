@@ -1,7 +1,7 @@
 //! Inputs and readings: the time from which an input is effective (D13, D14, D16), and the values read.
 
-use plc_api::types::state::Transition;
 use plc_api::{AuxOutput, Execution, Plc, SequenceProgram};
+use plc_protocol::types::state::Transition;
 
 use super::rig::{close, on_machine};
 

@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use plc_api::Execution;
-use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
-use plc_api::types::request::{RefusalCode, typed};
-use plc_api::types::state::Reason;
+use plc_protocol::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
+use plc_protocol::types::request::{RefusalCode, typed};
+use plc_protocol::types::state::Reason;
 
 use super::rig::{Rig, close, distance, on_machine, refused};
 use crate::support::formula::PERIOD_S;

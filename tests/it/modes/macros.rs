@@ -3,10 +3,10 @@
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
-use plc_api::types::request::typed;
-use plc_api::types::state::{Modal, Reason};
 use plc_api::{Alarm, Execution};
+use plc_protocol::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
+use plc_protocol::types::request::typed;
+use plc_protocol::types::state::{Modal, Reason};
 
 use super::rig::{Rig, close, on_machine};
 

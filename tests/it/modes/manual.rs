@@ -1,8 +1,8 @@
 //! Manual data input and homing.
 
-use plc_api::types::request::RefusalCode;
-use plc_api::types::state::Reason;
 use plc_api::{Error, Execution};
+use plc_protocol::types::request::RefusalCode;
+use plc_protocol::types::state::Reason;
 
 use super::rig::{close, on_machine, refused};
 
@@ -125,7 +125,7 @@ fn d22_a_tool_length_of_one_input_holds_in_the_next() {
 fn m_codes_subprograms_and_single_block_work_in_mdi_as_in_programs() {
     let more = "\n[m_code.20]\nunhandled = \"auto_reset\"\nsimulated_ms = 500\n";
     on_machine(more, |rig| async move {
-        let write = plc_api::types::request::Request::WriteProgram(1000, "G91 G00 X1\nM99\n".into());
+        let write = plc_protocol::types::request::Request::WriteProgram(1000, "G91 G00 X1\nM99\n".into());
         rig.plc.port().request(write).await.unwrap();
         let begun_s = rig.plc.now_s();
         rig.cs.mdi("M20\nM98 P1000 L3").await.unwrap();

@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use plc_api::types::request::{RefusalCode, Request};
-use plc_api::types::run::{Run, RunEndedHow, RunOrder};
 use plc_api::{CoordinateSystem, Plc};
-use tandem_runtime::test::Bench;
+use plc_protocol::types::request::{RefusalCode, Request};
+use plc_protocol::types::run::{Run, RunEndedHow, RunOrder};
+use tandem_testing::Bench;
 
 use crate::support::machine::bench;
 

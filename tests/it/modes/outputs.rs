@@ -4,11 +4,11 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use plc_api::types::command::{Command, CommandMeta};
-use plc_api::types::output::{OutputState, PendingOutput};
-use plc_api::types::request::typed;
-use plc_api::types::state::Reason;
 use plc_api::{Alarm, AuxOutput, CancelReason, Cancellation, Execution, Plc, SequenceProgram};
+use plc_protocol::types::command::{Command, CommandMeta};
+use plc_protocol::types::output::{OutputState, PendingOutput};
+use plc_protocol::types::request::typed;
+use plc_protocol::types::state::Reason;
 
 use super::rig::{Rig, close, on_machine};
 
@@ -190,7 +190,7 @@ fn d36_without_timeout_ms_a_wait_never_ends_and_the_state_shows_since() {
     on_machine(M_CODES, |rig| async move {
         rig.start("G01 X10 F600\nM22\nM30\n").await;
         let state = rig.until(Execution::Wait).await;
-        let since = |state: plc_api::types::state::State| state.waiting_on.unwrap().since;
+        let since = |state: plc_protocol::types::state::State| state.waiting_on.unwrap().since;
         let first = since(state);
         assert_eq!(first, open(&rig).await[0].since);
         rig.sleep(600.0).await;

@@ -1,10 +1,10 @@
 //! The plan shown for a run belongs to this run: it has the text and the inputs with which the run began.
 
 use plc_api::Execution;
-use plc_api::types::line_start::LineStart;
-use plc_api::types::planned::{PathIdentity, PathQuery, Rehearsal, RehearsalOutcome};
-use plc_api::types::request::{OverrideChange, Request, typed};
-use plc_api::types::state::Reason;
+use plc_protocol::types::line_start::LineStart;
+use plc_protocol::types::planned::{PathIdentity, PathQuery, Rehearsal, RehearsalOutcome};
+use plc_protocol::types::request::{OverrideChange, Request, typed};
+use plc_protocol::types::state::Reason;
 
 use super::rig::{Rig, on_machine};
 

@@ -1,9 +1,9 @@
 //! The plan of a program matches its execution: its path, its times, the time left.
 
 use plc_api::Execution;
-use plc_api::types::planned::{ManualText, PathQuery, PlannedPath, Rehearsal, RehearsalOutcome};
-use plc_api::types::request::typed;
-use plc_api::types::request::{OverrideChange, RefusalCode, Request};
+use plc_protocol::types::planned::{ManualText, PathQuery, PlannedPath, Rehearsal, RehearsalOutcome};
+use plc_protocol::types::request::typed;
+use plc_protocol::types::request::{OverrideChange, RefusalCode, Request};
 
 use super::rig::{Point, Rig, on_machine};
 

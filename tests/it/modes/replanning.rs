@@ -1,7 +1,7 @@
 //! G500 is replanned while it runs: feed override above 100 percent.
 
 use plc_api::Execution;
-use plc_api::types::request::OverrideChange;
+use plc_protocol::types::request::OverrideChange;
 
 use super::rig::{Rig, close, on_machine};
 use super::stairs::{STAIRS, assert_on_stairs};

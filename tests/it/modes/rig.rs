@@ -3,11 +3,11 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use plc_api::types::message::Payload;
-use plc_api::types::request::{Refusal, RefusalCode, Request};
-use plc_api::types::state::{Reason, State};
-use plc_api::types::topic::Topic;
 use plc_api::{CoordinateSystem, Error, Execution, Plc};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::request::{Refusal, RefusalCode, Request};
+use plc_protocol::types::state::{Reason, State};
+use plc_protocol::types::topic::Topic;
 
 use crate::support::machine::bench;
 

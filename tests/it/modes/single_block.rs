@@ -1,9 +1,9 @@
 //! Single block and the interlock.
 
 use plc_api::Execution;
-use plc_api::types::output::OutputState;
-use plc_api::types::request::RefusalCode;
-use plc_api::types::state::Reason;
+use plc_protocol::types::output::OutputState;
+use plc_protocol::types::request::RefusalCode;
+use plc_protocol::types::state::Reason;
 
 use super::rig::{close, on_machine, refused};
 use super::stairs::{STAIRS, assert_on_stairs};
@@ -209,7 +209,7 @@ fn single_block_toggled_at_any_moment_keeps_the_path_and_all_blocks() {
             // From here, resume continues to the end after any number of stops.
             let mut stops = 0;
             loop {
-                let waits = |state: &plc_api::types::state::State| state.execution != Execution::Active;
+                let waits = |state: &plc_protocol::types::state::State| state.execution != Execution::Active;
                 match rig.cs.wait_for(waits).await.unwrap().execution {
                     Execution::Interrupted => rig.cs.resume().await.unwrap(),
                     Execution::ProgramCompleted => break,

@@ -1,9 +1,9 @@
 //! The stock sequence program resets M03 and M04 at speed and M05 at rest. The spindle reaches at most 3000
 //! r/min and changes by 3000 r/min per second.
 
-use plc_api::types::request::OverrideChange;
-use plc_api::types::state::{Reason, State};
 use plc_api::{Alarm, Execution};
+use plc_protocol::types::request::OverrideChange;
+use plc_protocol::types::state::{Reason, State};
 
 use super::rig::{Rig, on_machine};
 use crate::support::formula::PERIOD_S;
@@ -146,7 +146,7 @@ fn a_start_from_a_line_waits_for_the_spindle_before_the_approach() {
     on_machine("", |rig| async move {
         rig.load("M03 S2000\nG00 X10\nG01 X20 F600\nM30\n").await;
         rig.cs
-            .start_from(plc_api::types::line_start::LineStart::line(3))
+            .start_from(plc_protocol::types::line_start::LineStart::line(3))
             .await
             .unwrap();
         waits_for(&rig, 3).await;

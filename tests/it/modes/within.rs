@@ -2,10 +2,10 @@
 //! (M1); G31 with an external skip input.
 
 use plc_api::Execution;
-use plc_api::types::message::Payload;
-use plc_api::types::request::RefusalCode;
-use plc_api::types::state::Reason;
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::request::RefusalCode;
+use plc_protocol::types::state::Reason;
+use plc_protocol::types::topic::{CsTopic, Topic};
 
 use super::rig::{Point, Rig, close, distance, on_machine, refused};
 

@@ -4,22 +4,22 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use futures_util::{SinkExt, StreamExt};
-use plc_api::types::BootId;
-use plc_api::types::command::{Command, CommandMeta};
-use plc_api::types::data::{ToolChange, ToolData, VariableArea, WorkOffsetTable};
-use plc_api::types::heartbeat::ClientHeartbeat;
-use plc_api::types::io::{IoForce, IoPoint, IoSet};
-use plc_api::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
-use plc_api::types::machine::AlarmRaise;
-use plc_api::types::output::{Redeliver, Redelivery, Reset, ResetResult};
-use plc_api::types::program::ProgramFolder;
-use plc_api::types::question::OperatorAnswer;
-use plc_api::types::request::{Input, OverrideChange, Request, SpindleCommand};
-use plc_api::types::run::RunOrder;
-use plc_api::types::state::SpindleDirection;
-use plc_api::types::stored_data::{StoredDataAnswer, StoredDataDecision};
-use plc_api::wire::{ROWS, mqtt, rest};
 use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
+use plc_protocol::types::BootId;
+use plc_protocol::types::command::{Command, CommandMeta};
+use plc_protocol::types::data::{ToolChange, ToolData, VariableArea, WorkOffsetTable};
+use plc_protocol::types::heartbeat::ClientHeartbeat;
+use plc_protocol::types::io::{IoForce, IoPoint, IoSet};
+use plc_protocol::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
+use plc_protocol::types::machine::AlarmRaise;
+use plc_protocol::types::output::{Redeliver, Redelivery, Reset, ResetResult};
+use plc_protocol::types::program::ProgramFolder;
+use plc_protocol::types::question::OperatorAnswer;
+use plc_protocol::types::request::{Input, OverrideChange, Request, SpindleCommand};
+use plc_protocol::types::run::RunOrder;
+use plc_protocol::types::state::SpindleDirection;
+use plc_protocol::types::stored_data::{StoredDataAnswer, StoredDataDecision};
+use plc_protocol::wire::{ROWS, mqtt, rest};
 use rumqttc::{AsyncClient, MqttOptions, QoS};
 use serde_json::{Value, json};
 use tandem_runtime::{Config, Runtime};
@@ -401,7 +401,7 @@ async fn what_a_sequence_program_in_the_process_changes_is_told_in_its_name() {
     until("the handler", async || {
         let handlers = plc
             .port()
-            .ask(plc_api::types::request::typed::Handlers)
+            .ask(plc_protocol::types::request::typed::Handlers)
             .await
             .unwrap();
         handlers.contains_key("clamp").then_some(())

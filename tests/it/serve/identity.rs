@@ -192,8 +192,8 @@ async fn program_is_changed_loaded_and_started_only_if_its_hash_matches() {
 
 #[tokio::test]
 async fn over_mqtt_a_load_and_a_start_name_the_program_that_they_mean() {
-    use plc_api::types::command::{Command, CommandMeta, Expect};
-    use plc_api::types::request::{RefusalCode, typed};
+    use plc_protocol::types::command::{Command, CommandMeta, Expect};
+    use plc_protocol::types::request::{RefusalCode, typed};
     let (_machine, served) = served();
     put(&served, 50, OLD, "").await.expect(201);
     let plc = plc_api::Plc::connect(&served.mqtt_url()).await.unwrap();

@@ -383,6 +383,9 @@ pub(super) fn allocated_kib(process: u32) -> u64 {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn memory_that_clients_needed_is_given_back_when_they_have_gone() {
     let (_machine, served) = super::served();
+    // after this large block is released, the C library would keep up to twice its size for each thread
+    let large = format!("({})\n", "x".repeat(1000)).repeat(16 << 10) + "M30\n";
+    served.put_program(77, &large).await.expect(201);
     let before = allocated_mib(served.process.id());
     let mut options = MqttOptions::new("plant", "127.0.0.1", port(&served.broker));
     options.set_max_packet_size(1 << 20, 1 << 20);

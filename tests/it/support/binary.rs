@@ -40,9 +40,12 @@ pub fn build_beside(folder: &Path) {
     let target = tandem().parent().and_then(Path::parent).expect("a target folder");
     let mut config = toml::Table::new();
     let mut dev = manifest["profile"]["dev"].clone();
-    // a reader's project builds this crate again in any case, and faster without optimisation
-    if let Some(packages) = dev.get_mut("package").and_then(toml::Value::as_table_mut) {
-        packages.remove("tandem-runtime");
+    // A reader's project compiles the crates of this workspace again in any case, and faster without optimisation.
+    let packages = dev.get_mut("package").and_then(toml::Value::as_table_mut);
+    for (name, package) in packages.into_iter().flatten() {
+        if name.starts_with("tandem-") {
+            package["opt-level"] = 0.into();
+        }
     }
     config.insert(
         "profile".to_owned(),
@@ -60,6 +63,27 @@ pub fn build_beside(folder: &Path) {
     let cargo = folder.join(".cargo");
     std::fs::create_dir(&cargo).expect("a folder for the configuration of cargo");
     std::fs::write(cargo.join("config.toml"), config.to_string()).expect("the configuration of cargo");
+}
+
+/// Features of libraries that only the tests of the workspace select, through `jsonschema`.
+const FEATURES_OF_TESTS: &str = r#"
+[dev-dependencies.idna]
+version = "1"
+
+[dev-dependencies.regex-automata]
+version = "0.4"
+default-features = false
+features = ["dfa", "nfa", "perf"]
+"#;
+
+/// Selects these features in a project that `tandem init` has written, so that its tests link the libraries of these
+/// tests. Otherwise cargo compiles seven libraries again, among them the MQTT broker.
+pub fn select_features_of_tests(project: &Path) {
+    let path = project.join("Cargo.toml");
+    let manifest = std::fs::read_to_string(&path).expect("the manifest of a project");
+    if !manifest.contains(FEATURES_OF_TESTS) {
+        std::fs::write(path, manifest + FEATURES_OF_TESTS).expect("the manifest of a project");
+    }
 }
 
 fn built(name: &str) -> PathBuf {

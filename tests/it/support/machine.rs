@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use tandem_runtime::test::Bench;
+use tandem_testing::Bench;
 use tempfile::TempDir;
 
 /// Three linear axes with limits that differ, a spindle, and a second coordinate system with one axis. Speeds and

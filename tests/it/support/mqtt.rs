@@ -3,8 +3,8 @@
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-use plc_api::types::message::Message;
-use plc_api::types::topic::Topic;
+use plc_protocol::types::message::Message;
+use plc_protocol::types::topic::Topic;
 use rumqttc::{AsyncClient, Event, MqttOptions, Packet, QoS};
 use serde_json::Value;
 

@@ -10,7 +10,7 @@ fn numbers() -> BTreeSet<&'static str> {
     let tables = [
         tandem_interp::dialects::decisions::DECISIONS,
         tandem_motion::rules::RULES,
-        plc_api::handshake::rules::RULES,
+        plc_protocol::handshake::rules::RULES,
     ];
     let rows = tables.into_iter().flatten();
     rows.map(|(number, _)| *number).collect()
@@ -95,5 +95,5 @@ fn rules_ascend_and_each_has_a_number_of_its_own() {
     };
     assert!(in_order(tandem_interp::dialects::decisions::DECISIONS));
     assert!(in_order(tandem_motion::rules::RULES));
-    assert!(in_order(plc_api::handshake::rules::RULES));
+    assert!(in_order(plc_protocol::handshake::rules::RULES));
 }

@@ -1,7 +1,7 @@
 //! Alarms that a sequence program raises, for one coordinate system and for all, each transport.
 
-use plc_api::types::state::Reason;
 use plc_api::{Alarm, CancelReason, CoordinateSystem, Error, Execution, Plc, SequenceProgram};
+use plc_protocol::types::state::Reason;
 use tokio::sync::mpsc;
 
 use super::{Reached, in_process, over_mosquitto, over_rest, over_the_embedded_broker};
@@ -9,7 +9,7 @@ use crate::support::wait::{until, within};
 
 /// Waits until the coordinate system is STOPPED by an alarm, with this number of alarms that affect it.
 async fn stopped(system: &CoordinateSystem, alarms: u32) {
-    let is_stopped = |state: &plc_api::types::state::State| {
+    let is_stopped = |state: &plc_protocol::types::state::State| {
         (state.execution, state.reason, state.alarm_count)
             == (Execution::Stopped, Some(Reason::Alarm), alarms)
     };

@@ -4,11 +4,11 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use plc_api::types::output::{Reset, ResetResult};
-use plc_api::types::request::Request;
 use plc_api::{
     Alarm, AuxOutput, CancelReason, Cancellation, CoordinateSystem, Execution, Plc, SequenceProgram,
 };
+use plc_protocol::types::output::{Reset, ResetResult};
+use plc_protocol::types::request::Request;
 use serde_json::json;
 use tokio::sync::Notify;
 

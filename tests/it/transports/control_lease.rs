@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use plc_api::types::command::{Command, CommandMeta};
-use plc_api::types::request::{Refusal, RefusalCode, Request};
 use plc_api::{Error, Execution, LeaseGuard, Plc};
+use plc_protocol::types::command::{Command, CommandMeta};
+use plc_protocol::types::request::{Refusal, RefusalCode, Request};
 use serde_json::{Value, json};
 
 use super::{Reached, connect, in_process, over_mosquitto, over_rest, over_the_embedded_broker};

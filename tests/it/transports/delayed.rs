@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use plc_api::types::refusal::RefusalCode;
-use plc_api::types::state::Execution;
 use plc_api::{Error, Plc};
+use plc_protocol::types::refusal::RefusalCode;
+use plc_protocol::types::state::Execution;
 use serde_json::{Value, json};
 
 use super::{broker_at, machine};

@@ -1,10 +1,10 @@
 //! On each transport, the same calls set every input and read every value.
 
-use plc_api::types::data::ToolData;
-use plc_api::types::io::IoValue;
-use plc_api::types::request::{OverrideChange, RefusalCode};
-use plc_api::types::state::{Lock, Overrides, SpindleDirection};
 use plc_api::{CoordinateSystem, Error, Execution, Plc};
+use plc_protocol::types::data::ToolData;
+use plc_protocol::types::io::IoValue;
+use plc_protocol::types::request::{OverrideChange, RefusalCode};
+use plc_protocol::types::state::{Lock, Overrides, SpindleDirection};
 
 use super::{Reached, in_process, over_mosquitto, over_rest, over_the_embedded_broker};
 use crate::support::wait::{until, within};

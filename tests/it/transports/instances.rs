@@ -3,8 +3,8 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use plc_api::types::request::RefusalCode;
 use plc_api::{AuxOutput, Error, Plc, SequenceProgram};
+use plc_protocol::types::request::RefusalCode;
 use serde_json::{Value, json};
 use tokio::task::JoinHandle;
 

@@ -2,8 +2,8 @@
 
 use std::sync::{Arc, Mutex};
 
-use plc_api::types::state::Reason;
 use plc_api::{Alarm, AuxOutput, Execution, Plc, SequenceProgram};
+use plc_protocol::types::state::Reason;
 
 use super::connect;
 use crate::support::broker::Mosquitto;

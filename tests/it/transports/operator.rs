@@ -2,9 +2,9 @@
 
 use std::time::{Duration, Instant};
 
-use plc_api::types::request::RefusalCode;
-use plc_api::types::request::typed::Handlers;
 use plc_api::{Alarm, AuxOutput, Error, Execution, Params, SequenceProgram};
+use plc_protocol::types::request::RefusalCode;
+use plc_protocol::types::request::typed::Handlers;
 
 use super::{Reached, in_process, over_mosquitto, over_rest, over_the_embedded_broker};
 use crate::support::wait::{until, within};

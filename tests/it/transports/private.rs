@@ -3,8 +3,8 @@
 use std::os::unix::fs::PermissionsExt as _;
 use std::process::Command;
 
-use plc_api::types::request::typed::{Programs, Tool};
 use plc_api::{Alarm, AuxOutput, MqttOptions, Plc, SequenceProgram, TlsFiles};
+use plc_protocol::types::request::typed::{Programs, Tool};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
 

@@ -2,9 +2,9 @@
 
 use std::sync::{Arc, Mutex};
 
-use plc_api::types::request::RefusalCode;
-use plc_api::types::state::Reason;
 use plc_api::{Alarm, AuxOutput, Execution, Params, Plc, SequenceProgram};
+use plc_protocol::types::request::RefusalCode;
+use plc_protocol::types::state::Reason;
 use tokio::sync::Notify;
 
 use super::{Reached, in_process, over_mosquitto, over_rest, over_the_embedded_broker};

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use plc_api::types::output::{OutputState, Redeliver};
-use plc_api::types::request::Request;
 use plc_api::{CoordinateSystem, Execution, Plc, RawOutput, Redelivery};
+use plc_protocol::types::output::{OutputState, Redeliver};
+use plc_protocol::types::request::Request;
 use tokio::sync::oneshot;
 
 use super::{Reached, in_process, over_mosquitto, over_rest, over_the_embedded_broker};

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use plc_api::scan::{Image, Reads, ScanProgram};
-use plc_api::types::request::OverrideChange;
 use plc_api::{Execution, SequenceProgram};
+use plc_protocol::types::request::OverrideChange;
 
 use super::{Reached, in_process, over_mosquitto, over_rest, over_the_embedded_broker};
 use crate::support::wait::{until, within};

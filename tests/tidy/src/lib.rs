@@ -15,10 +15,14 @@ pub mod prose;
 use std::path::{Path, PathBuf};
 
 /// Source folders of the crates.
-pub const CRATES: [&str; 13] = [
+pub const CRATES: [&str; 17] = [
     "plc-api/src",
     "plc-api/derive/src",
+    "plc-api/protocol/src",
     "runtime/src",
+    "runtime/config/src",
+    "runtime/store/src",
+    "runtime/testing/src",
     "runtime/model/src",
     "runtime/syntax/src",
     "runtime/interp/src",

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use proc_macro2::{Span, TokenTree};
 use syn::spanned::Spanned;
@@ -20,6 +21,22 @@ pub struct Source {
     pub path: PathBuf,
     /// Text with empty lines instead of test items.
     pub text: String,
+}
+
+/// Results by key. Each is computed once in a process, because many rules read every file.
+struct Memo<T>(Mutex<BTreeMap<String, Arc<OnceLock<T>>>>);
+
+impl<T: Clone> Memo<T> {
+    const fn new() -> Self {
+        Self(Mutex::new(BTreeMap::new()))
+    }
+
+    fn get(&self, key: &str, compute: impl FnOnce() -> T) -> T {
+        let mut results = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let result = Arc::clone(results.entry(key.to_owned()).or_default());
+        drop(results);
+        result.get_or_init(compute).clone()
+    }
 }
 
 /// Returns true if an item with these attributes is compiled for unit tests only.
@@ -182,6 +199,11 @@ pub fn parse(path: &Path, text: &str) -> syn::File {
 /// # Panics
 /// Panics if the text is not Rust, and names the file.
 pub fn without_tests(path: &Path, text: &str) -> String {
+    static PRODUCTS: Memo<String> = Memo::new();
+    PRODUCTS.get(text, || remove_tests(path, text))
+}
+
+fn remove_tests(path: &Path, text: &str) -> String {
     let file = parse(path, text);
     if is_test(&file.attrs) {
         return "\n".repeat(text.lines().count());
@@ -207,6 +229,11 @@ pub fn without_tests(path: &Path, text: &str) -> String {
 /// # Panics
 /// Panics if a declared file does not exist or is not Rust.
 pub fn sources(folder: &str) -> BTreeMap<ModulePath, Source> {
+    static CRATES: Memo<BTreeMap<ModulePath, Source>> = Memo::new();
+    CRATES.get(folder, || read_sources(folder))
+}
+
+fn read_sources(folder: &str) -> BTreeMap<ModulePath, Source> {
     let mut found = BTreeMap::new();
     for name in ["lib.rs", "main.rs"] {
         let path = Path::new(folder).join(name);

@@ -7,7 +7,7 @@ use tandem_tidy::{CRATES, files, read};
 const NAMED: [&str; 2] = ["/codes/", "/dialects/"];
 
 /// Programs and handlers of simulated worlds, which are tests.
-const WORLDS: &str = "runtime/src/world/";
+const WORLDS: &str = "runtime/testing/tests/worlds/";
 
 /// True for a text that begins with a G or M code: `G01`, `G54 to G59`. `M1a` is a rule of motion.
 fn begins_with_a_code(literal: &str) -> bool {

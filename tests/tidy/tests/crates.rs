@@ -9,6 +9,11 @@ use tandem_tidy::{files, read, root};
 /// Stages: plain data in and out.
 const STAGES: [&str; 5] = ["syntax", "interp", "path", "motion", "servo"];
 
+/// Returns true if a package is one of this project.
+fn is_ours(name: &str) -> bool {
+    name.starts_with("tandem") || name.starts_with("plc-")
+}
+
 /// Names of a manifest's `[dependencies]`.
 fn dependencies(folder: &str) -> BTreeSet<String> {
     let manifest = read(format!("{folder}/Cargo.toml").as_ref());
@@ -28,7 +33,11 @@ fn dependencies(folder: &str) -> BTreeSet<String> {
 fn every_crate_of_the_layout_is_there_with_its_name() {
     for (folder, name) in [
         ("plc-api", "plc-api"),
+        ("plc-api/protocol", "plc-protocol"),
         ("runtime", "tandem-runtime"),
+        ("runtime/config", "tandem-config"),
+        ("runtime/store", "tandem-store"),
+        ("runtime/testing", "tandem-testing"),
         ("runtime/model", "tandem-model"),
         ("runtime/syntax", "tandem-syntax"),
         ("runtime/interp", "tandem-interp"),
@@ -51,7 +60,7 @@ fn every_crate_of_the_layout_is_there_with_its_name() {
 fn no_stage_imports_another_but_interp_imports_syntax() {
     for stage in STAGES {
         let mut ours = dependencies(&format!("runtime/{stage}"));
-        ours.retain(|name| name.starts_with("tandem-") || name == "plc-api");
+        ours.retain(|name| is_ours(name));
         let mut allowed = BTreeSet::from(["tandem-model".to_owned()]);
         if stage == "interp" {
             allowed.insert("tandem-syntax".into());
@@ -86,10 +95,10 @@ fn stages_and_model_know_no_executor_no_socket_and_no_clock() {
 }
 
 #[test]
-fn gateway_imports_plc_api_and_mtconnect_only_plc_api_no_own_crate() {
+fn protocol_imports_no_crate_and_servers_import_the_protocol() {
     let ours = |folder: &str| {
         let mut found = dependencies(folder);
-        found.retain(|name| name.starts_with("tandem") || name == "plc-api");
+        found.retain(|name| is_ours(name));
         found
     };
     let of = |names: &[&str]| {
@@ -98,26 +107,40 @@ fn gateway_imports_plc_api_and_mtconnect_only_plc_api_no_own_crate() {
             .map(|name| (*name).to_owned())
             .collect::<BTreeSet<_>>()
     };
-    assert_eq!(ours("runtime/gateway"), of(&["plc-api", "tandem-mtconnect"]));
-    assert_eq!(ours("runtime/mtconnect"), of(&["plc-api"]));
-    assert_eq!(ours("runtime/structured-text"), of(&["plc-api", "tandem-model"]));
-    assert_eq!(ours("plc-api"), BTreeSet::new());
+    assert_eq!(ours("runtime/gateway"), of(&["plc-protocol", "tandem-mtconnect"]));
+    assert_eq!(ours("runtime/mtconnect"), of(&["plc-protocol"]));
+    assert_eq!(
+        ours("runtime/structured-text"),
+        of(&["plc-api", "plc-protocol", "tandem-model"])
+    );
+    assert_eq!(
+        ours("runtime/store"),
+        of(&["plc-protocol", "tandem-interp", "tandem-model", "tandem-syntax"])
+    );
+    for below in ["runtime/store", "runtime/config"] {
+        assert!(!ours(below).contains("tandem-runtime"), "{below}");
+    }
+    assert_eq!(ours("plc-api"), of(&["plc-api-derive", "plc-protocol"]));
+    assert_eq!(ours("plc-api/protocol"), BTreeSet::new());
     assert_eq!(ours("runtime/model"), BTreeSet::new());
 }
 
 #[test]
 fn plc_api_without_its_features_is_tokio_serde_and_little_more() {
-    let manifest = read("plc-api/Cargo.toml".as_ref());
-    let mut needed = dependencies("plc-api");
-    needed.retain(|name| {
-        let line = manifest.lines().find(|line| line.starts_with(name.as_str()));
-        line.is_some_and(|line| !line.contains("optional = true"))
-    });
+    let mut needed = BTreeSet::new();
+    for folder in ["plc-api", "plc-api/protocol"] {
+        let manifest = read(format!("{folder}/Cargo.toml").as_ref());
+        needed.extend(dependencies(folder).into_iter().filter(|name| {
+            let line = manifest.lines().find(|line| line.starts_with(name.as_str()));
+            line.is_some_and(|line| !line.contains("optional = true"))
+        }));
+    }
     let known = [
         "futures-util",
         "humantime",
         "percent-encoding",
         "plc-api-derive",
+        "plc-protocol",
         "serde",
         "serde_json",
         "thiserror",

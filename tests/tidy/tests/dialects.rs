@@ -8,10 +8,10 @@ const NAMES: [&str; 2] = ["nj", "dgshape"];
 
 /// Files of the settings of a dialect: the keys of its table, and their reference.
 const SETTINGS: [&str; 4] = [
-    "runtime/src/config/dgshape.rs",
-    "runtime/src/config/resolve/dgshape.rs",
-    "runtime/src/config/mod.rs",
-    "runtime/src/config/reference.rs",
+    "runtime/config/src/dgshape.rs",
+    "runtime/config/src/resolve/dgshape.rs",
+    "runtime/config/src/lib.rs",
+    "runtime/config/src/reference.rs",
 ];
 
 /// True for a line of code that calls a dialect by its name, such as `dialects::nj()`.

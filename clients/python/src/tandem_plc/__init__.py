@@ -48,6 +48,7 @@ from .messages import (
     LockSource,
     OptionalSkip,
     Overrides,
+    Params,
     PendingOutput,
     Position,
     Presence,
@@ -64,7 +65,6 @@ from .messages import (
     WaitingOn,
 )
 from .output import Output
-from .params import Params
 from .plc import Plc
 from .program import Level, SequenceProgram, Serving, stop_signal
 

@@ -20,9 +20,7 @@ def values_of(published: PublishedVariables, first: int, count: int) -> list[flo
     """Return values of variables from ``first`` on, or ``None`` if not all of them are published."""
     known: dict[int, float] = {}
     for row in published.variables:
-        start, values = row.get("from"), row.get("values")
-        if isinstance(start, int) and isinstance(values, list):
-            known.update(enumerate((_number(value) for value in values), start))
+        known.update(enumerate(map(float, row.values), row.from_))
     numbers = range(first, first + count)
     return [known[number] for number in numbers] if all(number in known for number in numbers) else None
 
@@ -49,7 +47,3 @@ def _refused(kind: str, first: int, count: int) -> RequestRefused:
     to_write = f'[[variables.published]] from = "{kind}{first}", count = {count}'
     text = f"{which} not published by this machine: name them in its configuration, such as {to_write}"
     return RequestRefused("not_found", text)
-
-
-def _number(value: object) -> float:
-    return float(value) if isinstance(value, (int, float, str)) else float("nan")

@@ -9,7 +9,7 @@ import types
 import typing
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 T = TypeVar("T")
 
@@ -21,10 +21,17 @@ class DecodeError(ValueError):
 
 
 @cache
-def _fields(cls: type) -> tuple[tuple[str, Any, bool], ...]:
+def _fields(cls: type) -> tuple[tuple[str, str, Any, bool], ...]:
+    """Return the fields of a dataclass: name in JSON, name in Python, type, and whether a message must contain it."""
     hints = typing.get_type_hints(cls)
     return tuple(
-        (item.name, hints[item.name], item.default is MISSING and item.default_factory is MISSING)
+        # a name that Python reserves has an underscore at its end
+        (
+            item.name.removesuffix("_"),
+            item.name,
+            hints[item.name],
+            item.default is MISSING and item.default_factory is MISSING,
+        )
         for item in fields(cls)
     )
 
@@ -45,15 +52,18 @@ def _read(kind: Any, value: object, where: str, depth: int) -> object:
     if origin in (typing.Union, types.UnionType):
         return _read_union(typing.get_args(kind), value, where, depth)
     if origin is tuple:
-        if not isinstance(value, list):
-            raise DecodeError(f"{where}: not a list")
-        item = typing.get_args(kind)[0]
+        item, *others = typing.get_args(kind)
+        if not isinstance(value, list) or (others[0] is not Ellipsis and len(value) != 1 + len(others)):
+            raise DecodeError(f"{where}: not a list of {kind}")
         return tuple(_read(item, entry, f"{where}[{at}]", depth + 1) for at, entry in enumerate(value))
     if origin is dict:
         if not isinstance(value, dict):
             raise DecodeError(f"{where}: not an object")
         item = typing.get_args(kind)[1]
         return {str(key): _read(item, entry, f"{where}.{key}", depth + 1) for key, entry in value.items()}
+    if origin is Literal:
+        # a later machine may use further words
+        return _read_scalar(str, value, where)
     if is_dataclass(kind) and isinstance(kind, type):
         return _read_object(kind, value, where, depth)
     return _read_scalar(kind, value, where)
@@ -73,9 +83,9 @@ def _read_object(kind: type, value: object, where: str, depth: int) -> object:
     if not isinstance(value, dict):
         raise DecodeError(f"{where}: not an object")
     given = {}
-    for name, hint, is_required in _fields(kind):
+    for name, field, hint, is_required in _fields(kind):
         if name in value:
-            given[name] = _read(hint, value[name], f"{where}.{name}", depth + 1)
+            given[field] = _read(hint, value[name], f"{where}.{name}", depth + 1)
         elif is_required:
             raise DecodeError(f"{where}.{name} is missing")
     return kind(**given)

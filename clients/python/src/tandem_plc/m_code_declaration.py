@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from .errors import Alarm, ProgramError
-from .params import CODE_OF_PARAMETER, Params
+from .message_methods import CODE_OF_PARAMETER
+from .messages import Params
 
 _LETTERS = "ABCDEFGH"
 _NAME_MAX = 40

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import secrets
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from .errors import NoAnswer, NotConnected, OutputEnded, RequestRefused
-from .messages import CancelReason, PendingOutput
-from .params import Params
+from .messages import CancelReason, Params, PendingOutput
 
 if TYPE_CHECKING:
     from .connection import Connection
@@ -215,17 +215,18 @@ class Output:
     async def _until_answered(self, question: dict[str, Any]) -> str:
         pendings = self._connection.hub.follow(f"cs/{self.cs}/m_code/pending")
         path, timeout_s = self._path("ask"), _RETRY_S * 4
-        is_shown = False
+        clock = asyncio.get_running_loop().time
+        is_shown, ask_at = False, clock()
         try:
             next_pending = asyncio.ensure_future(anext(pendings))
             while True:
-                if not is_shown:
-                    try:
-                        await self._connection.request(path, question, timeout_s=timeout_s)
-                    except (NoAnswer, NotConnected):
-                        continue
                 # repeats the question until it is shown: the claim may have been lost with the connection
-                done, _ = await asyncio.wait({next_pending}, timeout=None if is_shown else _RETRY_S)
+                if not is_shown and clock() >= ask_at:
+                    with contextlib.suppress(NoAnswer, NotConnected):
+                        await self._connection.request(path, question, timeout_s=timeout_s)
+                    ask_at = clock() + _RETRY_S
+                timeout = None if is_shown else max(ask_at - clock(), 0)
+                done, _ = await asyncio.wait({next_pending}, timeout=timeout)
                 if not done:
                     continue
                 pending = next_pending.result()

@@ -173,8 +173,8 @@ class Plc:
 
     async def _read_variables(self, cs: int, kind: str, first: int, count: int) -> list[float]:
         reply = await self._ask(f"cs/{cs}/variable/get", {"kind": kind, "from": first, "count": count})
-        values = (reply.variables or {}).get("values")
-        if not isinstance(values, list) or len(values) != count:
+        values = () if reply.variables is None else reply.variables.values
+        if len(values) != count:
             raise RequestRefused("unavailable", f"the machine did not answer with {count} values")
         return [float(value) for value in values]
 

@@ -16,9 +16,8 @@ from .connection import PRESENT_TIMEOUT_S, Connection, Credentials
 from .errors import ProgramError
 from .levels import lock_level, lock_target
 from .m_code_declaration import MCodeDeclaration, Param
-from .messages import Redelivery
+from .messages import Params, Redelivery
 from .output import Output
-from .params import Params
 from .plc import Plc
 from .runner import RETURNS_WITHIN_S, Runner, check_returns_within
 

@@ -31,6 +31,7 @@ from .messages import (
     HandlerResult,
     HandshakeResult,
     OutputState,
+    Params,
     Pending,
     PendingOutput,
     Presence,
@@ -38,7 +39,6 @@ from .messages import (
     Validate,
 )
 from .output import Output
-from .params import Params
 from .topics import number_at
 from .within import within
 
@@ -148,6 +148,7 @@ class Runner:
         self.returns_within_ms = 0
         """Reported to the machine at the end; 0: the program does not return."""
         self._is_stopping = False
+        self._has_left = False
         self._is_known_to_stop = asyncio.Event()
         self._connection = connection
         self._plc = plc
@@ -218,6 +219,7 @@ class Runner:
 
     async def leave(self) -> None:
         """End all handlers, and notify the machine that they are offline."""
+        self._has_left = True
         self._cancel(lambda _id: True, CancelReason.SHUTDOWN)
         tasks = [running.task for running in self._running.values() if running.task is not None]
         if tasks:
@@ -352,7 +354,9 @@ class Runner:
 
     def _update_handlers(self, cs: int, pending: Pending) -> None:
         """End handlers whose output is over or belongs to another handler, and start handlers of pending ones."""
-        if pending.boot_id != self._connection.boot_id or not self.announced.is_set():
+        if self._has_left or self._ended.done() or not self.announced.is_set():
+            return
+        if pending.boot_id != self._connection.boot_id:
             return
         ours = {output.seq for output in pending.outputs if output.handler_id in (None, self._handler_id)}
         self._cancel(lambda id_: id_[:2] == (pending.boot_id, cs) and id_[2] not in ours, None)

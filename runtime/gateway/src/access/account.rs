@@ -15,12 +15,12 @@ pub(crate) enum Account {
 }
 
 impl Account {
-    /// The account of a user's request from a host.
+    /// Returns the account of a user's request from a host.
     pub(crate) fn new(user: &User, from: Option<IpAddr>) -> Self {
         Self::named(user.name(), from)
     }
 
-    /// The account of the user with this name; without a name, that of the host.
+    /// Returns the account of the user with this name; without a name, that of the host.
     pub(crate) fn named(user: Option<&str>, from: Option<IpAddr>) -> Self {
         match user {
             Some(name) => Self::User(name.to_owned()),

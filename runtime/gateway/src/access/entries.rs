@@ -12,7 +12,7 @@ use super::token::{Proof, Token, TokenError, random_secret};
 /// Maximum number of entries in one file. Reason: each request is compared with every entry.
 const ENTRIES_MAX: usize = 1000;
 
-/// Characters allowed in a user's name, which is also a topic level and a file name.
+/// Largest number of characters allowed in a user's name, which is also a topic level and a file name.
 const NAME_MAX: usize = 64;
 
 #[derive(Deserialize)]
@@ -80,7 +80,7 @@ fn token(name: String, role: Role, proof: Proof, until: Option<String>) -> Resul
     })
 }
 
-/// The entries of a file's text.
+/// Reads the entries of the text of a token file.
 pub(super) fn read(text: &str) -> Result<Vec<Token>, String> {
     // only the message: the file's lines must not appear in a log
     let file: File = toml::from_str(text).map_err(|error| error.message().to_owned())?;

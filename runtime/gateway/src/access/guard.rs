@@ -8,8 +8,8 @@ use axum::extract::{MatchedPath, Request, State};
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use plc_api::server::{AccessKind, ServerTransport};
-use plc_api::wire::right::Right;
+use plc_protocol::server::{AccessKind, ServerTransport};
+use plc_protocol::wire::right::Right;
 
 use super::http::{Access, forbidden, token};
 use super::{AuthenticatedUser, User};

@@ -80,7 +80,7 @@ impl Access {
         }
     }
 
-    /// Whether every client that reaches the server may hold, stop and abort.
+    /// Returns true if every client that reaches the server may hold, stop and abort.
     pub(crate) fn allows_stop_without_login(&self) -> bool {
         self.stop_without_login && self.users.is_some()
     }
@@ -106,13 +106,14 @@ impl Access {
         &self.origins
     }
 
-    /// Whether a request comes from a user.
+    /// Returns true if a request comes from a user.
     pub(crate) fn is_from_user(&self, headers: &HeaderMap, certificate: Option<&Fingerprint>) -> bool {
         let is_of_user = |users: &Users| users.identify(token(headers), certificate).is_some();
         self.users.as_ref().is_none_or(is_of_user)
     }
 
-    /// The user of a request. Hold, stop and abort, which are urgent, have a rate of their own: [`Access::urgent_delay`].
+    /// Returns the user of a request. Hold, stop and abort, which are urgent, have a rate of their own:
+    /// [`Access::urgent_delay`].
     pub(crate) fn user(
         &self,
         headers: &HeaderMap,
@@ -158,7 +159,7 @@ impl Access {
         }
     }
 
-    /// The users; `None` if no token is needed.
+    /// Returns the users; `None` if no token is needed.
     pub(crate) fn users(&self) -> Option<&Users> {
         self.users.as_ref()
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
-use plc_api::supervisor::Supervisor;
+use plc_protocol::supervisor::Supervisor;
 use tokio::sync::{Notify, watch};
 use tracing::{info, warn};
 
@@ -41,15 +41,6 @@ impl LiveTokens {
         Self { tokens, again }
     }
 
-    /// Tokens that never change.
-    #[cfg(test)]
-    pub(crate) fn fixed(tokens: Arc<Tokens>) -> Self {
-        Self {
-            tokens: watch::channel(tokens).1,
-            again: Arc::default(),
-        }
-    }
-
     pub(crate) fn now(&self) -> Arc<Tokens> {
         Arc::clone(&self.tokens.borrow())
     }
@@ -62,7 +53,7 @@ impl LiveTokens {
     /// Waits for a change.
     pub(crate) async fn changed(&mut self) {
         if self.tokens.changed().await.is_err() {
-            // no task follows the file
+            // the task that reads the file has ended, so no change follows
             std::future::pending::<()>().await;
         }
     }
@@ -126,6 +117,16 @@ mod tests {
 
     use super::*;
     use crate::access::{Role, new_token};
+
+    impl LiveTokens {
+        /// Creates tokens that never change.
+        pub(crate) fn fixed(tokens: Arc<Tokens>) -> Self {
+            Self {
+                tokens: watch::channel(tokens).1,
+                again: Arc::default(),
+            }
+        }
+    }
 
     #[tokio::test(start_paused = true)]
     async fn changed_token_file_is_reloaded_and_an_invalid_one_changes_nothing() {

@@ -21,10 +21,10 @@ use super::token::{Token, random_secret};
 use super::{Tokens, User};
 use crate::connection_slots::host_of;
 
-/// Validity of a login's token. Reason: a shift, and some time.
+/// Longest validity of a login's token. Reason: a shift, and some time.
 pub(crate) const LOGIN_MAX: Duration = Duration::from_hours(12);
 
-/// Logins of one user at one time; a further one ends the oldest.
+/// Largest number of logins of one user at one time; a further one ends the oldest.
 const LOGINS_PER_USER_MAX: usize = 16;
 
 /// Reason for rejecting a login.
@@ -47,7 +47,7 @@ pub(crate) struct AuthenticatedUser {
 }
 
 impl AuthenticatedUser {
-    /// True for a person that has logged in.
+    /// Returns true for a person that has logged in.
     pub(crate) fn is_login(&self) -> bool {
         self.login.is_some()
     }

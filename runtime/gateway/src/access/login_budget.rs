@@ -28,11 +28,11 @@ const USER_SECONDS: f64 = 3.0;
 const HOST_BURST: u32 = 10;
 const HOST_SECONDS: f64 = 15.0;
 
-/// Hosts remembered for one user; a further one replaces the one that was used longest ago.
+/// Largest number of hosts remembered for one user; a further one replaces the one that was used longest ago.
 const HOSTS_PER_USER_MAX: usize = 16;
 
-/// Logins that wait for another one's check: in total, of one host, and of users from hosts from which they have never
-/// logged in. Reason: a check takes 50 ms, so the last one waits 1.6 s.
+/// Largest number of logins that wait for another one's check: in total, of one host, and of users from hosts from
+/// which they have never logged in. Reason: a check takes 50 ms, so the last one waits 1.6 s.
 const WAITING_MAX: usize = 32;
 const WAITING_PER_HOST_MAX: usize = 2;
 const WAITING_UNFAMILIAR_MAX: usize = 24;

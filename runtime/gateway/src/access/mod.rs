@@ -19,8 +19,8 @@ mod users;
 
 use std::sync::Arc;
 
-use plc_api::wire::message_sender::MessageSender;
-use plc_api::wire::right::Right;
+use plc_protocol::wire::message_sender::MessageSender;
+use plc_protocol::wire::right::Right;
 use serde::{Deserialize, Serialize};
 
 pub(crate) use account::Account;
@@ -60,13 +60,13 @@ impl Role {
         ("handler", Role::Handler),
     ];
 
-    /// The role with this name.
+    /// Returns the role with this name.
     pub fn of_name(name: &str) -> Option<Role> {
         let mut all = Self::ALL.iter();
         all.find(|(known, _)| *known == name).map(|(_, role)| *role)
     }
 
-    /// The name of the role.
+    /// Returns the name of the role.
     pub fn name(self) -> &'static str {
         let mut all = Self::ALL.iter();
         all.find(|(_, role)| *role == self).map_or("", |(name, _)| name)

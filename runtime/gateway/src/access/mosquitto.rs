@@ -2,15 +2,15 @@
 
 use std::fmt::Write as _;
 
-use plc_api::wire::machines;
-use plc_api::wire::message_sender::MessageSender;
-use plc_api::wire::right::Right;
+use plc_protocol::wire::machines;
+use plc_protocol::wire::message_sender::MessageSender;
+use plc_protocol::wire::right::Right;
 
 use super::{Role, Tokens};
 use crate::contract::topics::inbound_topics;
 
-/// The text of a Mosquitto ACL file for the users of the tokens, and for the runtime's own user, the only one that may
-/// publish states. `root` is the machine's topic root with its last slash.
+/// Returns the text of a Mosquitto ACL file for the users of the tokens, and for the runtime's own user, the only one
+/// that may publish states. `root` is the machine's topic root with its last slash.
 pub fn mosquitto_acl(root: &str, runtime_user: Option<&str>, tokens: &Tokens) -> String {
     let mut text = format!(
         "# Access to the topics below {root}. Users are those of the token file; give each its token as password:\n# mosquitto_passwd -b PASSWORD_FILE NAME TOKEN\n"

@@ -98,7 +98,7 @@ pub(crate) struct Rates<K> {
     shared: Arc<Rate>,
 }
 
-/// Keys of one [`Rates`]. Reason: more than the tokens of a file and than the clients of the broker.
+/// Largest number of keys of one [`Rates`]. Reason: more than the tokens of a file and than the clients of the broker.
 const KEYS_MAX: usize = 1024;
 
 impl<K: Clone + Eq + Hash> Rates<K> {
@@ -112,7 +112,7 @@ impl<K: Clone + Eq + Hash> Rates<K> {
         }
     }
 
-    /// The rate of a key.
+    /// Returns the rate of a key.
     pub(crate) fn rate_for(&self, key: &K) -> Arc<Rate> {
         let mut by_key = self.by_key.lock();
         if by_key.len() >= KEYS_MAX && !by_key.contains_key(key) {

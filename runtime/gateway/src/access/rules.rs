@@ -1,9 +1,9 @@
 //! Rights of users, checked on the request that is executed. Pure: no I/O.
 
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::request::{Input, Request};
-use plc_api::wire::right::Right;
-use plc_api::wire::row::ParsedRequest;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::request::{Input, Request};
+use plc_protocol::wire::right::Right;
+use plc_protocol::wire::row::ParsedRequest;
 
 use super::{Role, User};
 use crate::urgent_slots::UrgentKind;
@@ -46,7 +46,7 @@ pub(crate) fn may_speak_as(user: &User, right: Right, handler_id: &str) -> bool 
     user.has(right) && (user.role() != Role::Handler || user.name() == Some(handler_id))
 }
 
-/// A handler acts in its own name, never by force, and sets values only where it serves an M code.
+/// Checks that a handler acts in its own name, not by force, and sets values only where it serves an M code.
 fn check_handler(
     name: &str,
     parsed: &ParsedRequest,
@@ -82,8 +82,8 @@ fn check_handler(
     ))
 }
 
-/// A handler may set its own sources of inputs, never those of other handlers, and inputs and outputs of the plant in
-/// its own name.
+/// Checks that a handler sets only its own sources of interlock and start lock, and inputs and outputs of the plant
+/// in its own name.
 fn check_input(name: &str, request: &Request) -> Result<(), String> {
     match request {
         Request::Input(_, Input::Interlock(set) | Input::StartLock(set))

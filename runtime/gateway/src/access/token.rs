@@ -1,13 +1,9 @@
 //! A user of the token file, and its credentials.
 
 use std::path::PathBuf;
-#[cfg(test)]
-use std::sync::Arc;
 use std::time::SystemTime;
 
 use super::Role;
-#[cfg(test)]
-use super::User;
 
 /// Random bytes of a new token. They cannot be guessed, so a plain digest is as safe as a slow one.
 const TOKEN_BYTES: usize = 32;
@@ -97,17 +93,6 @@ impl Token {
             until: None,
         }
     }
-
-    /// Creates a user whose token cannot be presented.
-    #[cfg(test)]
-    pub(crate) fn user_for_test(name: &str, role: Role) -> User {
-        User::Token(Arc::new(Token {
-            name: name.to_owned(),
-            role,
-            proof: Proof::Token([0; 32]),
-            until: None,
-        }))
-    }
 }
 
 impl std::fmt::Debug for Token {
@@ -121,4 +106,19 @@ pub(crate) fn random_secret() -> Result<String, TokenError> {
     let mut bytes = [0_u8; TOKEN_BYTES];
     getrandom::fill(&mut bytes).map_err(|error| TokenError::Random(error.to_string()))?;
     Ok(hex::encode(bytes))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::access::User;
+
+    impl Token {
+        /// Creates a user whose token cannot be presented.
+        pub(crate) fn user_for_test(name: &str, role: Role) -> User {
+            User::Token(Arc::new(Self::of_topic(name.to_owned(), role)))
+        }
+    }
 }

@@ -13,10 +13,10 @@ use super::token::{Proof, Token, TokenError};
 use super::{Role, User};
 use crate::certificate::days_to_end;
 
-/// Bytes of a token file. Reason: 1000 entries with long names fit.
+/// Largest number of bytes of a token file. Reason: 1000 entries with long names fit.
 const FILE_MAX: u64 = 512 * 1024;
 
-/// Bytes of a presented token; a longer one is not hashed. Reason: generated tokens have 64.
+/// Largest number of bytes of a presented token; a longer one is not hashed. Reason: generated tokens have 64.
 const PRESENTED_MAX: usize = 512;
 
 /// The tokens and certificates of a machine's users.
@@ -139,21 +139,21 @@ impl Tokens {
         self.tokens.iter().filter_map(|token| token.until).min()
     }
 
-    /// True if the file names certificates.
+    /// Returns true if the file names certificates.
     pub(crate) fn names_certificates(&self) -> bool {
         self.tokens
             .iter()
             .any(|token| matches!(token.proof, Proof::Certificate(_)))
     }
 
-    /// The owner of a certificate with this SHA-256.
+    /// Returns the owner of a certificate with this SHA-256.
     pub(crate) fn user_of_certificate(&self, fingerprint: &[u8; 32]) -> Option<User> {
         let proof = Proof::Certificate(*fingerprint);
         let token = self.tokens.iter().find(|token| token.proof == proof);
         token.cloned().map(User::Token)
     }
 
-    /// The user with this name who types a PIN.
+    /// Returns the user with this name who types a PIN.
     pub(super) fn with_pin(&self, name: &str) -> Option<Arc<Token>> {
         let mut persons = self.tokens.iter().filter(|token| token.pin().is_some());
         persons.find(|token| token.name == name).cloned()
@@ -164,13 +164,13 @@ impl Tokens {
         self.tokens.iter().map(|token| (token.name.as_str(), token.role))
     }
 
-    /// The user with this name.
+    /// Returns the user with this name.
     pub(crate) fn user_named(&self, name: &str) -> Option<User> {
         let token = self.tokens.iter().find(|token| token.name == name);
         token.cloned().map(User::Token)
     }
 
-    /// Whether the token of a user is still valid, with the same role.
+    /// Returns true if the token of a user is still valid, with the same role.
     pub(crate) fn has(&self, user: &User) -> bool {
         match user {
             User::Token(token) => self.tokens.contains(token),
@@ -178,7 +178,7 @@ impl Tokens {
         }
     }
 
-    /// The owner of a presented token. It is compared with every token, each in constant time.
+    /// Returns the owner of a presented token. It is compared with every token, each in constant time.
     pub(crate) fn user_of(&self, presented: &[u8]) -> Option<User> {
         if presented.len() > PRESENTED_MAX {
             return None;

@@ -1,13 +1,13 @@
 //! Access to MQTT topics. Pure: no I/O.
 
-use plc_api::wire::message_sender::MessageSender;
-use plc_api::wire::right::Right;
+use plc_protocol::wire::message_sender::MessageSender;
+use plc_protocol::wire::right::Right;
 
 use super::{Role, User};
 use crate::contract::topics::inbound;
 
-/// Whether a user may publish on a topic; the payload is authorized after it is parsed. States belong to the runtime.
-/// Below other roots, publishing is allowed to every client without tokens, and to none with them.
+/// Returns true if a user may publish on a topic; the payload is authorized after it is parsed. States belong to the
+/// runtime. Below other roots, publishing is allowed to every client without tokens, and to none with them.
 pub(crate) fn may_publish(user: &User, root: &str, topic: &str) -> bool {
     let Some(path) = topic.strip_prefix(root) else {
         return user.name().is_none();
@@ -28,7 +28,7 @@ pub(crate) fn may_publish(user: &User, root: &str, topic: &str) -> bool {
     user.has(right) && in_own_name
 }
 
-/// Whether a user may subscribe. A user who may read may read all messages of the machine.
+/// Returns true if a user may subscribe. A user who may read may read all messages of the machine.
 pub(crate) fn may_subscribe(user: &User) -> bool {
     user.has(Right::Read)
 }

@@ -25,7 +25,7 @@ pub(crate) enum CloseReason {
 }
 
 impl CloseReason {
-    /// For the client.
+    /// Returns the text that the client receives.
     pub(crate) fn text(self) -> &'static str {
         match self {
             CloseReason::Revoked => "the token is no longer valid",

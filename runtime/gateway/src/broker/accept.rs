@@ -23,8 +23,8 @@ use mqtt5::packet::connect::ConnectPacket;
 use mqtt5::packet::publish::PublishPacket;
 use mqtt5::types::ReasonCode;
 use parking_lot::Mutex;
-use plc_api::supervisor::Supervisor;
-use plc_api::wire::row::ParsedRequest;
+use plc_protocol::supervisor::Supervisor;
+use plc_protocol::wire::row::ParsedRequest;
 use tokio::io::{AsyncBufRead as _, AsyncRead, AsyncWrite, BufReader, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{broadcast, oneshot};
@@ -52,7 +52,7 @@ pub(crate) const SLOT_LIMITS: SlotLimits = SlotLimits {
     known: 256,
 };
 
-/// Size of the read buffer of a connection, bytes.
+/// Largest size of the read buffer of a connection, bytes.
 const READ_MAX: usize = 4096;
 
 /// How often expired sessions and messages are removed.
@@ -81,7 +81,8 @@ struct PendingConnection {
     transport: ClientTransport,
     address: SocketAddr,
     certificate: Option<Fingerprint>,
-    /// False for a client without TLS although there is a certificate: it is rejected with this reason.
+    /// False if the client uses no TLS although the machine has a certificate. The broker rejects the connection
+    /// with this reason.
     is_open: bool,
 }
 
@@ -156,7 +157,7 @@ impl BrokerServer {
             transport: Either::Right(Box::new(bytes)),
             address,
             certificate,
-            // HTTP uses TLS if the broker does
+            // HTTP and the broker share the certificate, so a WebSocket without TLS exists only without a certificate
             is_open: true,
         };
         let serving = async {
@@ -276,7 +277,8 @@ type ConnectedClient = (Arc<str>, AuthenticatedUser);
 
 /// The guard of one connection.
 struct ConnectionGuard {
-    /// False for a client without TLS although there is a certificate: it is rejected with this reason.
+    /// False if the client uses no TLS although the machine has a certificate. The broker rejects the connection
+    /// with this reason.
     is_open: bool,
     certificate: Option<Fingerprint>,
     guard: Arc<Guard>,
@@ -305,7 +307,7 @@ impl ConnectionGuard {
         let arrival = self.guard.arrive(&event.topic).to_string();
         publish.properties.add_user_property(ARRIVAL.to_owned(), arrival);
         if publish.qos == QoS::ExactlyOnce {
-            // the library delivers it when its client sends PUBREL
+            // the library delivers a message of quality of service 2 when its client sends PUBREL
             return PublishAction::Transform(publish);
         }
         let now = Instant::now();
@@ -382,7 +384,7 @@ impl BrokerEventHandler for ConnectionGuard {
     fn on_client_connect(&self, event: ClientConnectEvent) -> Answer<'_, ()> {
         if let (Some(let_in), Some(shown)) = (self.connected.lock().take(), self.authenticated.lock().take())
         {
-            // an error only if the connection ends already
+            // the send fails only if the connection is ending, and then the name of its client is not needed
             let _ = let_in.send((Arc::clone(&event.client_id), shown));
         }
         self.guard.on_client_connect(event)

@@ -14,13 +14,13 @@ use mqtt5::broker::storage::ClientSession;
 use mqtt5::packet::connect::ConnectPacket;
 use mqtt5::packet::publish::PublishPacket;
 use mqtt5::types::ReasonCode;
-use plc_api::server::{AccessKind, ServerNotice, ServerTransport};
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::command::Verb;
-use plc_api::types::request::Request;
-use plc_api::wire::mqtt::{Inbound, decode};
-use plc_api::wire::right::Right;
-use plc_api::wire::row::{ParsedRequest, number};
+use plc_protocol::server::{AccessKind, ServerNotice, ServerTransport};
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::command::Verb;
+use plc_protocol::types::request::Request;
+use plc_protocol::wire::mqtt::{Inbound, decode};
+use plc_protocol::wire::right::Right;
+use plc_protocol::wire::row::{ParsedRequest, number};
 use serde::Deserialize as _;
 use serde::de::IntoDeserializer as _;
 use serde::de::value::{Error as ValueError, StrDeserializer};
@@ -72,7 +72,7 @@ fn identify_user(
     is_named.then_some(shown)
 }
 
-/// True for a client whose session outlives its connection.
+/// Returns true for a client whose session outlives its connection.
 fn outlives(connect: &ConnectPacket) -> bool {
     ClientSession::expiry_from_connect(connect) != Some(0)
 }
@@ -223,7 +223,7 @@ impl Guard {
         Ok(())
     }
 
-    /// True for a will on a presence below the root whose content is not offline.
+    /// Returns true for a will on a presence below the root whose content is not offline.
     fn is_presence_online(&self, topic: &str, connect: &ConnectPacket) -> bool {
         let Some(path) = topic.strip_prefix(&self.access.root) else {
             return false;
@@ -317,7 +317,7 @@ impl Guard {
             .is_some_and(|user| may_publish(&user, &self.access.root, topic))
     }
 
-    /// True for a message that the broker must not deliver, because it has been handled.
+    /// Returns true for a message that the broker must not deliver, because it has been handled.
     fn withholds(&self, event: &ClientPublishEvent) -> bool {
         let user_id = event.user_id.as_deref();
         if !self.may_publish(user_id, &event.topic) {
@@ -338,7 +338,7 @@ impl Guard {
     }
 }
 
-/// The coordinate system and the verb of a command's path.
+/// Returns the coordinate system and the verb of a command's path.
 fn command_of(path: &str) -> Option<(CoordinateSystemNumber, Verb)> {
     let mut levels = path.rsplit('/');
     let verb: StrDeserializer<'_, ValueError> = levels.next()?.into_deserializer();
@@ -348,7 +348,7 @@ fn command_of(path: &str) -> Option<(CoordinateSystemNumber, Verb)> {
     (is_command && levels.next()? == "cs").then_some((cs, verb))
 }
 
-/// True for a path on which an urgent request may arrive; its payload decides.
+/// Returns true for a path on which an urgent request may arrive; its payload decides.
 fn may_be_urgent(path: &str) -> bool {
     let is_command = |(_, verb): (_, Verb)| verb.is_urgent() || verb == Verb::Jog;
     path == "alarm/raise" || command_of(path).is_some_and(is_command)
@@ -380,7 +380,8 @@ impl Guard {
         }
     }
 
-    /// Topics below the root that a client may retain are presences.
+    /// Returns the kind of a retained message that a client publishes. Below the root of the machine a client may
+    /// retain presences only.
     fn kind(&self, topic: &str) -> Kind {
         if topic.starts_with(&self.access.root) {
             Kind::Presence
@@ -389,7 +390,7 @@ impl Guard {
         }
     }
 
-    /// Reports to the operator that messages are not kept, until there is room again.
+    /// Reports to the operator that the memory for retained messages is full. The notice stays until memory is free.
     fn report_not_retained(&self, topic: &str, client: &str, text: &str) {
         if !self.retained.is_newly_full() {
             return;

@@ -9,14 +9,14 @@ use mqtt5::packet::FixedHeader;
 use mqtt5::packet::publish::PublishPacket;
 use mqtt5::types::ReasonCode;
 use parking_lot::Mutex;
-use plc_api::wire::PAYLOAD_MAX;
+use plc_protocol::wire::PAYLOAD_MAX;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
 use super::MQTT_5;
 
-/// Limit of message bytes in transit to connected clients. Beyond it, clients that do not read are closed, and messages
-/// of other clients are rejected, not delayed. Messages in session queues are not included.
+/// Largest number of message bytes in transit to connected clients. Beyond it, clients that do not read are closed, and
+/// messages of other clients are rejected, not delayed. Messages in session queues are not included.
 pub(super) const IN_TRANSIT_BYTES_MAX: usize = 64 * 1024 * 1024;
 
 /// If there is no room, a client with messages in transit that has accepted nothing for this time is closed.
@@ -163,7 +163,7 @@ impl PacketMonitor {
         *stalled = is_stalled.then(|| stalled.unwrap_or_else(Instant::now));
     }
 
-    /// Whether messages are in transit to the client and it has accepted nothing for `UNRESPONSIVE_AFTER`.
+    /// Returns true if messages are in transit to the client and it has accepted nothing for `UNRESPONSIVE_AFTER`.
     fn is_unresponsive(&self) -> bool {
         let passing = self.passing.lock();
         let owes = (passing.unacknowledged > 0).then_some(passing.acknowledged);
@@ -217,7 +217,7 @@ fn topic_bytes(publish: &[u8]) -> Option<usize> {
     Some(u16::from_be_bytes(length).into())
 }
 
-/// A DISCONNECT packet of MQTT 5 with a reason code and its text.
+/// Returns a DISCONNECT packet of MQTT 5 with a reason code and its text.
 fn disconnect((code, text): (ReasonCode, &str)) -> Vec<u8> {
     const REASON_STRING: u8 = 0x1f;
     let bytes = u8::try_from(text.len().min(100)).unwrap_or_default();
@@ -272,7 +272,7 @@ impl MessagesInTransit {
         Bytes::from_owner(CountedPayload { payload, bytes })
     }
 
-    /// Whether there is room for this number of bytes. If there is none, clients that do not read are closed.
+    /// Returns true if there is room for this number of bytes. If there is none, clients that do not read are closed.
     pub(super) fn has_room(&self, bytes: usize) -> bool {
         if self.bytes.load(Ordering::Relaxed) + bytes <= IN_TRANSIT_BYTES_MAX {
             return true;

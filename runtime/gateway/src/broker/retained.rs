@@ -5,14 +5,13 @@ use std::collections::HashMap;
 use std::time::Duration;
 
 use parking_lot::Mutex;
-use plc_api::types::output::HandlerPresence;
+use plc_protocol::types::output::HandlerPresence;
 use tokio::time::Instant;
 
 /// Bytes of one message in addition to topic and payload.
 const OVERHEAD: usize = 256;
 
-/// Time limit for keeping a message. After it, the message is never kept, because its client did not finish
-/// sending it.
+/// Time limit within which a client must finish sending a retained message. After this time the message is not kept.
 const UNFINISHED_MAX: Duration = Duration::from_mins(1);
 
 /// Kinds of messages, each with separate limits.
@@ -25,7 +24,7 @@ pub(super) enum Kind {
 }
 
 impl Kind {
-    /// Messages, and bytes with their topics.
+    /// Returns the largest number of messages of this kind, and of their bytes with their topics.
     pub(super) const fn limits(self) -> (usize, usize) {
         match self {
             Kind::Presence => (2048, 16 * 1024 * 1024),

@@ -10,7 +10,8 @@ use tokio::time::Instant;
 use super::{CLIENTS_MAX, SESSION_EXPIRY};
 use crate::access::{Account, User};
 
-/// Sessions that outlive their connections; more are refused. Reason: messages wait in memory for each absent client.
+/// Largest number of sessions that outlive their connections; more are refused. Reason: messages wait in memory for
+/// each absent client.
 pub(super) const REMEMBERED_MAX: usize = 64;
 
 /// Number of these sessions that are reserved for users who may operate the machine or serve M codes.
@@ -108,7 +109,7 @@ impl Sessions {
 
     pub(super) fn admit(&self, client_id: &str, session: AdmittedClient) {
         let mut admitted = self.admitted.lock();
-        // clients that disconnected before the library reported them as connected
+        // removes clients that disconnected before the library reported them as connected
         if admitted.len() > 2 * CLIENTS_MAX {
             admitted.clear();
         }

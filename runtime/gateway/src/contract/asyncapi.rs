@@ -2,11 +2,10 @@
 
 use std::sync::LazyLock;
 
-use plc_api::types::command::Command;
-use plc_api::types::topic::Topic;
-use plc_api::wire::message_sender::MessageSender;
-use plc_api::wire::right::Right;
-use plc_api::wire::row::InboundTopic;
+use plc_protocol::types::topic::Topic;
+use plc_protocol::wire::message_sender::MessageSender;
+use plc_protocol::wire::right::Right;
+use plc_protocol::wire::topic_level::TOPIC_LEVELS;
 use serde_json::{Map, Value, json};
 
 use super::outbound::{CS, M, outbound};
@@ -23,16 +22,16 @@ pub(super) fn document(schemas: &Schemas) -> Value {
     let mut channels = Map::new();
     let mut operations = Map::new();
     let mut add = |path: &str, action: &str, schema: &str, operation: Value| {
-        let name = channel_name(path);
+        let channel = channel_name(path);
         let mut parameters = Map::new();
         parameters.insert("machine".into(), json!({"description": "Name of the machine."}));
         for level in path.split('/') {
-            if let Some(parameter) = level.strip_prefix('{').and_then(|level| level.strip_suffix('}')) {
-                parameters.insert(parameter.into(), parameter_of(parameter));
+            if let Some(name) = level.strip_prefix('{').and_then(|level| level.strip_suffix('}')) {
+                parameters.insert(name.into(), parameter(name));
             }
         }
         channels.insert(
-            name.clone(),
+            channel.clone(),
             json!({
                 "address": format!("tandem/v1/{{machine}}/{path}"),
                 "servers": [{"$ref": "#/servers/machine"}],
@@ -42,8 +41,8 @@ pub(super) fn document(schemas: &Schemas) -> Value {
         );
         let mut operation = operation;
         operation["action"] = action.into();
-        operation["channel"] = json!({"$ref": format!("#/channels/{name}")});
-        operations.insert(format!("{action}_{name}"), operation);
+        operation["channel"] = json!({"$ref": format!("#/channels/{channel}")});
+        operations.insert(format!("{action}_{channel}"), operation);
     };
     for topic in outbound() {
         let bindings = json!({"mqtt": {"qos": topic.qos(), "retain": topic.is_retained()}});
@@ -54,7 +53,7 @@ pub(super) fn document(schemas: &Schemas) -> Value {
         let bindings = json!({"mqtt": {"qos": 1, "retain": topic.retained}});
         let mut operation =
             json!({"summary": topic.summary, "bindings": bindings, "x-right": right.wire_name()});
-        if let Some(answer) = answer_to(topic) {
+        if let Some(answer) = topic.answer {
             operation["reply"] = json!({"channel": {"$ref": format!("#/channels/{}", channel_name(answer))}});
         }
         let (path, schema) = (topic.path(), payload_of(topic).0);
@@ -85,7 +84,8 @@ pub(super) fn document(schemas: &Schemas) -> Value {
     })
 }
 
-/// The paths on which the senders of a request name themselves: handlers, clients, or both, by the right that it needs.
+/// Returns the paths on which the senders of a request name themselves: handlers, clients, or both, by the right that
+/// it needs.
 fn named_paths(path: &str, right: Right) -> Vec<String> {
     let speakers = [
         (MessageSender::Handler("{id}".into()), Role::Handler),
@@ -107,47 +107,14 @@ fn channel_name(path: &str) -> String {
     path.replace(['{', '}'], "").replace('/', "_")
 }
 
-/// Describes a variable level of a path.
-fn parameter_of(name: &str) -> Value {
-    let (description, examples): (&str, &[&str]) = match name {
-        "cs" => ("Number of the coordinate system, from 1.", &["1", "2"]),
-        "m" => (
-            "Number of the M code, 0 to 191, without leading zeros.",
-            &["6", "12", "100"],
-        ),
-        "id" => (
-            "Name of the sender: 1 to 64 characters without / + #; a program always uses one name.",
-            &["changer", "panel"],
-        ),
-        "client_id" => (
-            "The client_id of the command that is answered: 1 to 64 characters without / + #.",
-            &["panel"],
-        ),
-        "name" => (
-            "Its name in the configuration: 1 to 64 characters without / + #.",
-            &["door_closed", "coolant_valve"],
-        ),
-        "side" => ("Selects inputs or outputs of the plant.", &["in", "out"]),
-        "number" => ("Number of the CNC motor, from 1.", &["1"]),
-        "verb" => ("The command.", &["load", "start", "hold"]),
-        "input" => ("Name of the input.", &["optional_skip", "interlock"]),
-        _ => ("A name.", &[]),
+/// Describes a variable level of a path; `null` if [`TOPIC_LEVELS`] does not contain it.
+fn parameter(name: &str) -> Value {
+    let Some(level) = TOPIC_LEVELS.iter().find(|level| level.name == name) else {
+        return Value::Null;
     };
-    let mut parameter = json!({"description": description, "examples": examples});
-    match name {
-        "side" => parameter["enum"] = json!(["in", "out"]),
-        "verb" => parameter["enum"] = json!(Command::VERBS),
-        "input" => {
-            parameter["enum"] = json!([
-                "optional_skip",
-                "optional_stop",
-                "single_block",
-                "dry_run",
-                "interlock",
-                "start_lock"
-            ]);
-        }
-        _ => {}
+    let mut parameter = json!({"description": level.description, "examples": level.examples});
+    if !level.values.is_empty() {
+        parameter["enum"] = json!(level.values);
     }
     parameter
 }
@@ -168,16 +135,7 @@ fn message(of: &str, schema: &str) -> Value {
 static EXAMPLES: LazyLock<Value> =
     LazyLock::new(|| serde_json::from_str(include_str!("examples.json")).unwrap_or_default());
 
-/// Returns the path on which a message is answered; `None` if it is not answered.
-fn answer_to(topic: &InboundTopic) -> Option<&'static str> {
-    match topic.pattern {
-        _ if !topic.envelope.is_empty() => Some("reply/{client_id}"),
-        "cs/{cs}/m_code/{m}/claim" | "cs/{cs}/m_code/{m}/reset" => Some("cs/{cs}/m_code/{m}/result"),
-        _ => None,
-    }
-}
-
-/// One connection carries the messages of all topics that its client names.
+/// Adds the channel of the WebSocket, which carries the messages of all topics that its client names.
 fn add_websocket(channels: &mut Map<String, Value>, operations: &mut Map<String, Value>) {
     const RECEIVED: [&str; 1] = ["WebSocketRequest"];
     const SENT: [&str; 2] = ["WebSocketMessage", "WebSocketError"];

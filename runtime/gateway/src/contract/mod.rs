@@ -12,6 +12,8 @@ mod openapi;
 #[cfg(test)]
 mod outbound;
 #[cfg(test)]
+mod python;
+#[cfg(test)]
 mod schemas;
 #[cfg(test)]
 pub(crate) mod tests;

@@ -2,9 +2,10 @@
 
 use serde_json::{Map, Value, json};
 
-use plc_api::wire::parameter::Values;
-use plc_api::wire::right::Right;
-use plc_api::wire::route::{Content, Headers, Route};
+use plc_protocol::wire::parameter::Values;
+use plc_protocol::wire::right::Right;
+use plc_protocol::wire::route::{Content, Headers, Route};
+use plc_protocol::wire::subject::Subject;
 
 use super::routes::{ROUTES, Serves};
 use super::schemas::{Schemas, body_of, reference};
@@ -35,7 +36,7 @@ pub(super) fn document(schemas: &Schemas) -> Value {
         },
         "servers": [{"url": "/api/v1"}],
         "security": [{"token": []}, {}],
-        "tags": TAGS.map(|(name, description)| json!({"name": name, "description": description})),
+        "tags": Subject::ALL.map(|subject| json!({"name": subject.name(), "description": subject.description()})),
         "paths": paths,
         "components": {
             "schemas": schemas,
@@ -99,57 +100,15 @@ fn list_words(fields: &mut Map<String, Value>) {
     fields.insert("description".into(), description.trim_start().into());
 }
 
-/// Subjects of the routes, in the order of the document.
-const TAGS: [(&str, &str); 8] = [
-    (
-        "commands",
-        "Commands to a coordinate system, and its control lease.",
-    ),
-    ("states", "States and positions of a coordinate system."),
-    ("m_codes", "Outputs of M codes, and the handlers that serve them."),
-    (
-        "inputs",
-        "Values written to the machine: inputs, overrides, spindle, tool, inputs and outputs of the plant, \
-         and heartbeats of watched clients.",
-    ),
-    ("programs", "The program store, and previews of its programs."),
-    ("values", "Variables, tools and work offsets."),
-    ("alarms", "Alarms and the journal."),
-    ("machine", "The machine as a whole, its users and its documents."),
-];
-
-/// Returns the subject of a route.
-fn tag(route: &Route) -> &'static str {
-    let path = route.path();
-    let mut levels = path.trim_start_matches('/').split('/');
-    let first = levels.next().unwrap_or_default();
-    let level = match first {
-        "cs" => levels.nth(1).unwrap_or("machine"),
-        first => first,
-    };
-    match level {
-        "alarms" | "journal" => "alarms",
-        _ if route.headers == Headers::Command => "commands",
-        "lease" | "commands" => "commands",
-        "m_codes" | "handlers" => "m_codes",
-        "overrides" | "spindle" | "tool" if route.method == "GET" => "states",
-        "inputs" | "overrides" | "spindle" | "tool" | "motors" | "clients" | "io" => "inputs",
-        "programs" => "programs",
-        "variables" | "tools" | "work_offsets" => "values",
-        _ if first == "cs" && level != "machine" => "states",
-        _ => "machine",
-    }
-}
-
 fn operation(route: &Route, serves: Serves) -> Value {
     let right = serves.right();
     let is_limited_in_age = serves.takes_not_after() && matches!(route.body, Content::Json(_));
     let mut operation = json!({
         "operationId": operation_id(route),
-        "tags": [tag(route)],
+        "tags": [route.subject.name()],
         "summary": route.summary,
         "parameters": parameters(route),
-        "responses": responses(route, right, is_limited_in_age),
+        "responses": responses(route, serves, is_limited_in_age),
     });
     if let Some(right) = right {
         operation["x-right"] = right.wire_name().into();
@@ -193,17 +152,9 @@ fn operation_id(route: &Route) -> String {
 }
 
 fn parameters(route: &Route) -> Vec<Value> {
-    let in_path = route.names().map(|name| {
-        let schema = match (name, route.headers) {
-            ("cs", _) => json!({"type": "integer", "minimum": 1, "maximum": 255}),
-            ("number", _) => json!({"type": "integer", "minimum": 1, "maximum": route.number_max}),
-            ("name", _) => json!({"type": "string", "minLength": 1, "maxLength": 64}),
-            ("id", Headers::Nothing) | ("what", _) => {
-                json!({"type": "string", "minLength": 1, "maxLength": 128})
-            }
-            _ => json!({"type": "integer", "minimum": 0}),
-        };
-        json!({"name": name, "in": "path", "required": true, "schema": schema})
+    let in_path = route.params.iter().map(|param| {
+        let schema = schema_of(&param.values);
+        json!({"name": param.name, "in": "path", "required": true, "schema": schema})
     });
     let listed = |name: &str, place: &str, values: &Values, description: &str, is_required: bool| {
         let schema = schema_of(values);
@@ -248,7 +199,7 @@ fn schema_of(values: &Values) -> Value {
     }
 }
 
-fn responses(route: &Route, right: Option<Right>, is_limited_in_age: bool) -> Value {
+fn responses(route: &Route, serves: Serves, is_limited_in_age: bool) -> Value {
     let mut responses = Map::new();
     for (status, content) in route.answers() {
         let content = match content {
@@ -271,19 +222,19 @@ fn responses(route: &Route, right: Option<Right>, is_limited_in_age: bool) -> Va
         if let Some(content) = content {
             response["content"] = content;
         }
-        if let Some(headers) = response_headers(route, status) {
+        if let Some(headers) = response_headers(route, serves, status) {
             response["headers"] = headers;
         }
         responses.insert(status.to_string(), response);
     }
     if route.headers == Headers::Cached {
-        let headers = response_headers(route, 200);
+        let headers = response_headers(route, serves, 200);
         responses.insert(
             "304".to_owned(),
             json!({"description": "The client already has the current data.", "headers": headers}),
         );
     }
-    for status in refusals(route, right, is_limited_in_age) {
+    for status in refusals(route, serves.right(), is_limited_in_age) {
         let mut refusal = json!({
             "description": refusal_text(status),
             "content": {"application/problem+json": {"schema": reference("Problem")}},
@@ -310,7 +261,7 @@ fn refusal_headers(status: u16) -> Option<Value> {
 }
 
 /// Headers of a response.
-fn response_headers(route: &Route, status: u16) -> Option<Value> {
+fn response_headers(route: &Route, serves: Serves, status: u16) -> Option<Value> {
     let says = |description: &str| {
         let header = json!({"schema": {"type": "string"}, "description": description});
         Some(json!({"ETag": header}))
@@ -327,16 +278,9 @@ fn response_headers(route: &Route, status: u16) -> Option<Value> {
             says("The hash of the program, in quotes.")
         }
         200 if is_path => says("A tag that identifies this path, in quotes."),
-        200 if is_state(route) => says("The revision of the state, in quotes."),
+        200 if matches!(serves, Serves::State(_)) => says("The revision of the state, in quotes."),
         _ => None,
     }
-}
-
-/// Returns true if the response is the last message of a state, as the machine publishes it.
-fn is_state(route: &Route) -> bool {
-    plc_api::wire::states::STATES
-        .iter()
-        .any(|state| state.route.pattern == route.pattern)
 }
 
 /// Returns the status codes of a route's rejections, each with problem details. `is_limited_in_age`: the body may
@@ -350,7 +294,7 @@ fn refusals(route: &Route, right: Option<Right>, is_limited_in_age: bool) -> Vec
         (!matches!(route.body, Content::Nothing), &[400, 408, 413, 415]),
         (changes, &[404, 409]),
         (is_limited_in_age, &[412]),
-        // the stored response for the same key may belong to a command
+        // a key that a command has used before returns the stored response of that command
         (route.headers.has_key(), &[400, 412, 422]),
         (
             matches!(route.headers, Headers::Condition | Headers::Upload),

@@ -1,13 +1,13 @@
 //! Topics that the runtime publishes, with example numbers in their paths.
 
-use plc_api::types::io::IoPoint;
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_protocol::types::io::IoPoint;
+use plc_protocol::types::topic::{CsTopic, Topic};
 
 /// Numbers that stand for a name in a path.
 pub(super) const CS: u8 = 251;
 pub(super) const M: u16 = 60_001;
 
-/// Every topic that the runtime publishes.
+/// Returns every topic that the runtime publishes.
 pub(super) fn outbound() -> Vec<Topic> {
     let states = CsTopic::STATES.into_iter().map(|(topic, _)| topic);
     let of_cs = states.chain(CsTopic::events(M));

@@ -4,15 +4,17 @@ use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 use axum::http::Method;
-use plc_api::types::form::Form;
-use plc_api::wire::ROWS;
-use plc_api::wire::hmi::Hmi;
-use plc_api::wire::login::{CurrentUser, Login, LoginRequest};
-use plc_api::wire::machines::Machines;
-use plc_api::wire::right::Right;
-use plc_api::wire::route::{Content, Headers, Route};
-use plc_api::wire::row::Row;
-use plc_api::wire::states::{AllIo, CoordinateSystems, Health, Inputs, STATES, StateRow};
+use plc_protocol::types::form::Form;
+use plc_protocol::wire::ROWS;
+use plc_protocol::wire::hmi::Hmi;
+use plc_protocol::wire::login::{CurrentUser, Login, LoginRequest};
+use plc_protocol::wire::machines::Machines;
+use plc_protocol::wire::path_parameter::CS;
+use plc_protocol::wire::right::Right;
+use plc_protocol::wire::route::{Content, Headers, Route};
+use plc_protocol::wire::row::Row;
+use plc_protocol::wire::states::{AllIo, CoordinateSystems, Health, Inputs, STATES, StateRow};
+use plc_protocol::wire::subject::Subject;
 
 /// Path before all routes of the interface.
 pub(crate) const API: &str = "/api/v1";
@@ -36,32 +38,40 @@ impl Serves {
             Serves::Own(right) => right,
         }
     }
-
-    /// True where the body may carry an age limit.
-    #[cfg(test)]
-    pub(crate) fn takes_not_after(self) -> bool {
-        matches!(self, Serves::Request(row) if row.takes_not_after)
-    }
 }
 
 /// Routes of the server itself, and the rights that they need.
 static OWN: [(Option<Right>, Route); 13] = [
     (
         Some(Right::Read),
-        Route::get("/cs", "All coordinate systems with their states.").gives::<CoordinateSystems>(),
+        Route::get(
+            Subject::Machine,
+            "/cs",
+            &[],
+            "All coordinate systems with their states.",
+        )
+        .gives::<CoordinateSystems>(),
     ),
     (
         Some(Right::Read),
-        Route::get("/cs/{cs}/inputs", "All inputs.").gives::<Inputs>(),
-    ),
-    (
-        Some(Right::Read),
-        Route::get("/io", "All inputs and outputs of the plant.").gives::<AllIo>(),
+        Route::get(Subject::Inputs, "/cs/{cs}/inputs", &[CS], "All inputs.").gives::<Inputs>(),
     ),
     (
         Some(Right::Read),
         Route::get(
+            Subject::Inputs,
+            "/io",
+            &[],
+            "All inputs and outputs of the plant.",
+        )
+        .gives::<AllIo>(),
+    ),
+    (
+        Some(Right::Read),
+        Route::get(
+            Subject::Machine,
             "/hmi",
+            &[],
             "Buttons and cards that the machine builder has added to the HMI.",
         )
         .gives::<Hmi>(),
@@ -69,7 +79,9 @@ static OWN: [(Option<Right>, Route); 13] = [
     (
         Some(Right::Read),
         Route::get(
+            Subject::Machine,
             "/machines",
+            &[],
             "Other machines: the addresses in the configuration, and the states of the machines at the \
              shared MQTT broker.",
         )
@@ -78,28 +90,39 @@ static OWN: [(Option<Right>, Route); 13] = [
     (
         None,
         Route::get(
+            Subject::Machine,
             "/health",
+            &[],
             "Condition of the server, of the connection to the MQTT broker, and of the tasks of the runtime.",
         )
         .gives::<Health>(),
     ),
     (
         Some(Right::Read),
-        Route::get("/metrics", "Counters, as Prometheus text.").answered(200, Content::Text),
+        Route::get(Subject::Machine, "/metrics", &[], "Counters, as Prometheus text.")
+            .answered(200, Content::Text),
     ),
     (
         None,
-        Route::get("/openapi.json", "This document.").answered(200, Content::Document),
+        Route::get(Subject::Machine, "/openapi.json", &[], "This document.").answered(200, Content::Document),
     ),
     (
         None,
-        Route::get("/asyncapi.json", "The document of the MQTT interface.").answered(200, Content::Document),
+        Route::get(
+            Subject::Machine,
+            "/asyncapi.json",
+            &[],
+            "The document of the MQTT interface.",
+        )
+        .answered(200, Content::Document),
     ),
     (
         None,
         Route::new(
             "POST",
+            Subject::Machine,
             "/login",
+            &[],
             "Returns a token, valid for some hours, to a person with a name and a PIN.",
         )
         .takes(Content::Json(Form::for_type::<LoginRequest>()))
@@ -108,18 +131,30 @@ static OWN: [(Option<Right>, Route); 13] = [
     ),
     (
         Some(Right::Read),
-        Route::get("/login", "Name and role of the caller.").gives::<CurrentUser>(),
+        Route::get(Subject::Machine, "/login", &[], "Name and role of the caller.").gives::<CurrentUser>(),
     ),
     (
         Some(Right::Read),
-        Route::new("DELETE", "/login", "Ends the login of the token in the request.").refusals(&[404]),
+        Route::new(
+            "DELETE",
+            Subject::Machine,
+            "/login",
+            &[],
+            "Ends the login of the token in the request.",
+        )
+        .refusals(&[404]),
     ),
     (
         Some(Right::Read),
-        Route::get("/ws", "WebSocket: messages of the topics that the client names.")
-            .answered(101, Content::Nothing)
-            .headers(Headers::WebSocket)
-            .refusals(&[400, 426]),
+        Route::get(
+            Subject::Machine,
+            "/ws",
+            &[],
+            "WebSocket: messages of the topics that the client names.",
+        )
+        .answered(101, Content::Nothing)
+        .headers(Headers::WebSocket)
+        .refusals(&[400, 426]),
     ),
 ];
 

@@ -3,21 +3,28 @@
 use std::collections::BTreeSet;
 use std::sync::LazyLock;
 
-use plc_api::types::command::CommandMeta;
-use plc_api::types::form::{Form, MessageEnvelope};
-use plc_api::wire::ROWS;
-use plc_api::wire::problem::Problem;
-use plc_api::wire::route::{Content, Route};
-use plc_api::wire::row::InboundTopic;
-use plc_api::wire::websocket::{ClientFrame, ErrorFrame, FrameTopic};
+use plc_protocol::types::command::CommandMeta;
+use plc_protocol::types::form::{Form, MessageEnvelope};
+use plc_protocol::wire::ROWS;
+use plc_protocol::wire::problem::Problem;
+use plc_protocol::wire::route::{Content, Route};
+use plc_protocol::wire::row::InboundTopic;
+use plc_protocol::wire::websocket::{ClientFrame, ErrorFrame, FrameTopic};
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
 
 use super::outbound::outbound;
-use super::routes::ROUTES;
+use super::routes::{ROUTES, Serves};
 
 /// Schemas by name.
 pub(super) type Schemas = Map<String, Value>;
+
+impl Serves {
+    /// Returns true if the body may carry an age limit.
+    pub(super) fn takes_not_after(self) -> bool {
+        matches!(self, Serves::Request(row) if row.takes_not_after)
+    }
+}
 
 /// Direction of a message: it determines which fields are optional.
 #[derive(Clone, Copy, PartialEq)]
@@ -26,7 +33,7 @@ enum Direction {
     In,
 }
 
-/// Every schema that the tables name, with those within them.
+/// Returns every schema that the tables name, with those within them.
 pub(super) fn all() -> Schemas {
     let mut all = incoming();
     for (name, schema) in outgoing() {
@@ -144,7 +151,7 @@ pub(super) fn body_of(route: &Route, form: Form, takes_not_after: bool) -> (Stri
     (name, schema)
 }
 
-/// Name and schema of a topic's payload, with its envelope.
+/// Returns the name and schema of a topic's payload, with its envelope.
 pub(super) fn payload_of(topic: &InboundTopic) -> (String, Value) {
     let (name, mut schema) = (
         (topic.form.name)().into_owned(),
@@ -177,7 +184,7 @@ pub(super) fn reference(name: &str) -> Value {
     json!({"$ref": format!("#/components/schemas/{name}")})
 }
 
-/// The schema of a form by its name, and those within it.
+/// Returns the schema of a form by its name, and those within it.
 fn named(all: &mut Schemas, form: Form, way: Direction) {
     let name = (form.name)().into_owned();
     put(all, &name, &schema_of(form, way).0);
@@ -190,7 +197,7 @@ fn within(all: &mut Schemas, form: Form, way: Direction) {
     }
 }
 
-/// The schema of a form, and of the types within it.
+/// Returns the schema of a form, and of the types within it.
 fn schema_of(form: Form, way: Direction) -> (Value, Schemas) {
     let settings = SchemaSettings::draft2020_12().with(|settings| {
         settings.definitions_path = "/components/schemas".into();
@@ -205,7 +212,7 @@ fn schema_of(form: Form, way: Direction) -> (Value, Schemas) {
     (schema, generator.take_definitions(true))
 }
 
-/// Each name has one schema.
+/// Adds a schema under a name. Panics if the name already has another schema.
 fn put(all: &mut Schemas, name: &str, schema: &Value) {
     let kept = all.entry(name).or_insert_with(|| schema.clone());
     assert_eq!(kept, schema, "two schemas of the name {name}");

@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 use serde_json::Value;
 
 use super::routes::ROUTES;
-use super::{asyncapi, openapi, schemas, typescript};
+use super::{asyncapi, openapi, python, schemas, typescript};
 
 /// Names of the parameters that the OpenAPI document lists for a route, of the query, the path or the header.
 pub(crate) fn parameters_in_document(method: &str, path: &str, place: &str) -> BTreeSet<String> {
@@ -114,10 +114,30 @@ fn the_asyncapi_document_is_that_of_the_topics() {
 }
 
 #[test]
+fn each_variable_level_of_a_topic_is_described() {
+    let document = asyncapi::document(&schemas::all());
+    let channels = &document["channels"];
+    for (name, channel) in channels.as_object().unwrap() {
+        let parameters = channel["parameters"].as_object();
+        for (level, parameter) in parameters.into_iter().flatten() {
+            assert!(parameter["description"].is_string(), "{level} of {name}");
+        }
+    }
+}
+
+#[test]
 fn the_declarations_of_the_hmi_are_those_of_the_types() {
     is_checked_in(
         "../../web/types.d.ts",
         &typescript::declarations(&schemas::outgoing()),
+    );
+}
+
+#[test]
+fn the_messages_of_the_python_package_are_those_of_the_types() {
+    is_checked_in(
+        "../../clients/python/src/tandem_plc/messages.py",
+        &python::messages(&schemas::outgoing()),
     );
 }
 
@@ -185,6 +205,23 @@ fn no_route_is_there_twice() {
                 .iter()
                 .any(|(other, _)| other.method == route.method);
             assert!(!same, "{} {path}", route.method);
+        }
+    }
+}
+
+#[test]
+fn each_name_in_a_path_has_a_parameter_with_its_values() {
+    for (path, places) in ROUTES.iter() {
+        let levels = path.split('/');
+        let in_path = levels.filter_map(|level| level.strip_prefix('{')?.strip_suffix('}'));
+        let in_path: Vec<_> = in_path.collect();
+        for (route, _) in places {
+            assert_eq!(
+                route.names().collect::<Vec<_>>(),
+                in_path,
+                "{} {path}",
+                route.method
+            );
         }
     }
 }

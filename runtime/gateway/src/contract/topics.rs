@@ -1,10 +1,10 @@
 //! Topics on which the runtime receives MQTT requests. The topics on which only the runtime publishes are in
-//! [`Topic`](plc_api::types::topic::Topic).
+//! [`Topic`](plc_protocol::types::topic::Topic).
 
-use plc_api::wire::ROWS;
-use plc_api::wire::message_sender::MessageSender;
-use plc_api::wire::right::Right;
-use plc_api::wire::row::InboundTopic;
+use plc_protocol::wire::ROWS;
+use plc_protocol::wire::message_sender::MessageSender;
+use plc_protocol::wire::right::Right;
+use plc_protocol::wire::row::InboundTopic;
 
 /// Returns every incoming topic, with the right that its sender needs.
 pub(crate) fn inbound_topics() -> impl Iterator<Item = (&'static InboundTopic, Right)> {
@@ -24,8 +24,8 @@ pub(crate) fn inbound_filters() -> impl Iterator<Item = String> {
     unnamed.chain(MessageSender::FILTERS.map(ToOwned::to_owned))
 }
 
-/// True for a path of incoming commands, claims and settings, which must not be retained. Presence of handlers is also
-/// incoming, but is retained.
+/// Returns true for a path of incoming commands, claims and settings, which must not be retained. Presence of handlers
+/// is also incoming, but is retained.
 pub(crate) fn is_inbound(path: &str) -> bool {
     inbound(path).is_some_and(|(topic, _)| !topic.retained)
 }

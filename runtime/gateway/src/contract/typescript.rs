@@ -76,7 +76,7 @@ fn push_filled(text: &mut String, fields: Vec<String>) {
     text.push('\n');
 }
 
-/// The fields of an object.
+/// Returns the fields of an object.
 fn fields(schema: &Value) -> Vec<String> {
     let required: Vec<_> = schema["required"].as_array().into_iter().flatten().collect();
     let properties = schema["properties"].as_object().unwrap().iter();

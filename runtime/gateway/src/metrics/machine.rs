@@ -1,21 +1,21 @@
-//! Metrics of the machine's states (coordinate systems, pending M codes, runs, alarms, handlers) and of the process.
+//! Metrics of the machine's states: coordinate systems, pending M codes, runs, alarms, handlers.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::time::SystemTime;
 
-use plc_api::execution::wire_name;
-use plc_api::hub::Filter;
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::machine::ActiveAlarms;
-use plc_api::types::message::{Message, Payload};
-use plc_api::types::output::Pending;
-use plc_api::types::run::Run;
-use plc_api::types::state::State;
-use plc_api::types::topic::Topic;
+use plc_protocol::execution::wire_name;
+use plc_protocol::hub::Filter;
+use plc_protocol::types::machine::ActiveAlarms;
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::output::Pending;
+use plc_protocol::types::run::Run;
+use plc_protocol::types::state::State;
+use plc_protocol::types::topic::Topic;
+use plc_protocol::types::{CoordinateSystemNumber, Timestamp};
 
-use super::Text;
+use super::scrape::FamilyEncoder;
 use crate::machine::Machine;
-use crate::process::Usage;
 
 /// The states of a machine, grouped by metric.
 #[derive(Debug, Default)]
@@ -60,146 +60,122 @@ impl States {
             _ => {}
         }
     }
-}
 
-impl Text {
-    pub(super) fn states(&mut self, states: &States) {
-        self.systems(states);
-        self.open_m_codes(states);
-        self.runs(states);
+    /// Encodes the metrics of all states.
+    pub(super) fn encode(&self, families: &mut FamilyEncoder) -> fmt::Result {
+        self.encode_systems(families)?;
+        self.encode_open_m_codes(families)?;
+        self.encode_runs(families)?;
         let mut alarms = BTreeMap::<_, u32>::new();
-        for alarm in &states.alarms.alarms {
+        for alarm in &self.alarms.alarms {
             let cs = alarm.cs.map_or_else(String::new, |cs| cs.to_string());
             *alarms
                 .entry((cs, alarm.number, wire_name(&alarm.severity)))
                 .or_default() += 1;
         }
-        let name = "tandem_alarms_active";
-        self.head(
-            name,
+        families.gauges(
+            "tandem_alarms_active",
             "Active alarms and warnings by number; cs is empty for those of the whole machine.",
-        );
-        for ((cs, number, severity), count) in alarms {
-            self.value(
-                &format!("{name}{{cs=\"{cs}\",number=\"{number}\",severity=\"{severity}\"}}"),
-                count,
-            );
-        }
-        let name = "tandem_handler_online";
-        self.head(
-            name,
+            alarms.into_iter().map(|((cs, number, severity), count)| {
+                let labels = [("cs", cs), ("number", number.to_string()), ("severity", severity)];
+                (labels, count)
+            }),
+        )?;
+        families.gauges(
+            "tandem_handler_online",
             "1 while a handler of M codes is online, 0 while it is offline.",
-        );
-        for (id, online) in &states.handlers {
-            self.value(
-                &format!("{name}{{handler=\"{}\"}}", escaped(id)),
-                u8::from(*online),
-            );
-        }
+            (self.handlers.iter()).map(|(id, online)| ([("handler", id.as_str())], u32::from(*online))),
+        )
     }
 
-    fn systems(&mut self, states: &States) {
-        let name = "tandem_execution";
-        self.head(name, "1 for the state word of each coordinate system.");
-        for (cs, state) in &states.systems {
-            let execution = wire_name(&state.execution);
-            self.value(&format!("{name}{{cs=\"{cs}\",execution=\"{execution}\"}}"), 1);
-        }
-        let name = "tandem_reason";
-        self.head(
-            name,
+    fn encode_systems(&self, families: &mut FamilyEncoder) -> fmt::Result {
+        families.gauges(
+            "tandem_execution",
+            "1 for the state word of each coordinate system.",
+            self.systems.iter().map(|(cs, state)| {
+                let labels = [("cs", cs.to_string()), ("execution", wire_name(&state.execution))];
+                (labels, 1_u32)
+            }),
+        )?;
+        families.gauges(
+            "tandem_reason",
             "1 for the reason why a coordinate system is held, stopped or waits, if there is a reason.",
-        );
-        for (cs, state) in &states.systems {
-            if let Some(reason) = &state.reason {
-                self.value(
-                    &format!("{name}{{cs=\"{cs}\",reason=\"{}\"}}", wire_name(reason)),
-                    1,
-                );
-            }
-        }
+            self.systems.iter().filter_map(|(cs, state)| {
+                let reason = state.reason.as_ref()?;
+                Some(([("cs", cs.to_string()), ("reason", wire_name(reason))], 1_u32))
+            }),
+        )
     }
 
-    fn open_m_codes(&mut self, states: &States) {
-        let name = "tandem_m_code_open_seconds";
-        self.head(name, "Time for which a pending M code has been in its state.");
-        let age_s = |since: &plc_api::types::Timestamp| {
+    fn encode_open_m_codes(&self, families: &mut FamilyEncoder) -> fmt::Result {
+        let age_s = |since: &Timestamp| {
             let since = since.to_system_time()?;
-            Some(
-                states
-                    .now?
-                    .duration_since(since)
-                    .unwrap_or_default()
-                    .as_secs_f64(),
-            )
+            Some(self.now?.duration_since(since).unwrap_or_default().as_secs_f64())
         };
-        for (cs, pending) in &states.pending {
-            for open in &pending.outputs {
-                let (m, state) = (open.output.m, wire_name(&open.state));
-                let age_s = age_s(&open.since).unwrap_or_default();
-                // an M code has at most one pending output
-                self.value(
-                    &format!("{name}{{cs=\"{cs}\",m=\"{m}\",state=\"{state}\"}}"),
-                    age_s,
-                );
-            }
-        }
+        families.gauges(
+            "tandem_m_code_open_seconds",
+            "Time for which a pending M code has been in its state.",
+            self.pending.iter().flat_map(|(cs, pending)| {
+                pending.outputs.iter().map(move |open| {
+                    // an M code has at most one pending output
+                    let labels = [
+                        ("cs", cs.to_string()),
+                        ("m", open.output.m.to_string()),
+                        ("state", wire_name(&open.state)),
+                    ];
+                    (labels, age_s(&open.since).unwrap_or_default())
+                })
+            }),
+        )
     }
 
-    fn runs(&mut self, states: &States) {
-        let of_run = |run: &Run| {
-            [
-                ("tandem_run_parts", run.parts),
-                ("tandem_run_parts_done", run.parts_done),
-            ]
+    /// Omitted if the machine has no run.
+    fn encode_runs(&self, families: &mut FamilyEncoder) -> fmt::Result {
+        if self.runs.is_empty() {
+            return Ok(());
+        }
+        let values = |parts: fn(&Run) -> u32| {
+            self.runs.iter().map(move |(cs, run)| {
+                let labels = [("cs", cs.to_string()), ("program", run.program.to_string())];
+                (labels, parts(run))
+            })
         };
-        let help = [
+        families.gauges(
+            "tandem_run_parts",
             "Ordered parts of the newest run.",
+            values(|run| run.parts),
+        )?;
+        families.gauges(
+            "tandem_run_parts_done",
             "Completed parts of the newest run.",
-        ];
-        for (place, help) in help.into_iter().enumerate() {
-            for (first, (cs, run)) in states.runs.iter().enumerate() {
-                let (name, parts) = of_run(run)[place];
-                if first == 0 {
-                    self.head(name, help);
-                }
-                self.value(
-                    &format!("{name}{{cs=\"{cs}\",program=\"{}\"}}", run.program),
-                    parts,
-                );
-            }
-        }
+            values(|run| run.parts_done),
+        )
     }
-
-    /// Writes the process metrics under their standard names. Omitted if the system does not provide them.
-    pub(super) fn process(&mut self) {
-        let usage = Usage::now();
-        if let Some(cpu_s) = usage.cpu_s {
-            self.number(
-                "process_cpu_seconds_total",
-                "Processor time used by the process on all cores.",
-                cpu_s,
-            );
-        }
-        if let Some(bytes) = usage.resident_bytes {
-            self.number("process_resident_memory_bytes", "Memory of the process.", bytes);
-        }
-    }
-}
-
-/// Escapes the value of a label.
-pub(super) fn escaped(text: &str) -> String {
-    text.replace('\\', "\\\\")
-        .replace('"', "\\\"")
-        .replace('\n', "\\n")
 }
 
 #[cfg(test)]
 mod tests {
+    use prometheus_client::encoding::prometheus_text;
+    use prometheus_client::registry::Registry;
+
+    use super::super::scrape::Scrape;
     use super::*;
 
     #[test]
     fn a_name_in_a_label_ends_no_line_and_no_label() {
-        assert_eq!(escaped("a\"b\\c\nd"), "a\\\"b\\\\c\\nd");
+        let states = States {
+            handlers: BTreeMap::from([("a\"b\\c\nd".to_owned(), true)]),
+            ..States::default()
+        };
+        let mut registry = Registry::default();
+        registry.register_collector(Box::new(Scrape {
+            broker: None,
+            states,
+            servo: None,
+        }));
+        let mut text = String::new();
+        prometheus_text::encode(&mut text, &registry).unwrap();
+        let line = r#"tandem_handler_online{handler="a\"b\\c\nd"} 1"#;
+        assert!(text.lines().any(|one| one == line), "{text}");
     }
 }

@@ -5,17 +5,19 @@ use std::future::{pending, poll_fn};
 use std::sync::Arc;
 use std::task::Poll;
 
-use plc_api::server::{ServerNotice, ServerTransport};
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::command::{CommandReply, CommandStatus};
-use plc_api::types::handler::{HandlerResult, is_own_instance};
-use plc_api::types::message::{Message, Payload};
-use plc_api::types::output::{Claim, HandlerPresence, HandshakeResult, HandshakeStatus, OutputAct, Reset};
-use plc_api::types::request::{Refusal, RefusalCode, Request};
-use plc_api::types::topic::{CsTopic, Topic};
-use plc_api::wire::mqtt::{Inbound, sender};
-use plc_api::wire::problem::code_word;
-use plc_api::wire::row::{ParsedRequest, connection_name};
+use plc_protocol::server::{ServerNotice, ServerTransport};
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::command::{CommandReply, CommandStatus};
+use plc_protocol::types::handler::{HandlerResult, is_own_instance};
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::output::{
+    Claim, HandlerPresence, HandshakeResult, HandshakeStatus, OutputAct, Reset,
+};
+use plc_protocol::types::request::{Refusal, RefusalCode, Request};
+use plc_protocol::types::topic::{CsTopic, Topic};
+use plc_protocol::wire::mqtt::{Inbound, sender};
+use plc_protocol::wire::problem::code_word;
+use plc_protocol::wire::row::{ParsedRequest, connection_name};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio::time::Instant;
 use tracing::warn;
@@ -25,15 +27,15 @@ use crate::access::rules;
 use crate::arrivals::Arrivals;
 use crate::broker::Sessions;
 use crate::machine::{AuthorizedRequest, Caller, Machine};
-use crate::metrics::{Metrics, add};
+use crate::metrics::Metrics;
 use crate::presence_ages::PresenceAges;
 use crate::publisher::Publisher;
 
-/// Limit of unanswered requests; further ones are rejected, except hold, stop and abort.
+/// Largest number of unanswered requests; further ones are rejected, except hold, stop and abort.
 const UNANSWERED_MAX: usize = 256;
 
-/// Limit of unanswered urgent requests through an external broker. A further one waits: it is never rejected because of
-/// other requests.
+/// Largest number of unanswered urgent requests through an external broker. A further one waits: it is never rejected
+/// because of other requests.
 const URGENT_MAX: usize = 64;
 
 /// Receiver of a rejection: coordinate system, client id, command id.
@@ -328,7 +330,7 @@ impl Dispatch {
 
     /// Drops a message without a sender, to which no reply is possible.
     fn drop_message(&self, text: &str) -> Option<Message> {
-        add(&self.metrics.mqtt_refused, 1);
+        self.metrics.mqtt_refused.inc();
         warn!("{text}");
         None
     }
@@ -340,7 +342,7 @@ impl Dispatch {
         command_id: String,
         refusal: Refusal,
     ) -> Message {
-        add(&self.metrics.mqtt_refused, 1);
+        self.metrics.mqtt_refused.inc();
         if refusal.code == RefusalCode::Retained {
             let text = format!("retained command {command_id:.128} of {client_id:.64} over MQTT: {refusal}");
             self.machine.notice(ServerNotice::Warning(text));

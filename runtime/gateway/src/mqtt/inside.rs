@@ -20,10 +20,10 @@ use super::wire::{BrokerStamp, Connect, ConnectionLoss, Event, Version, Wire};
 use crate::arrivals::{ARRIVAL, EXECUTED};
 use crate::broker::{Exchange, IN_TRANSIT_MAX, PACKET_MAX};
 
-/// Limit of pending orders; further ones are refused until there is room.
+/// Largest number of pending orders; further ones are refused until there is room.
 const ORDERS_MAX: usize = 64;
 
-/// Messages taken at a time from the backlog, which holds those that found the queue full.
+/// Largest number of messages taken at a time from the backlog, which holds those that found the queue full.
 const BACKLOG_MAX: usize = 32;
 
 /// User properties in which the broker names the publisher of a message and its client id. It overwrites those of a

@@ -3,20 +3,19 @@
 use std::future::{Future, poll_fn};
 use std::pin::{Pin, pin};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::task::Poll;
 use std::time::Duration;
 
-use plc_api::hub::{Filter, Subscription};
-use plc_api::server::ServerNotice;
-use plc_api::transport::BROKER_SILENCE_MAX;
-use plc_api::types::Timestamp;
-use plc_api::types::handler::REFRESHES;
-use plc_api::types::machine::{BrokerInUse, Presence};
-use plc_api::types::message::{Message, Payload};
-use plc_api::types::topic::{CsTopic, Topic};
-use plc_api::wire::message_sender::MessageSender;
-use plc_api::wire::mqtt::decode;
+use plc_protocol::hub::{Filter, Subscription};
+use plc_protocol::server::ServerNotice;
+use plc_protocol::transport::BROKER_SILENCE_MAX;
+use plc_protocol::types::Timestamp;
+use plc_protocol::types::handler::REFRESHES;
+use plc_protocol::types::machine::{BrokerInUse, Presence};
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::topic::{CsTopic, Topic};
+use plc_protocol::wire::message_sender::MessageSender;
+use plc_protocol::wire::mqtt::decode;
 use rumqttc::{LastWill, Publish, QoS};
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
@@ -31,15 +30,16 @@ use super::wire::{self, BrokerStamp, Connect, ConnectionLoss, Event, Version, Wi
 use super::{Parts, client_id, message, publisher_of};
 use crate::broker_address::RefusedMessage;
 use crate::contract::topics::{inbound_filters, is_inbound};
-use crate::metrics::add;
 use crate::position::{every, is_position};
 use crate::publisher::Publisher;
 
-/// Bytes of one message; a larger one is dropped with a warning. Reason: the embedded broker retains no larger one.
+/// Largest number of bytes of one message; a larger one is dropped with a warning. Reason: the embedded broker retains
+/// no larger one.
 const MESSAGE_MAX: usize = 256 * 1024;
-/// Messages that are sent before received ones are checked. Reason: a request must not wait for a backlog of events.
+/// Largest number of messages that are sent before received ones are checked. Reason: a request must not wait for a
+/// backlog of events.
 const SENT_AT_ONCE_MAX: usize = 64;
-/// Attempts over MQTT 5 at which a broker that has spoken it may hang up before 3.1.1 is tried.
+/// Largest number of attempts over MQTT 5 at which a broker that has spoken it may hang up before 3.1.1 is tried.
 const HANG_UPS_MAX: u32 = 10;
 /// After a connection of this duration the delays between attempts start afresh.
 const STABLE: Duration = Duration::from_secs(5);
@@ -150,7 +150,7 @@ impl<C: Connect> Link<C> {
         loop {
             let begun = Instant::now();
             let end = self.connection().await;
-            self.parts.metrics.mqtt_connected.store(0, Ordering::Relaxed);
+            self.parts.metrics.mqtt_connected.set(0);
             let Err(ConnectionLoss { why, .. }) = end else {
                 return;
             };
@@ -183,7 +183,7 @@ impl<C: Connect> Link<C> {
         }
     }
 
-    /// The node as messages name it.
+    /// Returns the node as messages name it.
     fn shown(&self) -> String {
         let address = self.at.address(self.node);
         address.map_or_else(String::new, |address| format!(" at {address}"))
@@ -349,7 +349,7 @@ impl<C: Connect> Link<C> {
         }
         let lost = self.outbox.take_dropped_count();
         if lost > 0 {
-            add(&self.parts.metrics.mqtt_events_lost, lost);
+            self.parts.metrics.mqtt_events_lost.inc_by(lost);
             warn!("the MQTT broker is too slow or offline: {lost} events were dropped; states are kept");
         }
     }
@@ -405,8 +405,8 @@ impl<C: Connect> Link<C> {
     fn on_connected(&mut self, wire: &C::Wire) {
         self.connections += 1;
         let Parts { root, metrics, .. } = &self.parts;
-        metrics.mqtt_connected.store(1, Ordering::Relaxed);
-        add(&metrics.mqtt_connections, 1);
+        metrics.mqtt_connected.set(1);
+        metrics.mqtt_connections.inc();
         if !wire.subscribe(inbound_filters().map(|filter| format!("{root}{filter}"))) {
             warn!(
                 "the MQTT client accepts no subscriptions; no MQTT command is received until it reconnects"
@@ -445,10 +445,9 @@ impl<C: Connect> Link<C> {
         while sent < SENT_AT_ONCE_MAX
             && self.outbox.send_next(|parcel| {
                 let handed = hand_over(parcel, root, session);
-                add(
-                    &metrics.mqtt_published,
-                    u64::from(handed == PublishOutcome::Accepted),
-                );
+                metrics
+                    .mqtt_published
+                    .inc_by(u64::from(handed == PublishOutcome::Accepted));
                 handed
             })
         {
@@ -520,14 +519,14 @@ impl<C: Connect> Link<C> {
         let Some(path) = topic.strip_prefix(&self.parts.root) else {
             return;
         };
-        add(&self.parts.metrics.mqtt_received, 1);
+        self.parts.metrics.mqtt_received.inc();
         let inbound = decode(path, payload, arrival.retain);
         if let Some(reply) = self.dispatch.dispatch_message(publisher, inbound, arrival).await {
             self.outbox.put(Arc::new(reply));
         }
     }
 
-    /// The presence of a runtime that is offline.
+    /// Returns the presence of a runtime that is offline.
     async fn offline(&self) -> Message {
         let machine = &self.parts.machine;
         let mut presence = match machine.read(&Topic::Presence).await.as_deref() {

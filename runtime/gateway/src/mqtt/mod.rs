@@ -15,11 +15,11 @@ mod wire;
 use std::sync::Arc;
 use std::time::Duration;
 
-use plc_api::server::ServedPort;
-use plc_api::types::Timestamp;
-use plc_api::types::message::{Message, Payload};
-use plc_api::types::topic::Topic;
-use plc_api::wire::message_sender::MessageSender;
+use plc_protocol::server::ServedPort;
+use plc_protocol::types::Timestamp;
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::topic::Topic;
+use plc_protocol::wire::message_sender::MessageSender;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
@@ -40,14 +40,14 @@ use urgent_lane::UrgentLane;
 use urgent_replies::UrgentReplies;
 pub use wire::{BrokerStamp, Connect, ConnectionLoss, Event, Version, Wire};
 
-/// Messages rejected by the embedded broker that wait for a reply.
+/// Largest number of messages rejected by the embedded broker that wait for a reply.
 pub(crate) const REFUSED_MAX: usize = 64;
 
-/// Time to publish the rest and to disconnect.
+/// Longest time at a stop to publish the remaining messages and to disconnect.
 const STOP_MAX: Duration = Duration::from_secs(2);
 
-/// Client id of the runtime at its broker. It contains the prefix, so that machines with the same name do not disconnect
-/// each other.
+/// Returns the client id of the runtime at its broker. It contains the prefix, so that machines with the same name
+/// do not disconnect each other.
 pub(crate) fn client_id(settings: &MqttSettings, machine: &str) -> String {
     if settings.client_id.is_empty() {
         match settings.prefix.as_str() {

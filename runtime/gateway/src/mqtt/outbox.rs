@@ -4,9 +4,9 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-use plc_api::queue::{Queue, QueueEntry};
-use plc_api::types::message::{Message, Payload};
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_protocol::queue::{Queue, QueueEntry};
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::topic::{CsTopic, Topic};
 
 /// One message to be published.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,12 +42,12 @@ impl Parcel {
         self.topic().is_some_and(Topic::is_state)
     }
 
-    /// True for the notice of an output.
+    /// Returns true for the notice of an output.
     fn is_notice(&self) -> bool {
         matches!(self.topic(), Some(Topic::CoordinateSystem(_, CsTopic::Output(_))))
     }
 
-    /// The state that this event explains.
+    /// Returns the state that this event explains.
     fn explains(&self) -> Option<Topic> {
         self.topic().and_then(Topic::explains)
     }
@@ -109,17 +109,17 @@ impl Outbox {
         true
     }
 
-    /// The broker has acknowledged the oldest message.
+    /// Removes the oldest message, which the broker has acknowledged.
     pub(super) fn on_acknowledged(&mut self) {
         self.unacknowledged.pop_front();
     }
 
-    /// True while something is published and not acknowledged.
+    /// Returns true while a published message is not acknowledged.
     pub(super) fn awaits_acknowledgement(&self) -> bool {
         !self.unacknowledged.is_empty()
     }
 
-    /// True when nothing waits and everything is acknowledged.
+    /// Returns true if no message waits, and all published messages are acknowledged.
     pub(super) fn is_empty(&self) -> bool {
         self.queue.front().is_none() && self.unacknowledged.is_empty()
     }
@@ -181,7 +181,7 @@ impl Outbox {
         }
     }
 
-    /// True for the notice of an output that `pending` lists.
+    /// Returns true for the notice of an output that `pending` lists.
     fn is_of_open_output(&self, parcel: &Parcel) -> bool {
         let Parcel::Message(message) = parcel else {
             return false;
@@ -216,12 +216,12 @@ pub(super) fn expiry_s(message: &Message) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use plc_api::queue::EVENTS_MAX;
-    use plc_api::types::output::{
+    use plc_protocol::queue::EVENTS_MAX;
+    use plc_protocol::types::output::{
         Cancel, CancelReason, OutputNotice, OutputState, Params, Pending, PendingOutput, Timing,
     };
-    use plc_api::types::state::Switch;
-    use plc_api::types::{BootId, Timestamp};
+    use plc_protocol::types::state::Switch;
+    use plc_protocol::types::{BootId, Timestamp};
 
     fn message(topic: CsTopic, payload: Payload) -> Arc<Message> {
         Arc::new(Message {

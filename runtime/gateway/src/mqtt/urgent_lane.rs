@@ -11,12 +11,12 @@ use std::task::Poll;
 use mqtt5::QoS;
 use mqtt5::broker::router::MessageRouter;
 use mqtt5::packet::publish::PublishPacket;
-use plc_api::hub::{Filter, Subscription};
-use plc_api::port::BoxFuture;
-use plc_api::types::message::Message;
-use plc_api::types::request::Refusal;
-use plc_api::wire::mqtt::sender;
-use plc_api::wire::row::ParsedRequest;
+use plc_protocol::hub::{Filter, Subscription};
+use plc_protocol::port::BoxFuture;
+use plc_protocol::types::message::Message;
+use plc_protocol::types::request::Refusal;
+use plc_protocol::wire::mqtt::sender;
+use plc_protocol::wire::row::ParsedRequest;
 use tokio::time::Instant;
 use tracing::warn;
 
@@ -25,7 +25,7 @@ use super::urgent_replies::{Reader, UrgentReplies};
 use crate::access::Account;
 use crate::arrivals::Arrivals;
 use crate::machine::Machine;
-use crate::metrics::{Metrics, add};
+use crate::metrics::Metrics;
 use crate::publisher::Publisher;
 use crate::urgent_slots::{ExecuteUrgent, UrgentKind, UrgentSlots};
 
@@ -72,14 +72,14 @@ impl UrgentLane {
         let Some((cs, kind)) = UrgentKind::of_request(parsed.request()) else {
             return;
         };
-        add(&self.metrics.mqtt_received, 1);
+        self.metrics.mqtt_received.inc();
         let slot = self.slots.enter(account, (cs, kind)).await;
         let sent_by =
             sender(parsed.request()).map(|(cs, meta)| (cs, meta.client_id.clone(), meta.command_id.clone()));
         let authorized = match authorize(&self.machine, publisher, parsed).await {
             Ok(authorized) => authorized,
             Err(refusal) => {
-                add(&self.metrics.mqtt_refused, 1);
+                self.metrics.mqtt_refused.inc();
                 if let Some((cs, client_id, command_id)) = sent_by {
                     let reply = rejection(&self.machine, cs, (client_id, command_id), refusal).await;
                     self.publish(&reply).await;
@@ -125,7 +125,7 @@ impl UrgentLane {
         }
     }
 
-    /// The subscription for [`UrgentLane::publish_replies`].
+    /// Returns the subscription for [`UrgentLane::publish_replies`].
     pub(super) fn subscribe(&self) -> Subscription {
         self.machine.subscribe(Filter::Replies)
     }
@@ -134,7 +134,7 @@ impl UrgentLane {
     async fn publish(&self, message: &Message) {
         let topic = format!("{}{}", self.root, message.topic.path());
         let publish = PublishPacket::new(topic, message.to_json(), QoS::AtLeastOnce);
-        add(&self.metrics.mqtt_published, 1);
+        self.metrics.mqtt_published.inc();
         self.router
             .route_message_with_deadline(&publish, None, Instant::now())
             .await;

@@ -3,12 +3,12 @@
 use std::collections::{HashMap, VecDeque};
 
 use parking_lot::Mutex;
-use plc_api::types::command::CommandStatus;
-use plc_api::types::message::{Message, Payload};
-use plc_api::types::topic::Topic;
+use plc_protocol::types::command::CommandStatus;
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::topic::Topic;
 
-/// Newest urgent commands whose replies the lane publishes. Reason: 256 clients with 4 kinds of commands to 8 coordinate systems.
-/// Replies to older commands are published in order with all other messages.
+/// Largest number of newest urgent commands whose replies the lane publishes. Reason: 256 clients with 4 kinds of
+/// commands to 8 coordinate systems. Replies to older commands are published in order with all other messages.
 const AWAITED_MAX: usize = 8192;
 
 /// A client id and a command id.
@@ -47,7 +47,7 @@ impl UrgentReplies {
         }
     }
 
-    /// True for a reply to an urgent command. The last reply is forgotten when both readers have seen it.
+    /// Returns true for a reply to an urgent command. The last reply is forgotten when both readers have seen it.
     pub(super) fn is_urgent(&self, message: &Message, reader: Reader) -> bool {
         let (Topic::Reply(client_id), Payload::Reply(reply)) = (&message.topic, &message.payload) else {
             return false;

@@ -6,7 +6,7 @@ use std::fmt;
 use std::future::Future;
 use std::time::Duration;
 
-use plc_api::transport::backoff::Backoff;
+use plc_protocol::transport::backoff::Backoff;
 
 use rumqttc::v5::mqttbytes::v5 as mqtt5;
 use rumqttc::v5::mqttbytes::{QoS as QoS5, qos as qos_5};
@@ -23,15 +23,15 @@ use crate::broker_address::BrokerAddress;
 const KEEP_ALIVE: Duration = Duration::from_secs(10);
 /// Time to connect, s.
 const CONNECT_TIMEOUT_S: u64 = 5;
-/// Bytes of an incoming packet. Reason: a larger one ends the connection, so the limit is generous.
+/// Largest number of bytes of an incoming packet. Reason: a larger one ends the connection, so the limit is generous.
 const PACKET_IN_MAX: u32 = 8 * 1024 * 1024;
-/// Bytes of an outgoing packet, unless the broker accepts less.
+/// Largest number of bytes of an outgoing packet, unless the broker accepts less.
 const PACKET_OUT_MAX: u32 = 1024 * 1024;
 /// Bytes of a publish in addition to topic and payload: fixed header, length of the topic, packet id, properties.
 const PUBLISH_OVERHEAD: usize = 5 + 2 + 2 + 1;
 /// Publishes waiting in the client library.
 const CHANNEL: usize = 64;
-/// Publishes without an acknowledgement, unless the broker accepts fewer.
+/// Largest number of publishes without an acknowledgement, unless the broker accepts fewer.
 const IN_FLIGHT_MAX: u16 = 100;
 
 /// Opens connections to a broker.
@@ -54,7 +54,7 @@ pub trait Connect: Send + Sync + 'static {
         None
     }
 
-    /// The delays between attempts.
+    /// Returns the delays between attempts.
     fn backoff(&self) -> Backoff {
         Backoff::default()
     }
@@ -62,7 +62,7 @@ pub trait Connect: Send + Sync + 'static {
 
 /// A connection to a broker, from the first attempt to its end. Dropping a `Wire` ends the connection.
 pub trait Wire: Send + 'static {
-    /// The next event. Cancel-safe.
+    /// Returns the next event. Cancel-safe.
     fn next(&mut self) -> impl Future<Output = Result<Event, ConnectionLoss>> + Send;
 
     /// Subscribes for delivery at least once and, over MQTT 5, with Retain As Published. False when there is no room.
@@ -86,8 +86,8 @@ pub enum Version {
 }
 
 impl Version {
-    /// True for a message that is cleared at the broker: over 3.1.1 a live message does not keep its retain flag, so every command is
-    /// cleared.
+    /// Returns true for a message that is cleared at the broker: over 3.1.1 a live message does not keep its retain
+    /// flag, so every command is cleared.
     pub(super) fn is_to_clear(self, path: &str) -> bool {
         self == Self::V3_1_1 && (path.contains("/command/") || path.contains("/lease/"))
     }
@@ -255,7 +255,7 @@ impl Wire for BrokerWire {
     }
 }
 
-/// Whether a message fits into a packet of this size.
+/// Returns true if a message fits into a packet of this size.
 pub(super) fn fits(topic: &str, payload: &str, packet_max: usize) -> bool {
     PUBLISH_OVERHEAD + topic.len() + payload.len() <= packet_max
 }
@@ -366,8 +366,9 @@ fn event_3(event: rumqttc::Event) -> Option<Event> {
     })
 }
 
-/// A broker of 3.1.1 answers a higher version with a code and hangs up, or only hangs up (MQTT-3.1.2-2). The library
-/// may fail to read that code, because the properties of MQTT 5 do not follow it.
+/// Returns the reason of a lost connection over MQTT 5. A broker of 3.1.1 answers a higher version with a code and
+/// hangs up, or only hangs up (MQTT-3.1.2-2). The library may fail to read that code, because the properties of
+/// MQTT 5 do not follow it.
 fn lost_5(error: &v5::ConnectionError, connected: bool) -> ConnectionLoss {
     use mqtt5::ConnectReturnCode::{RefusedProtocolVersion, UnsupportedProtocolVersion};
     use v5::{ConnectionError, StateError};

@@ -1,9 +1,9 @@
-//! The connection that listens to other machines.
+//! The connection that receives the states of other machines from the shared broker.
 
 use std::sync::Arc;
 use std::time::Duration;
 
-use plc_api::wire::machines::{SharedBroker, TOPICS};
+use plc_protocol::wire::machines::{SharedBroker, TOPICS};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tracing::{debug, info, warn};
@@ -16,10 +16,10 @@ use crate::settings::MqttSettings;
 
 /// Time for which the connection stays open after the last request for the other machines.
 const ASKED_FOR: Duration = Duration::from_mins(1);
-/// Messages after which other tasks may run.
+/// Number of messages in a row after which other tasks may run.
 const TURN: u32 = 64;
 
-/// The task that listens.
+/// The task that receives the states of other machines while a client requests them.
 pub(crate) struct Listener<C> {
     pub(crate) peer_machines: Arc<PeerMachines>,
     pub(crate) at: C,
@@ -51,7 +51,7 @@ impl Listener<BrokerAddress> {
 }
 
 impl<C: Connect> Listener<C> {
-    /// Listens whenever there are requests, until it is stopped.
+    /// Receives states after each request of a client, until `stop` is cancelled.
     pub(crate) async fn run(&self) {
         loop {
             tokio::select! {

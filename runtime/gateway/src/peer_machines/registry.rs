@@ -4,27 +4,27 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::machine::{ActiveAlarms, AlarmRecord, Presence};
-use plc_api::types::message::{Message, Payload};
-use plc_api::types::output::PendingOutput;
-use plc_api::types::run::TimeLeft;
-use plc_api::types::start::StartConditions;
-use plc_api::types::state::State;
-use plc_api::types::topic::{CsTopic, Topic};
-use plc_api::wire::machines::{CoordinateSystemSeen, MachineLink, MachineSeen};
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::machine::{ActiveAlarms, AlarmRecord, Presence};
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::output::PendingOutput;
+use plc_protocol::types::run::TimeLeft;
+use plc_protocol::types::start::StartConditions;
+use plc_protocol::types::state::State;
+use plc_protocol::types::topic::{CsTopic, Topic};
+use plc_protocol::wire::machines::{CoordinateSystemSeen, MachineLink, MachineSeen};
 use tokio::time::Instant;
 
 use crate::exposed_settings::is_origin;
 use crate::settings::is_machine_name;
 
-/// Limit of machines. Reason: each has a tile on one page.
+/// Largest number of machines. Reason: each has a tile on one page.
 const MACHINES_MAX: usize = 256;
-/// Limit of coordinate systems of a machine. Reason: no machine has more.
+/// Largest number of coordinate systems of a machine. Reason: no machine has more.
 const SYSTEMS_MAX: usize = 8;
-/// Bytes of the messages kept for one machine. A message beyond this limit is ignored.
+/// Largest number of bytes of the messages kept for one machine. A message beyond this limit is ignored.
 const MACHINE_BYTES_MAX: usize = 128 * 1024;
-/// Limit of reported alarms of a machine: the newest ones.
+/// Largest number of reported alarms of a machine: the newest ones.
 const ALARMS_MAX: usize = 4;
 /// Longest age of a presence.
 const EXPIRES_MAX: Duration = Duration::from_hours(24);
@@ -118,7 +118,7 @@ impl Registry {
     }
 }
 
-/// Whether this is one of the topics that are read.
+/// Returns true if this is one of the topics that are read.
 fn is_read(topic: &Topic) -> bool {
     use CsTopic::{Pending, StartConditions, State, TimeLeft};
     matches!(
@@ -131,7 +131,7 @@ fn is_read(topic: &Topic) -> bool {
 }
 
 impl PeerMachine {
-    /// Whether a message of this size is within the limits.
+    /// Returns true if a message of this size is within the limits.
     fn fits(&self, topic: &Topic, bytes: usize) -> bool {
         let system_fits = match topic {
             Topic::CoordinateSystem(cs, _) => {

@@ -5,13 +5,13 @@ use std::time::Duration;
 use axum::body::{Body, HttpBody};
 use axum::http::{HeaderMap, StatusCode, header};
 use futures_util::StreamExt;
-use plc_api::wire::PAYLOAD_MAX;
+use plc_protocol::wire::PAYLOAD_MAX;
 use tokio::time::{Instant, timeout_at};
 
 use crate::problem::Problem;
 
-/// Time for a body to arrive; each received byte extends it at [`BODY_RATE_MIN`]. Then 408. Reason: a body that hardly
-/// arrives holds a slot, and the largest may need minutes on a slow line.
+/// Longest time for a body to arrive; each received byte extends it at [`BODY_RATE_MIN`]. Then 408. Reason: a body that
+/// hardly arrives holds a slot, and the largest may need minutes on a slow line.
 pub(super) const BODY_MAX: Duration = Duration::from_secs(20);
 
 /// Bytes per second: the largest program takes 17 minutes at this rate.
@@ -20,7 +20,7 @@ pub(super) const BODY_RATE_MIN: u32 = 64 * 1024;
 /// Content type that curl sends with `-d` by default.
 const OF_FORMS: &str = "application/x-www-form-urlencoded";
 
-/// A JSON body; an empty one is `{}`.
+/// Reads a JSON body; an empty body is `{}`.
 pub(super) async fn json(headers: &HeaderMap, body: Body) -> Result<Vec<u8>, Problem> {
     let body = read(body, PAYLOAD_MAX).await?;
     if body.is_empty() {
@@ -32,9 +32,10 @@ pub(super) async fn json(headers: &HeaderMap, body: Body) -> Result<Vec<u8>, Pro
     Ok(body)
 }
 
-/// Whether a body is meant as JSON. A body without a content type, or with curl's default one, is JSON if it cannot be
-/// anything else: the fields of a form never begin with a brace. A web page may send such a body to other sites without
-/// a preflight request, so from a browser, which sends the origin of a page, only the JSON type is accepted.
+/// Returns true if a body is meant as JSON. A body without a content type, or with curl's default one, is JSON if it
+/// cannot be anything else: the fields of a form never begin with a brace. A web page may send such a body to other
+/// sites without a preflight request, so from a browser, which sends the origin of a page, only the JSON type is
+/// accepted.
 fn is_json(headers: &HeaderMap, body: &[u8]) -> bool {
     let is_of_browser = [header::ORIGIN.as_str(), "sec-fetch-site"]
         .iter()
@@ -46,7 +47,7 @@ fn is_json(headers: &HeaderMap, body: &[u8]) -> bool {
     }
 }
 
-/// Whether a body may be a program's text.
+/// Rejects a body whose content type is not one of an NC program.
 pub(super) fn check_text(headers: &HeaderMap) -> Result<(), Problem> {
     let is_text = media_type(headers).is_none_or(|kind| {
         kind.starts_with("text/") || ["application/octet-stream", OF_FORMS].contains(&kind.as_str())
@@ -64,7 +65,7 @@ fn unsupported(text: &str) -> Problem {
     Problem::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported_media_type", text)
 }
 
-/// The media type without parameters, in lower case; empty where it cannot be read.
+/// Returns the media type without parameters, in lower case; empty if the header is not text, `None` without header.
 fn media_type(headers: &HeaderMap) -> Option<String> {
     let value = headers.get(header::CONTENT_TYPE)?.to_str().unwrap_or_default();
     Some(

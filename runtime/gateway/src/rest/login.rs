@@ -7,9 +7,9 @@ use axum::Extension;
 use axum::extract::{Request, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
-use plc_api::server::{AccessKind, ServerTransport};
-use plc_api::wire::json_object;
-use plc_api::wire::login::{CurrentUser, Login, LoginRequest};
+use plc_protocol::server::{AccessKind, ServerTransport};
+use plc_protocol::wire::json_object;
+use plc_protocol::wire::login::{CurrentUser, Login, LoginRequest};
 use serde_json::json;
 use tracing::{info, warn};
 

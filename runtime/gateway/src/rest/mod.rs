@@ -15,8 +15,8 @@ use axum::http::{HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{MethodFilter, MethodRouter};
 use axum::{Extension, Router};
-use plc_api::wire::parameter::Fault;
-use plc_api::wire::row::check_path;
+use plc_protocol::wire::parameter::Fault;
+use plc_protocol::wire::row::check_path;
 
 use crate::contract::routes::{ROUTES, Serves};
 use crate::problem::Problem;
@@ -80,7 +80,7 @@ fn problem_of(fault: Fault, uri: &Uri) -> Problem {
     }
 }
 
-/// A JSON answer.
+/// Returns a JSON answer.
 fn json_response(status: StatusCode, text: String) -> Response {
     let kind = HeaderValue::from_static("application/json");
     (status, [(header::CONTENT_TYPE, kind)], text).into_response()

@@ -2,13 +2,13 @@
 
 use axum::extract::Query;
 use axum::http::Uri;
-use plc_api::wire::parameter::QueryValues;
-use plc_api::wire::route::Route;
+use plc_protocol::wire::parameter::QueryValues;
+use plc_protocol::wire::route::Route;
 
 use super::problem_of;
 use crate::problem::Problem;
 
-/// The query of a URL.
+/// Reads the query of a URL.
 pub(super) fn read(route: &Route, uri: &Uri) -> Result<QueryValues, Problem> {
     let pairs = Query::<Vec<(String, String)>>::try_from_uri(uri);
     let Query(pairs) = pairs.map_err(|refusal| Problem::invalid(refusal.body_text()))?;

@@ -12,18 +12,18 @@ use axum::body::Body;
 use axum::extract::{FromRequestParts, RawPathParams, Request as HttpRequest};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
-use plc_api::server::ServerTransport;
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::message::Payload;
-use plc_api::types::planned::PlannedPath;
-use plc_api::types::program::{PROGRAM_BYTES_MAX, ProgramText};
-use plc_api::types::request::{Answer, Request};
-use plc_api::types::topic::Topic;
-use plc_api::wire::answer::{AnswerForm, Reply};
-use plc_api::wire::percent_encoded;
-use plc_api::wire::route::{self, Content, Route};
-use plc_api::wire::row::{IF_NONE_MATCH, IncomingRequest, Row, Sender, Source, number};
-use plc_api::wire::tag;
+use plc_protocol::server::ServerTransport;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::planned::PlannedPath;
+use plc_protocol::types::program::{PROGRAM_BYTES_MAX, ProgramText};
+use plc_protocol::types::request::{Answer, Request};
+use plc_protocol::types::topic::Topic;
+use plc_protocol::wire::answer::{AnswerForm, Reply};
+use plc_protocol::wire::percent_encoded;
+use plc_protocol::wire::route::{self, Content, Route};
+use plc_protocol::wire::row::{IF_NONE_MATCH, IncomingRequest, Row, Sender, Source, number};
+use plc_protocol::wire::tag;
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
 
@@ -193,7 +193,7 @@ impl<'a> HttpSender<'a> {
             .flatten()
     }
 
-    /// True if the client already has this reply.
+    /// Returns true if the client already has this reply.
     fn had(&self, reply: &Reply) -> bool {
         let mut tags = self.listed(IF_NONE_MATCH).filter_map(|tags| tags.to_str().ok());
         tag_of(reply).is_some_and(|tag| tags.any(|tags| tag::is_had(tags, tag)))

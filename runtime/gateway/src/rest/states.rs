@@ -9,14 +9,15 @@ use axum::extract::{RawPathParams, State};
 use axum::http::{HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::io::IoSide;
-use plc_api::types::message::Message;
-use plc_api::types::topic::{CsTopic, Topic};
-use plc_api::wire::row::number;
-use plc_api::wire::states::{
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::io::IoSide;
+use plc_protocol::types::message::Message;
+use plc_protocol::types::topic::{CsTopic, Topic};
+use plc_protocol::wire::row::number;
+use plc_protocol::wire::states::{
     AllIo, CoordinateSystems, Health, HealthStatus, Inputs, STATES, StateRow, WithState,
 };
+use prometheus_client::encoding::prometheus_text::CONTENT_TYPE;
 use serde_json::{Value, json};
 
 use super::login::{current_user, log_in, log_out};
@@ -48,7 +49,7 @@ fn cs_of(raw: &Params, uri: &Uri) -> Result<CoordinateSystemNumber, Problem> {
     Ok(cs.and_then(|(_, cs)| number(cs)).unwrap_or_default())
 }
 
-/// One state.
+/// Answers a request for one state.
 pub(super) async fn one(
     State(shared): State<Arc<ServerState>>,
     uri: Uri,
@@ -135,18 +136,17 @@ async fn health(State(shared): State<Arc<ServerState>>) -> Response {
 }
 
 async fn metrics(State(shared): State<Arc<ServerState>>) -> Response {
-    let kind = HeaderValue::from_static("text/plain; version=0.0.4; charset=utf-8");
     // In simulated time there is no servo thread, and its metrics are left out.
     let servo = shared.machine.servo_timing();
-    let text = (shared.metrics).text(&States::from_machine(&shared.machine), servo.as_ref());
-    ([(header::CONTENT_TYPE, kind)], text).into_response()
+    let text = (shared.metrics).text(States::from_machine(&shared.machine), servo);
+    ([(header::CONTENT_TYPE, CONTENT_TYPE)], text).into_response()
 }
 
 fn message_value(message: &Message) -> Value {
     serde_json::from_str(&message.to_json()).unwrap_or_default()
 }
 
-/// The message as its body, its revision as `ETag`.
+/// Returns the response with the message as its body, and the revision of the message as `ETag`.
 fn message_response(message: &Message) -> Response {
     let mut response = json_text(message.to_json());
     if let Some(tag) = message

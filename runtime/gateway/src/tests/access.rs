@@ -4,7 +4,7 @@ use axum::body::Body;
 use axum::http::{Request as HttpRequest, StatusCode, header};
 use futures_util::{SinkExt, StreamExt};
 use http_body_util::BodyExt;
-use plc_api::types::output::HandshakeResult;
+use plc_protocol::types::output::HandshakeResult;
 use rumqttc::{LastWill, MqttOptions, QoS};
 use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -27,11 +27,11 @@ fn port() -> Arc<StubPort> {
             Request::Claim(_, _, _) | Request::Reset(_, _, _) => Answer::Handshake(HandshakeResult::new(
                 1,
                 "h",
-                plc_api::types::output::HandshakeStatus::Accepted,
+                plc_protocol::types::output::HandshakeStatus::Accepted,
             )),
             Request::Programs => Answer::Programs(Vec::new()),
             Request::WriteProgram(..) | Request::CheckProgram(_) => {
-                Answer::Check(plc_api::types::program::ProgramCheck::default())
+                Answer::Check(plc_protocol::types::program::ProgramCheck::default())
             }
             _ => Answer::Done,
         })

@@ -2,16 +2,16 @@
 
 use axum::body::Body;
 use axum::http::{Request as HttpRequest, StatusCode, header};
-use plc_api::server::ServerTransport;
-use plc_api::types::data::VariableArea;
-use plc_api::types::output::{HandshakeResult, HandshakeStatus};
-use plc_api::types::request::{RefusalCode, SpindleCommand};
-use plc_api::types::state::SpindleDirection;
-use plc_api::wire::json_object;
-use plc_api::wire::mqtt::{Inbound, decode};
-use plc_api::wire::right::Right;
-use plc_api::wire::row::ParsedRequest;
-use plc_api::wire::websocket::ClientFrame;
+use plc_protocol::server::ServerTransport;
+use plc_protocol::types::data::VariableArea;
+use plc_protocol::types::output::{HandshakeResult, HandshakeStatus};
+use plc_protocol::types::request::{RefusalCode, SpindleCommand};
+use plc_protocol::types::state::SpindleDirection;
+use plc_protocol::wire::json_object;
+use plc_protocol::wire::mqtt::{Inbound, decode};
+use plc_protocol::wire::right::Right;
+use plc_protocol::wire::row::ParsedRequest;
+use plc_protocol::wire::websocket::ClientFrame;
 use proptest::prelude::*;
 use rumqttc::v5::mqttbytes::{QoS as QoS5, v5 as mqtt5};
 use serde_json::json;

@@ -1,8 +1,8 @@
 //! Variables, tools and work offsets over REST and MQTT.
 
-use plc_api::types::data::{ToolChange, ToolData, ToolTable, VariableArea, WorkOffsetTable};
-use plc_api::types::machine::AlarmRaise;
-use plc_api::types::request::RefusalCode;
+use plc_protocol::types::data::{ToolChange, ToolData, ToolTable, VariableArea, WorkOffsetTable};
+use plc_protocol::types::machine::AlarmRaise;
+use plc_protocol::types::request::RefusalCode;
 use serde_json::{Value, json};
 
 use super::mqtt::TestClient;

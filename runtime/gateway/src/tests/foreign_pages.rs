@@ -3,7 +3,7 @@
 use axum::body::Body;
 use axum::http::{HeaderMap, Request as HttpRequest, StatusCode};
 use http_body_util::BodyExt;
-use plc_api::wire::hmi::{Hmi, HmiButton};
+use plc_protocol::wire::hmi::{Hmi, HmiButton};
 use serde_json::Value;
 use tower::ServiceExt;
 

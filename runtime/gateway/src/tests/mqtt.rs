@@ -1,8 +1,8 @@
 //! MQTT end through the embedded broker, with a common client library.
 
-use plc_api::types::command::Command;
-use plc_api::types::output::HandlerPresence;
-use plc_api::types::request::Input;
+use plc_protocol::types::command::Command;
+use plc_protocol::types::output::HandlerPresence;
+use plc_protocol::types::request::Input;
 use rumqttc::{AsyncClient, Event, LastWill, MqttOptions, Packet, Publish, QoS};
 use serde_json::{Value, json};
 use tokio::sync::mpsc;

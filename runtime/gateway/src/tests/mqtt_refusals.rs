@@ -1,6 +1,6 @@
 //! Rejected MQTT messages.
 
-use plc_api::types::request::Input;
+use plc_protocol::types::request::Input;
 use rumqttc::{LastWill, QoS};
 use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -76,7 +76,7 @@ async fn unanswerable_invalid_message_is_dropped_and_the_next_one_is_accepted() 
 async fn invalid_claim_or_reset_is_answered_with_a_result_and_its_reason() {
     let port = StubPort::with(|request| match request {
         Request::Reset(..) => {
-            let code = plc_api::types::request::RefusalCode::Invalid;
+            let code = plc_protocol::types::request::RefusalCode::Invalid;
             Err(Refusal::new(code, "code 12000: write 0 to 9999"))
         }
         _ => Ok(Answer::Done),
@@ -121,7 +121,7 @@ async fn nobody_is_told_a_refusal_in_the_name_of_another() {
         )
     };
     let may = |name: &str, handler_id: &str| {
-        crate::access::rules::may_speak_as(&user(name), plc_api::wire::right::Right::Reset, handler_id)
+        crate::access::rules::may_speak_as(&user(name), plc_protocol::wire::right::Right::Reset, handler_id)
     };
     assert!(may("handler", "handler") && may("operate", "handler") && may("admin", "x"));
     assert!(!may("handler", "other") && !may("view", "view"));
@@ -353,7 +353,13 @@ async fn a_port_that_answers_slowly_holds_up_no_stop() {
 async fn a_message_that_no_broker_takes_holds_up_no_other() {
     let port = StubPort::new();
     let (gateway, mut client) = connected(&port).await;
-    let done = || Payload::Reply(reply("c", plc_api::types::command::CommandStatus::Done, "ok"));
+    let done = || {
+        Payload::Reply(reply(
+            "c",
+            plc_protocol::types::command::CommandStatus::Done,
+            "ok",
+        ))
+    };
     port.say(Topic::Reply("a#".into()), None, done());
     let large = State {
         run_id: Some("r".repeat(300_000)),

@@ -2,7 +2,7 @@
 
 use axum::body::Body;
 use axum::http::{Request as HttpRequest, header};
-use plc_api::supervisor::Supervisor;
+use plc_protocol::supervisor::Supervisor;
 use tandem_mtconnect::{Agent, AgentSettings};
 use tokio_util::sync::CancellationToken;
 use tower::ServiceExt;

@@ -1,9 +1,9 @@
 //! Programs over REST, and which one a client has, and means: `ETag`, `If-None-Match`, `If-Match`.
 
-use plc_api::types::command::Expect;
-use plc_api::types::planned::{PathQuery, PlannedPath};
-use plc_api::types::program::{ProgramCheck, ProgramText};
-use plc_api::types::upload::{Hashes, ProgramCondition, ProgramUpload};
+use plc_protocol::types::command::Expect;
+use plc_protocol::types::planned::{PathQuery, PlannedPath};
+use plc_protocol::types::program::{ProgramCheck, ProgramText};
+use plc_protocol::types::upload::{Hashes, ProgramCondition, ProgramUpload};
 
 use serde_json::json;
 

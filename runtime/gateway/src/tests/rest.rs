@@ -3,13 +3,15 @@
 use axum::body::Body;
 use axum::http::{Request as HttpRequest, Response};
 use http_body_util::BodyExt;
-use plc_api::server::{Durations, ServoTiming};
-use plc_api::types::command::{Command, CommandStatus, Expect};
-use plc_api::types::machine::{ActiveAlarms, AlarmRecord};
-use plc_api::types::output::{HandshakeResult, HandshakeStatus, Pending};
-use plc_api::types::program::ProgramInfo;
-use plc_api::types::request::{Input, OverrideChange};
-use plc_api::types::state::{CapturedPositions, LockSet, Modal, Overrides, ProgramLocation, Spindle, Tool};
+use plc_protocol::server::{Durations, ServoTiming};
+use plc_protocol::types::command::{Command, CommandStatus, Expect};
+use plc_protocol::types::machine::{ActiveAlarms, AlarmRecord};
+use plc_protocol::types::output::{HandshakeResult, HandshakeStatus, Pending};
+use plc_protocol::types::program::ProgramInfo;
+use plc_protocol::types::request::{Input, OverrideChange};
+use plc_protocol::types::state::{
+    CapturedPositions, LockSet, Modal, Overrides, ProgramLocation, Spindle, Tool,
+};
 use serde_json::{Value, json};
 use tower::ServiceExt;
 
@@ -366,7 +368,7 @@ async fn progress_and_redelivery_are_taken() {
 
 #[tokio::test]
 async fn questions_are_asked_and_answered() {
-    use plc_api::types::output::{HandshakeResult, HandshakeStatus};
+    use plc_protocol::types::output::{HandshakeResult, HandshakeStatus};
     for (status, http) in [
         (HandshakeStatus::Accepted, 200),
         (HandshakeStatus::Duplicate, 200),
@@ -549,8 +551,8 @@ async fn metrics_tell_how_punctual_the_servo_thread_is_as_prometheus_histograms(
     ] {
         expected.extend([
             format!("# TYPE {name}_seconds histogram"),
-            format!("{name}_seconds_bucket{{le=\"0.000002\"}} 3"),
-            format!("{name}_seconds_bucket{{le=\"0.000004\"}} 3"),
+            format!("{name}_seconds_bucket{{le=\"2e-06\"}} 3"),
+            format!("{name}_seconds_bucket{{le=\"4e-06\"}} 3"),
             format!("{name}_seconds_bucket{{le=\"+Inf\"}} 5"),
             format!("{name}_seconds_sum 0.25"),
             format!("{name}_seconds_count 5"),

@@ -2,10 +2,10 @@
 
 use axum::body::Body;
 use axum::http::Response;
-use plc_api::types::command::Verb;
-use plc_api::types::program::{DiagnosticSeverity, ProgramDiagnostic};
-use plc_api::types::request::RefusalCode;
-use plc_api::types::state::Execution;
+use plc_protocol::types::command::Verb;
+use plc_protocol::types::program::{DiagnosticSeverity, ProgramDiagnostic};
+use plc_protocol::types::request::RefusalCode;
+use plc_protocol::types::state::Execution;
 use serde_json::json;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
@@ -171,7 +171,11 @@ async fn a_body_that_says_that_it_is_too_large_is_not_waited_for() {
 
 /// A body of chunks of this size, one per this time, and the status of its answer with how long it took.
 async fn slow_body(size: usize, count: usize, each: Duration) -> (u16, Duration) {
-    let port = StubPort::with(|_| Ok(Answer::Check(plc_api::types::program::ProgramCheck::default())));
+    let port = StubPort::with(|_| {
+        Ok(Answer::Check(
+            plc_protocol::types::program::ProgramCheck::default(),
+        ))
+    });
     let begun = tokio::time::Instant::now();
     let chunks = futures_util::stream::unfold(0, move |n| async move {
         tokio::time::sleep(each).await;

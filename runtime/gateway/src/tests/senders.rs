@@ -1,6 +1,6 @@
 //! With an external broker, topics name the senders of requests.
 
-use plc_api::types::request::Input;
+use plc_protocol::types::request::Input;
 use serde_json::json;
 
 use super::mqtt::{TestClient, broker, mqtt_end_that};

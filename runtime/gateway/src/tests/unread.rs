@@ -1,7 +1,7 @@
 //! Limits on responses that clients do not read.
 
 use futures_util::{SinkExt, StreamExt};
-use plc_api::types::program::ProgramText;
+use plc_protocol::types::program::ProgramText;
 use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::client_async;
 use tokio_tungstenite::tungstenite::Message as Frame;

@@ -1,7 +1,7 @@
 //! Clients of the broker that do not read.
 
 use axum::body::Bytes;
-use plc_api::types::command::Verb;
+use plc_protocol::types::command::Verb;
 use serde_json::json;
 use tokio::time::Instant;
 

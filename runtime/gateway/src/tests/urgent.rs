@@ -1,6 +1,6 @@
 //! Hold, stop and abort during floods of other requests.
 
-use plc_api::types::command::{Command, Verb};
+use plc_protocol::types::command::{Command, Verb};
 use rumqttc::QoS;
 use serde_json::json;
 
@@ -134,7 +134,7 @@ async fn a_stop_over_rest_is_accepted_although_64_of_another_user_wait() {
         UrgentKind::of_request(&Request::Command {
             cs: 1,
             command: Command::Stop,
-            meta: plc_api::types::command::CommandMeta::default(),
+            meta: plc_protocol::types::command::CommandMeta::default(),
             wait: false,
         })
         .unwrap()

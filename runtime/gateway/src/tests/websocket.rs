@@ -1,7 +1,7 @@
 //! WebSocket: full value first, then changes; slow readers; refusals.
 
 use futures_util::{SinkExt, StreamExt};
-use plc_api::types::output::{Cancel, CancelReason, Pending};
+use plc_protocol::types::output::{Cancel, CancelReason, Pending};
 use serde_json::{Value, json};
 use tokio::net::TcpStream;
 use tokio_tungstenite::tungstenite::{self, client::IntoClientRequest};

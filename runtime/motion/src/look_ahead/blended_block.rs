@@ -82,7 +82,7 @@ pub(super) struct PieceMotion {
 }
 
 /// Distance along a path and its first three derivatives by plan time. The third is constant within a phase.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct PathDerivatives {
     pub(super) distance: f64,
     pub(super) speed: f64,
@@ -114,6 +114,29 @@ impl<'a> BlendedBlock<'a> {
         let is_arc = |path: &Path| matches!(path, Path::Arc(_));
         let next = self.block.next.as_ref();
         is_arc(&self.block.path) || next.is_some_and(|next| is_arc(&next.path))
+    }
+
+    /// Returns true if a phase belongs to the ramp from rest or to rest.
+    pub(super) fn is_slow(&self, phase: &Phase) -> bool {
+        match phase.part {
+            BlockPart::Start => self.begins_at_rest(),
+            BlockPart::Stop => self.block.next.is_none(),
+            BlockPart::Between => false,
+        }
+    }
+
+    /// Returns the speed along the block at a plan time within a phase, relative to the speed of the block.
+    pub(super) fn share_of_speed(&self, t_s: f64, phase: &Phase) -> f64 {
+        let forward_s = |t_s: f64| {
+            if self.passage.is_backward {
+                self.block.plan_s - t_s
+            } else {
+                t_s
+            }
+        };
+        let within_s = f64::midpoint(phase.from_s, phase.to_s);
+        let [own, _] = self.along(forward_s(t_s), forward_s(within_s));
+        own.speed / self.block.speed
     }
 
     pub(super) fn stop_begins_s(&self) -> f64 {
@@ -235,6 +258,15 @@ impl PieceEnd {
             along,
             velocity: AxisVector::ZERO,
             acceleration: AxisVector::ZERO,
+        }
+    }
+
+    /// Creates an end with this motion.
+    pub(super) fn of_motion(t_s: f64, velocity: AxisVector, acceleration: AxisVector) -> Self {
+        Self {
+            velocity,
+            acceleration,
+            ..Self::at(t_s, [PathDerivatives::default(); 2])
         }
     }
 

@@ -57,13 +57,6 @@ struct RampPoint {
 }
 
 impl BlendedBlock<'_> {
-    /// Returns the course of a piece within one phase, by plan time.
-    pub(super) fn by_plan_time(&self, from_s: f64, to_s: f64) -> Course {
-        let within_s = f64::midpoint(from_s, to_s);
-        let (from, to) = (self.piece_end(from_s, within_s), self.piece_end(to_s, within_s));
-        Course::by_plan_time(&self.between(&from, &to), to_s - from_s)
-    }
-
     /// Returns the course of a piece within one phase, by distance. Returns `None` outside of ramps between
     /// different speeds.
     pub(super) fn by_distance(&self, from_s: f64, to_s: f64) -> Option<Course> {

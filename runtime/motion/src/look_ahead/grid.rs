@@ -10,6 +10,7 @@ use super::course::Course;
 use super::limits::{self, Bounds, Spread};
 use super::piece::{Piece, Shape};
 use super::straight::Straight;
+use super::way::{SmoothedWay, Way};
 use super::{corner, curve};
 
 /// Largest change of the velocity on one piece of a ramp, relative to the slower end.
@@ -39,6 +40,9 @@ const TURN_MAX: f64 = 0.4;
 /// Maximum number of parts of a piece that is halved for its rate.
 const LEAST: f64 = 256.0;
 
+/// Number of parts of a phase of a ramp from rest or to rest at an override below 100 percent.
+const SLOW_PARTS: f64 = 8.0;
+
 /// Maximum number of pieces of one phase.
 const PIECES_MAX: f64 = 512.0;
 
@@ -49,22 +53,65 @@ const RAMP_MIN: f64 = 1e-14;
 const BETWEEN_MIN: f64 = 1e-8;
 
 /// Adds the pieces of a block to `pieces`, and returns their number.
-pub(super) fn cut(way: &BlendedBlock<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece>) -> usize {
+pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece>) -> usize {
     let before = pieces.len();
-    let begin_s = way.passage.from_s;
-    let mut at_s = begin_s;
+    let begin_s = way.begins_s();
+    let ends_s = match way {
+        Way::Blended(block) => cut_blended(block, way, bounds, pieces),
+        Way::Smoothed(block) => cut_smoothed(*block, way, bounds, pieces),
+    };
+    if pieces.len() == before && way.plan_s() > begin_s {
+        Cutter::new(way, bounds, [begin_s, way.plan_s()], pieces).whole(1.0, true);
+    }
+    // The last piece includes all parts that were omitted as rounding.
+    if let Some(last) = pieces.back_mut().filter(|_| ends_s > begin_s) {
+        last.to_s = way.plan_s();
+    }
+    pieces.len() - before
+}
+
+/// Adds the pieces of a block on a smoothed path. Returns the plan time at the end of the last piece, s.
+fn cut_smoothed(
+    block: SmoothedWay<'_>,
+    way: &Way<'_>,
+    bounds: Bounds<'_>,
+    pieces: &mut VecDeque<Piece>,
+) -> f64 {
+    let mut at_s = way.begins_s();
+    for (stretch, [_, to_s]) in block.stretches().filter(|(_, [_, to_s])| *to_s > way.begins_s()) {
+        let range_s = [at_s, to_s];
+        at_s = to_s;
+        if stretch.is_straight() {
+            let [velocity, _] = stretch.motion_at(stretch.from_s);
+            let (straight, cap) = straight_along(|axis| velocity[axis].abs(), bounds);
+            pieces.push_back(Piece::straight(straight, cap, range_s));
+        } else {
+            Cutter::new(way, bounds, range_s, pieces).whole(1.0, false);
+        }
+    }
+    at_s
+}
+
+/// Adds the pieces of a block with ramps. Returns the plan time at the end of the last piece, s.
+fn cut_blended(
+    block: &BlendedBlock<'_>,
+    way: &Way<'_>,
+    bounds: Bounds<'_>,
+    pieces: &mut VecDeque<Piece>,
+) -> f64 {
+    let mut at_s = way.begins_s();
     let at_most = |square: f64| Bounds {
         cap: bounds.cap.min(square),
         ..bounds
     };
-    let from_rest = at_most(corner::from_rest(way, bounds.motors));
-    let at_end = at_most(corner::at_end(way, bounds.motors));
-    for phase in way.phases() {
+    let from_rest = at_most(corner::from_rest(block, bounds.motors));
+    let at_end = at_most(corner::at_end(block, bounds.motors));
+    for phase in block.phases() {
         let least = match phase.part {
             BlockPart::Between => BETWEEN_MIN,
             BlockPart::Start | BlockPart::Stop => RAMP_MIN,
         };
-        if phase.to_s - phase.from_s.max(at_s) <= least * way.block.plan_s {
+        if phase.to_s - phase.from_s.max(at_s) <= least * way.plan_s() {
             continue;
         }
         let phase = Phase {
@@ -78,39 +125,59 @@ pub(super) fn cut(way: &BlendedBlock<'_>, bounds: Bounds<'_>, pieces: &mut VecDe
             BlockPart::Stop => at_end,
         };
         let mut cutter = Cutter::new(way, bounds, [phase.from_s, phase.to_s], pieces);
-        match (phase.part, &way.block.path) {
-            (BlockPart::Between, Path::Line { .. }) => {
-                let (straight, cap) = on_line(way, bounds);
-                cutter.pieces.push_back(Piece::straight(straight, cap, phase));
+        let range_s = [phase.from_s, phase.to_s];
+        match (phase.part, &block.block.path) {
+            (BlockPart::Between, path @ Path::Line { .. }) => {
+                let (straight, cap) = straight_along(|axis| path.steepest(axis) * block.block.speed, bounds);
+                cutter.pieces.push_back(Piece::straight(straight, cap, range_s));
             }
             (BlockPart::Between, Path::Arc(arc)) => {
-                if let Some((straight, cap)) = curve::straightened(way, arc, bounds) {
-                    cutter.pieces.push_back(Piece::straight(straight, cap, phase));
+                if let Some((straight, cap)) = curve::straightened(block, arc, bounds) {
+                    cutter.pieces.push_back(Piece::straight(straight, cap, range_s));
                     continue;
                 }
-                let swept = arc.sweep().abs() * way.block.speed * (phase.to_s - phase.from_s) / arc.length();
+                let swept =
+                    arc.sweep().abs() * block.block.speed * (phase.to_s - phase.from_s) / arc.length();
                 cutter.whole((swept / TURN_MAX).ceil().clamp(1.0, PIECES_MAX), false);
+            }
+            // With a maximum jerk, a ramp is passed at a constant rate.
+            (BlockPart::Start | BlockPart::Stop, _)
+                if bounds.cap < 1.0 && block.is_slow(&phase) && !bounds.motors.has_jerk =>
+            {
+                cut_slow(block, way, bounds, &phase, pieces);
             }
             (BlockPart::Start | BlockPart::Stop, _) => cutter.whole(1.0, false),
         }
     }
-    if pieces.len() == before && way.block.plan_s > begin_s {
-        Cutter::new(way, bounds, [begin_s, way.block.plan_s], pieces).whole(1.0, true);
+    at_s
+}
+
+/// Adds the pieces of a ramp from rest or to rest at an override below 100 percent. The rate is up to 1 while the
+/// speed is below F times the override, so that the override does not lengthen the ramp.
+fn cut_slow(
+    block: &BlendedBlock<'_>,
+    way: &Way<'_>,
+    bounds: Bounds<'_>,
+    phase: &Phase,
+    pieces: &mut VecDeque<Piece>,
+) {
+    let at_s = |k: f64| phase.from_s + (phase.to_s - phase.from_s) * k / SLOW_PARTS;
+    let mut k = 0.0;
+    while k < SLOW_PARTS {
+        let range_s = [at_s(k), at_s(k + 1.0)];
+        let share = range_s.map(|t_s| block.share_of_speed(t_s, phase));
+        let share = share[0].max(share[1]);
+        let bounds = Bounds {
+            cap: (bounds.cap / (share * share)).clamp(bounds.cap, 1.0),
+            ..bounds
+        };
+        Cutter::new(way, bounds, range_s, pieces).whole(1.0, false);
+        k += 1.0;
     }
-    // The last piece includes all parts that were omitted as rounding.
-    if let Some(last) = pieces.back_mut().filter(|_| at_s > begin_s) {
-        last.to_s = way.block.plan_s;
-    }
-    pieces.len() - before
 }
 
 /// Divides a piece that was planned as a whole. The rate changes on the piece.
-pub(super) fn cut_finer(
-    way: &BlendedBlock<'_>,
-    bounds: Bounds<'_>,
-    piece: &Piece,
-    pieces: &mut VecDeque<Piece>,
-) {
+pub(super) fn cut_finer(way: &Way<'_>, bounds: Bounds<'_>, piece: &Piece, pieces: &mut VecDeque<Piece>) {
     let bounds = Bounds {
         cap: piece.cap,
         ..bounds
@@ -118,30 +185,28 @@ pub(super) fn cut_finer(
     Cutter::new(way, bounds, [piece.from_s, piece.to_s], pieces).whole(1.0, true);
 }
 
-/// Returns the limits of the rate on a line, and the largest square of the rate.
-fn on_line(way: &BlendedBlock<'_>, bounds: Bounds<'_>) -> (Straight, f64) {
+/// Returns the limits of the rate where each axis moves at one speed, and the largest square of the rate.
+/// `speed` returns the speed of an axis at the rate 1.
+fn straight_along(speed: impl Fn(Axis) -> f64, bounds: Bounds<'_>) -> (Straight, f64) {
     let most = |inverse: &[f64; AXES_MAX]| {
         Axis::ALL.into_iter().fold(0.0, |most: f64, axis| {
-            most.max(way.block.path.steepest(axis) * inverse[axis.index()])
+            most.max(speed(axis) * inverse[axis.index()])
         })
     };
     let straight = Straight {
-        change: 2.0 / (most(&bounds.motors.inverse) * way.block.speed),
+        change: (2.0 / most(&bounds.motors.inverse)).min(bounds.change),
         jerk: if bounds.motors.has_jerk {
-            1.0 / (most(&bounds.motors.inverse_jerks) * way.block.speed)
+            1.0 / most(&bounds.motors.inverse_jerks)
         } else {
             f64::INFINITY
         },
     };
-    (
-        straight,
-        bounds.cap_at(|axis| way.block.path.steepest(axis) * way.block.speed),
-    )
+    (straight, bounds.cap_at(speed))
 }
 
 /// Division of an interval within one phase.
 struct Cutter<'a> {
-    way: &'a BlendedBlock<'a>,
+    way: &'a Way<'a>,
     bounds: Bounds<'a>,
     from_s: f64,
     to_s: f64,
@@ -150,7 +215,7 @@ struct Cutter<'a> {
 
 impl<'a> Cutter<'a> {
     fn new(
-        way: &'a BlendedBlock<'a>,
+        way: &'a Way<'a>,
         bounds: Bounds<'a>,
         [from_s, to_s]: [f64; 2],
         pieces: &'a mut VecDeque<Piece>,

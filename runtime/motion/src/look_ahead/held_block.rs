@@ -1,14 +1,15 @@
 //! The blocks that look-ahead holds back until their rate is final.
 
-use super::blended_block::{BlendedBlock, Passage};
-use super::limits::{Bounds, HalfPlane, Motors};
+use super::blended_block::Passage;
+use super::limits::{HalfPlane, Motors};
 use super::rate::{BentPiece, Limits};
-use crate::block::RampedBlock;
+use super::way::Way;
+use crate::block::{BlockMotion, PlannedBlock};
 
 /// A block whose rate is not final.
 #[derive(Debug, Clone)]
 pub(super) struct HeldBlock {
-    pub(super) block: RampedBlock,
+    pub(super) block: PlannedBlock,
     pub(super) passage: Passage,
     /// True for the last block of its chain.
     pub(super) is_last: bool,
@@ -19,14 +20,21 @@ pub(super) struct HeldBlock {
 }
 
 impl HeldBlock {
+    /// Returns the square of the rate in this block that equals the square 1 in the next block. Rates are
+    /// relative to the speed of a block, and in a chain with ramps to that of the plan.
+    pub(super) fn square_of_next(&self, next: &HeldBlock) -> f64 {
+        match (&self.block.motion, &next.block.motion) {
+            (BlockMotion::Smoothed(own), BlockMotion::Smoothed(next)) => (next.speed / own.speed).powi(2),
+            _ => 1.0,
+        }
+    }
+
     /// Returns the limits for the pieces of the block.
     pub(super) fn limits<'a>(&'a self, motors: &'a Motors, planes: &'a mut Vec<HalfPlane>) -> Limits<'a> {
+        let way = Way::new(&self.block.motion, self.passage);
         Limits {
-            way: BlendedBlock::new(&self.block.ramped, self.passage),
-            bounds: Bounds {
-                motors,
-                cap: self.cap,
-            },
+            way,
+            bounds: way.bounds(motors, self.cap),
             planes,
             bent: BentPiece::default(),
             is_even: [false; 2],

@@ -114,19 +114,27 @@ pub(super) struct Bounds<'a> {
     pub(super) motors: &'a Motors,
     /// Largest square of the rate in the block.
     pub(super) cap: f64,
+    /// True if no motor exceeds its maximum velocity at the rate 1. On a smoothed path one may, where the
+    /// next block begins to turn the motion into the direction of a slower motor.
+    pub(super) is_within_velocity: bool,
+    /// Largest change of the square of the rate per second of plan time, for the ramps from rest and to rest
+    /// of a smoothed path; otherwise infinite.
+    pub(super) change: f64,
 }
 
 impl Bounds<'_> {
     /// Returns the largest square of the rate at which no motor exceeds its maximum velocity. `fastest`
     /// returns the speed of an axis at the rate 1.
     pub(super) fn cap_at(self, fastest: impl Fn(Axis) -> f64) -> f64 {
-        if self.cap <= 1.0 {
+        if self.is_within_velocity && self.cap <= 1.0 {
             return self.cap;
         }
+        let least = if self.is_within_velocity { 1.0 } else { SQUARE_MIN };
         Axis::ALL.into_iter().fold(self.cap, |cap, axis| {
             let fastest = fastest(axis);
             if fastest > 0.0 {
-                cap.min((self.motors.velocities[axis.index()] / fastest).powi(2).max(1.0))
+                let square = (self.motors.velocities[axis.index()] / fastest).powi(2);
+                cap.min(square.max(least))
             } else {
                 cap
             }
@@ -136,7 +144,9 @@ impl Bounds<'_> {
 
 /// Sets `planes` to the limits that can be exceeded while the squares of the rate are between 0 and the cap.
 pub(super) fn half_planes(course: &Course, bounds: Bounds<'_>, planes: &mut Vec<HalfPlane>) {
-    let Bounds { motors, cap } = bounds;
+    let Bounds {
+        motors, cap, change, ..
+    } = bounds;
     planes.clear();
     let mut add = |left: f64, right: f64| {
         let right = right * course.scale;
@@ -144,6 +154,11 @@ pub(super) fn half_planes(course: &Course, bounds: Bounds<'_>, planes: &mut Vec<
             planes.push(HalfPlane { left, right });
         }
     };
+    if change.is_finite() {
+        let factor = 1.0 / (change * course.length_s);
+        add(-factor, factor);
+        add(factor, -factor);
+    }
     for axis in Axis::ALL {
         let inverse = motors.inverse[axis.index()];
         if inverse == 0.0 {

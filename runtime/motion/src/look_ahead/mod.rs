@@ -2,7 +2,8 @@
 //! maximum acceleration. The deceleration extends over as many blocks as necessary.
 //!
 //! The motion is `q(t) = q501(tau(t))` with a rate `tau' <= o`, whose square x is linear in tau on each
-//! piece. Here o is the feed override, at least 1 (below 100 percent the servo scales the time of the plan).
+//! piece. Here o is the feed override. On a ramp from rest or to rest the rate may be up to 1 while the speed is
+//! at most o times F.
 //! A backward pass starts at the end of the known blocks. At the start of each piece it finds the largest x
 //! from which the machine can still stop at that end; a second pass assumes no stop at that end. Where both
 //! passes agree, no later block can change the preceding plan. The plan is final up to this point, and a
@@ -41,24 +42,29 @@ mod piece;
 mod rate;
 mod step;
 mod straight;
+mod way;
 
 use std::collections::VecDeque;
 
 use tandem_model::profile::{Law, Profile};
 use tandem_model::settings::CoordinateSystemSettings;
 
-use self::blended_block::BlendedBlock;
 pub(crate) use self::blended_block::Passage;
 use self::braking::Braking;
 use self::held_block::HeldBlock;
-use self::limits::{Bounds, HalfPlane, Motors, SQUARE_MIN};
+use self::limits::{HalfPlane, Motors, SQUARE_MIN};
 use self::piece::Piece;
 use self::step::RateStep;
-use crate::block::RampedBlock;
+use self::way::Way;
+use crate::block::PlannedBlock;
 use crate::record::{Entry, Record};
 
 /// The largest feed override.
 pub(crate) const FEED_OVERRIDE_MAX: f64 = 2.0;
+
+/// The smallest feed override for which motion is planned. At a smaller override, the servo scales the time of the
+/// plan.
+pub(crate) const FEED_OVERRIDE_MIN: f64 = 0.01;
 
 /// Value of the square of the rate that means no limit.
 const SQUARE_MAX: f64 = FEED_OVERRIDE_MAX * FEED_OVERRIDE_MAX;
@@ -86,7 +92,7 @@ const MET: f64 = 1e-3;
 #[derive(Debug, Clone)]
 pub(crate) struct LookAhead {
     motors: Motors,
-    /// Feed override for further blocks, 1 or more.
+    /// Feed override for further blocks.
     feed_override: f64,
     blocks: VecDeque<HeldBlock>,
     pieces: VecDeque<Piece>,
@@ -143,14 +149,13 @@ impl LookAhead {
         self.is_even = false;
     }
 
-    /// Sets the override for which further blocks are planned. Below 1, the servo scales the time of the
-    /// plan.
+    /// Sets the override for which further blocks are planned.
     pub(crate) fn set_feed_override(&mut self, factor: f64) {
-        self.feed_override = factor.clamp(1.0, FEED_OVERRIDE_MAX);
+        self.feed_override = factor.clamp(FEED_OVERRIDE_MIN, FEED_OVERRIDE_MAX);
     }
 
     /// Returns the blocks whose rate is not final.
-    pub(crate) fn blocks(&self) -> impl Iterator<Item = &RampedBlock> {
+    pub(crate) fn blocks(&self) -> impl Iterator<Item = &PlannedBlock> {
         self.blocks.iter().map(|held| &held.block)
     }
 
@@ -164,7 +169,7 @@ impl LookAhead {
 
     /// Adds the next block of a chain, and outputs the blocks that are final. A block that ends at rest ends
     /// the chain.
-    pub(crate) fn push(&mut self, block: RampedBlock, record: &mut Record, out: &mut VecDeque<Profile>) {
+    pub(crate) fn push(&mut self, block: PlannedBlock, record: &mut Record, out: &mut VecDeque<Profile>) {
         let is_last = block.ends_at_rest();
         self.pass(block, Passage::default(), is_last, record, out);
     }
@@ -173,27 +178,28 @@ impl LookAhead {
     /// continues.
     pub(crate) fn pass(
         &mut self,
-        block: RampedBlock,
+        block: PlannedBlock,
         passage: Passage,
         is_last: bool,
         record: &mut Record,
         out: &mut VecDeque<Profile>,
     ) {
-        let way = BlendedBlock::new(&block.ramped, passage);
+        let way = Way::new(&block.motion, passage);
         if self.blocks.is_empty() && self.square.is_none() {
+            if !way.has_ramps() {
+                self.square = Some(SQUARE_MIN);
+            }
             self.braking.start_chain(block.segment, passage.is_backward);
         }
-        let cap = self.cap(way.block.plan_s);
-        let bounds = Bounds {
-            motors: &self.motors,
-            cap,
-        };
+        let cap = self.cap(way.plan_s());
+        let bounds = way.bounds(&self.motors, cap);
         let pieces = grid::cut(&way, bounds, &mut self.pieces);
-        let rests = if passage.is_backward {
-            way.begins_at_rest()
+        let comes_to_rest = if passage.is_backward {
+            block.begins_at_rest(0.0)
         } else {
             block.ends_at_rest()
         };
+        let rests = way.has_ramps() && comes_to_rest;
         self.blocks.push_back(HeldBlock {
             block,
             passage,
@@ -269,6 +275,11 @@ impl LookAhead {
         let mut i = self.pieces.len();
         self.renewed.clear();
         for block in (0..self.blocks.len()).rev() {
+            let square_of_next = match [self.blocks.get(block), self.blocks.get(block + 1)] {
+                [Some(held), Some(next)] => held.square_of_next(next),
+                _ => 1.0,
+            };
+            [to_rest, open] = [to_rest, open].map(|square| square * square_of_next);
             let Some(held) = self.blocks.get_mut(block) else {
                 break;
             };
@@ -310,6 +321,8 @@ impl LookAhead {
             return;
         };
         self.steps.clear();
+        let next = self.blocks.get(block + 1);
+        let square_of_next = next.map_or(1.0, |next| held.square_of_next(next));
         let mut task = held.limits(&self.motors, &mut self.planes);
         let mut left = held.pieces;
         while let Some(first) = self.pieces.front().filter(|_| left > 0) {
@@ -319,7 +332,11 @@ impl LookAhead {
             left -= count;
             self.cut.clear();
             self.cut.extend(self.pieces.drain(..count));
-            let limit_at = |k: usize| self.pieces.get(k).map_or(end, |next| next.limit);
+            let limit_at = |k: usize| match self.pieces.get(k) {
+                Some(piece) if k < left => piece.limit,
+                Some(of_next) => of_next.limit * square_of_next,
+                None => end,
+            };
             if self.motors.has_jerk {
                 let goes_evenly = self.pieces.front().is_some_and(|next| next.is_even(limit_at(1)));
                 task.is_even = [self.is_even, goes_evenly];
@@ -328,6 +345,7 @@ impl LookAhead {
             self.square = Some(task.pass_cut(&self.cut, before, limit, &mut self.steps));
             self.is_even = self.steps.last().map_or(self.is_even, RateStep::is_even);
         }
+        self.square = self.square.map(|square| square / square_of_next);
         paced::profiles(held, &self.steps, self.braking.free_to, out);
         let steps = self.steps.iter().map(|step| (step.duration_s(), step.room));
         self.braking.add(held.block.segment, steps, self.motors.period_s);
@@ -344,7 +362,8 @@ mod tests {
     use tandem_model::{ArcPath, Axis, AxisVector, Origin};
 
     use super::*;
-    use crate::chain::{Chain, ChainBlock};
+    use crate::block::ChainBlock;
+    use crate::chain::Chain;
     use crate::ramped;
 
     /// Maximum acceleration of Z, mm/s^2.

@@ -2,7 +2,6 @@
 
 use tandem_model::profile::SlewRoom;
 
-use super::blended_block::Phase;
 use super::straight::Straight;
 
 /// A piece of a block, by plan time.
@@ -65,12 +64,12 @@ impl Piece {
         }
     }
 
-    /// Returns a piece that spans a whole phase with constant limits. The look-ahead never halves this piece.
-    pub(super) fn straight(straight: Straight, cap: f64, phase: Phase) -> Self {
+    /// Returns a piece with constant limits between two plan times. The look-ahead never halves this piece.
+    pub(super) fn straight(straight: Straight, cap: f64, [from_s, to_s]: [f64; 2]) -> Self {
         Self {
-            from_s: phase.from_s,
-            to_s: phase.to_s,
-            whole_to_s: phase.to_s,
+            from_s,
+            to_s,
+            whole_to_s: to_s,
             shape: Shape::Straight(straight),
             least_s: f64::INFINITY,
             cap,

@@ -7,13 +7,13 @@ use std::collections::VecDeque;
 
 use tandem_model::profile::SlewRoom;
 
-use super::blended_block::BlendedBlock;
 use super::course::Course;
 use super::grid;
 use super::limits::{self, Bounds, HalfPlane, SQUARE_MIN, Spread};
 use super::piece::{Piece, Shape};
 use super::step::{self, RateStep};
 use super::straight::Straight;
+use super::way::Way;
 
 /// Smallest relative gain in the square of the rate for which a piece is halved.
 const GAIN: f64 = 7e-4;
@@ -35,7 +35,7 @@ const WITHIN: f64 = 1e-8;
 
 /// Limits and working memory for the pieces of one block.
 pub(super) struct Limits<'a> {
-    pub(super) way: BlendedBlock<'a>,
+    pub(super) way: Way<'a>,
     pub(super) bounds: Bounds<'a>,
     pub(super) planes: &'a mut Vec<HalfPlane>,
     pub(super) bent: BentPiece,

@@ -56,6 +56,17 @@ impl RateStep {
         self.growth.is_none() && self.rate_change == 0.0 && self.rate_jerk == 0.0
     }
 
+    /// Removes the part before a plan time from a step at a constant rate, and returns this part. Returns `None`
+    /// if the rate changes, or if the step does not extend beyond the plan time.
+    pub(super) fn split(&mut self, at_s: f64) -> Option<Self> {
+        if !self.is_even() || self.to_s <= at_s || self.from_s >= at_s {
+            return None;
+        }
+        let first = Self { to_s: at_s, ..*self };
+        self.from_s = at_s;
+        Some(first)
+    }
+
     fn joins(&self, next: &RateStep) -> bool {
         let busy = |step: &RateStep| step.room.braking.max(step.room.driving) > KEPT_APART;
         let as_planned = |step: &RateStep| step.growth.is_none() && step.is_at(self.start);

@@ -9,7 +9,7 @@ use tandem_model::profile::Profile;
 use tandem_motion::Planner;
 
 use crate::look_ahead_random::{Random, chains, each_seed, random};
-use crate::look_ahead_rig::{Chain, Shape, best_time_s, check, pieces, same_path, time_s};
+use crate::look_ahead_rig::{Chain, Shape, best_time_at, best_time_s, check, pieces, same_path, time_s};
 use crate::rig::{PERIOD_S, feed, line, vector};
 
 #[test]
@@ -43,6 +43,36 @@ fn m1d_plan_for_200_percent_override_keeps_limits_and_is_never_slower() {
             "seed {seed}: {faster} {planned}"
         );
     });
+}
+
+#[test]
+fn m1i1_below_100_percent_f_is_multiplied_and_the_limits_stay() {
+    each_seed(chains() / 10, |seed| {
+        let mut numbers = Random(3_000_000 + seed);
+        let blocks = 1 + usize::try_from(numbers.bits() % 8).unwrap();
+        let factor = numbers.within(0.02, 1.0);
+        let chain = random(&mut numbers, blocks);
+        let profiles = chain.plan_for(factor);
+        if let Err(found) = check(&chain, &profiles, 6).and_then(|()| same_path(&chain, &profiles)) {
+            panic!("seed {seed}, {blocks} blocks, {factor}: {found}");
+        }
+        let time = time_s(&profiles) - 3.0 * PERIOD_S / factor;
+        let is_near = |n| time <= best_time_at(&chain, n, factor) * 1.02;
+        assert!([100, 1000].into_iter().any(is_near), "seed {seed}: {time} s");
+        assert!(
+            time_s(&profiles) >= time_s(&chain.plan()) * (1.0 - 1e-3),
+            "seed {seed}"
+        );
+    });
+}
+
+#[test]
+fn m1i1_an_override_of_50_percent_keeps_ramps_from_and_to_rest() {
+    // 100 mm at 100 mm/s with ramps of 0.1 s: 1.1 s. At 50 mm/s: 2 s, and half of each ramp at half of its length.
+    let feed = feed(6000.0, [100.0, 100.0, 0.0]);
+    let chain = through(&[[0.0, 0.0], [100.0, 0.0]], feed, 1e4);
+    let time = time_s(&chain.plan_for(0.5));
+    assert!((time - 2.05).abs() < 0.02, "{time}");
 }
 
 #[test]

@@ -106,7 +106,7 @@ impl Motion {
         let at = |k: i32| self.position(from + h * f64::from(k))[axis];
         // Positions are calculated from distances along the path; on an arc also from its radius.
         let lengths = self.0.iter().map(|profile| match &profile.law {
-            Law::Paced { block, .. } => block.path.length(),
+            Law::Paced { block, .. } => block.as_ramped().unwrap().path.length(),
             other => panic!("not paced: {other:?}"),
         });
         let places = [from, to].into_iter().flat_map(|t| self.position(t).0);
@@ -516,7 +516,7 @@ fn m1d_ramps_between_blocks_are_as_programmed_with_extend_and_with_g501() {
     let [soft, stiff] = [Some(1e4), None].map(|jerk| {
         let motion = Motion::new(&machine(ShortBlock::Extend, jerk), &extend);
         let ramps = motion.0.iter().map(|profile| match &profile.law {
-            Law::Paced { block, .. } => [block.start, block.stop],
+            Law::Paced { block, .. } => block.as_ramped().map(|block| [block.start, block.stop]).unwrap(),
             other => panic!("not paced: {other:?}"),
         });
         let mut ramps: Vec<_> = ramps.collect();

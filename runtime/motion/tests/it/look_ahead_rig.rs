@@ -108,9 +108,10 @@ impl Chain {
             [steady[1], jerk_phase[1]]
         };
         let ends = match [&profiles[0].law, &profiles[profiles.len() - 1].law] {
-            [Law::Paced { block: first, .. }, Law::Paced { block: last, .. }] => {
-                [times(first.start), times(last.stop)]
-            }
+            [Law::Paced { block: first, .. }, Law::Paced { block: last, .. }] => [
+                times(first.as_ramped().unwrap().start),
+                times(last.as_ramped().unwrap().stop),
+            ],
             other => panic!("not paced: {other:?}"),
         };
         chain.formula = chain.formula.with_ends(ends);
@@ -175,11 +176,7 @@ impl Chain {
             sweep,
         } = self.shapes[i]
         else {
-            let length = match way.orthogonal_length() {
-                0.0 => way.rotary_length(),
-                length => length,
-            };
-            return [way.scaled(1.0 / length), AxisVector::ZERO];
+            return [way.scaled(1.0 / size_of_way(way)), AxisVector::ZERO];
         };
         let in_plane = plane.axes();
         // Share of the angle that the motion has covered; on a spiral it follows from the radius.
@@ -258,6 +255,24 @@ fn ramp(t: f64, within: f64, ta: f64, ts: f64) -> [f64; 3] {
     }
 }
 
+/// Returns the largest rate that the override allows at a point with these derivatives. Below 100 percent, ramps from
+/// rest and to rest may be faster while the speed is below F.
+fn largest_rate(chain: &Chain, profile: &Profile, block: usize, rate: f64, q1: AxisVector) -> f64 {
+    let factor = pace(profile).feed_override;
+    let speeds = [block, block + 1].map(|i| chain.formula.speeds.get(i).copied().unwrap_or(0.0));
+    let speed = rate * size_of_way(q1) / speeds[0].max(speeds[1]);
+    let is_slow = factor < 1.0 && speed <= factor * (1.0 + 1e-6);
+    (if is_slow { 1.0 } else { factor }) * (1.0 + 1e-9)
+}
+
+/// Returns the length to which F refers: over X, Y and Z, or over the other axes if those rest.
+fn size_of_way(way: AxisVector) -> f64 {
+    match way.orthogonal_length() {
+        0.0 => way.rotary_length(),
+        length => length,
+    }
+}
+
 pub fn pace(profile: &Profile) -> &Pace {
     match &profile.law {
         Law::Paced { pace, .. } => pace,
@@ -280,7 +295,7 @@ pub fn pieces(profile: &Profile) -> Vec<(PacePiece, f64)> {
 }
 
 /// Returns plan time t after the start of a piece, by bisection of the distance if the rate counts distance.
-fn plan_time(piece: &PacePiece, t: f64) -> f64 {
+pub fn plan_time(piece: &PacePiece, t: f64) -> f64 {
     let gone = t * (piece.rate + piece.rate_change * t / 2.0 + piece.rate_jerk * t * t / 6.0);
     let SpeedGrowth { first, second } = piece.growth;
     let (mut low, mut high) = (0.0, if piece.growth.is_none() { 0.0 } else { 1.0 });
@@ -304,7 +319,7 @@ fn plan_time(piece: &PacePiece, t: f64) -> f64 {
 }
 
 /// Returns the first and second derivative of plan time by time, t after the start of a piece.
-fn rate_of_plan(piece: &PacePiece, t: f64) -> [f64; 2] {
+pub fn rate_of_plan(piece: &PacePiece, t: f64) -> [f64; 2] {
     let SpeedGrowth { first, second } = piece.growth;
     let past = plan_time(piece, t) - piece.plan_s;
     let speed = 1.0 + first * past + second * past * past / 2.0;
@@ -365,8 +380,8 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
                 let shift = if k == 0 || k == samples { 0.0 } else { 0.0317 };
                 let t = duration_s * (f64::from(k) + shift) / f64::from(samples);
                 let [rate, rate_change] = rate_of_plan(&piece, t);
-                let most = pace(profile).feed_override;
-                if !(0.0..=most * (1.0 + 1e-9)).contains(&rate) {
+                let [q1, _] = chain.derivatives(block, plan(t), within);
+                if !(0.0..=largest_rate(chain, profile, block, rate, q1)).contains(&rate) {
                     return Err(format!("the rate is {rate} in segment {}", profile.segment));
                 }
                 // Samples lie inside the phase, so that rounding does not select the adjacent phase. Only a
@@ -434,11 +449,11 @@ pub fn time_s(profiles: &[Profile]) -> f64 {
 
 /// A step of plan time. For each axis, its acceleration in the middle of the step divided by the maximum, as
 /// factors of the squares of the rate at both ends: `q'' (x + y)/2 + q' (y - x)/(2 h)`.
-struct Step {
-    h: f64,
+pub struct Step {
+    pub h: f64,
     /// Largest square of the rate.
-    most: f64,
-    rows: [[f64; 2]; AXES_MAX],
+    pub most: f64,
+    pub rows: [[f64; 2]; AXES_MAX],
 }
 
 /// Returns a dense grid: each phase of a ramp, and each part between ramps, in `n` steps.
@@ -520,12 +535,25 @@ impl Step {
 /// Returns the best possible time on a dense grid of plan time: the largest squares of the rate backward,
 /// then forward.
 pub fn best_time_s(chain: &Chain, n: u32) -> f64 {
-    let steps = grid(chain, n);
-    let mut limits = vec![1.0; steps.len() + 1];
+    best_time_at(chain, n, 1.0)
+}
+
+/// Returns the best possible time if the rate is at most `factor`.
+pub fn best_time_at(chain: &Chain, n: u32, factor: f64) -> f64 {
+    let mut steps = grid(chain, n);
+    for step in &mut steps {
+        step.most = step.most.min(factor * factor);
+    }
+    best_time_of(&steps, [factor * factor; 2])
+}
+
+/// Returns the best possible time over these steps, with these largest squares of the rate at both ends.
+pub fn best_time_of(steps: &[Step], [begin, end]: [f64; 2]) -> f64 {
+    let mut limits = vec![end; steps.len() + 1];
     for (i, step) in steps.iter().enumerate().rev() {
         limits[i] = step.start(limits[i + 1]);
     }
-    let mut x = limits[0];
+    let mut x = limits[0].min(begin);
     let mut time = 0.0;
     for (i, step) in steps.iter().enumerate() {
         let y = step

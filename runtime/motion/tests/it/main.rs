@@ -12,4 +12,5 @@ mod look_ahead_shapes;
 mod look_ahead_text;
 mod planner;
 mod rig;
+mod smooth;
 mod tapping;

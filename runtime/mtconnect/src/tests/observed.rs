@@ -1,6 +1,6 @@
 //! Parts, the emergency stop, and tools that change.
 
-use plc_api::types::io::{IoPoint, IoState};
+use plc_protocol::types::io::{IoPoint, IoState};
 
 use super::*;
 

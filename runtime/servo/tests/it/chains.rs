@@ -6,6 +6,7 @@ use proptest::prelude::*;
 use tandem_model::flow::{MultiBlock, Path, Segment, SegmentEnd, SegmentFeed, SegmentMotion};
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::profile::{ChainPlace, Law, Profile};
+use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{ArcPath, Axis, AxisVector};
 use tandem_motion::Planner;
 use tandem_servo::{Control, Event};
@@ -281,4 +282,61 @@ fn s1i_single_block_in_a_chain_rests_on_the_path_behind_the_joint() {
     }
     assert!(rests > 3);
     assert_eq!(rig.position(), end);
+}
+
+/// Returns the largest acceleration of X, Y and Z in the second differences of setpoints.
+fn most_acceleration(points: &[AxisVector]) -> f64 {
+    let second = |three: &[AxisVector]| three[2].minus(three[1]).minus(three[1].minus(three[0]));
+    points
+        .windows(3)
+        .flat_map(|three| Axis::ORTHOGONAL.map(|axis| second(three)[axis].abs() / (T * T)))
+        .fold(0.0, f64::max)
+}
+
+#[test]
+fn m1i2_holds_and_overrides_add_no_acceleration_to_that_of_g501() {
+    // At 100 mm/s with ramps of 0.1 s the chain accelerates with about 2000 mm/s^2; a hold in 5 ms would need 20,000.
+    for limit in [500.0, 1500.0, 5000.0] {
+        let mut settings = CoordinateSystemSettings {
+            hold_slew_ms: 5.0,
+            override_slew_ms: 5.0,
+            ..settings()
+        };
+        for motor in settings.motors.iter_mut().flatten() {
+            motor.max_acceleration = limit;
+        }
+        let run = |at: Option<u32>| {
+            let mut rig = Rig::new(&settings);
+            for profile in chain() {
+                rig.push(profile);
+            }
+            let mut points = Vec::new();
+            for cycle in 0..6000 {
+                match at.map(|at| i64::from(cycle) - i64::from(at)) {
+                    Some(0) => rig.control(Control::Hold),
+                    Some(400) => rig.control(Control::Resume),
+                    Some(500) => rig.control(Control::Override {
+                        feed: 0.3,
+                        rapid: 1.0,
+                    }),
+                    Some(700) => rig.control(Control::Override {
+                        feed: 1.0,
+                        rapid: 1.0,
+                    }),
+                    _ => {}
+                }
+                rig.cycle();
+                points.push(rig.position());
+            }
+            assert_eq!(rig.position(), vector(&[130.0, 0.0, 0.0]), "{limit} {at:?}");
+            points
+        };
+        let undisturbed = most_acceleration(&run(None)).max(limit);
+        for at in (0..1500).step_by(37) {
+            let found = most_acceleration(&run(Some(at)));
+            // The setpoints of the undisturbed run need not meet its largest acceleration.
+            let most = undisturbed * (1.0 + 2e-3);
+            assert!(found <= most, "{limit}: {found} above {most} after {at} cycles");
+        }
+    }
 }

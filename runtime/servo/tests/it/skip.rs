@@ -24,11 +24,15 @@ fn with_inputs(inputs: &[(Axis, SimulatedSkip)]) -> CoordinateSystemSettings {
 }
 
 fn skip(segment: u64, from: &[f64], to: &[f64]) -> Profile {
+    skip_within(None, segment, from, to)
+}
+
+fn skip_within(jerk: Option<f64>, segment: u64, from: &[f64], to: &[f64]) -> Profile {
     let (from, to) = (vector(from), vector(to));
     let limits = MotorLimits {
         velocity: 50.0,
         acceleration: 1000.0,
-        jerk: None,
+        jerk,
     };
     let moves: [MotorMove; AXES_MAX] =
         std::array::from_fn(|i| MotorMove::shortest(to.0[i] - from.0[i], limits));
@@ -107,6 +111,32 @@ fn s1e_overshoot_is_v2_over_2a_and_return_takes_1_plus_root_2_v_over_a() {
         "the threshold itself"
     );
     assert_eq!(captured, set(&[Z]));
+}
+
+#[test]
+fn m1e3_with_max_jerk_a_motor_brakes_and_returns_within_it() {
+    let jerk = 10_000.0;
+    // The input switches on while the motor speeds up, moves evenly, and slows down.
+    for threshold in [-0.02, -0.5, -3.0, -7.35, -17.0, -19.5, -19.99] {
+        let mut settings = with_inputs(&[(Z, SimulatedSkip::Below(threshold))]);
+        for motor in settings.motors.iter_mut().flatten() {
+            motor.max_jerk = Some(jerk);
+        }
+        let mut rig = Rig::new(&settings);
+        rig.push(skip_within(Some(jerk), 1, &[0.0; 3], &[0.0, 0.0, -20.0]));
+        let mut events = rig.cycle();
+        let mut z = vec![0.0; 3];
+        while !events.iter().any(is_finished(1)) {
+            events.extend(rig.cycle());
+            z.push(rig.position()[Z]);
+        }
+        z.extend([rig.position()[Z]; 3]);
+        for four in z.windows(4) {
+            let third = (four[3] - 3.0 * four[2] + 3.0 * four[1] - four[0]) / (T * T * T);
+            assert!(third.abs() <= 1.001 * jerk, "{threshold}: {third}");
+        }
+        close(rig.position()[Z], threshold);
+    }
 }
 
 #[test]

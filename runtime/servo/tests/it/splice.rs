@@ -5,6 +5,7 @@ use std::cell::Cell;
 
 use proptest::prelude::*;
 use tandem_model::flow::SegmentFeed;
+use tandem_model::settings::LowOverride;
 use tandem_servo::Control;
 
 use crate::look_ahead::{Feeds, feeds, is_fault, jerks, machine, soft_machine, ways};
@@ -46,7 +47,9 @@ fn run(machine: &mut Machine, acts: impl IntoIterator<Item = (u32, Act)>) -> Res
                     rapid: 1.0,
                 });
                 if pending.is_none() {
-                    machine.planner.set_feed_override(factor);
+                    let is_replanned = machine.planner.settings().motion.low_override == LowOverride::Replan;
+                    let planned = if is_replanned { factor } else { factor.max(1.0) };
+                    machine.planner.set_feed_override(planned);
                     if let Some(place) = machine.planner.place_ahead(machine.place(), AHEAD_S) {
                         let new = machine.planner.replan(place, false);
                         machine.splice(Some(place), new.profiles.clone());
@@ -175,6 +178,7 @@ fn m1d_motor_reserve_holds_beyond_a_joint_inside_the_next_profile() {
         ..SegmentFeed::default()
     };
     let mut settings = machine(10_000.0);
+    settings.motion.low_override = LowOverride::TimeBase;
     settings.hold_slew_ms = 0.0;
     settings.override_slew_ms = 0.0;
     settings.max_feedrate_mm_min = 30_000.0;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use parking_lot::Mutex;
-use plc_api::types::output::Params;
+use plc_protocol::types::output::Params;
 use tandem_model::flow::{Path, Segment, SegmentMotion};
 use tandem_model::{AxisVector, Origin};
 use tandem_runtime::journal::{Event, Line};

@@ -7,14 +7,14 @@ use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::Context;
 use parking_lot::Mutex;
-use plc_api::hub::{Filter, Subscription};
-use plc_api::types::message::{Message, Payload};
-use plc_api::types::output::{HandshakeStatus, OutputAct};
-use plc_api::types::request::typed::{Handlers, WriteProgram};
-use plc_api::types::state::Reason;
-use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::{Alarm, AuxOutput, Execution, Plc, SequenceProgram};
-use tandem_gateway::Gateway;
+use plc_protocol::hub::{Filter, Subscription};
+use plc_protocol::types::message::{Message, Payload};
+use plc_protocol::types::output::{HandshakeStatus, OutputAct};
+use plc_protocol::types::request::typed::{Handlers, WriteProgram};
+use plc_protocol::types::state::Reason;
+use plc_protocol::types::topic::{CsTopic, Topic};
+use tandem_gateway::{Gateway, GatewaySettings};
 use tandem_runtime::{Config, Runtime};
 use tokio_util::task::AbortOnDropHandle;
 
@@ -68,6 +68,19 @@ impl Order<'_> {
             motor(3),
             nodes.join(", ")
         )
+    }
+
+    /// Returns the settings of a machine with this name.
+    fn settings(&self, name: &str) -> anyhow::Result<(Config, GatewaySettings)> {
+        let config = Config::from_toml(&self.config(name), self.folder)?;
+        let (settings, problems) = settings(&config);
+        anyhow::ensure!(problems.is_empty(), "{}", problems.join("; "));
+        Ok((config, settings))
+    }
+
+    /// Returns host and port of each node of the broker.
+    pub(super) fn nodes(&self) -> anyhow::Result<Vec<(String, u16)>> {
+        Ok(self.settings("fleet")?.1.mqtt.brokers)
     }
 
     /// Returns the text of the NC program. Each of its loops has two M codes. The loops last for the
@@ -131,9 +144,7 @@ impl FleetMachine {
     /// Starts the machine. Waits until the handler is registered and the HMI has received the states.
     pub(super) async fn start(order: &Order<'_>, number: u64) -> anyhow::Result<Self> {
         let name = format!("fleet-{number}");
-        let config = Config::from_toml(&order.config(&name), order.folder)?;
-        let (settings, problems) = settings(&config);
-        anyhow::ensure!(problems.is_empty(), "{}", problems.join("; "));
+        let (config, settings) = order.settings(&name)?;
         let runtime = Runtime::start(config).await?;
         let gateway = Gateway::start(runtime.served_port(), settings).await?;
         let plc = Plc::in_process(runtime.port());

@@ -1,14 +1,14 @@
 //! Calculates from the planned profiles the time that blocks at feedrate lose because motion stops or slows
-//! down between them.
+//! down between them, and the distance of the path from their corners.
 
 use std::collections::VecDeque;
 
 use serde::Serialize;
-use tandem_model::profile::{Law, Profile, RampedMotion};
+use tandem_model::profile::{CubicMotion, Law, PacedMotion, Profile, RampedMotion};
 use tandem_model::{AxisVector, Origin, bisect};
 use tandem_runtime::simulation::PlannedMotion;
 
-/// Number of bisections of a profile's time; after these, the result is exact to the last significant bits.
+/// Number of bisections of a block's plan time; after these, the result is exact to the last significant bits.
 const HALVINGS: u32 = 60;
 
 /// Time lost at the transitions between blocks.
@@ -54,10 +54,33 @@ impl TransitionLoss {
     }
 }
 
+/// Distance of the path from a programmed corner, and the block that ends at the corner.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub(super) struct CornerDistance {
+    pub distance_mm: f64,
+    program: u16,
+    pub line: u32,
+}
+
+/// Distance from a corner that is only rounding, mm.
+const CORNER_MIN_MM: f64 = 1e-6;
+
+/// The end of a block that the servo has passed.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PassedBlock {
+    serial: u64,
+    origin: Origin,
+    /// End position; `None` if a signal ended the block.
+    pub target: Option<AxisVector>,
+    /// Distance of the path from the end position, where the next block begins without a stop, mm.
+    pub corner_mm: Option<f64>,
+}
+
 /// A segment that is planned and that the servo has not passed.
 #[derive(Debug)]
 struct Piece {
     segment: u64,
+    serial: u64,
     origin: Origin,
     /// Programmed feedrate within the limits of the axes, path units per second; `None` if the segment is not
     /// at feedrate.
@@ -70,6 +93,8 @@ struct Piece {
     lost_s: [f64; 2],
     /// End position; `None` if a signal ends the segment, so that the position is not known in advance.
     target: Option<AxisVector>,
+    /// Distance of the path from the corner at the end, mm.
+    corner_mm: Option<f64>,
     /// Set when the servo reaches the segment: whether it follows the previous segment directly, and the rest
     /// time before it, s.
     begun: Option<(bool, f64)>,
@@ -87,14 +112,20 @@ pub(super) struct Losses {
     chain: (f64, f64),
     /// True if the program has waited since the last block.
     waited: bool,
+    /// Blocks that the servo has passed and [`Losses::end_of`] has not returned; `None` if they are not needed.
+    passed: Option<VecDeque<PassedBlock>>,
+    /// The largest distance from a corner.
+    pub corner: Option<CornerDistance>,
     pub stops: TransitionLoss,
     pub corners: TransitionLoss,
 }
 
 impl Losses {
-    pub fn new(feed_override: f64) -> Self {
+    /// Creates the calculation. With `each_block`, [`Losses::end_of`] returns the end of each block.
+    pub fn new(feed_override: f64, each_block: bool) -> Self {
         Self {
             feed_override,
+            passed: each_block.then(VecDeque::new),
             ..Self::default()
         }
     }
@@ -107,12 +138,14 @@ impl Losses {
                 speed_limit,
             } => self.planned.push_back(Piece {
                 segment: number,
+                serial: segment.serial,
                 origin: segment.origin,
                 speed_limit,
                 stops: true,
                 duration_s: 0.0,
                 lost_s: [0.0; 2],
                 target: None,
+                corner_mm: None,
                 begun: None,
             }),
             PlannedMotion::Profile(profile) => self.add(profile),
@@ -126,11 +159,32 @@ impl Losses {
             return;
         };
         let next_limit = self.planned.get(index + 1).and_then(|next| next.speed_limit);
+        let most = self
+            .corner
+            .filter(|_| self.passed.is_none())
+            .map(|corner| corner.distance_mm);
+        let corner_mm = profile.corner_distance(most.unwrap_or(CORNER_MIN_MM));
         let piece = &mut self.planned[index];
+        piece.corner_mm = corner_mm.or(piece.corner_mm);
+        if let Some(distance_mm) = corner_mm
+            && self.corner.is_none_or(|corner| corner.distance_mm < distance_mm)
+        {
+            self.corner = Some(CornerDistance {
+                distance_mm,
+                program: piece.origin.program,
+                line: piece.origin.line,
+            });
+        }
         // The duration of a profile with a pace is plan time, which runs faster by the factor `of_pace`.
         let (block, of_pace) = match &profile.law {
-            Law::Ramped { block, .. } => (Some(block), 1.0),
-            Law::Paced { block, pace } => (Some(block), pace.feed_override),
+            Law::Ramped { block, .. } => (Some(FeedMotion::Ramped(block)), 1.0),
+            Law::Paced { block, pace } => {
+                let block = match block {
+                    PacedMotion::Ramped(block) => FeedMotion::Ramped(block),
+                    PacedMotion::Smoothed(part) => FeedMotion::Smoothed(part),
+                };
+                (Some(block), pace.feed_override)
+            }
             _ => (None, self.feed_override),
         };
         let scale = of_pace / self.feed_override;
@@ -177,6 +231,19 @@ impl Losses {
         self.before.as_ref()?.target
     }
 
+    /// Returns the end of the block that began at this place. The blocks before it are discarded.
+    pub fn end_of(&mut self, program: u16, line: u32) -> Option<PassedBlock> {
+        let passed = self.passed.as_mut()?;
+        let is_here = |block: &PassedBlock| (block.origin.program, block.origin.line) == (program, line);
+        let first = passed.iter().position(is_here)?;
+        passed.drain(..first);
+        let mut end = passed.pop_front()?;
+        while let Some(next) = passed.pop_front_if(|next| next.serial == end.serial) {
+            end = next;
+        }
+        Some(end)
+    }
+
     fn begin_piece(&mut self, now_s: f64) {
         let (began_s, passed_s) = self.chain;
         let Some(piece) = self.planned.front_mut().filter(|piece| piece.begun.is_none()) else {
@@ -196,6 +263,14 @@ impl Losses {
             return;
         };
         self.chain.1 += piece.duration_s;
+        if let Some(passed) = &mut self.passed {
+            passed.push_back(PassedBlock {
+                serial: piece.serial,
+                origin: piece.origin,
+                target: piece.target,
+                corner_mm: piece.corner_mm,
+            });
+        }
         if let (Some(before), Some((true, rested_s))) = (&self.before, piece.begun)
             && before.speed_limit.is_some()
             && piece.speed_limit.is_some()
@@ -212,21 +287,69 @@ impl Losses {
     }
 }
 
+/// Motion of a block at feedrate, in plan time.
+#[derive(Debug, Clone, Copy)]
+enum FeedMotion<'a> {
+    Ramped(&'a RampedMotion),
+    Smoothed(&'a CubicMotion),
+}
+
+impl FeedMotion<'_> {
+    /// Returns the distances covered at a plan time along the block and along the next block.
+    fn covered(self, plan_s: f64) -> [f64; 2] {
+        match self {
+            Self::Ramped(block) => {
+                let (own, next_s) = block.covered_distances(plan_s);
+                let next_speed = block.next.as_ref().map_or(0.0, |next| next.speed);
+                [own, next_s * next_speed]
+            }
+            Self::Smoothed(part) => [plan_s * part.speed, 0.0],
+        }
+    }
+
+    /// Returns the plan time at the middle of the block's length, s.
+    fn middle_s(self) -> f64 {
+        let block = match self {
+            Self::Smoothed(part) => return part.plan_s / 2.0,
+            Self::Ramped(block) => block,
+        };
+        // Between its ramps the block has covered its speed times the time, less half of the first ramp.
+        let half = block.path.length() / 2.0;
+        let even_s = half / block.speed + block.start.duration_s() / 2.0 - block.begun_s;
+        let [begin_s, end_s] = [
+            block.start.duration_s() - block.begun_s,
+            block.plan_s - block.stop.duration_s(),
+        ];
+        if (begin_s..=end_s).contains(&even_s) {
+            even_s
+        } else {
+            bisect([0.0, block.plan_s], HALVINGS, |plan_s| {
+                self.covered(plan_s)[0] < half
+            })[0]
+        }
+    }
+}
+
 /// Returns the loss in the first and in the second half of a block's length. The loss is the time of the
 /// profile minus the time of the same path at the speed limits of this block and of the next one.
-fn lost(profile: &Profile, block: &RampedMotion, [own_limit, next_limit]: [f64; 2]) -> [f64; 2] {
-    let at = |t_s: f64| {
-        let (gone, next_s) = block.covered_distances(profile.plan_time(t_s));
-        let next_speed = block.next.as_ref().map_or(0.0, |next| next.speed);
-        (gone, gone / own_limit + next_s * next_speed / next_limit)
+fn lost(profile: &Profile, block: FeedMotion<'_>, [own_limit, next_limit]: [f64; 2]) -> [f64; 2] {
+    let best_s = |plan_s: f64| {
+        let [own, next] = block.covered(plan_s);
+        own / own_limit + next / next_limit
     };
     let end_s = profile.duration_s;
-    let middle = block.path.length() / 2.0;
-    let middle_s = if at(end_s).0 <= middle {
+    let ends = [0.0, end_s].map(|t_s| profile.plan_time(t_s));
+    let middle = block.middle_s();
+    let middle_s = if ends[1] <= middle {
         end_s
+    } else if ends[0] >= middle {
+        0.0
     } else {
-        bisect([0.0, end_s], HALVINGS, |t_s| at(t_s).0 < middle)[0]
+        match &profile.law {
+            Law::Paced { pace, .. } => pace.when(middle).map_or(0.0, |(t_s, _)| t_s),
+            _ => middle,
+        }
     };
-    let [from, half, to] = [0.0, middle_s, end_s].map(|t_s| at(t_s).1);
+    let [from, half, to] = [ends[0], middle.clamp(ends[0], ends[1]), ends[1]].map(best_s);
     [middle_s - (half - from), end_s - middle_s - (to - half)]
 }

@@ -11,7 +11,8 @@ use tandem_runtime::simulation::PlannedMotion;
 use tandem_servo::Servo;
 
 use super::super::print_line;
-use super::losses::{Losses, TransitionLoss};
+use super::exceeded::ExceededLimits;
+use super::losses::{CornerDistance, Losses, PassedBlock, TransitionLoss};
 
 /// Function that returns the coordinate transform in force.
 pub(super) type Coordinates = Box<dyn Fn() -> Transform + Send>;
@@ -158,6 +159,8 @@ pub(super) struct SimulationMeasurements {
     pub ranges: BTreeMap<char, Ranges>,
     pub motors: Vec<MotorPeaks>,
     pub lost: TimeLost,
+    /// Largest distance of the path from a programmed corner; null if the path passes each corner.
+    pub corner: Option<CornerDistance>,
 }
 
 const HEADING: &str = "     time s feed % rapid % wait %      feed mm     rapid mm";
@@ -196,6 +199,12 @@ impl SimulationMeasurements {
         }
         print_line(format!("  lost to exact stops: {}", self.lost.exact_stops.text()));
         print_line(format!("  lost to corners: {}", self.lost.corners.text()));
+        if let Some(corner) = &self.corner {
+            print_line(format!(
+                "  largest distance from a corner: {:.4} mm after line {}",
+                corner.distance_mm, corner.line
+            ));
+        }
     }
 }
 
@@ -218,11 +227,19 @@ pub(super) struct Measure {
     /// may change the transform.
     moved: Option<[AxisVector; 2]>,
     losses: Losses,
+    /// Exceeded limits of each motor, in the order of `axes`.
+    exceeded: Vec<ExceededLimits>,
     measured: SimulationMeasurements,
 }
 
 impl Measure {
-    pub fn new(index: usize, settings: &CoordinateSystemSettings, feed_override: f64) -> Self {
+    /// Creates the measurement. With `each_block`, [`Measure::end_of`] returns the end of each block.
+    pub fn new(
+        index: usize,
+        settings: &CoordinateSystemSettings,
+        feed_override: f64,
+        each_block: bool,
+    ) -> Self {
         let axes: Vec<Axis> = settings.axes().iter().collect();
         let motors = axes.iter().filter_map(|axis| {
             Some(MotorPeaks {
@@ -243,7 +260,14 @@ impl Measure {
             tool: 0,
             last: [AxisVector::ZERO; 3],
             moved: None,
-            losses: Losses::new(feed_override),
+            losses: Losses::new(feed_override, each_block),
+            exceeded: axes
+                .iter()
+                .filter_map(|axis| {
+                    let motor = settings.motors[axis.index()].as_ref()?;
+                    Some(ExceededLimits::new(axis.letter(), motor))
+                })
+                .collect(),
             measured: SimulationMeasurements {
                 motors: motors.collect(),
                 ..SimulationMeasurements::default()
@@ -296,9 +320,19 @@ impl Measure {
         [at, self.losses.target().unwrap_or(at)]
     }
 
+    /// Returns the end of the block that began at this place, if the servo has passed it.
+    pub fn end_of(&mut self, program: u16, line: u32) -> Option<PassedBlock> {
+        self.losses.end_of(program, line)
+    }
+
     /// Returns the transform from the programmed point to the machine position.
     pub fn transform(&self) -> Transform {
         self.transform
+    }
+
+    /// Returns a warning for each limit of a motor that the run exceeded.
+    pub fn warnings(&self) -> impl Iterator<Item = serde_json::Value> {
+        self.exceeded.iter().flat_map(ExceededLimits::warnings)
     }
 
     pub fn finish(&mut self) -> SimulationMeasurements {
@@ -306,6 +340,7 @@ impl Measure {
             exact_stops: self.losses.stops.clone(),
             corners: self.losses.corners.clone(),
         };
+        self.measured.corner = self.losses.corner;
         std::mem::take(&mut self.measured)
     }
 
@@ -345,9 +380,12 @@ impl Measure {
         if to != from {
             self.moved = Some([from, to]);
         }
-        for (motor, axis) in self.measured.motors.iter_mut().zip(&self.axes) {
+        let is_rapid = self.doing == Doing::Rapid;
+        let motors = self.measured.motors.iter_mut().zip(&mut self.exceeded);
+        for ((motor, exceeded), axis) in motors.zip(&self.axes) {
             let values = [new_speed, new_acceleration, jerk].map(|values| values[*axis]);
             motor.add(values, self.place);
+            exceeded.compare(values, is_rapid, self.place);
         }
     }
 

@@ -10,11 +10,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use parking_lot::Mutex;
-use plc_api::port::Port;
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::message::Payload;
-use plc_api::types::output::Timing;
-use plc_api::types::topic::CsTopic;
+use plc_protocol::port::Port;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::output::Timing;
+use plc_protocol::types::topic::CsTopic;
 use serde::Serialize;
 use serde_json::{Value, json};
 use tandem_model::Axis;
@@ -98,7 +98,12 @@ impl Recorder {
             let cs = system.settings.number;
             let system = System {
                 record: Record::default(),
-                measure: Measure::new(index, &system.settings, plan.arguments.feed_override / 100.0),
+                measure: Measure::new(
+                    index,
+                    &system.settings,
+                    plan.arguments.feed_override / 100.0,
+                    steps.is_some(),
+                ),
                 steps: steps.map(|_| UnfinishedBlocks::new(cs)),
                 axes: system.settings.axes().iter().collect(),
                 tool_changer: plan.tool_changer(system.dialect),
@@ -205,10 +210,17 @@ impl System {
             return Vec::new();
         };
         let [at, target] = self.measure.position();
+        // Several blocks may end in one servo cycle; each has its own end.
+        let passed = match (&line.event, steps.open_at()) {
+            (Event::Block { .. }, Some((program, line))) => self.measure.end_of(program, line),
+            _ => None,
+        };
+        let target = passed.and_then(|passed| passed.target).unwrap_or(target);
         let end = |machine| BlockEndState {
             at_s: line.t_s - self.record.start_s,
             machine,
             transform: self.measure.transform(),
+            corner_mm: passed.and_then(|passed| passed.corner_mm),
             axes: &self.axes,
         };
         let over = match &line.event {
@@ -226,6 +238,7 @@ impl System {
     }
 
     fn finish(mut self) -> Record {
+        self.record.warnings.extend(self.measure.warnings());
         self.record.measured = self.measure.finish();
         self.record
     }

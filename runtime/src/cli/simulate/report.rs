@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use plc_api::CoordinateSystem;
-use plc_api::types::CoordinateSystemNumber;
+use plc_protocol::types::CoordinateSystemNumber;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use tandem_model::alarm::AlarmEntry;

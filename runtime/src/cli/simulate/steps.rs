@@ -2,11 +2,11 @@
 //! ends.
 
 use futures_util::FutureExt;
-use plc_api::port::Port;
-use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::message::Payload;
-use plc_api::types::output::{OutputNotice, Timing};
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_protocol::port::Port;
+use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::output::{OutputNotice, Timing};
+use plc_protocol::types::topic::{CsTopic, Topic};
 use serde_json::{Map, Value, json};
 use tandem_model::flow::Transform;
 use tandem_model::{Axis, AxisVector};
@@ -55,6 +55,8 @@ pub(super) struct BlockEndState<'a> {
     pub at_s: f64,
     pub machine: AxisVector,
     pub transform: Transform,
+    /// Distance of the path from the end of the block, where the next block begins without a stop, mm.
+    pub corner_mm: Option<f64>,
     pub axes: &'a [Axis],
 }
 
@@ -73,6 +75,7 @@ impl BlockEndState<'_> {
             "cs": cs, "program": step.program, "line": step.line, "start_s": step.start_s, "end_s": self.at_s,
             "machine": self.by_letter(self.machine),
             "programmed": self.by_letter(transform.inverse(self.machine)),
+            "corner_mm": self.corner_mm,
             "modal": step.modal,
             "offsets": {
                 "work": self.by_letter(transform.work_offset), "local": self.by_letter(transform.local),
@@ -99,6 +102,11 @@ impl UnfinishedBlocks {
             open: None,
             beside: Vec::new(),
         }
+    }
+
+    /// Returns the program and line of the block that has begun and not ended.
+    pub fn open_at(&self) -> Option<(u16, u32)> {
+        self.open.as_ref().map(|step| (step.program, step.line))
     }
 
     fn step(&self, port: &dyn Port, (program, line): (u16, u32), start_s: f64) -> ExecutingBlock {

@@ -1,32 +1,33 @@
 use std::sync::atomic::AtomicU32;
 
 use futures_util::FutureExt;
-use plc_api::hub::Filter;
-use plc_api::types::BootId;
-use plc_api::types::command::{Command, CommandMeta};
-use plc_api::types::lease::{LeaseRequest, LeaseTake};
-use plc_api::types::message::Payload;
-use plc_api::types::request::Input;
-use plc_api::types::state::{Execution, Switch};
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_protocol::hub::Filter;
+use plc_protocol::types::BootId;
+use plc_protocol::types::command::{Command, CommandMeta};
+use plc_protocol::types::lease::{LeaseRequest, LeaseTake};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::request::Input;
+use plc_protocol::types::state::{Execution, Switch};
+use plc_protocol::types::topic::{CsTopic, Topic};
 use tandem_servo::Servo;
 
 mod faults;
 mod many;
 
+use tandem_config::Config;
+use tandem_store::clock::Clock;
+use tandem_store::journal::{Event, Journal, RunEnd};
+use tandem_store::runs::RunBook;
+use tandem_store::tables::Tables;
+
 use super::*;
-use crate::Config;
-use crate::clock::Clock;
-use crate::journal::{Event, Journal, RunEnd};
-use crate::runs::RunBook;
-use crate::tables::Tables;
 
 /// Returns the first coordinate system of the demo machine, and the servo at the other end of its rings.
 fn mailbox(journal: Journal) -> (Arc<Mailbox>, Servo) {
     let machine = Config::demo().resolve().unwrap();
     let configured = machine.coordinate_systems[0].clone();
     let store = machine.new_store();
-    let tables = Tables::new(&machine);
+    let tables = Tables::new(machine.table_settings());
     let boot = BootId("test".into());
     let shared = Arc::new(SharedState::new(
         machine,
@@ -53,7 +54,7 @@ fn a_part_is_read_by_nobody_before_the_journal_has_its_end() {
     let (of_sink, runs) = std::sync::mpsc::channel::<Arc<parking_lot::Mutex<RunBook>>>();
     let read = Arc::new(AtomicU32::new(0));
     let count = Arc::clone(&read);
-    let sink = move |_line: &crate::journal::Line| -> bool {
+    let sink = move |_line: &tandem_store::journal::Line| -> bool {
         let runs = runs.try_recv().unwrap();
         let seen = runs.try_lock().and_then(|book| book.state(1).run);
         count.fetch_add(seen.map_or(0, |run| run.parts_done), Ordering::Relaxed);

@@ -1,6 +1,6 @@
 //! Tests of the memory of commands, jogs and orders.
 
-use plc_api::types::run::{RunOrder, RunQuery};
+use plc_protocol::types::run::{RunOrder, RunQuery};
 
 use super::*;
 

@@ -1,8 +1,8 @@
 //! Tests of the age limits of requests. Ages are in real time, even if the clock of the machine is simulated.
 
-use plc_api::types::not_after::NotAfter;
-use plc_api::types::output::HandlerPresence;
-use plc_api::wire::mqtt::{Inbound, decode};
+use plc_protocol::types::not_after::NotAfter;
+use plc_protocol::types::output::HandlerPresence;
+use plc_protocol::wire::mqtt::{Inbound, decode};
 use serde_json::{Value, json};
 
 use super::*;

@@ -5,12 +5,12 @@ use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering::SeqCst};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use plc_api::supervisor::Consequence;
-use plc_api::types::message::Payload;
-use plc_api::types::request::typed;
-use plc_api::types::state::Reason;
-use plc_api::types::topic::Topic;
 use plc_api::{Execution, Plc};
+use plc_protocol::supervisor::Consequence;
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::request::typed;
+use plc_protocol::types::state::Reason;
+use plc_protocol::types::topic::Topic;
 use tandem_model::alarm::SERVO_FAILED;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_servo::{
@@ -18,9 +18,8 @@ use tandem_servo::{
     SpindleState, ThreadStep,
 };
 
-use crate::Config;
-use crate::coordinator::Runtime;
-use crate::test::Bench;
+use tandem_runtime::{Config, Runtime};
+use tandem_testing::Bench;
 
 const NONE: u8 = 0;
 const PANICS: u8 = 1;

@@ -2,10 +2,10 @@
 
 use plc_api::Alarm;
 use plc_api::function_blocks::RisingEdge;
-use plc_api::types::command::Command;
-use plc_api::types::io::{IoPoint, IoValue};
-use plc_api::types::request::OverrideChange;
-use plc_api::types::state::SpindleDirection;
+use plc_protocol::types::command::Command;
+use plc_protocol::types::io::{IoPoint, IoValue};
+use plc_protocol::types::request::OverrideChange;
+use plc_protocol::types::state::SpindleDirection;
 
 use super::Direction::{Constant, Input, InputOr, Output};
 use super::{BuiltIn, Direction, Ports, ports};

@@ -1,8 +1,8 @@
 //! Function blocks that show the state of the machine before the scan.
 
 use plc_api::Execution;
-use plc_api::types::io::{IoPoint, IoValue};
-use plc_api::types::state::SpindleDirection;
+use plc_protocol::types::io::{IoPoint, IoValue};
+use plc_protocol::types::state::SpindleDirection;
 
 use super::Direction::{Constant, Input, Output};
 use super::{BuiltIn, Direction, Ports, ports};

@@ -171,7 +171,7 @@ impl Checker<'_> {
             ("MCODE", &[m, system]) => {
                 // both are in their ranges
                 let m = u16::try_from(m).unwrap_or_default();
-                if plc_api::handlers::RUNTIME_M_CODES.contains(&m) {
+                if plc_protocol::types::m_code::RUNTIME_M_CODES.contains(&m) {
                     let what = format!("M{m:02} is handled by the runtime itself");
                     self.found(&NUMBER_RANGE, span, what, "write another M code");
                     return None;

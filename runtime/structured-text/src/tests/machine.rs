@@ -1,12 +1,12 @@
 use std::time::Duration;
 
 use plc_api::fake::FakePort;
-use plc_api::handshake::OutputOutcome;
-use plc_api::types::io::{IoDeclaration, IoPoint, IoValue};
-use plc_api::types::message::Payload;
-use plc_api::types::state::{CapturedPositions, Lock, Position};
-use plc_api::types::topic::CsTopic;
 use plc_api::{Alarm, Params};
+use plc_protocol::handshake::OutputOutcome;
+use plc_protocol::types::io::{IoDeclaration, IoPoint, IoValue};
+use plc_protocol::types::message::Payload;
+use plc_protocol::types::state::{CapturedPositions, Lock, Position};
+use plc_protocol::types::topic::CsTopic;
 
 use super::{compiled, program};
 
@@ -280,7 +280,7 @@ async fn the_operator_is_asked_and_answers() {
 
 #[tokio::test]
 async fn a_command_is_given_once_at_its_rising_edge() {
-    use plc_api::types::request::Request;
+    use plc_protocol::types::request::Request;
     let fake = FakePort::new([1]);
     serve(&fake, "c : CS_COMMAND;", "c(Hold := TRUE);").await;
     advance(&fake, 100).await;
@@ -308,8 +308,8 @@ async fn q_variables_are_those_of_their_coordinate_system() {
 
 #[tokio::test]
 async fn spindle_and_skip_input_are_commanded() {
-    use plc_api::types::request::{Request, SpindleCommand};
-    use plc_api::types::state::SpindleDirection;
+    use plc_protocol::types::request::{Request, SpindleCommand};
+    use plc_protocol::types::state::SpindleDirection;
     let fake = FakePort::new([1]);
     serve(
         &fake,

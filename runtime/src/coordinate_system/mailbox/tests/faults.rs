@@ -2,9 +2,9 @@
 
 use std::sync::atomic::{AtomicU32, Ordering::SeqCst};
 
-use plc_api::types::command::CommandStatus;
-use plc_api::types::lock::LockSet;
-use plc_api::types::state::{Reason, State};
+use plc_protocol::types::command::CommandStatus;
+use plc_protocol::types::lock::LockSet;
+use plc_protocol::types::state::{Reason, State};
 use tandem_model::alarm::{FAULT_LASTS, RUNTIME_FAULT};
 
 use super::*;
@@ -17,7 +17,7 @@ fn with_faults() -> (Arc<Mailbox>, Servo, PendingPanics) {
     let faults = PendingPanics::default();
     let left = Arc::clone(&faults);
     let sink = Arc::new(std::sync::Mutex::new(
-        move |_line: &crate::journal::Line| -> bool {
+        move |_line: &tandem_store::journal::Line| -> bool {
             let is_due = left
                 .fetch_update(SeqCst, SeqCst, |left| left.checked_sub(1))
                 .is_ok();

@@ -4,9 +4,9 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use plc_api::types::lease::{LeaseRequest, LeaseTake};
-use plc_api::types::output::{Claim, HandshakeStatus};
-use plc_api::types::request::OutputRequest;
+use plc_protocol::types::lease::{LeaseRequest, LeaseTake};
+use plc_protocol::types::output::{Claim, HandshakeStatus};
+use plc_protocol::types::request::OutputRequest;
 use tokio::time::timeout;
 
 use super::*;
@@ -25,13 +25,13 @@ fn numbered(asker: usize, number: u64) -> CoordinateSystemRequest {
     CoordinateSystemRequest::Output(Some(100), OutputRequest::Claim(claim))
 }
 
-fn results(mailbox: &Mailbox) -> plc_api::hub::Subscription {
+fn results(mailbox: &Mailbox) -> plc_protocol::hub::Subscription {
     let topic = Topic::cs(1, CsTopic::Result(100));
     mailbox.shared.hub.subscribe(Filter::Topics(vec![topic]))
 }
 
 /// Returns the numbers of each client in the order of execution.
-fn executed_requests(said: &mut plc_api::hub::Subscription) -> BTreeMap<usize, Vec<u64>> {
+fn executed_requests(said: &mut plc_protocol::hub::Subscription) -> BTreeMap<usize, Vec<u64>> {
     let mut by_asker: BTreeMap<usize, Vec<u64>> = BTreeMap::new();
     while let Some(message) = said.try_next() {
         if let Payload::Result(result) = &message.payload {

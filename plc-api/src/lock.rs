@@ -1,9 +1,0 @@
-//! Locks that ignore poisoning.
-
-use std::sync::{Mutex, MutexGuard, PoisonError};
-
-/// Locks the mutex, even if an earlier holder has panicked. Such a panic leaves no partly changed value,
-/// because each value is changed in one step.
-pub(crate) fn lock<T: ?Sized>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
