@@ -12,6 +12,7 @@ mod bisect;
 mod cubic;
 pub mod diagnostic;
 pub mod flow;
+pub mod hyperbolic;
 pub mod limits;
 pub mod lost;
 mod motor_move;

@@ -4,8 +4,9 @@
 //! Plan time is the time of the motion without look-ahead; the rate is plan time per second. On each piece
 //! the square of the rate is linear in plan time. Therefore the rate is linear in real time, and plan time is
 //! quadratic in real time. On a piece with a [`SpeedGrowth`] the same holds for distance instead of plan
-//! time. Where the jerk is limited, the rate is quadratic in time.
+//! time. Where the jerk is limited, the rate is quadratic in time, or its change is linear in plan time.
 
+use crate::hyperbolic;
 use crate::speed_growth::SpeedGrowth;
 
 /// Maximum number of pieces of one pace. A block that needs more pieces is divided into several profiles.
@@ -90,6 +91,8 @@ pub struct PacePiece {
     pub rate_change: f64,
     /// Change of `rate_change` per second.
     pub rate_jerk: f64,
+    /// Change of `rate_change` per second of plan time, per second squared; 0 with a growth or a `rate_jerk`.
+    pub rate_slope: f64,
     /// Growth of the programmed speed over the piece.
     pub growth: SpeedGrowth,
     /// Room that the motors leave to overrides and feed hold.
@@ -99,6 +102,10 @@ pub struct PacePiece {
 impl PacePiece {
     /// Returns the plan time `past_s` seconds after the start of the piece, s.
     fn plan_time(&self, past_s: f64) -> f64 {
+        if self.rate_slope != 0.0 {
+            let [first, second] = hyperbolic::integrals(self.rate_slope, past_s);
+            return self.plan_s + self.rate * first + self.rate_change * second;
+        }
         let rate_change = self.rate_change + self.rate_jerk * past_s / 3.0;
         let distance_s = past_s * (self.rate + rate_change * past_s / 2.0);
         self.plan_s + self.growth.plan_s(distance_s)
@@ -109,7 +116,18 @@ impl PacePiece {
     fn when(&self, plan_s: f64) -> Option<(f64, f64)> {
         let past_s = plan_s - self.plan_s;
         let distance_s = self.growth.distance_s(past_s);
+        if self.rate_slope != 0.0 {
+            let change = 2.0 * self.rate_change + self.rate_slope * past_s;
+            let square = self.rate * self.rate + change * past_s;
+            let rate = square.max(0.0).sqrt().copysign(self.rate);
+            let time_s = hyperbolic::duration([self.rate, rate], self.rate_slope, past_s);
+            return Some((self.begins_s + time_s, rate));
+        }
         if self.rate_jerk != 0.0 {
+            if self.rate == 0.0 {
+                let time_s = (6.0 * distance_s / self.rate_jerk).max(0.0).cbrt();
+                return Some((self.begins_s + time_s, self.rate_jerk * time_s * time_s / 2.0));
+            }
             // The rate is the same polynomial of time as the speed of a growth is of plan time.
             let by_time = SpeedGrowth {
                 first: self.rate_change / self.rate,

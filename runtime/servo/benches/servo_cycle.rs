@@ -164,6 +164,7 @@ fn paced() -> Profile {
         rate: 1.0,
         rate_change: 0.0,
         rate_jerk: 0.0,
+        rate_slope: 0.0,
         growth: SpeedGrowth::default(),
         room,
     });

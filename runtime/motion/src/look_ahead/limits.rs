@@ -82,12 +82,27 @@ pub(super) struct Motors {
     /// True if any motor has a maximum jerk.
     pub(super) has_jerk: bool,
     /// Maximum velocity of each motor; 0 for a motor without a maximum.
-    velocities: [f64; AXES_MAX],
+    pub(super) velocities: [f64; AXES_MAX],
     /// Servo period, s.
     pub(super) period_s: f64,
 }
 
 impl Motors {
+    /// Returns a time after which a stop no longer affects the fastest motion, s: three times the longest time in which
+    /// a motor comes to rest from its maximum velocity.
+    pub(super) fn horizon_s(&self) -> f64 {
+        let stop_s = |i: usize| {
+            let brake_s = self.velocities[i] * self.inverse[i];
+            let jerk_s = if self.inverse[i] > 0.0 {
+                self.inverse_jerks[i] / self.inverse[i]
+            } else {
+                0.0
+            };
+            brake_s + jerk_s
+        };
+        3.0 * (0..AXES_MAX).map(stop_s).fold(0.0, f64::max)
+    }
+
     /// Creates the limits. The maximum accelerations are reduced by the reserve for feed hold.
     pub(super) fn new(settings: &CoordinateSystemSettings) -> Self {
         let of_each = |value: fn(&MotorSettings) -> f64| {

@@ -19,7 +19,8 @@
 //! Maximum velocities hold because the rate is at most 1, or at most the value that the velocities of a block
 //! allow.
 //!
-//! `max_jerk` bounds the motion between the ramps of a line or an arc ([`straight`], [`curve`]) and the ramps
+//! On a smoothed path, [`jerk`] plans the motion if a motor has a `max_jerk`. On a programmed path `max_jerk` bounds the
+//! motion between the ramps of a line or an arc ([`straight`], [`curve`]) and the ramps
 //! themselves ([`corner`]). [`crate::ramped`] has already lengthened the ramps of a line from rest and to
 //! rest. If all blocks of a chain are long enough to change their speed within `max_jerk`, the whole chain
 //! respects `max_jerk`. At the ends of a shorter block the acceleration steps. Between the ramps of a line
@@ -36,6 +37,7 @@ mod course;
 mod curve;
 mod grid;
 mod held_block;
+mod jerk;
 mod limits;
 mod paced;
 mod piece;
@@ -52,6 +54,7 @@ use tandem_model::settings::CoordinateSystemSettings;
 pub(crate) use self::blended_block::Passage;
 use self::braking::Braking;
 use self::held_block::HeldBlock;
+use self::jerk::{Begins, JerkPlan};
 use self::limits::{HalfPlane, Motors, SQUARE_MIN};
 use self::piece::Piece;
 use self::step::RateStep;
@@ -106,6 +109,10 @@ pub(crate) struct LookAhead {
     /// True if the rate is constant before the first block.
     is_even: bool,
     braking: Braking,
+    /// The motion along a smoothed path, if a motor has a maximum jerk.
+    jerk: JerkPlan,
+    /// Ranges of the blocks in `blocks` that `jerk` knows, as distances along the chain.
+    ranges: VecDeque<[f64; 2]>,
     planes: Vec<HalfPlane>,
     renewed: Vec<Piece>,
     cut: Vec<Piece>,
@@ -133,6 +140,8 @@ impl LookAhead {
             square: None,
             is_even: false,
             braking: Braking::default(),
+            jerk: JerkPlan::default(),
+            ranges: VecDeque::new(),
             planes: Vec::new(),
             renewed: Vec::new(),
             cut: Vec::new(),
@@ -147,6 +156,8 @@ impl LookAhead {
         self.seen = 0;
         self.square = None;
         self.is_even = false;
+        self.jerk = JerkPlan::default();
+        self.ranges.clear();
     }
 
     /// Sets the override for which further blocks are planned.
@@ -186,14 +197,19 @@ impl LookAhead {
     ) {
         let way = Way::new(&block.motion, passage);
         if self.blocks.is_empty() && self.square.is_none() {
-            if !way.has_ramps() {
+            let moves = !passage.is_backward && !block.begins_at_rest(passage.from_s);
+            if !way.has_ramps() && !moves {
                 self.square = Some(SQUARE_MIN);
             }
+            self.jerk = JerkPlan::new(if moves { Begins::Moving } else { Begins::AtRest });
             self.braking.start_chain(block.segment, passage.is_backward);
         }
         let cap = self.cap(way.plan_s());
-        let bounds = way.bounds(&self.motors, cap);
-        let pieces = grid::cut(&way, bounds, &mut self.pieces);
+        let pieces = if self.limits_jerk(&way) {
+            0
+        } else {
+            grid::cut(&way, way.bounds(&self.motors, cap), &mut self.pieces)
+        };
         let comes_to_rest = if passage.is_backward {
             block.begins_at_rest(0.0)
         } else {
@@ -233,26 +249,43 @@ impl LookAhead {
         (whole_s / least_s).min(most).powi(2)
     }
 
+    /// Returns true if the jerk of the motors is limited along a block.
+    fn limits_jerk(&self, way: &Way<'_>) -> bool {
+        self.motors.has_jerk && !way.has_ramps()
+    }
+
     /// Returns true if look-ahead can hold no further blocks.
     fn is_full(&self) -> bool {
-        self.blocks.len() >= BLOCKS_MAX || self.pieces.len() >= HELD_PIECES_MAX
+        self.blocks.len() >= BLOCKS_MAX || self.pieces.len() + self.jerk.cells() >= HELD_PIECES_MAX
     }
 
     /// Outputs the blocks that are final. `end` is the largest square of the rate at the end of the chain,
     /// `None` if more blocks follow.
     fn plan(&mut self, end: Option<f64>, record: &mut Record, out: &mut VecDeque<Profile>) {
-        let mut finals = self.pass_back(end);
+        let limits_jerk = (self.blocks.front())
+            .is_some_and(|held| self.limits_jerk(&Way::new(&held.block.motion, held.passage)));
+        let mut finals = if limits_jerk {
+            self.plan_within_jerk(end.is_some())
+        } else {
+            self.pass_back(end)
+        };
         let half = self.blocks.len() / 2;
-        if self.blocks.len() - finals >= BLOCKS_MAX || self.pieces.len() >= HELD_PIECES_MAX {
+        if !limits_jerk && (self.blocks.len() - finals >= BLOCKS_MAX || self.pieces.len() >= HELD_PIECES_MAX)
+        {
             finals = finals.max(half);
         }
         let first = out.len();
         for block in 0..finals {
-            self.release_block(block, end.unwrap_or(SQUARE_MAX), out);
+            if limits_jerk {
+                self.release_within_jerk(block, out);
+            } else {
+                self.release_block(block, end.unwrap_or(SQUARE_MAX), out);
+            }
             if block % BLOCKS_MIN == 0 {
                 self.braking.free(self.motors.period_s);
             }
         }
+        self.ranges.drain(..finals.min(self.ranges.len()));
         record.extend(self.blocks.drain(..finals).map(|held| Entry::Paced(held.block)));
         self.seen = self.blocks.len();
         // The last profile tells the servo how far the motion may continue when all these profiles are known.
@@ -266,6 +299,30 @@ impl LookAhead {
             }
             pace.free_to = self.braking.free_to;
         }
+    }
+
+    /// Plans the motion within the maximum jerks. Returns the number of leading blocks that are final.
+    fn plan_within_jerk(&mut self, is_end: bool) -> usize {
+        let known = self.ranges.len();
+        let new = self.jerk.extend(self.blocks.range(known..), is_end, &self.motors);
+        self.ranges.extend(new);
+        let mut place = self.jerk.finish(is_end, &self.motors);
+        if self.is_full() && !is_end {
+            place = self.jerk.finish_half();
+        }
+        self.ranges.partition_point(|[_, to]| *to <= place)
+    }
+
+    /// Outputs a final block.
+    fn release_within_jerk(&mut self, block: usize, out: &mut VecDeque<Profile>) {
+        let (Some(held), Some(range)) = (self.blocks.get(block), self.ranges.get(block)) else {
+            return;
+        };
+        self.steps.clear();
+        self.jerk.steps(held, *range, &mut self.steps);
+        paced::profiles(held, &self.steps, self.braking.free_to, out);
+        let steps = self.steps.iter().map(|step| (step.duration_s(), step.room));
+        self.braking.add(held.block.segment, steps, self.motors.period_s);
     }
 
     /// Finds the limits of x backward from the end. Returns the number of leading blocks that are final.

@@ -75,6 +75,7 @@ fn output(
                 rate: sign * step.start.sqrt(),
                 rate_change: sign * step.rate_change,
                 rate_jerk: sign * step.rate_jerk,
+                rate_slope: step.rate_slope,
                 growth: if is_backward {
                     step.growth.reversed()
                 } else {

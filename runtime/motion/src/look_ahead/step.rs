@@ -27,6 +27,10 @@ pub(super) struct RateStep {
     pub(super) rate_change: f64,
     /// Change of `rate_change` per second.
     pub(super) rate_jerk: f64,
+    /// Change of `rate_change` per second of plan time.
+    pub(super) rate_slope: f64,
+    /// Duration, s, if the planner knows it; otherwise it follows from the rates.
+    pub(super) duration_s: Option<f64>,
     pub(super) room: SlewRoom,
 }
 
@@ -39,6 +43,9 @@ impl RateStep {
     /// the mean rate is the mean of the end rates w0 and w1. For a rate of second degree, with the change c
     /// at the start and the duration t, the mean is `(2 w0 + w1)/3 + c t/6`.
     pub(super) fn duration_s(&self) -> f64 {
+        if let Some(duration_s) = self.duration_s {
+            return duration_s;
+        }
         let plan_s = self.to_s - self.from_s;
         if self.rate_jerk != 0.0 {
             let ends = (2.0 * self.start.sqrt() + self.end.sqrt()) / 3.0;
@@ -53,7 +60,7 @@ impl RateStep {
 
     /// Returns true if the rate is constant.
     pub(super) fn is_even(&self) -> bool {
-        self.growth.is_none() && self.rate_change == 0.0 && self.rate_jerk == 0.0
+        self.growth.is_none() && self.rate_change == 0.0 && self.rate_jerk == 0.0 && self.rate_slope == 0.0
     }
 
     /// Removes the part before a plan time from a step at a constant rate, and returns this part. Returns `None`

@@ -128,7 +128,12 @@ impl<'a> SmoothedWay<'a> {
         self.block.motion(stretch, to_s)
     }
 
-    fn forward_s(&self, t_s: f64) -> f64 {
+    pub(super) fn is_backward(&self) -> bool {
+        self.passage.is_backward
+    }
+
+    /// Returns the plan time of the block for a plan time of the motion, s.
+    pub(super) fn forward_s(&self, t_s: f64) -> f64 {
         if self.passage.is_backward {
             self.block.plan_s - t_s
         } else {

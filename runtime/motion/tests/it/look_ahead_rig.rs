@@ -294,8 +294,29 @@ pub fn pieces(profile: &Profile) -> Vec<(PacePiece, f64)> {
         .collect()
 }
 
+/// Returns plan time t after the start of a piece, its first and its second derivative, if the change of the rate is linear
+/// in plan time: by the power series of `s'' = b + c s`.
+fn by_power_series(piece: &PacePiece, t: f64) -> [f64; 3] {
+    let c = piece.rate_slope;
+    let mut terms = [0.0, piece.rate, piece.rate_change / 2.0];
+    let [mut s, mut first] = [0.0; 2];
+    let mut power = 1.0;
+    for n in 1..60 {
+        let factor = f64::from(n);
+        first += factor * terms[1] * power;
+        power *= t;
+        s += terms[1] * power;
+        let next = c * terms[1] / ((factor + 2.0) * (factor + 1.0));
+        terms = [terms[1], terms[2], next];
+    }
+    [piece.plan_s + s, first, piece.rate_change + c * s]
+}
+
 /// Returns plan time t after the start of a piece, by bisection of the distance if the rate counts distance.
 pub fn plan_time(piece: &PacePiece, t: f64) -> f64 {
+    if piece.rate_slope != 0.0 {
+        return by_power_series(piece, t)[0];
+    }
     let gone = t * (piece.rate + piece.rate_change * t / 2.0 + piece.rate_jerk * t * t / 6.0);
     let SpeedGrowth { first, second } = piece.growth;
     let (mut low, mut high) = (0.0, if piece.growth.is_none() { 0.0 } else { 1.0 });
@@ -320,6 +341,10 @@ pub fn plan_time(piece: &PacePiece, t: f64) -> f64 {
 
 /// Returns the first and second derivative of plan time by time, t after the start of a piece.
 pub fn rate_of_plan(piece: &PacePiece, t: f64) -> [f64; 2] {
+    if piece.rate_slope != 0.0 {
+        let [_, rate, rate_change] = by_power_series(piece, t);
+        return [rate, rate_change];
+    }
     let SpeedGrowth { first, second } = piece.growth;
     let past = plan_time(piece, t) - piece.plan_s;
     let speed = 1.0 + first * past + second * past * past / 2.0;

@@ -13,4 +13,5 @@ mod look_ahead_text;
 mod planner;
 mod rig;
 mod smooth;
+mod smooth_jerk;
 mod tapping;

@@ -15,14 +15,14 @@ use crate::look_ahead_rig::{Step, best_time_of, pieces, plan_time, rate_of_plan}
 use crate::rig::{PERIOD_S, feed, line, motor, settings, vector};
 
 /// Returns settings with three linear motors, for a tolerance.
-fn machine(tolerance: f64, velocity: f64, acceleration: f64) -> CoordinateSystemSettings {
+pub fn machine(tolerance: f64, velocity: f64, acceleration: f64) -> CoordinateSystemSettings {
     let motors = std::array::from_fn(|i| (i < 3).then(|| motor(velocity, acceleration, None)));
     let mut settings = settings(motors);
     settings.motion.path_tolerance_mm = tolerance;
     settings
 }
 
-fn blended(segment: Segment) -> Segment {
+pub fn blended(segment: Segment) -> Segment {
     Segment {
         end: SegmentEnd::Continuous,
         multi_block: MultiBlock::On,
@@ -31,14 +31,14 @@ fn blended(segment: Segment) -> Segment {
 }
 
 /// Returns lines between these points, without ramp times.
-fn lines(points: &[AxisVector], feedrate: f64) -> Vec<Segment> {
+pub fn lines(points: &[AxisVector], feedrate: f64) -> Vec<Segment> {
     points
         .windows(2)
         .map(|ends| blended(line(ends[0], ends[1], feed(feedrate, [0.0; 3]))))
         .collect()
 }
 
-fn plan(settings: &CoordinateSystemSettings, segments: &[Segment]) -> Vec<Profile> {
+pub fn plan(settings: &CoordinateSystemSettings, segments: &[Segment]) -> Vec<Profile> {
     let mut planner = Planner::new(settings);
     let mut out = VecDeque::new();
     for segment in segments {
@@ -48,7 +48,7 @@ fn plan(settings: &CoordinateSystemSettings, segments: &[Segment]) -> Vec<Profil
     out.into()
 }
 
-fn path(segment: &Segment) -> &Path {
+pub fn path(segment: &Segment) -> &Path {
     match &segment.motion {
         SegmentMotion::Feed { path, .. } => path,
         other => panic!("no feed: {other:?}"),
@@ -65,12 +65,12 @@ fn smoothed(profile: &Profile) -> &CubicMotion {
     }
 }
 
-fn time_s(profiles: &[Profile]) -> f64 {
+pub fn time_s(profiles: &[Profile]) -> f64 {
     profiles.iter().map(|profile| profile.duration_s).sum()
 }
 
 /// Returns the setpoints of profiles, one per period.
-fn setpoints(profiles: &[Profile]) -> Vec<AxisVector> {
+pub fn setpoints(profiles: &[Profile]) -> Vec<AxisVector> {
     let (mut begin_s, mut points) = (0.0, Vec::new());
     for profile in profiles {
         while points.len() as f64 * PERIOD_S < begin_s + profile.duration_s {
@@ -83,7 +83,7 @@ fn setpoints(profiles: &[Profile]) -> Vec<AxisVector> {
 }
 
 /// Returns the size of a deviation: the distance over X, Y and Z, or the largest angle.
-fn size(off: AxisVector) -> f64 {
+pub fn size(off: AxisVector) -> f64 {
     off.0[3..]
         .iter()
         .fold(off.orthogonal_length(), |most, angle| most.max(angle.abs()))
@@ -121,7 +121,7 @@ fn deviation(segments: &[Segment], block: usize, distance: f64, point: AxisVecto
 
 /// The motion of a profile at one time.
 #[derive(Debug, Clone, Copy)]
-struct Point {
+pub struct Point {
     position: AxisVector,
     velocity: AxisVector,
     acceleration: AxisVector,
@@ -130,7 +130,7 @@ struct Point {
 }
 
 /// Returns points of a profile, five on each piece of its pace.
-fn points(profile: &Profile) -> Vec<Point> {
+pub fn points(profile: &Profile) -> Vec<Point> {
     let part = smoothed(profile);
     let at = |piece, t| {
         let plan_s = plan_time(piece, t);
@@ -172,7 +172,7 @@ fn check_limits(settings: &CoordinateSystemSettings, point: &Point, context: &st
 
 /// Checks that the profiles stay within the tolerance and the limits, that position and velocity are continuous, and
 /// that the motion begins and ends at rest.
-fn check(settings: &CoordinateSystemSettings, segments: &[Segment], profiles: &[Profile], context: &str) {
+pub fn check(settings: &CoordinateSystemSettings, segments: &[Segment], profiles: &[Profile], context: &str) {
     let tolerance = settings.motion.path_tolerance_mm;
     let far = segments
         .iter()
@@ -290,7 +290,7 @@ fn m1d8_a_spiral_that_begins_narrow_stays_within_tolerance_and_limits() {
 }
 
 /// Returns a closed contour of 270 mm in chords, with rounded coordinates.
-fn contour(chords: u32, decimals: i32) -> Vec<AxisVector> {
+pub fn contour(chords: u32, decimals: i32) -> Vec<AxisVector> {
     let scale = 10.0_f64.powi(decimals);
     let rounded = |value: f64| (value * scale).round() / scale;
     (0..=chords)
