@@ -49,13 +49,19 @@ afterEach(async () => {
 });
 
 const tab = () => page.getByRole("tab", { name: "Plant" });
+
+/** Opens the panel. While the page loads, tabs appear, so that a click may meet another one. */
+const show = () => until(async () => {
+  await tab().click();
+  return tab().getAttribute("aria-selected");
+}, "true");
 const point = (topic) => page.locator(`[data-io="${topic}"]`);
 const force = (name) => page.getByRole("button", { name: `Force ${name}`, exact: true });
 const note = () => page.locator(".forced-note");
 
 test("the panel lists inputs and outputs with values, units and owners", async () => {
   await open();
-  await tab().click();
+  await show();
   await until(() => point("io/in/door_closed").innerText(), /Door of the cell\s+on\s+handler gateway/);
   await until(() => point("io/in/coolant_level").innerText(), /coolant_level\s+42\.5 l\s+no owner/);
   await until(() => point("io/out/coolant_valve").innerText(), /off\s+handler cell, which is lost/);
@@ -70,7 +76,7 @@ test("a machine without inputs and outputs has no such panel", async () => {
 
 test("one is forced and released after a question, and is named on the screen meanwhile", async () => {
   await open();
-  await tab().click();
+  await show();
   await force("Door of the cell").click();
   await page.getByRole("button", { name: "Keep" }).click();
   assert.deepEqual(machine.requests, [], "nothing has been asked yet");
@@ -93,7 +99,7 @@ test("one is forced and released after a question, and is named on the screen me
 
 test("a number is forced within its range", async () => {
   await open();
-  await tab().click();
+  await show();
   await force("coolant_level").click();
   const field = page.getByLabel("Value", { exact: true });
   await field.fill("61");
@@ -106,7 +112,7 @@ test("a number is forced within its range", async () => {
 
 test("a number that is typed is not forced if the unit of its input has changed meanwhile", async () => {
   await open();
-  await tab().click();
+  await show();
   await force("coolant_level").click();
   const dialog = page.getByRole("dialog");
   await dialog.getByLabel("Value").fill("20");
@@ -120,14 +126,14 @@ test("a number that is typed is not forced if the unit of its input has changed 
 
 test("who may only look forces nothing", async () => {
   await open({}, PLANT, "view");
-  await tab().click();
+  await show();
   await disabled(force("Door of the cell"));
 });
 
 test("on a phone as on a panel nothing of it is cut off", async () => {
   await open();
   machine.say("io/out/coolant_valve", { value: true, written: false, owner: "cell", lost: true, forced: { value: true, by: "anna" } });
-  await tab().click();
+  await show();
   await until(() => note().innerText(), /coolant_valve on/);
   for (const [width, height] of SIZES) {
     await page.setViewportSize({ width, height });
