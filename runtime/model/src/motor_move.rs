@@ -118,6 +118,28 @@ pub struct MotorLimits {
     pub jerk: Option<f64>,
 }
 
+/// Part of a maximum jerk that plans leave for feed hold and overrides (M1i.3).
+pub const JERK_RESERVE: f64 = 0.05;
+
+/// Part of the acceleration that G00 and G31 leave for feed hold and overrides, if the motor has a maximum jerk.
+const ACCELERATION_RESERVE: f64 = 0.03;
+
+impl MotorLimits {
+    /// Returns the limits for a plan. With a maximum jerk, a part of the acceleration and of the jerk remains for feed hold
+    /// and overrides, which can then begin at any time.
+    #[must_use]
+    pub fn with_reserve(self) -> Self {
+        match self.jerk {
+            Some(jerk) => Self {
+                acceleration: self.acceleration * (1.0 - ACCELERATION_RESERVE),
+                jerk: Some(jerk * (1.0 - JERK_RESERVE)),
+                ..self
+            },
+            None => self,
+        }
+    }
+}
+
 /// Returns the peak speed, ramp time and jerk time of a move without a jerk limit.
 fn without_jerk_limit(way: f64, velocity: f64, acceleration: f64) -> (f64, f64, f64) {
     if way >= velocity * velocity / acceleration {

@@ -3,7 +3,7 @@
 use crate::axis::{AXES_MAX, AxisVector};
 pub use crate::cubic::CubicMotion;
 use crate::flow::{Path, TapLeg};
-pub use crate::motor_move::{MotorLimits, MotorMove};
+pub use crate::motor_move::{JERK_RESERVE, MotorLimits, MotorMove};
 pub use crate::motor_stop::MotorStop;
 pub use crate::pace::{PACE_PIECES_MAX, Pace, PacePiece, PathPlace, SlewRoom, Stretch};
 use crate::ramp::UnitRamp;

@@ -63,6 +63,7 @@ fn moves(
                 .map(|jerk| limit::check_axis_limit(axis, "max_jerk", jerk))
                 .transpose()?,
         };
+        let limits = limits.with_reserve();
         moving[axis.index()] = Some((distance, limits));
     }
     if settings.path.rapid == RapidPath::Straight {

@@ -10,6 +10,7 @@ use tandem_model::{AxisVector, MachinePosition, Origin};
 
 use crate::brake::Brake;
 use crate::control::{Control, Event};
+use crate::jerk_slew::History;
 use crate::motors::Motors;
 use crate::path_time::{PathTime, slope};
 use crate::power::Power;
@@ -78,6 +79,7 @@ pub struct Channel {
     /// Number of consecutive lost frames, if it exceeds the permitted number.
     pub(crate) bus_lost: Option<u32>,
     pub(crate) setpoint: AxisVector,
+    pub(crate) history: History,
     /// Change of the setpoint in the last cycle, units per second.
     pub(crate) velocity: AxisVector,
     pub(crate) motors: Motors,
@@ -190,6 +192,7 @@ pub(crate) fn channel(
         power: Power::Off,
         bus_lost: None,
         setpoint: at,
+        history: History::at_rest(at),
         velocity: AxisVector::ZERO,
         motors,
         spindle,

@@ -6,12 +6,13 @@
 //! next profile gives its start point in the following cycle (M1c).
 
 use tandem_model::flow::TapLeg;
-use tandem_model::profile::{Law, Profile, TimeBase};
+use tandem_model::profile::{Law, PacedMotion, Profile, TimeBase};
 use tandem_model::{Axis, AxisVector, MachinePosition, Origin};
 
 use crate::bus::{Command, Feedback};
 use crate::channel::{Channel, Hold};
 use crate::control::{Control, Event, Fault};
+use crate::jerk_slew::History;
 use crate::motors::first_jump;
 use crate::rest::{self, PathToRest};
 use crate::skip::SkipRun;
@@ -44,6 +45,7 @@ impl Channel {
         self.rests = self.stays_at_rest();
         if self.rests {
             self.still_cycles = self.still_cycles.saturating_add(1);
+            self.history = History::at_rest(self.setpoint);
         } else {
             self.move_on(time_s);
             self.motors
@@ -67,6 +69,7 @@ impl Channel {
         } else {
             self.start_from_rest(time_s);
         }
+        self.history.push(before);
         self.executing = self.current.as_ref().map(|profile| profile.origin);
         self.time_base = self.current.as_ref().map(|profile| profile.law.time_base());
         self.velocity = self.setpoint.minus(before).scaled(1.0 / self.period_s);
@@ -347,6 +350,8 @@ impl Channel {
                 _ => (target, self.override_slope),
             },
         };
+        // If the motion needs all known profiles to come to rest, only the accelerations limit its stop.
+        let is_soft = allowed.is_some() && has_jerk_limit(profile);
         let slope = match &profile.law {
             // Nothing moves, so no slew is needed: a dwell stops and continues at once.
             Law::Rest { .. } => f64::INFINITY,
@@ -368,7 +373,12 @@ impl Channel {
             }
             Law::Ramped { .. } => slope,
         };
-        let t_s = self.time.advance(target, slope);
+        let t_s = if is_soft && self.limits_slew(target) {
+            let factor = self.factor_within_jerk(target, slope);
+            self.time.step(factor)
+        } else {
+            self.time.advance(target, slope)
+        };
         self.sample(time_s, t_s);
     }
 
@@ -581,5 +591,14 @@ impl Channel {
         if self.events.slots() >= EVENTS_RESERVE {
             self.report_event(event);
         }
+    }
+}
+
+/// Returns true for a motion whose plan keeps the maximum jerks.
+fn has_jerk_limit(profile: &Profile) -> bool {
+    match &profile.law {
+        Law::Paced { block, .. } => matches!(block, PacedMotion::Smoothed(_)),
+        Law::Motors { .. } | Law::Skip { .. } => true,
+        Law::Ramped { .. } | Law::Tap { .. } | Law::Rest { .. } => false,
     }
 }

@@ -7,6 +7,7 @@ use crate::brake::Brake;
 use crate::bus::Command;
 use crate::channel::Channel;
 use crate::control::Fault;
+use crate::jerk_slew::History;
 use crate::power::Power;
 
 impl Channel {
@@ -38,6 +39,7 @@ impl Channel {
     pub(crate) fn reset_drives(&mut self) {
         if self.power.reset() {
             self.setpoint = self.motors.actual();
+            self.history = History::at_rest(self.setpoint);
         }
         if let Some(spindle) = &mut self.spindle {
             spindle.reset();

@@ -16,6 +16,7 @@ mod control;
 mod cycle;
 mod drives;
 mod hardware;
+mod jerk_slew;
 mod late;
 mod look_ahead;
 mod motors;

@@ -6,6 +6,7 @@ use tandem_model::profile::{MotorLimits, Profile};
 use tandem_model::settings::{CoordinateSystemSettings, SimulatedRound, SimulatedSkip};
 use tandem_model::{AXES_MAX, Axis, AxisSet, AxisVector};
 
+use crate::brake::or_unlimited;
 use crate::bus::{Command, DriveBus, Feedback};
 use crate::control::Fault;
 
@@ -30,6 +31,9 @@ struct Motor {
 pub(crate) struct Motors {
     axes: [Option<Motor>; AXES_MAX],
     deceleration: [f64; AXES_MAX],
+    /// `max_jerk` of each motor; infinite without a limit.
+    jerk: [f64; AXES_MAX],
+    has_jerk: bool,
     /// The axes with a motor, by the motor's place on the bus, then the axes without a motor.
     by_place: [Axis; AXES_MAX],
     with_motor: AxisSet,
@@ -67,7 +71,8 @@ impl Motors {
                     velocity: motor.skip_velocity,
                     acceleration: motor.rapid_acceleration,
                     jerk: motor.max_jerk,
-                },
+                }
+                .with_reserve(),
             })
         });
         let deceleration = std::array::from_fn(|i| {
@@ -87,6 +92,11 @@ impl Motors {
             by_place,
             with_motor,
             deceleration,
+            has_jerk: settings.motors.iter().flatten().any(|motor| motor.max_jerk.is_some()),
+            jerk: settings.motors.each_ref().map(|motor| {
+                let jerk = motor.as_ref().and_then(|motor| motor.max_jerk);
+                jerk.map_or(f64::INFINITY, or_unlimited)
+            }),
             round: settings.motion.simulated_round,
             is_ideal: places.clone().all(|place| bus.is_ideal(place)),
             places,
@@ -211,6 +221,16 @@ impl Motors {
     /// Returns the `max_acceleration` of each motor.
     pub(crate) fn deceleration(&self) -> [f64; AXES_MAX] {
         self.deceleration
+    }
+
+    /// Returns true if a motor has a `max_jerk`.
+    pub(crate) fn has_jerk(&self) -> bool {
+        self.has_jerk
+    }
+
+    /// Returns the `max_jerk` and the `max_acceleration` of the motor of an axis; infinite without a limit.
+    pub(crate) fn limits_of(&self, axis: usize) -> [f64; 2] {
+        [self.jerk[axis], or_unlimited(self.deceleration[axis])]
     }
 
     /// Sets the skip input of a motor, as commanded by the coordinator.

@@ -115,7 +115,11 @@ impl Channel {
         }
         if let Some(profile) = &self.current {
             self.time.pass(cycles);
-            self.setpoint = profile.position(self.time.now_s());
+            let step_s = self.time.rate() * self.period_s;
+            let [now, one, two] =
+                [0.0, 1.0, 2.0].map(|steps| profile.position(self.time.now_s() - steps * step_s));
+            self.setpoint = now;
+            self.history.replace([one, two]);
         }
         self.motors
             .command(self.setpoint, self.for_all_drives(), commands);

@@ -59,6 +59,17 @@ impl PathTime {
         self.cycles += cycles;
     }
 
+    /// Advances by one cycle at a new rate. Returns the profile time.
+    pub(crate) fn step(&mut self, rate: f64) -> f64 {
+        if rate.total_cmp(&self.rate).is_eq() {
+            self.cycles += 1;
+            return self.now_s();
+        }
+        let at_s = self.now_s() + rate * self.period_s;
+        self.start_profile(rate, at_s);
+        at_s
+    }
+
     /// Advances by one cycle towards a target rate, with a change of at most `slope` per second. Returns the
     /// profile time.
     pub(crate) fn advance(&mut self, target: f64, slope: f64) -> f64 {

@@ -61,6 +61,7 @@ impl Channel {
         if taken && let Ok(first) = splice.profiles.pop() {
             self.current = Some(first);
             self.time.start_profile(factor.min(1.0), at_s);
+            self.history.check();
         }
         self.settle(splice.profiles, taken);
         taken

@@ -109,7 +109,8 @@ fn m1d9_a_line_takes_the_time_of_seven_segments() {
         let segments = lines(&[AxisVector::ZERO, vector(&[distance])], feedrate);
         let profiles = check_jerk(&settings, &segments, "line");
         let [_, acceleration, jerk] = limits;
-        let best_s = double_s(distance, [feedrate / 60.0, acceleration, jerk]);
+        // A reserve of 5 percent of the jerk remains for feed hold.
+        let best_s = double_s(distance, [feedrate / 60.0, acceleration, 0.95 * jerk]);
         let ratio = time_s(&profiles) / best_s;
         assert!(
             (0.999..1.03).contains(&ratio),

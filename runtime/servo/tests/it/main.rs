@@ -7,6 +7,7 @@ mod chains;
 mod controls;
 mod drives;
 mod faults;
+mod jerk;
 mod late;
 mod look_ahead;
 mod passing;

@@ -33,7 +33,8 @@ fn skip_within(jerk: Option<f64>, segment: u64, from: &[f64], to: &[f64]) -> Pro
         velocity: 50.0,
         acceleration: 1000.0,
         jerk,
-    };
+    }
+    .with_reserve();
     let moves: [MotorMove; AXES_MAX] =
         std::array::from_fn(|i| MotorMove::shortest(to.0[i] - from.0[i], limits));
     Profile {

@@ -1,5 +1,6 @@
 //! Division of a smoothed path into cells, with the limits of the motors in each cell.
 
+use tandem_model::profile::JERK_RESERVE;
 use tandem_model::{Axis, AxisVector};
 
 use super::rest::RestLaw;
@@ -29,8 +30,9 @@ const STRAIGHT_PARTS: u32 = 2;
 /// Largest number of cells of the blocks that are planned at a time, except for the grading between them.
 const CELLS_MAX: f64 = 4000.0;
 
-/// Part of the limits that the plan uses; the rest covers the deviations between the points of a cell.
-pub(super) const USED: f64 = 0.997;
+/// Part of the limits that the plan uses, apart from the reserves; the rest covers the deviations between the points of a
+/// cell.
+const USED: f64 = 0.997;
 
 /// A stretch of the path on which each axis is a polynomial of third degree in the distance along the chain.
 #[derive(Debug, Clone, Copy)]
@@ -201,6 +203,7 @@ fn row(
 ) -> Option<Row> {
     let [inverse, inverse_jerk] =
         [&motors.inverse, &motors.inverse_jerks].map(|of_each| of_each[axis.index()] / USED);
+    let inverse_jerk = inverse_jerk / (1.0 - JERK_RESERVE);
     let [q1, q2, q3] = [first[axis], second[axis], third[axis]];
     let moves = q1 != 0.0 || q2 != 0.0 || q3 != 0.0;
     (moves && (inverse > 0.0 || inverse_jerk > 0.0)).then(|| Row {

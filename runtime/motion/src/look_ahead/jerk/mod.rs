@@ -42,7 +42,7 @@ const TAIL_LIMIT: f64 = 0.97;
 /// Largest number of times that the limits of cells are tightened.
 const CHECKS_MAX: u32 = 2;
 
-/// Largest share of a jerk limit between the points of a cell, of which [`cells::USED`] leaves a part.
+/// Largest share of a jerk limit between the points of a cell, of which the plan leaves a part.
 const BETWEEN_MAX: f64 = 1.0025;
 
 /// The motion along a chain, planned with the jerk of the motors limited.
