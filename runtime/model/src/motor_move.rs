@@ -118,7 +118,7 @@ pub struct MotorLimits {
     pub jerk: Option<f64>,
 }
 
-/// Part of a maximum jerk that plans leave for feed hold and overrides (M1i.3).
+/// Part of a maximum jerk that plans leave for feed hold and overrides (M1i.6).
 pub const JERK_RESERVE: f64 = 0.05;
 
 /// Part of the acceleration that G00 and G31 leave for feed hold and overrides, if the motor has a maximum jerk.

@@ -1,4 +1,4 @@
-//! Changes of the override factor within the maximum jerks and accelerations of the motors (M1i.3).
+//! Changes of the override factor within the maximum jerks and accelerations of the motors (M1i.6).
 //!
 //! The factor is constant within a cycle. The third and the second difference of the setpoints of each motor limit the
 //! factor of the coming cycle, by the setpoints of the last three cycles. So the limits also hold where the plan itself

@@ -1,4 +1,4 @@
-//! Feed hold, resume and overrides within the maximum jerks of the motors (M1i.3).
+//! Feed hold, resume and overrides within the maximum jerks of the motors (M1i.6).
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -199,7 +199,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
     #[test]
-    fn m1i3_events_in_a_rapid_keep_the_maximum_jerk(
+    fn m1i6_events_in_a_rapid_keep_the_maximum_jerk(
         x in 1.0..200.0,
         y in -200.0..200.0,
         slew_ms in prop_oneof![Just(0.0), 1.0..300.0],
@@ -213,7 +213,7 @@ proptest! {
     }
 
     #[test]
-    fn m1i3_events_on_a_smoothed_path_keep_the_maximum_jerk(
+    fn m1i6_events_on_a_smoothed_path_keep_the_maximum_jerk(
         acceleration in 500.0..5000.0,
         rise_s in 0.01..0.2,
         slew_ms in prop_oneof![Just(0.0), 1.0..300.0],
@@ -232,7 +232,7 @@ proptest! {
 }
 
 #[test]
-fn m1i3_a_new_plan_for_another_override_keeps_the_maximum_jerk() {
+fn m1i6_a_new_plan_for_another_override_keeps_the_maximum_jerk() {
     let settings = soft();
     for (at, factors) in [
         (300, [0.5, 1.0]),
