@@ -125,6 +125,40 @@ async fn a_claim_over_rest_needs_a_registration_with_its_instance() {
     assert_eq!(say(&served.http, output, "claim", &by).await, "not_owner");
 }
 
+/// A handler over MQTT without an instance is known by its connection, which no request over REST has.
+#[tokio::test]
+async fn h19_unnamed_rest_request_never_acts_for_a_handler_over_mqtt() {
+    let (_machine, served) = served();
+    let bus = Bus::connect(&served.broker, "test-1").await;
+    let online = json!({"online": true, "handles": [{"cs": 1, "m": 60}]});
+    bus.publish_retained("handler/counter/presence", &online).await;
+    bus.history
+        .find("handler/counter/result", |said| said["status"] == "accepted")
+        .await;
+    let open = at_m60(&served).await;
+    let output = &open["outputs"][0];
+    for instance in [None, Some("~rest"), Some("~mqtt-counter")] {
+        let by = named(&open, instance);
+        assert_eq!(say(&served.http, output, "claim", &by).await, "not_owner");
+        let mut reset = by;
+        reset["result"] = json!("ok");
+        assert_eq!(say(&served.http, output, "reset", &reset).await, "not_owner");
+        let mut door = json!({"source": "door", "value": true, "handler_id": "counter"});
+        if let Some(instance) = instance {
+            door["instance"] = json!(instance);
+        }
+        let path = "/api/v1/cs/1/inputs/interlock";
+        let refused = request(&served.http, "PUT", path, "application/json", &door.to_string()).await;
+        let text = refused.expect(409).json()["detail"].as_str().unwrap_or_default().to_owned();
+        assert!(text.contains("in use by a program without instance"), "{text}");
+        assert!(!text.contains('~'), "{text}");
+    }
+    let claim = json!({"boot_id": open["boot_id"], "seq": output["seq"], "handler_id": "counter"});
+    bus.publish("cs/1/m_code/60/claim", &claim).await;
+    let accepted = |said: &Value| said["status"] == "accepted";
+    bus.history.find("cs/1/m_code/60/result", accepted).await;
+}
+
 #[tokio::test]
 async fn a_killed_process_that_returns_over_rest_is_given_nothing_unasked() {
     let (_machine, served) = served();

@@ -261,16 +261,23 @@ pub(crate) fn handler_in_use_text(
     named: Option<&String>,
     since: &SystemTime,
 ) -> String {
-    let name = |instance: Option<&str>| match instance {
+    let name = |instance: Option<&str>| match instance.filter(|named| is_own_instance(named)) {
         Some(instance) => format!("instance {instance}"),
         None => "a program without instance".to_owned(),
     };
+    let named = named.map(String::as_str);
+    let is_unnamed = named.is_none_or(|named| !is_own_instance(named)) && there.is_some_and(is_own_instance);
+    let name_itself = if is_unnamed {
+        "name the instance of its presence (instance) if it is the same program, "
+    } else {
+        ""
+    };
     format!(
-        "handler_id {handler_id} is in use by {} since {}, and this is {}: end that program, use a different handler_id for \
-         this program, or let it take over (take_over)",
+        "handler_id {handler_id} is in use by {} since {}, and this is {}: {name_itself}end that program, use a different \
+         handler_id for this program, or let it take over (take_over)",
         name(there),
         Timestamp::from_system_time(*since).to_the_second(),
-        name(named.map(String::as_str)),
+        name(named),
     )
 }
 

@@ -81,9 +81,11 @@ pub(super) async fn serve(
         source: Source::Http(&sender),
         not_after_is_apart: false,
     };
-    let parsed = row
+    let mut parsed = row
         .parse(incoming)
         .map_err(|fault| problem_of(fault, &head.uri))?;
+    // the sender of a request without an instance is never the instance that is online over another transport
+    parsed.identify(CLIENT_ID);
     let caller = Caller {
         user: &user,
         from: head.extensions.get::<Peer>().map(|peer| peer.address),
