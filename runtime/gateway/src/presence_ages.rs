@@ -27,8 +27,9 @@ pub(crate) struct PresenceAges {
     is_paused: bool,
 }
 
-#[derive(Debug)]
-struct Age {
+/// Age of a presence.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Age {
     expires: Duration,
     received: Instant,
     /// On this connection, a presence with the retain flag was published before the connection began.
@@ -59,6 +60,29 @@ impl PresenceAges {
             }
             None => {}
         }
+    }
+
+    /// Returns the age of the presence of an instance.
+    pub(crate) fn age(&self, id: &str, instance: Option<&String>) -> Option<Age> {
+        self.ages.get(&(id.to_owned(), instance.cloned())).copied()
+    }
+
+    /// Replaces the age `refused` by the age before it, unless a later presence has replaced it.
+    pub(crate) fn restore(
+        &mut self,
+        id: &str,
+        instance: Option<&String>,
+        refused: Option<Age>,
+        earlier: Option<Age>,
+    ) {
+        if self.age(id, instance) != refused {
+            return;
+        }
+        let named = (id.to_owned(), instance.cloned());
+        match earlier {
+            Some(age) => self.ages.insert(named, age),
+            None => self.ages.remove(&named),
+        };
     }
 
     /// Returns `false` if the limit is reached and this presence is not watched yet.

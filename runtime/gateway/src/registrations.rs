@@ -11,7 +11,7 @@ use tokio::time::Instant;
 use tracing::warn;
 
 use crate::machine::Machine;
-use crate::presence_ages::PresenceAges;
+use crate::presence_ages::{Age, PresenceAges};
 
 /// Delay of the watch above which this process is treated as stalled. Reason: requests that arrived meanwhile are not
 /// read yet, so the ages of all presences restart.
@@ -24,24 +24,47 @@ pub(crate) struct Registrations {
     changed: Notify,
 }
 
+/// A registration that the machine has not accepted yet.
+#[derive(Debug)]
+pub(crate) struct RegistrationChange {
+    earlier: Option<Age>,
+    begun: Option<Age>,
+}
+
 impl Registrations {
-    /// Watches the age of a presence that will be sent to the machine.
+    /// Watches the age of a presence that will be sent to the machine. Returns the change, which must be undone if the
+    /// machine refuses the presence.
     ///
     /// # Errors
     /// Returns `unavailable` if the limit of watched presences is reached.
-    pub(crate) fn add_registration(&self, id: &str, presence: &HandlerPresence) -> Result<(), Refusal> {
+    pub(crate) fn add_registration(
+        &self,
+        id: &str,
+        presence: &HandlerPresence,
+    ) -> Result<RegistrationChange, Refusal> {
         let mut ages = self.ages.lock();
         if !ages.has_room(id, presence) {
             let text =
                 "too many handlers are registered over HTTP; end some, or wait until their presences expire";
             return Err(Refusal::new(RefusalCode::Unavailable, text));
         }
+        let earlier = ages.age(id, presence.instance.as_ref());
         ages.record_presence(id, presence, false, Instant::now());
         self.changed.notify_one();
-        Ok(())
+        Ok(RegistrationChange {
+            earlier,
+            begun: ages.age(id, presence.instance.as_ref()),
+        })
     }
 
-    /// Ends the watch: the machine did not accept the presence, or the handler has left.
+    /// Watches the earlier presence again: the machine has refused the later one, and the earlier one is still valid.
+    pub(crate) fn undo(&self, id: &str, instance: Option<&String>, change: &RegistrationChange) {
+        let mut ages = self.ages.lock();
+        ages.restore(id, instance, change.begun, change.earlier);
+        self.changed.notify_one();
+    }
+
+    /// Ends the watch: the handler has left.
     pub(crate) fn remove_registration(&self, id: &str, instance: Option<&String>) {
         let gone = HandlerPresence::offline(instance.cloned());
         self.ages.lock().record_presence(id, &gone, false, Instant::now());
@@ -111,6 +134,30 @@ mod tests {
             tokio::time::sleep(Duration::from_millis(899)).await;
             assert_eq!(offline_handlers(&port), <[&str; 0]>::default());
             tokio::time::sleep(Duration::from_millis(2)).await;
+            assert_eq!(offline_handlers(&port), ["cell"]);
+        };
+        tokio::select! {
+            () = registrations.watch(&machine) => {}
+            () = test => {}
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn refused_registration_leaves_the_age_of_the_earlier_one() {
+        let port = StubPort::new();
+        let machine = Machine::new(port.clone());
+        let registrations = Registrations::default();
+        let instance = "a".to_owned();
+        let test = async {
+            registrations.add_registration("cell", &presence(900)).unwrap();
+            tokio::time::sleep(Duration::from_millis(800)).await;
+            let refused = registrations
+                .add_registration("cell", &presence(60_000))
+                .unwrap();
+            registrations.undo("cell", Some(&instance), &refused);
+            let new = registrations.add_registration("new", &presence(50)).unwrap();
+            registrations.undo("new", Some(&instance), &new);
+            tokio::time::sleep(Duration::from_millis(102)).await;
             assert_eq!(offline_handlers(&port), ["cell"]);
         };
         tokio::select! {

@@ -176,7 +176,10 @@ impl Dispatch {
             (Err(refusal), Some((id, instance))) => return Some(self.refuse_handler(id, instance, &refusal)),
             (Err(refusal), None) => return self.refuse(to_tell, refusal).await,
         };
-        if let Request::Handler(id, presence) = authorized.request() {
+        // the machine refuses an invalid presence; the earlier one keeps its age
+        if let Request::Handler(id, presence) = authorized.request()
+            && presence.check().is_ok()
+        {
             self.ages
                 .record_presence(id, presence, arrival.retain, Instant::now());
         }

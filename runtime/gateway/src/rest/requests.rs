@@ -124,14 +124,17 @@ async fn register(shared: &ServerState, authorized: AuthorizedRequest) -> Result
         return Err(unexpected());
     };
     presence.check_registration().map_err(Problem::invalid)?;
-    if presence.online {
-        shared.registrations.add_registration(&id, &presence)?;
-    }
+    let change = if presence.online {
+        Some(shared.registrations.add_registration(&id, &presence)?)
+    } else {
+        None
+    };
     let answer = shared.ask(authorized).await;
-    if answer.is_err() || !presence.online {
-        shared
-            .registrations
-            .remove_registration(&id, presence.instance.as_ref());
+    let instance = presence.instance.as_ref();
+    match (&answer, &change) {
+        (Err(_), Some(change)) => shared.registrations.undo(&id, instance, change),
+        (Ok(_), None) => shared.registrations.remove_registration(&id, instance),
+        (Ok(_), Some(_)) | (Err(_), None) => {}
     }
     answer
 }
