@@ -60,6 +60,9 @@ const QUEUED_BYTES_MAX: usize = 512 * 1024;
 pub(crate) const IN_TRANSIT_MAX: usize = 128;
 /// Largest number of unfinished messages of quality 2 of one client; a further one ends its connection.
 const UNFINISHED_MAX: u16 = 256;
+/// Largest number of unacknowledged messages to one client. Reason: the library keeps a second copy of each, as long as
+/// the session.
+const UNACKNOWLEDGED_MAX: u16 = 32;
 /// Time limit for stopping; then the task is aborted.
 const STOP_MAX: Duration = Duration::from_secs(2);
 
@@ -206,6 +209,12 @@ impl Broker {
         Arc::clone(&self.exchange.guard.arrivals)
     }
 
+    /// Returns the sessions and messages that the library keeps.
+    #[cfg(test)]
+    pub(crate) fn storage(&self) -> Arc<DynamicStorage> {
+        Arc::clone(&self.entrance.0.storage)
+    }
+
     /// Returns the exchange for the runtime's own connection.
     pub(crate) fn exchange(&self) -> Exchange {
         self.exchange.clone()
@@ -241,6 +250,7 @@ fn config(address: SocketAddr) -> BrokerConfig {
         max_retained_message_size: RETAINED_SIZE_MAX,
         client_channel_capacity: IN_TRANSIT_MAX,
         server_receive_maximum: Some(UNFINISHED_MAX),
+        max_outbound_inflight: UNACKNOWLEDGED_MAX,
         server_keep_alive: None,
         storage_config: storage,
         sys_topics_enabled: false,

@@ -35,7 +35,7 @@ use tokio_util::task::TaskTracker;
 use tracing::warn;
 
 use super::guard::{Answer, Guard, PublishDecision, clearing};
-use super::packet_monitor::PacketMonitor;
+use super::packet_monitor::{ExactlyOnce, HEAD_BYTES_MAX, PacketMonitor, USER_PUBLISH_BYTES_MAX};
 use super::socket::SocketBytes;
 use crate::access::{AuthenticatedUser, CloseReason};
 use crate::arrivals::{ARRIVAL, EXECUTED};
@@ -223,7 +223,10 @@ impl BrokerServer {
         let mut serving = pin!(client.run());
         let (client_id, ended) = tokio::select! {
             // if the reason for the end matters, the guard has logged it
-            _ = &mut serving => return,
+            _ = &mut serving => {
+                self.forget_in_transit(&line).await;
+                return;
+            }
             ended = self.wait_until_revoked(connected) => ended,
         };
         warn!("MQTT client {client_id:.64} is disconnected: {}", ended.text());
@@ -237,6 +240,20 @@ impl BrokerServer {
         if self.guard.sessions.connected_client(&client_id).is_none() {
             // from now on no messages are kept for it
             self.router.unregister_client(&client_id).await;
+        }
+        self.forget_in_transit(&line).await;
+    }
+
+    /// Removes the copies of unacknowledged messages that the library keeps for a client, if its session has ended with
+    /// its connection.
+    async fn forget_in_transit(&self, line: &PacketMonitor) {
+        let Some(client_id) = line.client_id() else {
+            return;
+        };
+        let sessions = &self.guard.sessions;
+        if sessions.connected_client(&client_id).is_none() && !sessions.is_remembered(&client_id) {
+            // fails only with a storage on disk
+            let _ = self.storage.remove_all_inflight_messages(&client_id).await;
         }
     }
 
@@ -257,6 +274,10 @@ impl BrokerServer {
             warn!("the embedded MQTT broker cannot remove expired sessions and messages: {error}");
         }
         self.router.sweep_sessions().await;
+        for client_id in self.guard.sessions.take_expired() {
+            // fails only with a storage on disk
+            let _ = self.storage.remove_all_inflight_messages(&client_id).await;
+        }
     }
 }
 
@@ -299,17 +320,22 @@ impl ConnectionGuard {
         let Some(mut publish) = self.line.publish() else {
             return PublishAction::Continue;
         };
-        let (on_the_way, bytes) = (&self.guard.in_transit, publish.payload.len());
-        if !on_the_way.has_room(bytes) {
+        let head = self.line.head_bytes(&publish);
+        let bytes = publish.payload.len() + head;
+        let account = self.guard.account(&event);
+        if head > HEAD_BYTES_MAX || !self.guard.in_transit.has_room_for(&account, bytes) {
             return self.refuse(&event);
         }
-        self.stamp(&mut publish, &event);
+        if let (QoS::ExactlyOnce, Some(packet_id)) = (publish.qos, publish.packet_id) {
+            match self.line.unreleased().deliver(packet_id) {
+                ExactlyOnce::New => {}
+                ExactlyOnce::Repeated => return PublishAction::Handled,
+                ExactlyOnce::Full => return self.refuse(&event),
+            }
+        }
+        self.stamp(&mut publish, &event, head);
         let arrival = self.guard.arrive(&event.topic).to_string();
         publish.properties.add_user_property(ARRIVAL.to_owned(), arrival);
-        if publish.qos == QoS::ExactlyOnce {
-            // the library delivers a message of quality of service 2 when its client sends PUBREL
-            return PublishAction::Transform(publish);
-        }
         let now = Instant::now();
         self.router
             .route_message_with_deadline(&publish, Some(&event.client_id), now)
@@ -318,9 +344,11 @@ impl ConnectionGuard {
     }
 
     /// Writes the broker's own data on the sender into a message, and removes the client's.
-    fn stamp(&self, publish: &mut PublishPacket, event: &ClientPublishEvent) {
+    fn stamp(&self, publish: &mut PublishPacket, event: &ClientPublishEvent, head: usize) {
         publish.topic_name = event.topic.to_string();
-        publish.payload = (self.guard.in_transit).count(std::mem::take(&mut publish.payload));
+        let payload = std::mem::take(&mut publish.payload);
+        let account = self.guard.account(event);
+        publish.payload = (self.guard.in_transit).count_message(payload, head, Some(&account));
         publish.properties.remove_topic_alias();
         publish.properties.inject_sender(event.user_id.as_deref());
         publish.properties.inject_client_id(Some(&event.client_id));
@@ -338,10 +366,12 @@ impl ConnectionGuard {
     ) -> PublishAction {
         let publish = self.line.publish();
         self.guard.execute_urgent(&event, lane, request).await;
-        if let Some(mut publish) =
-            publish.filter(|publish| self.guard.in_transit.has_room(publish.payload.len()))
-        {
-            self.stamp(&mut publish, &event);
+        let publish = publish.map(|publish| (self.line.head_bytes(&publish), publish));
+        let may_pass = |(head, publish): &(usize, PublishPacket)| {
+            *head <= HEAD_BYTES_MAX && self.guard.in_transit.has_room(publish.payload.len() + head)
+        };
+        if let Some((head, mut publish)) = publish.filter(may_pass) {
+            self.stamp(&mut publish, &event, head);
             publish
                 .properties
                 .add_user_property(EXECUTED.to_owned(), String::new());
@@ -382,6 +412,7 @@ impl BrokerEventHandler for ConnectionGuard {
     }
 
     fn on_client_connect(&self, event: ClientConnectEvent) -> Answer<'_, ()> {
+        self.line.set_client_id(Arc::clone(&event.client_id));
         if let (Some(let_in), Some(shown)) = (self.connected.lock().take(), self.authenticated.lock().take())
         {
             // the send fails only if the connection is ending, and then the name of its client is not needed
@@ -411,6 +442,13 @@ impl AuthProvider for ConnectionGuard {
         self.line.set_version(connect.protocol_version);
         let certificate = self.certificate.as_ref();
         let (result, shown) = self.guard.authenticate(connect, certificate, address, &self.slot);
+        if let Some(shown) = &shown {
+            if shown.user.name().is_some() {
+                self.line.set_publish_max(USER_PUBLISH_BYTES_MAX);
+            }
+            let session = self.guard.sessions.unreleased(&connect.client_id, connect.clean_start);
+            self.line.resume(session);
+        }
         *self.authenticated.lock() = shown;
         Box::pin(now(Ok(result)))
     }

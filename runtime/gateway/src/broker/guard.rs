@@ -259,7 +259,7 @@ impl Guard {
     }
 
     /// Returns the account to which a message is charged.
-    fn account(&self, event: &ClientPublishEvent) -> Account {
+    pub(super) fn account(&self, event: &ClientPublishEvent) -> Account {
         let from = self.sessions.address_of(&event.client_id);
         Account::named(event.user_id.as_deref(), from)
     }

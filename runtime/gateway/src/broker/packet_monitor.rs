@@ -1,7 +1,8 @@
 //! One connection, packet by packet: whole messages of its client, and whether the client keeps reading.
 
+use std::collections::{BTreeSet, HashMap};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Weak};
+use std::sync::{Arc, OnceLock, Weak};
 use std::time::Duration;
 
 use axum::body::Bytes;
@@ -13,11 +14,15 @@ use plc_protocol::wire::PAYLOAD_MAX;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
-use super::MQTT_5;
+use super::{MQTT_5, PACKET_MAX, UNFINISHED_MAX};
+use crate::access::Account;
 
 /// Largest number of message bytes in transit to connected clients. Beyond it, clients that do not read are closed, and
 /// messages of other clients are rejected, not delayed. Messages in session queues are not included.
 pub(super) const IN_TRANSIT_BYTES_MAX: usize = 64 * 1024 * 1024;
+
+/// Largest share of one user of the token file. Reason: one user leaves room for the messages of all others.
+pub(super) const IN_TRANSIT_PER_USER_MAX: usize = IN_TRANSIT_BYTES_MAX / 4;
 
 /// If there is no room, a client with messages in transit that has accepted nothing for this time is closed.
 const UNRESPONSIVE_AFTER: Duration = Duration::from_secs(1);
@@ -30,10 +35,18 @@ const CONNECT_BYTES_MAX: usize = PAYLOAD_MAX + 4096;
 /// client, as topic aliases of MQTT 5.
 const TOPIC_BYTES_MAX: usize = 1024;
 
+/// Size limit of a message without its payload: its topic and its properties. Reason: the broker copies them for each
+/// subscriber.
+pub(super) const HEAD_BYTES_MAX: usize = 4096;
+
+/// Size limit of a PUBLISH packet of a user of the token file, who publishes requests to the machine only.
+pub(super) const USER_PUBLISH_BYTES_MAX: usize = PAYLOAD_MAX + HEAD_BYTES_MAX;
+
 /// Kinds of packets, the first four bits.
 const CONNECT: u8 = 1;
 const PUBLISH: u8 = 3;
 const PUBACK: u8 = 4;
+const PUBREL: u8 = 6;
 const PUBCOMP: u8 = 7;
 
 /// Packet state of one connection.
@@ -44,6 +57,7 @@ pub(super) struct PacketMonitor {
     pub(super) ended: CancellationToken,
     /// A DISCONNECT for a client of MQTT 5.
     farewell: Mutex<Vec<u8>>,
+    client_id: OnceLock<Arc<str>>,
 }
 
 #[derive(Debug)]
@@ -55,8 +69,19 @@ struct PacketState {
     /// Remaining bytes of this packet.
     left: usize,
     is_publish: bool,
+    is_release: bool,
+    /// The first packet has begun.
+    has_begun: bool,
+    /// Largest number of bytes of a PUBLISH packet after its fixed header.
+    publish_max: usize,
+    /// Packet id in the PUBREL packet received last.
+    release: Vec<u8>,
+    /// Packet ids of delivered messages of quality 2 that the client has not released.
+    unreleased: UnreleasedIds,
     /// Bytes of the PUBLISH packet received last; the packet is complete if `left` is 0.
     publish: Vec<u8>,
+    /// Number of bytes of the PUBLISH packet that was taken last.
+    publish_bytes: usize,
     /// Why the broker reads no further from the client.
     refusal: Option<(ReasonCode, &'static str)>,
     /// Number of unacknowledged messages of quality 1 and 2; then when the client last acknowledged one, or had none.
@@ -74,7 +99,13 @@ impl PacketMonitor {
                 head: Vec::new(),
                 left: 0,
                 is_publish: false,
+                is_release: false,
+                has_begun: false,
+                publish_max: PACKET_MAX,
+                release: Vec::new(),
+                unreleased: UnreleasedIds::default(),
                 publish: Vec::new(),
+                publish_bytes: 0,
                 refusal: None,
                 unacknowledged: 0,
                 acknowledged: Instant::now(),
@@ -82,12 +113,39 @@ impl PacketMonitor {
             }),
             ended: CancellationToken::new(),
             farewell: Mutex::default(),
+            client_id: OnceLock::new(),
         }
     }
 
     /// Records the client's version of MQTT.
     pub(super) fn set_version(&self, version: u8) {
         self.passing.lock().version = version;
+    }
+
+    /// Limits the size of the PUBLISH packets that follow.
+    pub(super) fn set_publish_max(&self, bytes: usize) {
+        self.passing.lock().publish_max = bytes;
+    }
+
+    /// Continues a session, in which these messages are not released yet.
+    pub(super) fn resume(&self, unreleased: UnreleasedIds) {
+        self.passing.lock().unreleased = unreleased;
+    }
+
+    /// Returns the messages of quality 2 that are not released.
+    pub(super) fn unreleased(&self) -> UnreleasedIds {
+        self.passing.lock().unreleased.clone()
+    }
+
+    /// Records the id of the connected client.
+    pub(super) fn set_client_id(&self, client_id: Arc<str>) {
+        // a client connects once
+        let _ = self.client_id.set(client_id);
+    }
+
+    /// Returns the id of the client, if it was connected.
+    pub(super) fn client_id(&self) -> Option<Arc<str>> {
+        self.client_id.get().cloned()
     }
 
     /// Records received bytes up to the end of a packet and returns their number. The library is given one packet at a
@@ -112,6 +170,13 @@ impl PacketMonitor {
         let body = passing.left.min(bytes.len() - read);
         let part = &bytes[read..read + body];
         passing.left -= body;
+        if passing.is_release {
+            let missing = 2 - passing.release.len().min(2);
+            passing.release.extend(part.iter().take(missing));
+            if let [high, low] = passing.release[..] {
+                passing.unreleased.release(u16::from_be_bytes([high, low]));
+            }
+        }
         if passing.is_publish {
             passing.publish.extend_from_slice(part);
             if topic_bytes(&passing.publish).is_some_and(|bytes| bytes > TOPIC_BYTES_MAX) {
@@ -138,9 +203,16 @@ impl PacketMonitor {
         let mut passing = self.passing.lock();
         let version = passing.version;
         let mut packet = Bytes::from(std::mem::take(&mut passing.publish));
+        passing.publish_bytes = packet.len();
         drop(passing);
         let head = FixedHeader::decode(&mut packet).ok()?;
         PublishPacket::decode_body_with_version(&mut packet, &head, version).ok()
+    }
+
+    /// Returns the number of bytes of the PUBLISH returned last without its payload.
+    pub(super) fn head_bytes(&self, publish: &PublishPacket) -> usize {
+        let passing = self.passing.lock();
+        passing.publish_bytes.saturating_sub(publish.payload.len())
     }
 
     /// Records a complete packet written to the client.
@@ -197,6 +269,15 @@ impl PacketState {
         if kind == CONNECT && self.left > CONNECT_BYTES_MAX {
             self.refusal = Some((ReasonCode::PacketTooLarge, "the CONNECT packet is too large"));
         }
+        if !self.has_begun && kind != CONNECT {
+            self.refusal = Some((ReasonCode::ProtocolError, "the first packet must be CONNECT"));
+        }
+        self.has_begun = true;
+        if kind == PUBLISH && self.left > self.publish_max {
+            self.refusal = Some((ReasonCode::PacketTooLarge, "a PUBLISH packet is too large"));
+        }
+        self.is_release = kind == PUBREL;
+        self.release.clear();
         self.is_publish = kind == PUBLISH;
         if self.is_publish {
             self.publish.clone_from(&self.head);
@@ -233,17 +314,57 @@ fn disconnect((code, text): (ReasonCode, &str)) -> Vec<u8> {
     [&head, &text.as_bytes()[..usize::from(bytes)]].concat()
 }
 
+/// Packet ids of messages of quality 2 that were delivered, and that their client has not released. A message is
+/// delivered when it arrives, so that no message waits in memory for its client. Repetitions have the same id.
+#[derive(Debug, Clone, Default)]
+pub(super) struct UnreleasedIds(Arc<Mutex<BTreeSet<u16>>>);
+
+/// Delivery of a message of quality 2.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum ExactlyOnce {
+    /// The message must be delivered.
+    New,
+    /// The message was delivered already.
+    Repeated,
+    /// The session has [`UNFINISHED_MAX`] unreleased messages.
+    Full,
+}
+
+impl UnreleasedIds {
+    /// Records the delivery of a message.
+    pub(super) fn deliver(&self, packet_id: u16) -> ExactlyOnce {
+        let mut ids = self.0.lock();
+        if ids.contains(&packet_id) {
+            ExactlyOnce::Repeated
+        } else if ids.len() >= usize::from(UNFINISHED_MAX) {
+            ExactlyOnce::Full
+        } else {
+            ids.insert(packet_id);
+            ExactlyOnce::New
+        }
+    }
+
+    fn release(&self, packet_id: u16) {
+        self.0.lock().remove(&packet_id);
+    }
+}
+
 /// Messages in transit to all connected clients.
 #[derive(Debug, Default)]
 pub(super) struct MessagesInTransit {
     bytes: Arc<AtomicUsize>,
+    /// The same by the account of the publisher.
+    by_account: Mutex<HashMap<Account, Arc<AtomicUsize>>>,
     lines: Mutex<Vec<Weak<PacketMonitor>>>,
 }
 
 /// Payload that is in transit until the last client has received it.
 struct CountedPayload {
     payload: Bytes,
+    /// Number of bytes of the whole message.
+    size: usize,
     bytes: Arc<AtomicUsize>,
+    of_account: Option<Arc<AtomicUsize>>,
 }
 
 impl AsRef<[u8]> for CountedPayload {
@@ -254,7 +375,10 @@ impl AsRef<[u8]> for CountedPayload {
 
 impl Drop for CountedPayload {
     fn drop(&mut self) {
-        self.bytes.fetch_sub(self.payload.len(), Ordering::Relaxed);
+        self.bytes.fetch_sub(self.size, Ordering::Relaxed);
+        if let Some(bytes) = &self.of_account {
+            bytes.fetch_sub(self.size, Ordering::Relaxed);
+        }
     }
 }
 
@@ -267,23 +391,63 @@ impl MessagesInTransit {
 
     /// Wraps the payload so that its bytes are counted.
     pub(super) fn count(&self, payload: Bytes) -> Bytes {
-        self.bytes.fetch_add(payload.len(), Ordering::Relaxed);
+        self.count_message(payload, 0, None)
+    }
+
+    /// Wraps the payload so that the bytes of its whole message are counted, also for its account.
+    pub(super) fn count_message(&self, payload: Bytes, head: usize, account: Option<&Account>) -> Bytes {
+        let size = payload.len() + head;
+        self.bytes.fetch_add(size, Ordering::Relaxed);
+        let of_account = account.filter(|account| matches!(account, Account::User(_)));
+        let of_account = of_account.map(|account| self.bytes_of(account));
+        if let Some(bytes) = &of_account {
+            bytes.fetch_add(size, Ordering::Relaxed);
+        }
         let bytes = Arc::clone(&self.bytes);
-        Bytes::from_owner(CountedPayload { payload, bytes })
+        Bytes::from_owner(CountedPayload {
+            payload,
+            size,
+            bytes,
+            of_account,
+        })
+    }
+
+    /// Returns the number of bytes in transit of an account.
+    fn bytes_of(&self, account: &Account) -> Arc<AtomicUsize> {
+        let mut by_account = self.by_account.lock();
+        by_account.retain(|_, bytes| Arc::strong_count(bytes) > 1);
+        Arc::clone(by_account.entry(account.clone()).or_default())
+    }
+
+    /// Returns true if there is room for this number of bytes of an account, as [`has_room`](Self::has_room) does.
+    pub(super) fn has_room_for(&self, account: &Account, bytes: usize) -> bool {
+        let is_in_share = self
+            .by_account
+            .lock()
+            .get(account)
+            .is_none_or(|used| used.load(Ordering::Relaxed) + bytes <= IN_TRANSIT_PER_USER_MAX);
+        if !is_in_share {
+            self.close_unresponsive();
+        }
+        is_in_share && self.has_room(bytes)
     }
 
     /// Returns true if there is room for this number of bytes. If there is none, clients that do not read are closed.
     pub(super) fn has_room(&self, bytes: usize) -> bool {
-        if self.bytes.load(Ordering::Relaxed) + bytes <= IN_TRANSIT_BYTES_MAX {
-            return true;
+        let has_room = self.bytes.load(Ordering::Relaxed) + bytes <= IN_TRANSIT_BYTES_MAX;
+        if !has_room {
+            self.close_unresponsive();
         }
+        has_room
+    }
+
+    fn close_unresponsive(&self) {
         for line in self.lines.lock().iter().filter_map(Weak::upgrade) {
             if line.is_unresponsive() && !line.ended.is_cancelled() {
                 // a client that does not read would not receive a DISCONNECT
                 line.close_connection(None);
             }
         }
-        false
     }
 }
 
@@ -306,12 +470,74 @@ mod tests {
         ends
     }
 
+    /// Returns a connection whose client has sent its CONNECT packet.
+    fn begun() -> PacketMonitor {
+        let line = PacketMonitor::new();
+        assert_eq!(line.read(&[0x10, 0]), 2);
+        line
+    }
+
+    #[test]
+    fn packet_before_connect_is_refused_at_its_header() {
+        for kind in [0x30, 0x32, 0x62, 0x82, 0xc0, 0xe0] {
+            let line = PacketMonitor::new();
+            line.read(&[kind, 0xff, 0xff, 0x3f]);
+            assert!(line.end_if_refused(), "{kind:#x}");
+        }
+        assert!(!begun().end_if_refused());
+    }
+
+    #[test]
+    fn publish_beyond_the_limit_of_a_user_is_refused_at_its_header() {
+        let line = begun();
+        line.read(&[0x30, 0x80, 0x80, 0x08]);
+        assert!(!line.end_if_refused(), "128 KiB without users");
+        let line = begun();
+        line.set_publish_max(USER_PUBLISH_BYTES_MAX);
+        line.read(&[0x30, 0x80, 0x80, 0x08]);
+        assert!(line.end_if_refused());
+    }
+
+    #[test]
+    fn message_of_quality_2_is_new_once_until_its_release() {
+        let line = begun();
+        let ids = line.unreleased();
+        assert_eq!(ids.deliver(7), ExactlyOnce::New);
+        assert_eq!(ids.deliver(7), ExactlyOnce::Repeated);
+        for piece in [1, 2, 4] {
+            ends(&line, &[0x62, 2, 0, 8], piece);
+            assert_eq!(ids.deliver(7), ExactlyOnce::Repeated);
+            ends(&line, &[0x62, 2, 0, 7], piece);
+            assert_eq!(ids.deliver(7), ExactlyOnce::New, "{piece}");
+        }
+        for id in 8..7 + UNFINISHED_MAX {
+            assert_eq!(ids.deliver(id), ExactlyOnce::New);
+        }
+        assert_eq!(ids.deliver(9999), ExactlyOnce::Full);
+    }
+
+    #[test]
+    fn share_of_one_user_leaves_room_for_the_messages_of_others() {
+        let in_transit = MessagesInTransit::default();
+        let account = |name: &str| Account::User(name.to_owned());
+        let (view, operate) = (account("view"), account("operate"));
+        let head = 4096;
+        let payload = Bytes::from(vec![0; IN_TRANSIT_PER_USER_MAX - head]);
+        assert!(in_transit.has_room_for(&view, IN_TRANSIT_PER_USER_MAX));
+        let held = in_transit.count_message(payload, head, Some(&view));
+        assert!(!in_transit.has_room_for(&view, 1));
+        assert!(in_transit.has_room_for(&operate, IN_TRANSIT_PER_USER_MAX));
+        drop(held);
+        assert!(in_transit.has_room_for(&view, IN_TRANSIT_PER_USER_MAX));
+        assert!(in_transit.has_room(IN_TRANSIT_BYTES_MAX), "all was released");
+    }
+
     #[test]
     fn packets_pass_one_at_a_time_and_the_latest_publish_is_kept_whole() {
         let publish = [&[0x32, 0x87, 0x01, 0, 1, b'a', 0, 7][..], &[b'x'; 130]].concat();
         let all = [&[0xc0, 0][..], &publish, &[0x40, 2, 0, 7], &[0xc0, 0]].concat();
         for piece in [1, 2, 3, 64, 1000] {
-            let line = PacketMonitor::new();
+            let line = begun();
             line.set_version(4);
             assert_eq!(ends(&line, &all, piece), [2, 140, 144, 146], "pieces of {piece}");
             let kept = line.publish().unwrap();
@@ -335,7 +561,11 @@ mod tests {
             (publish(TOPIC_BYTES_MAX + 1), true),
         ] {
             for piece in [1, 7, 4096] {
-                let line = PacketMonitor::new();
+                let line = if bytes[0] == 0x10 {
+                    PacketMonitor::new()
+                } else {
+                    begun()
+                };
                 line.set_version(MQTT_5);
                 ends(&line, &bytes, piece);
                 assert_eq!(line.end_if_refused(), is_refused, "{} bytes", bytes.len());

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use parking_lot::Mutex;
 use tokio::time::Instant;
 
+use super::packet_monitor::UnreleasedIds;
 use super::{CLIENTS_MAX, SESSION_EXPIRY};
 use crate::access::{Account, User};
 
@@ -27,6 +28,14 @@ struct PersistentSession {
     account: Account,
     /// When the client became absent.
     absent_since: Option<Instant>,
+    unreleased: UnreleasedIds,
+}
+
+impl PersistentSession {
+    fn is_expired(&self) -> bool {
+        self.absent_since
+            .is_some_and(|since| since.elapsed() >= SESSION_EXPIRY)
+    }
 }
 
 /// An admitted client.
@@ -77,13 +86,10 @@ impl Sessions {
         if client_id.is_empty() {
             return Err("a session that outlives its connection needs a client id".to_owned());
         }
-        remembered.retain(|_, session| {
-            session
-                .absent_since
-                .is_none_or(|since| since.elapsed() < SESSION_EXPIRY)
-        });
-        if !remembered.contains_key(client_id) {
-            let own = remembered.values().filter(|session| session.account == account);
+        let is_known = remembered.get(client_id).is_some_and(|known| !known.is_expired());
+        if !is_known {
+            let valid = || remembered.values().filter(|session| !session.is_expired());
+            let own = valid().filter(|session| session.account == account);
             if matches!(account, Account::User(_)) && own.count() >= REMEMBERED_PER_USER_MAX {
                 return Err(format!(
                     "the broker already remembers {REMEMBERED_PER_USER_MAX} disconnected clients of this \
@@ -91,20 +97,48 @@ impl Sessions {
                 ));
             }
             let reserved = if is_reserved { 0 } else { REMEMBERED_RESERVED };
-            if remembered.len() + reserved >= REMEMBERED_MAX {
+            let count = valid().count();
+            if count + reserved >= REMEMBERED_MAX {
                 return Err(format!(
-                    "the broker already remembers {} disconnected clients; use a clean session",
-                    remembered.len()
+                    "the broker already remembers {count} disconnected clients; use a clean session"
                 ));
             }
         }
+        let unreleased = remembered.get(client_id).filter(|_| is_known);
         let session = PersistentSession {
             account,
             // the client is treated as absent until it is connected
             absent_since: Some(Instant::now()),
+            unreleased: unreleased.map(|known| known.unreleased.clone()).unwrap_or_default(),
         };
         remembered.insert(client_id.to_owned(), session);
         Ok(())
+    }
+
+    /// Returns the unreleased messages of a client's session. `is_new`: the client starts a new session.
+    pub(super) fn unreleased(&self, client_id: &str, is_new: bool) -> UnreleasedIds {
+        let mut remembered = self.remembered.lock();
+        match remembered.get_mut(client_id) {
+            Some(session) => {
+                if is_new {
+                    session.unreleased = UnreleasedIds::default();
+                }
+                session.unreleased.clone()
+            }
+            None => UnreleasedIds::default(),
+        }
+    }
+
+    /// Returns true if the session of a client outlives its connection.
+    pub(super) fn is_remembered(&self, client_id: &str) -> bool {
+        self.remembered.lock().contains_key(client_id)
+    }
+
+    /// Removes expired sessions and returns their client ids.
+    pub(super) fn take_expired(&self) -> Vec<String> {
+        let mut remembered = self.remembered.lock();
+        let expired = remembered.extract_if(|_, session| session.is_expired());
+        expired.map(|(client_id, _)| client_id).collect()
     }
 
     pub(super) fn admit(&self, client_id: &str, session: AdmittedClient) {
@@ -183,6 +217,7 @@ impl Sessions {
 
 #[cfg(test)]
 mod tests {
+    use super::super::packet_monitor::ExactlyOnce;
     use super::*;
 
     #[test]
@@ -243,6 +278,28 @@ mod tests {
         assert!(!remember("", true), "no client could resume it");
         tokio::time::advance(SESSION_EXPIRY).await;
         assert!(remember("when all are removed", true));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn unreleased_messages_last_as_long_as_their_session() {
+        let sessions = Sessions::default();
+        let remember = |outlives| {
+            let account = Account::Host(None);
+            sessions.remember("panel", outlives, account, true).unwrap();
+        };
+        remember(true);
+        assert_eq!(sessions.unreleased("panel", true).deliver(7), ExactlyOnce::New);
+        remember(true);
+        let ids = sessions.unreleased("panel", false);
+        assert_eq!(ids.deliver(7), ExactlyOnce::Repeated);
+        assert_eq!(sessions.unreleased("panel", true).deliver(7), ExactlyOnce::New);
+        tokio::time::advance(SESSION_EXPIRY).await;
+        assert_eq!(sessions.take_expired(), ["panel"]);
+        remember(true);
+        assert_eq!(sessions.unreleased("panel", false).deliver(7), ExactlyOnce::New);
+        remember(false);
+        assert!(!sessions.is_remembered("panel"));
+        assert_eq!(sessions.unreleased("panel", false).deliver(7), ExactlyOnce::New);
     }
 
     #[tokio::test]

@@ -1,6 +1,7 @@
 //! Clients of the broker that do not read.
 
 use axum::body::Bytes;
+use mqtt5::broker::storage::StorageBackend as _;
 use plc_protocol::types::command::Verb;
 use serde_json::json;
 use tokio::time::Instant;
@@ -129,5 +130,85 @@ async fn where_memory_for_messages_has_run_out_what_brings_to_rest_is_taken() {
     )
     .await;
     drop(on_the_way);
+    gateway.shutdown().await;
+}
+
+#[tokio::test]
+async fn message_of_quality_2_is_delivered_at_once_and_waits_for_no_release() {
+    let gateway = start(&StubPort::new()).await;
+    let mut reader = RawClient::connect(&gateway).await;
+    reader.send(0x82, &[&[0, 1, 0, 0, 5], b"plant", &[0]]).await;
+    assert_eq!(reader.answer().await[0], 0x90);
+    let mut publisher = RawClient::connect(&gateway).await;
+    // DUP does not matter: the packet id tells a repetition
+    for (kind, id, payload) in [(0x34, 7, b"a"), (0x3c, 7, b"a"), (0x34, 8, b"b")] {
+        publisher
+            .send(kind, &[&[0, 5], b"plant", &[0, id, 0], payload])
+            .await;
+        assert_eq!(publisher.answer().await, [0x50, 2, 0, id]);
+    }
+    publisher.send(0x62, &[&[0, 7]]).await;
+    assert_eq!(publisher.answer().await, [0x70, 2, 0, 7]);
+    publisher.send(0x34, &[&[0, 5], b"plant", &[0, 7, 0], b"c"]).await;
+    assert_eq!(publisher.answer().await, [0x50, 2, 0, 7]);
+    for payload in [b'a', b'b', b'c'] {
+        let message = reader.answer().await;
+        assert_eq!((message[0], message.last()), (0x30, Some(&payload)));
+    }
+    gateway.shutdown().await;
+}
+
+#[tokio::test]
+async fn unacknowledged_copies_end_with_a_session_that_ends_with_its_connection() {
+    let gateway = start(&StubPort::new()).await;
+    let storage = gateway.broker.as_ref().unwrap().storage();
+    let mut publisher = RawClient::connect(&gateway).await;
+    let deaf = RawClient::unresponsive(&gateway, "plant").await;
+    assert_eq!(publisher.publish(b"x").await.0, [0x40, 2, 0, 7]);
+    let copies = async || {
+        let mut count = 0;
+        for n in 0..2000 {
+            let of_client = storage.get_inflight_messages(&format!("raw-{n}")).await;
+            count += of_client.unwrap().len();
+        }
+        count
+    };
+    within(async {
+        while copies().await == 0 {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    })
+    .await;
+    drop(deaf);
+    within(async {
+        while copies().await > 0 {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    })
+    .await;
+    gateway.shutdown().await;
+}
+
+#[tokio::test]
+async fn message_with_large_properties_is_refused_and_its_client_stays() {
+    let gateway = start(&StubPort::new()).await;
+    let mut publisher = RawClient::connect(&gateway).await;
+    // one user property: name of 1 byte, value of this size
+    for (size, answer) in [(4000_u16, &[0x40, 2, 0, 7][..]), (5000, &[0x40, 3, 0, 7, 0x97])] {
+        let value = vec![b'v'; size.into()];
+        let bytes = size + 6;
+        let length = [
+            u8::try_from(bytes % 128).unwrap() | 0x80,
+            u8::try_from(bytes / 128).unwrap(),
+        ];
+        let name = [0x26, 0, 1, b'n'];
+        publisher
+            .send(
+                0x32,
+                &[&[0, 5], b"plant", &[0, 7], &length, &name, &size.to_be_bytes(), &value, b"x"],
+            )
+            .await;
+        assert_eq!(publisher.answer().await, answer, "{size}");
+    }
     gateway.shutdown().await;
 }
