@@ -170,8 +170,9 @@ pub(crate) fn is_urgent(method: &Method, path: &str) -> bool {
 pub(crate) struct HeldSlot {
     slot: Arc<ConnectionSlot>,
     is_known: bool,
-    /// `None` if the request must not be served.
-    busy: Option<PendingUse>,
+    is_served: bool,
+    /// Protects the connection of a user from eviction.
+    _busy: Option<PendingUse>,
 }
 
 /// Marks the client as known if it presents a token or needs none. Returns `None` without a connection, in a test of
@@ -184,18 +185,21 @@ pub(crate) fn hold_slot(shared: &ServerState, request: &Request) -> Option<HeldS
             .is_from_user(request.headers(), certificate_of(request.extensions()));
     let is_known = is_user && place.mark_known(0);
     let is_full = is_user && !is_known && !is_urgent(request.method(), request.uri().path());
-    let busy = place.protect_while_pending().filter(|_| !is_full);
+    // a request of a stranger never protects its slot: its body may take as long as the stranger wants
+    let busy = is_user.then(|| place.protect_while_pending()).flatten();
+    let is_open = busy.is_some() || !is_user && !place.eviction_token().is_cancelled();
     Some(HeldSlot {
         slot: place,
         is_known,
-        busy,
+        is_served: is_open && !is_full,
+        _busy: busy,
     })
 }
 
 impl HeldSlot {
     /// Returns true if the request of the connection must be served.
     pub(crate) fn is_served(&self) -> bool {
-        self.busy.is_some()
+        self.is_served
     }
 
     /// Returns the response to a request that is not served.

@@ -101,3 +101,34 @@ async fn while_all_connections_are_busy_only_what_brings_to_rest_is_taken() {
     .await;
     gateway.shutdown().await;
 }
+
+#[tokio::test]
+async fn slow_requests_of_strangers_keep_no_new_connection_out() {
+    let port = StubPort::new();
+    let users = TestUsers::new();
+    let gateway = start_with(&port, users.settings.clone()).await;
+    let mut slow = Vec::new();
+    for _ in 0..crate::server::SLOT_LIMITS.unauthenticated {
+        let mut stream = TcpStream::connect(gateway.http_addr()).await.unwrap();
+        let address = gateway.http_addr();
+        let head = format!(
+            "POST /api/v1/login HTTP/1.1\r\nHost: {address}\r\nContent-Type: application/json\r\nContent-Length: 50\r\n\r\n"
+        );
+        stream.write_all(head.as_bytes()).await.unwrap();
+        slow.push(stream);
+    }
+    // each of them is being served
+    tokio::time::sleep(Duration::from_millis(500)).await;
+    let token = users.token("operate");
+    let address = gateway.http_addr();
+    for verb in ["hold", "stop", "abort"] {
+        let mut stream = TcpStream::connect(address).await.unwrap();
+        let request = format!(
+            "POST /api/v1/cs/1/{verb} HTTP/1.1\r\nHost: {address}\r\nAuthorization: Bearer {token}\r\nContent-Length: 0\r\n\r\n"
+        );
+        stream.write_all(request.as_bytes()).await.unwrap();
+        let answer = answer(stream).await;
+        assert!(answer.starts_with("HTTP/1.1 202"), "{verb}: {answer}");
+    }
+    gateway.shutdown().await;
+}
