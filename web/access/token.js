@@ -21,7 +21,10 @@ async function isRefused() {
     await machine.get("/machine");
     return false;
   } catch (error) {
-    return error instanceof Refusal && error.problem.code === "unauthorized";
+    if (!(error instanceof Refusal)) return false;
+    // wrong tokens of this host may have used up its rate; a screen without a token must still ask for one
+    const isLimited = storedToken() === null && (error.problem.status === 401 || error.problem.status === 429);
+    return isLimited || error.problem.code === "unauthorized";
   }
 }
 

@@ -20,7 +20,8 @@ pub struct HmiConfig {
     /// is stopped.
     #[schemars(range(min = 0, max = 1000), extend("x-unit" = "mm or deg"))]
     pub jog_step_max: f64,
-    /// Every client that reaches the HMI may hold, stop and abort without a login, at most 5 times per second and host.
+    /// Every client that reaches the HMI may hold, stop and abort without a login. After 20 at once, one verb is
+    /// limited to 5 per second for each host and coordinate system; further ones are delayed.
     /// For panels at the machine.
     pub stop_without_login: bool,
     /// `[[hmi.button]]`

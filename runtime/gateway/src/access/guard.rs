@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use axum::body::HttpBody;
 use axum::extract::{MatchedPath, Request, State};
-use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
+use axum::http::{HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use plc_protocol::server::{AccessKind, ServerTransport};
@@ -32,9 +32,8 @@ pub(crate) async fn guard(
     let from = request.extensions().get::<Peer>().map(|peer| peer.address);
     let mut response = match admit(
         &shared.access,
-        request.method(),
         path,
-        request.headers(),
+        &request,
         (certificate, from),
     ) {
         Ok(shown) => {
@@ -42,7 +41,9 @@ pub(crate) async fn guard(
                 shown.be_active();
             }
             if path.is_some_and(|path| is_urgent(request.method(), path)) {
-                tokio::time::sleep(shared.access.urgent_delay(&shown.user)).await;
+                let access = &shared.access;
+                let delay = access.urgent_delay(&shown.user, from, request.uri().path());
+                tokio::time::sleep(delay).await;
             }
             let user = shown.user.clone();
             request.extensions_mut().insert(user.clone());
@@ -82,7 +83,11 @@ pub(crate) async fn guard_reading(
     next: Next,
 ) -> Response {
     let certificate = certificate_of(request.extensions());
-    match shared.access.user(request.headers(), certificate, false) {
+    let from = request.extensions().get::<Peer>().map(|peer| peer.address);
+    match shared
+        .access
+        .user(request.headers(), (certificate, from), false)
+    {
         Ok(shown) if shown.user.has(Right::Read) => next.run(request).await,
         Ok(_) => forbidden("this user may not read".to_owned()).into_response(),
         Err(problem) => problem.into_response(),
@@ -104,11 +109,11 @@ impl Rejection {
 
 fn admit(
     access: &Access,
-    method: &Method,
     path: Option<&str>,
-    headers: &HeaderMap,
+    request: &Request,
     (certificate, from): (Option<&Fingerprint>, Option<IpAddr>),
 ) -> Result<AuthenticatedUser, Box<Rejection>> {
+    let (method, headers) = (request.method(), request.headers());
     let refuse = |problem: Problem| Rejection::new(problem.into_response(), None);
     let found = path
         .and_then(|path| path.strip_prefix(API))
@@ -118,9 +123,9 @@ fn admit(
     }
     let is_urgent = path.is_some_and(|path| is_urgent(method, path));
     if is_urgent && access.allows_stop_without_login() && !access.is_from_user(headers, certificate) {
-        return access.authorize_anonymous_stop(from).map_err(refuse);
+        return access.authorize_anonymous_stop(from, request.uri().path()).map_err(refuse);
     }
-    let shown = access.user(headers, certificate, is_urgent).map_err(|problem| {
+    let shown = access.user(headers, (certificate, from), is_urgent).map_err(|problem| {
         let response = problem.into_response();
         // a wrong token; a client without a token has not tried one
         let is_wrong = response.status() == StatusCode::UNAUTHORIZED && token(headers).is_some();

@@ -2,9 +2,11 @@
 //! WebSocket, so there the token may be the sub-protocol `bearer.TOKEN`, next to `tandem.v1`, which the server selects.
 
 use std::net::IpAddr;
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use plc_protocol::wire::row::number;
 
 use super::{Account, AuthenticatedUser, Rate, Rates, User, Users};
 use crate::problem::Problem;
@@ -12,6 +14,9 @@ use crate::tls::Fingerprint;
 
 /// Sub-protocol of our WebSocket.
 pub(crate) const WEBSOCKET_PROTOCOL: &str = "tandem.v1";
+
+/// Largest number of a coordinate system.
+const CS_MAX: u8 = 8;
 
 /// Prefix of a token among sub-protocols.
 const TOKEN_PROTOCOL: &str = "bearer.";
@@ -24,17 +29,22 @@ const USER_PER_SECOND: u32 = 500;
 const URGENT_BURST: u32 = 1000;
 const URGENT_PER_SECOND: u32 = 1000;
 
-/// Holds, stops and aborts that one host requests without a login, if the settings allow them: burst, and
-/// rate per second; more are 429. The limits are low because a person presses a button.
+/// Requests of one kind (hold, stop or abort) for one coordinate system that one host makes without a login, if the
+/// settings allow them: burst, and rate per second. Further ones are delayed; beyond [`STOP_DELAY_MAX`] they are 429. The
+/// login page sends one request to each coordinate system at each press.
 const STOP_BURST: u32 = 20;
 const STOP_PER_SECOND: u32 = 5;
+
+/// Longest delay of a hold, stop or abort without a login. Reason: one host, also with many browsers, does not press
+/// faster for so long.
+const STOP_DELAY_MAX: Duration = Duration::from_secs(1);
 
 /// Bytes of the responses and frames for one user, in KiB: burst, and rate per second. Beyond it, requests are 429 and
 /// frames wait, except for hold, stop and abort. Reason: to produce so much data can use a third of a processor core.
 const USER_KIB_BURST: u32 = 128 * 1024;
 const USER_KIB_PER_SECOND: u32 = 32 * 1024;
 
-/// Rate of all requests together that have no token or a wrong one; they never delay valid ones.
+/// Rate of the requests of one host with a wrong token; they never delay valid ones, nor those without a token.
 const WRONG_BURST: u32 = 50;
 const WRONG_PER_SECOND: u32 = 10;
 
@@ -46,15 +56,16 @@ pub(crate) struct Access {
     rates: Rates<String>,
     // hold, stop and abort by user name, separate from other requests
     urgent: Rates<String>,
-    wrong: Rate,
+    // by host
+    wrong: Rates<Account>,
     // KiB for each user name
     kib: Rates<String>,
     // pages of these origins may use the server, in addition to its own
     origins: Vec<HeaderValue>,
     // every client that reaches the server may hold, stop and abort
     stop_without_login: bool,
-    // holds, stops and aborts without a login, by host
-    stops: Rates<Account>,
+    // holds, stops and aborts without a login, by host, verb and coordinate system
+    stops: Rates<(Account, StopPath)>,
 }
 
 impl Access {
@@ -64,7 +75,7 @@ impl Access {
             rates: Rates::new(USER_BURST, USER_PER_SECOND),
             urgent: Rates::new(URGENT_BURST, URGENT_PER_SECOND),
             users,
-            wrong: Rate::new(WRONG_BURST, WRONG_PER_SECOND),
+            wrong: Rates::new(WRONG_BURST, WRONG_PER_SECOND),
             kib: Rates::new(USER_KIB_BURST, USER_KIB_PER_SECOND),
             origins: Vec::new(),
             stop_without_login: false,
@@ -85,14 +96,21 @@ impl Access {
         self.stop_without_login && self.users.is_some()
     }
 
-    /// Counts a hold, stop or abort without a login.
+    /// Admits a hold, stop or abort without a login. [`Access::urgent_delay`] counts it.
     pub(crate) fn authorize_anonymous_stop(
         &self,
         from: Option<IpAddr>,
+        path: &str,
     ) -> Result<AuthenticatedUser, Problem> {
+        match self.stop_rate(from, path).check() {
+            Err(wait) if wait > STOP_DELAY_MAX => Err(too_many(wait)),
+            Err(_) | Ok(()) => Ok(User::Unidentified.into()),
+        }
+    }
+
+    fn stop_rate(&self, from: Option<IpAddr>, path: &str) -> Arc<Rate> {
         let host = Account::named(None, from);
-        self.stops.rate_for(&host).try_charge().map_err(too_many)?;
-        Ok(User::Unidentified.into())
+        self.stops.rate_for(&(host, StopPath::new(path)))
     }
 
     /// Allows access from pages of these origins.
@@ -117,14 +135,17 @@ impl Access {
     pub(crate) fn user(
         &self,
         headers: &HeaderMap,
-        certificate: Option<&Fingerprint>,
+        (certificate, from): (Option<&Fingerprint>, Option<IpAddr>),
         is_urgent: bool,
     ) -> Result<AuthenticatedUser, Problem> {
         let Some(users) = &self.users else {
             return Ok(User::Anyone.into());
         };
-        let Some(shown) = users.identify(token(headers), certificate) else {
-            return Err(match self.wrong.try_charge() {
+        let token = token(headers);
+        let Some(shown) = users.identify(token, certificate) else {
+            let charge = || self.wrong.rate_for(&Account::named(None, from)).try_charge();
+            // a client without a token has not tried one: it must learn that the machine needs one
+            return Err(match token.map_or(Ok(()), |_| charge()) {
                 Ok(()) => Problem::new(
                     StatusCode::UNAUTHORIZED,
                     "unauthorized",
@@ -151,17 +172,31 @@ impl Access {
         })
     }
 
-    /// Returns how long a hold, stop or abort of a user is delayed to keep to its rate.
-    pub(crate) fn urgent_delay(&self, user: &User) -> Duration {
-        match user.name() {
-            Some(name) => self.urgent.rate_for(&name.to_owned()).charge(),
-            None => Duration::ZERO,
+    /// Counts a hold, stop or abort. Returns how long it is delayed to keep to the rate of its user.
+    pub(crate) fn urgent_delay(&self, user: &User, from: Option<IpAddr>, path: &str) -> Duration {
+        match user {
+            User::Token(token) => self.urgent.rate_for(&token.name).charge(),
+            User::Unidentified => self.stop_rate(from, path).charge(),
+            User::Anyone | User::Unauthenticated => Duration::ZERO,
         }
     }
 
     /// Returns the users; `None` if no token is needed.
     pub(crate) fn users(&self) -> Option<&Users> {
         self.users.as_ref()
+    }
+}
+
+/// The path of a hold, stop or abort: its coordinate system, 0 if there is none with this number, and its verb.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+struct StopPath(u8, String);
+
+impl StopPath {
+    fn new(path: &str) -> Self {
+        let mut levels = path.rsplit('/');
+        let verb = levels.next().unwrap_or_default().to_owned();
+        let cs = levels.next().and_then(number).filter(|cs| *cs <= CS_MAX);
+        Self(cs.unwrap_or(0), verb)
     }
 }
 

@@ -200,6 +200,9 @@ async fn wrong_tokens_are_limited_and_hold_up_no_right_one() {
             .0;
     }
     assert_eq!(last, StatusCode::TOO_MANY_REQUESTS);
+    // the HMI must learn that it needs a token
+    let (status, _) = send(&shared, ("GET", "/machine"), None, &json!({})).await;
+    assert_eq!(status, StatusCode::UNAUTHORIZED);
     let (status, _) = send(
         &shared,
         ("GET", "/programs"),
@@ -211,6 +214,52 @@ async fn wrong_tokens_are_limited_and_hold_up_no_right_one() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn wrong_tokens_of_one_host_limit_no_other_host() {
+    let users = TestUsers::new();
+    let shared = served(&users);
+    let mut headers = axum::http::HeaderMap::new();
+    headers.insert(header::AUTHORIZATION, "Bearer wrong".parse().unwrap());
+    let asked = |host: [u8; 4]| {
+        let refused = (shared.access).user(&headers, (None, Some(host.into())), false);
+        refused.map(drop).unwrap_err().status_and_code().0
+    };
+    for _ in 0..50 {
+        assert_eq!(asked([10, 0, 0, 1]), 401);
+    }
+    assert_eq!(asked([10, 0, 0, 1]), 429);
+    assert_eq!(asked([10, 0, 0, 2]), 401);
+}
+
+#[tokio::test(start_paused = true)]
+async fn no_press_of_a_stop_without_login_is_refused() {
+    let users = TestUsers::new();
+    let shared = served(&users);
+    let (access, host) = (&shared.access, Some([10, 0, 0, 1].into()));
+    let request = |cs: u8, verb: &str| {
+        let path = format!("/api/v1/cs/{cs}/{verb}");
+        let shown = access.authorize_anonymous_stop(host, &path).ok()?;
+        Some(access.urgent_delay(&shown.user, host, &path))
+    };
+    // the login page sends a press to 8 coordinate systems; 3 presses a second, hold, stop and abort in turn
+    for press in 0..60 {
+        let verb = ["hold", "stop", "abort"][press % 3];
+        for cs in 1..=8 {
+            assert_eq!(request(cs, verb), Some(Duration::ZERO), "press {press}");
+        }
+        tokio::time::advance(Duration::from_millis(333)).await;
+    }
+    // a flood is delayed, and then refused
+    let delays: Vec<_> = (0..60).map_while(|_| request(1, "stop")).collect();
+    assert!(delays.len() >= 20 && delays.len() < 40, "{}", delays.len());
+    assert_eq!(request(2, "stop"), Some(Duration::ZERO));
+    assert_eq!(request(1, "abort"), Some(Duration::ZERO));
+    for cs in [9, 200] {
+        while request(cs, "stop").is_some() {}
+    }
+    assert_eq!(request(0, "stop"), None, "numbers that do not exist share one rate");
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_user_who_asks_too_often_is_told_so_and_others_go_on() {
     let users = TestUsers::new();
     let shared = served(&users);
@@ -218,7 +267,7 @@ async fn a_user_who_asks_too_often_is_told_so_and_others_go_on() {
         let mut headers = axum::http::HeaderMap::new();
         let value = format!("Bearer {}", users.token(name));
         headers.insert(header::AUTHORIZATION, value.parse().unwrap());
-        shared.access.user(&headers, None, false).map(|shown| shown.user)
+        shared.access.user(&headers, (None, None), false).map(|shown| shown.user)
     };
     for _ in 0..1000 {
         assert!(asked("view").is_ok());

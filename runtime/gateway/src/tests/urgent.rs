@@ -172,11 +172,6 @@ async fn without_a_login_only_hold_stop_and_abort_pass_where_allowed() {
         ] {
             assert_eq!(status(method, path).await, "401", "{method} {path}");
         }
-        let mut counted = 3;
-        while is_allowed && status("POST", "/cs/1/stop").await == "202" {
-            counted += 1;
-            assert!(counted < 100, "their number is limited");
-        }
         gateway.shutdown().await;
     }
 }
