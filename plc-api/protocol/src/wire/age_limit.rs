@@ -1,17 +1,28 @@
 //! The age limit of a request in its body or payload.
 
 use serde::Deserialize;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::json::json_object;
 use super::parameter::Fault;
 use super::row::{Body, IncomingRequest, NOT_AFTER, RequestParts, Source};
 use crate::types::not_after::NotAfter;
 
-/// Returns true if the values in a path contain the verb hold, stop or abort.
-pub(super) fn names_urgent(params: &[(&str, &str)]) -> bool {
+/// Returns true for hold, stop, abort and the end of a jog: no age limit, also no invalid one, prevents them. `args` are
+/// the arguments of the command.
+pub(super) fn names_urgent(params: &[(&str, &str)], args: impl FnOnce() -> Option<Value>) -> bool {
     let mut params = params.iter();
-    params.any(|(name, value)| *name == "verb" && ["hold", "stop", "abort"].contains(value))
+    match params.find(|(name, _)| *name == "verb") {
+        Some((_, "hold" | "stop" | "abort")) => true,
+        Some((_, "jog")) => args().is_some_and(|args| args["end"] == true),
+        _ => false,
+    }
+}
+
+/// Returns the arguments of a command in the payload of a message.
+pub(super) fn args_of(payload: &[u8]) -> Option<Value> {
+    let mut payload: Value = serde_json::from_slice(payload).ok()?;
+    payload.get_mut("args").map(Value::take)
 }
 
 impl IncomingRequest<'_> {
@@ -23,7 +34,8 @@ impl IncomingRequest<'_> {
         }
         let not_after = match &self.source {
             Source::Command(meta, _) => meta.not_after.clone(),
-            _ if !self.not_after_is_apart || self.body.is_empty() || names_urgent(self.params) => None,
+            _ if !self.not_after_is_apart || self.body.is_empty() => None,
+            _ if names_urgent(self.params, || serde_json::from_slice(&self.body).ok()) => None,
             _ => {
                 json_object::<AgeLimit>(&self.body)
                     .map_err(Fault::Json)?

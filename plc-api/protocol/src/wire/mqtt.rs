@@ -6,7 +6,7 @@ use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
 use super::PAYLOAD_MAX;
-use super::age_limit::names_urgent;
+use super::age_limit::{args_of, names_urgent};
 use super::json::{edited_json_object, json_object};
 use super::message_sender::MessageSender;
 use super::parameter::{Fault, QueryValues};
@@ -352,7 +352,7 @@ impl Row {
         let cs = number(cs).ok_or_else(|| text_of(Fault::Level((*cs).to_owned())))?;
         let within = too_large.map_or(Ok(()), |text| Err(invalid(text)));
         let request = within
-            .and_then(|()| topic.meta(payload, retained, names_urgent(params)))
+            .and_then(|()| topic.meta(payload, retained, names_urgent(params, || args_of(payload))))
             .and_then(|meta| {
                 read(Source::Command(meta, topic.envelope)).map_err(|fault| invalid(text_of(fault)))
             });

@@ -489,6 +489,28 @@ fn read_rest(exchange: rest::Exchange, cs: u8) -> ParsedRequest {
     row.parse(incoming).unwrap()
 }
 
+#[test]
+fn an_invalid_age_limit_prevents_no_end_of_a_jog_over_rest() {
+    let command = Command::JogEnd {
+        refresh_id: "r".to_owned(),
+    };
+    let request = Request::Command {
+        cs: 1,
+        command: command.clone(),
+        meta: CommandMeta {
+            command_id: "j".to_owned(),
+            client_id: "p".to_owned(),
+            ..CommandMeta::default()
+        },
+        wait: false,
+    };
+    let mut exchange = rest::encode(request).unwrap();
+    exchange.body = Some(r#"{"refresh_id":"r","end":true,"not_after":5}"#.to_owned());
+    let read = read_rest(exchange, 1);
+    assert!(matches!(read.request(), Request::Command { command: read, .. } if *read == command));
+    assert_eq!(read.not_after(), None);
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(2_000))]
 

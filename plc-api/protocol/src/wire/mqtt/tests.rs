@@ -243,6 +243,22 @@ fn hold_stop_and_abort_are_urgent_and_others_are_not() {
 }
 
 #[test]
+fn an_invalid_age_limit_prevents_no_end_of_a_jog() {
+    let said = |args: &str| {
+        let payload = format!(r#"{{"command_id":"j","client_id":"p","not_after":5,"args":{args}}}"#);
+        decode("cs/1/command/jog", payload.as_bytes(), false)
+    };
+    let end = said(r#"{"refresh_id":"r","end":true}"#);
+    assert!(matches!(end, Inbound::Ask { urgent: true, .. }), "{end:?}");
+    for args in [
+        r#"{"refresh_id":"r","axis":"X","velocity":1}"#,
+        r#"{"refresh_id":"r","axis":"X","velocity":1,"end":false}"#,
+    ] {
+        assert!(matches!(said(args), Inbound::Reject { .. }), "{args}");
+    }
+}
+
+#[test]
 fn a_command_that_is_too_large_is_answered_when_its_sender_can_be_read() {
     let long = "x".repeat(100_000);
     for (payload, id) in [
