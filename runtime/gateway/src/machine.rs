@@ -24,7 +24,7 @@ use plc_protocol::wire::right::Right;
 use plc_protocol::wire::row::ParsedRequest;
 
 use crate::access::{User, rules};
-use crate::shares::Shares;
+use crate::shares::{Shares, TakenShare};
 
 /// The machine that is served.
 #[derive(Clone)]
@@ -175,7 +175,14 @@ impl Machine {
         authorized: AuthorizedRequest,
     ) -> BoxFuture<'_, Result<Answer, Refusal>> {
         self.shares.record_offline(&authorized.request);
-        self.port.request_from(authorized.origin, authorized.request)
+        let taken = TakenShare::of_request(&authorized.request);
+        let asking = self.port.request_from(authorized.origin, authorized.request);
+        let Some(taken) = taken else { return asking };
+        Box::pin(async move {
+            let answer = asking.await;
+            self.shares.settle(&taken, answer.is_ok());
+            answer
+        })
     }
 
     async fn presence_of(&self, handler_id: &str) -> Option<HandlerPresence> {

@@ -29,20 +29,48 @@ const HANDLERS_PER_USER_MAX: usize = 64;
 struct Watch {
     account: Account,
     until: Instant,
+    /// The machine has accepted it.
+    is_accepted: bool,
+}
+
+/// A handler that is online.
+#[derive(Debug)]
+struct OnlineHandler {
+    account: Account,
+    /// The machine has accepted it.
+    is_accepted: bool,
+}
+
+/// What a request takes of a share, until the machine has answered.
+#[derive(Debug, Clone)]
+pub(crate) enum TakenShare {
+    Watch(String),
+    Handler(String),
+}
+
+impl TakenShare {
+    /// Returns what a request takes of the share of its user.
+    pub(crate) fn of_request(request: &Request) -> Option<Self> {
+        match request {
+            Request::Heartbeat(id, beat) if beat.ttl_ms > 0 => Some(Self::Watch(id.clone())),
+            Request::Handler(id, presence) if presence.online => Some(Self::Handler(id.clone())),
+            _ => None,
+        }
+    }
 }
 
 /// Watches and handlers with their users.
 #[derive(Debug, Default)]
 pub(crate) struct Shares {
     watches: Mutex<HashMap<String, Watch>>,
-    handlers: Mutex<HashMap<String, Account>>,
+    handlers: Mutex<HashMap<String, OnlineHandler>>,
 }
 
 impl Shares {
-    /// Counts a request of a user.
+    /// Counts a request of a user, until [`settle`](Self::settle) reports the answer of the machine.
     ///
     /// # Errors
-    /// Returns `unavailable` beyond the share of the user; `forbidden` for the watch of another user.
+    /// Returns `invalid` for an interval that the machine refuses; `unavailable` beyond the share of the user; `forbidden` for the watch of another user.
     pub(crate) fn count(&self, user: &User, request: &Request) -> Result<(), Refusal> {
         if user.name().is_none() {
             return Ok(());
@@ -50,6 +78,7 @@ impl Shares {
         let account = Account::new(user, None);
         match request {
             Request::Heartbeat(id, beat) => {
+                beat.check()?;
                 self.count_watch(id, beat.ttl_ms, account, user.has(Right::Operate))
             }
             Request::Handler(id, presence) if presence.online => self.count_handler(id, account),
@@ -82,13 +111,19 @@ impl Shares {
             }
         }
         let until = now + Duration::from_millis(ttl_ms);
-        watches.insert(id.to_owned(), Watch { account, until });
+        let is_accepted = watches.get(id).is_some_and(|known| known.is_accepted);
+        let watch = Watch {
+            account,
+            until,
+            is_accepted,
+        };
+        watches.insert(id.to_owned(), watch);
         Ok(())
     }
 
     fn count_handler(&self, id: &str, account: Account) -> Result<(), Refusal> {
         let mut handlers = self.handlers.lock();
-        let own = handlers.values().filter(|of| **of == account).count();
+        let own = handlers.values().filter(|of| of.account == account).count();
         if own >= HANDLERS_PER_USER_MAX && !handlers.contains_key(id) {
             let text = format!(
                 "the limit of {own} online handlers for this user is reached; end one by a presence with \
@@ -96,8 +131,36 @@ impl Shares {
             );
             return Err(Refusal::new(RefusalCode::Unavailable, text));
         }
-        handlers.entry(id.to_owned()).or_insert(account);
+        let new = OnlineHandler {
+            account,
+            is_accepted: false,
+        };
+        handlers.entry(id.to_owned()).or_insert(new);
         Ok(())
+    }
+
+    /// Records the answer of the machine. What it has refused is returned to the share, unless it was accepted earlier.
+    pub(crate) fn settle(&self, taken: &TakenShare, is_accepted: bool) {
+        match taken {
+            TakenShare::Watch(id) => {
+                let mut watches = self.watches.lock();
+                if let Some(watch) = watches.get_mut(id) {
+                    watch.is_accepted |= is_accepted;
+                    if !watch.is_accepted {
+                        watches.remove(id);
+                    }
+                }
+            }
+            TakenShare::Handler(id) => {
+                let mut handlers = self.handlers.lock();
+                if let Some(handler) = handlers.get_mut(id) {
+                    handler.is_accepted |= is_accepted;
+                    if !handler.is_accepted {
+                        handlers.remove(id);
+                    }
+                }
+            }
+        }
     }
 
     /// Records that a handler is offline.
@@ -167,6 +230,32 @@ mod tests {
         );
         assert!(shares.count(&anna, &beat("panel", 0)).is_ok());
         assert!(shares.count(&bert, &beat("panel", 1000)).is_ok());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn refused_watch_takes_no_id_and_no_share() {
+        let shares = Shares::default();
+        let [anna, bert] = ["anna", "bert"].map(|name| Token::user_for_test(name, Role::Operate));
+        for ttl_ms in [1, 60_001, 1_000_000_000_000, u64::MAX] {
+            let refusal = shares.count(&anna, &beat("panel", ttl_ms)).unwrap_err();
+            assert_eq!(refusal.code, RefusalCode::Invalid, "{ttl_ms}");
+        }
+        let refused = beat("panel", 60_000);
+        shares.count(&anna, &refused).unwrap();
+        let taken = TakenShare::of_request(&refused).unwrap();
+        shares.settle(&taken, false);
+        shares.count(&bert, &beat("panel", 1000)).unwrap();
+        shares.settle(&taken, true);
+        // a later refusal does not end the watch
+        shares.count(&bert, &beat("panel", 1000)).unwrap();
+        shares.settle(&taken, false);
+        assert!(shares.count(&anna, &beat("panel", 1000)).is_err());
+        let arm = handler("arm", true);
+        for _ in 0..=HANDLERS_PER_USER_MAX {
+            shares.count(&anna, &arm).unwrap();
+            shares.settle(&TakenShare::of_request(&arm).unwrap(), false);
+        }
+        assert_eq!(shares.handlers.lock().len(), 0);
     }
 
     #[tokio::test]
