@@ -17,7 +17,9 @@ use mqtt5::types::ReasonCode;
 use plc_protocol::server::{AccessKind, ServerNotice, ServerTransport};
 use plc_protocol::types::CoordinateSystemNumber;
 use plc_protocol::types::command::Verb;
+use plc_protocol::types::output::HandlerPresence;
 use plc_protocol::types::request::Request;
+use plc_protocol::wire::message_sender::MessageSender;
 use plc_protocol::wire::mqtt::{Inbound, decode};
 use plc_protocol::wire::right::Right;
 use plc_protocol::wire::row::{ParsedRequest, number};
@@ -202,9 +204,10 @@ impl Guard {
             Some(topic) if !may_publish(user, &self.access.root, topic) => {
                 Some(format!("it may not publish its will on {topic}"))
             }
-            // a lost handler must not appear as online
-            Some(topic) if self.is_presence_online(topic, connect) => Some(format!(
-                "its will on {topic} must report the handler as offline; write {{\"online\": false}}"
+            // a lost handler must not appear as online, and its loss is not announced
+            Some(topic) if self.is_no_loss(topic, connect) => Some(format!(
+                "its will on {topic} must report the handler as offline, without returns_within_ms; write \
+                 {{\"online\": false}}"
             )),
             _ => None,
         };
@@ -223,8 +226,8 @@ impl Guard {
         Ok(())
     }
 
-    /// Returns true for a will on a presence below the root whose content is not offline.
-    fn is_presence_online(&self, topic: &str, connect: &ConnectPacket) -> bool {
+    /// Returns true for a will on a presence below the root that does not report the loss of a handler.
+    fn is_no_loss(&self, topic: &str, connect: &ConnectPacket) -> bool {
         let Some(path) = topic.strip_prefix(&self.access.root) else {
             return false;
         };
@@ -235,7 +238,8 @@ impl Guard {
             .unwrap_or_default();
         match decode(path, payload, false) {
             Inbound::Ask { request, .. } => {
-                !matches!(request.request(), Request::Handler(_, presence) if !presence.online)
+                let is_loss = |presence: &HandlerPresence| !presence.online && presence.returns_within_ms.is_none();
+                !matches!(request.request(), Request::Handler(_, presence) if is_loss(presence))
             }
             _ => true,
         }
@@ -351,7 +355,7 @@ fn command_of(path: &str) -> Option<(CoordinateSystemNumber, Verb)> {
 /// Returns true for a path on which an urgent request may arrive; its payload decides.
 fn may_be_urgent(path: &str) -> bool {
     let is_command = |(_, verb): (_, Verb)| verb.is_urgent() || verb == Verb::Jog;
-    path == "alarm/raise" || command_of(path).is_some_and(is_command)
+    MessageSender::split(path).1 == "alarm/raise" || command_of(path).is_some_and(is_command)
 }
 
 pub(super) type Answer<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
@@ -472,5 +476,26 @@ impl BrokerEventHandler for Guard {
             }
         }
         Box::pin(ready(()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn alarms_of_named_senders_may_be_urgent_as_others_are() {
+        for (path, expected) in [
+            ("alarm/raise", true),
+            ("handler/clamp/alarm/raise", true),
+            ("client/panel/alarm/raise", true),
+            ("client/panel/cs/1/command/stop", true),
+            ("handler/clamp/cs/1/command/abort", true),
+            ("client/panel/cs/1/command/start", false),
+            ("handler/clamp/presence", false),
+            ("alarm/active", false),
+        ] {
+            assert_eq!(may_be_urgent(path), expected, "{path}");
+        }
     }
 }

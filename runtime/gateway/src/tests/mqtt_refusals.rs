@@ -310,6 +310,12 @@ async fn a_client_whose_will_is_a_command_is_not_let_in() {
         ("cs/1/input/dry_run/set", "{}", false, false),
         ("handler/arm/presence", r#"{"online": false}"#, true, true),
         ("handler/arm/presence", r#"{"online": true}"#, true, false),
+        (
+            "handler/arm/presence",
+            r#"{"online": false, "returns_within_ms": 60000}"#,
+            true,
+            false,
+        ),
         ("handler/arm/presence", "{}", true, false),
         ("handler/arm/presence", "", true, false),
         ("client/arm/heartbeat", r#"{"ttl_ms": 500}"#, false, false),
