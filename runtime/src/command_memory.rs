@@ -21,8 +21,12 @@ pub const COMMAND_MEMORY: Duration = Duration::from_mins(10);
 /// second for 10 minutes.
 pub const USER_BYTES_MAX: usize = 4 << 20;
 
-/// Maximum memory in bytes for all commands of all users. Reason: eight users at their limits of motion commands.
-pub const MEMORY_BYTES_MAX: usize = 32 << 20;
+/// Maximum memory in bytes for the commands of all users that can move the machine. Reason: eight users at their limits.
+pub const MOTION_BYTES_MAX: usize = 32 << 20;
+
+/// Maximum memory in bytes for all commands of all users of each other kind. It is separate, so that requests that move
+/// nothing never prevent a motion.
+pub const OTHER_BYTES_MAX: usize = 16 << 20;
 
 /// Maximum size of one command in bytes. This size is reserved until the last reply to the command.
 const ENTRY_BYTES_MAX: usize = 2048;
@@ -37,7 +41,8 @@ const TEXT_BYTES_MAX: usize = 512;
 #[derive(Debug, Default)]
 pub(crate) struct CommandMemory {
     users: BTreeMap<String, UserMemory>,
-    bytes: usize,
+    /// Bytes of all users, by kind.
+    bytes: BTreeMap<CommandKind, usize>,
 }
 
 /// Stored commands of one user.
@@ -72,6 +77,16 @@ enum CommandKind {
     Other,
     /// Hold, stop and abort. A new command drops the user's oldest command of this kind, and is executed in any case.
     Urgent,
+}
+
+impl CommandKind {
+    /// Returns the maximum memory in bytes for all commands of all users of this kind.
+    fn total_max(self) -> usize {
+        match self {
+            CommandKind::Motion => MOTION_BYTES_MAX,
+            CommandKind::Other | CommandKind::Urgent => OTHER_BYTES_MAX,
+        }
+    }
 }
 
 /// Content of a command. It distinguishes a repeated command from a different command with the same id.
@@ -194,7 +209,7 @@ impl CommandMemory {
         let lane = memory.lanes.entry(kind).or_default();
         lane.order.push_back(key.command.clone());
         lane.bytes += ENTRY_BYTES_MAX;
-        self.bytes += ENTRY_BYTES_MAX;
+        *self.bytes.entry(kind).or_default() += ENTRY_BYTES_MAX;
         let known = RememberedCommand {
             at: now,
             asked,
@@ -217,13 +232,14 @@ impl CommandMemory {
             lane.order.retain(|kept| *kept != key.command);
             lane.bytes -= known.bytes;
         }
-        self.bytes -= known.bytes;
+        *self.bytes.entry(known.asked.kind).or_default() -= known.bytes;
     }
 
     fn has_room(&self, user: &str, kind: CommandKind) -> bool {
         let lane = self.users.get(user).and_then(|memory| memory.lanes.get(&kind));
         let bytes = lane.map_or(0, |lane| lane.bytes);
-        bytes + ENTRY_BYTES_MAX <= USER_BYTES_MAX && self.bytes + ENTRY_BYTES_MAX <= MEMORY_BYTES_MAX
+        let total = self.bytes.get(&kind).copied().unwrap_or(0);
+        bytes + ENTRY_BYTES_MAX <= USER_BYTES_MAX && total + ENTRY_BYTES_MAX <= kind.total_max()
     }
 
     /// Stores the last reply to a command.
@@ -245,7 +261,7 @@ impl CommandMemory {
         if let Some(lane) = memory.lanes.get_mut(&known.asked.kind) {
             lane.bytes -= freed;
         }
-        self.bytes -= freed;
+        *self.bytes.entry(known.asked.kind).or_default() -= freed;
     }
 
     /// Returns the last reply to a command.
@@ -272,7 +288,7 @@ impl CommandMemory {
             return false;
         };
         lane.bytes -= known.bytes;
-        self.bytes -= known.bytes;
+        *self.bytes.entry(kind).or_default() -= known.bytes;
         true
     }
 
@@ -284,7 +300,7 @@ impl CommandMemory {
                 || now < known.at
         };
         for memory in self.users.values_mut() {
-            for lane in memory.lanes.values_mut() {
+            for (kind, lane) in &mut memory.lanes {
                 while let Some(oldest) = lane.order.pop_front() {
                     if memory.known.get(&oldest).is_some_and(is_fresh) {
                         lane.order.push_front(oldest);
@@ -292,7 +308,7 @@ impl CommandMemory {
                     }
                     let bytes = memory.known.remove(&oldest).map_or(0, |known| known.bytes);
                     lane.bytes -= bytes;
-                    self.bytes -= bytes;
+                    *self.bytes.entry(*kind).or_default() -= bytes;
                 }
             }
         }
@@ -329,6 +345,12 @@ fn bytes_of(key: &str, asked: &CommandContent, reply: &CommandReply) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    impl CommandMemory {
+        fn total(&self) -> usize {
+            self.bytes.values().sum()
+        }
+    }
 
     fn at(s: u64) -> SystemTime {
         SystemTime::UNIX_EPOCH + Duration::from_secs(s)
@@ -388,7 +410,7 @@ mod tests {
         assert!((5_000..100_000).contains(&filled), "{filled}");
         assert_eq!(start(&mut memory, "u", "first", 600), CommandLookup::Again(None));
         assert_eq!(start(&mut memory, "u", "new", 600), CommandLookup::Full);
-        assert!(memory.bytes <= USER_BYTES_MAX, "{}", memory.bytes);
+        assert!(memory.total() <= USER_BYTES_MAX, "{}", memory.total());
         assert_eq!(start(&mut memory, "u", "new", 601), CommandLookup::New);
     }
 
@@ -400,7 +422,7 @@ mod tests {
             assert_eq!(fill(&mut memory, "u", &command, 24_000), 24_000, "{command:?}");
         }
         assert_eq!(start(&mut memory, "u", "first", 0), CommandLookup::Again(None));
-        assert!(memory.bytes <= 3 * USER_BYTES_MAX, "{}", memory.bytes);
+        assert!(memory.total() <= 3 * USER_BYTES_MAX, "{}", memory.total());
     }
 
     #[test]
@@ -424,14 +446,27 @@ mod tests {
         for user in 0..20 {
             fill(&mut memory, &user.to_string(), &Command::Start, 100_000);
         }
-        assert!(memory.bytes <= MEMORY_BYTES_MAX, "{}", memory.bytes);
+        assert!(memory.total() <= MOTION_BYTES_MAX, "{}", memory.total());
         assert_eq!(start(&mut memory, "late", "1", 0), CommandLookup::Full);
         assert_eq!(
             ask(&mut memory, "late", "2", &Command::Stop, 0),
             CommandLookup::New
         );
         assert_eq!(start(&mut memory, "late", "1", 601), CommandLookup::New);
-        assert!(memory.bytes <= ENTRY_BYTES_MAX, "all others have expired");
+        assert!(memory.total() <= ENTRY_BYTES_MAX, "all others have expired");
+    }
+
+    #[test]
+    fn requests_that_move_nothing_never_prevent_a_motion_of_others() {
+        let mut memory = CommandMemory::default();
+        for user in 0..20 {
+            let user = user.to_string();
+            fill(&mut memory, &user, &Command::AlarmAcknowledge { id: 1 }, 30_000);
+            fill(&mut memory, &user, &Command::Stop, 30_000);
+        }
+        assert!(memory.total() <= 2 * OTHER_BYTES_MAX, "{}", memory.total());
+        assert_eq!(start(&mut memory, "late", "1", 0), CommandLookup::New);
+        assert_eq!(start(&mut memory, "late", "1", 0), CommandLookup::Again(None));
     }
 
     #[test]
