@@ -4,6 +4,7 @@
 //! the listeners. Everything over HTTP starts in `http`, everything over MQTT in `mqtt`.
 
 mod access;
+mod account_slots;
 mod arrivals;
 mod broker;
 mod broker_address;

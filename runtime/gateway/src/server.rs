@@ -17,6 +17,7 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use plc_protocol::supervisor::Supervisor;
 use plc_protocol::types::command::Verb;
+use plc_protocol::wire::right::Right;
 use serde::Deserialize;
 use serde::de::IntoDeserializer;
 use serde::de::value::{Error as ValueError, StrDeserializer};
@@ -39,6 +40,9 @@ pub(crate) const SLOT_LIMITS: SlotLimits = SlotLimits {
     unauthenticated: 192,
     known: 224,
 };
+
+/// Connection slots of known clients that are reserved for users who may operate the machine.
+const RESERVED: usize = 32;
 
 /// A connection without traffic for this long is closed. Reason: longer than `?wait=1` waits, and than the interval of
 /// the pings of a WebSocket.
@@ -179,11 +183,16 @@ pub(crate) struct HeldSlot {
 /// the router.
 pub(crate) fn hold_slot(shared: &ServerState, request: &Request) -> Option<HeldSlot> {
     let place = Arc::clone(request.extensions().get::<Arc<ConnectionSlot>>()?);
-    let is_user = place.is_known()
-        || shared
-            .access
-            .is_from_user(request.headers(), certificate_of(request.extensions()));
-    let is_known = is_user && place.mark_known(0);
+    let is_already_known = place.is_known();
+    let user = if is_already_known {
+        None
+    } else {
+        let certificate = certificate_of(request.extensions());
+        shared.access.identify(request.headers(), certificate)
+    };
+    let is_user = is_already_known || user.is_some();
+    let may_operate = user.is_none_or(|user| user.has(Right::Operate));
+    let is_known = is_user && place.mark_known(if may_operate { 0 } else { RESERVED });
     let is_full = is_user && !is_known && !is_urgent(request.method(), request.uri().path());
     // a request of a stranger never protects its slot: its body may take as long as the stranger wants
     let busy = is_user.then(|| place.protect_while_pending()).flatten();

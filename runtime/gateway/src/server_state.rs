@@ -18,6 +18,7 @@ use tokio_util::task::TaskTracker;
 
 use crate::access::Account;
 use crate::access::http::Access;
+use crate::account_slots::{AccountLimits, AccountSlots};
 use crate::broker::WebSocketListener;
 use crate::machine::{AuthorizedRequest, Machine};
 use crate::metrics::Metrics;
@@ -28,16 +29,24 @@ use crate::settings::{HmiSettings, MqttSettings};
 use crate::unread::{LargeRequests, UnreadAnswers};
 use crate::urgent_slots::UrgentSlots;
 
-/// Largest number of unanswered commands over REST; further ones get 503. An unanswered command continues if its client
+/// Limits of unanswered commands over REST; further ones get 503. An unanswered command continues if its client
 /// disconnects.
-const COMMANDS_MAX: usize = 256;
+const COMMAND_LIMITS: AccountLimits = AccountLimits {
+    all: 256,
+    of_user: 64,
+    unreserved: 128,
+};
 
 /// Largest number of holds, stops and aborts of one account that wait until they are done (`?wait=1`). A further one is
 /// executed, and answered when it is accepted.
 const URGENT_WAITS_MAX: usize = 16;
 
-/// Largest number of open `WebSocket` connections; more get 503.
-pub(crate) const WEBSOCKETS_MAX: usize = 64;
+/// Limits of open `WebSocket` connections; more get 503.
+pub(crate) const WEBSOCKET_LIMITS: AccountLimits = AccountLimits {
+    all: 64,
+    of_user: 32,
+    unreserved: 40,
+};
 
 /// Address of the MQTT broker for clients.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -84,8 +93,8 @@ pub(crate) struct ServerState {
     pub(crate) large_requests: LargeRequests,
     /// Large responses that clients have not read.
     pub(crate) unread: UnreadAnswers,
-    pub(crate) websockets: Arc<Semaphore>,
-    pub(crate) open_commands: Arc<Semaphore>,
+    pub(crate) websockets: AccountSlots,
+    pub(crate) open_commands: AccountSlots,
     /// Slots for hold, stop and abort, separate from other commands.
     pub(crate) urgent: UrgentSlots,
     urgent_waits: Mutex<HashMap<Account, Arc<Semaphore>>>,
@@ -122,8 +131,8 @@ impl ServerState {
             position_interval,
             large_requests: LargeRequests::new(),
             unread: UnreadAnswers::default(),
-            websockets: Arc::new(Semaphore::new(WEBSOCKETS_MAX)),
-            open_commands: Arc::new(Semaphore::new(COMMANDS_MAX)),
+            websockets: AccountSlots::new(WEBSOCKET_LIMITS),
+            open_commands: AccountSlots::new(COMMAND_LIMITS),
             urgent: UrgentSlots::default(),
             urgent_waits: Mutex::default(),
             tasks: TaskTracker::new(),

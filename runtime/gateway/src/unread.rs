@@ -10,9 +10,11 @@ use axum::body::{Body, Bytes, HttpBody, to_bytes};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use parking_lot::Mutex;
+use plc_protocol::wire::right::Right;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::timeout;
 
+use crate::access::User;
 use crate::problem::Problem;
 
 /// Largest number of concurrent requests with a whole program, in the request or in the answer; more wait. Reason: each
@@ -21,6 +23,9 @@ const LARGE_REQUESTS_MAX: usize = 4;
 
 /// Largest number of such requests of one user, so that other users find a permit.
 const USER_LARGE_REQUESTS_MAX: usize = 2;
+
+/// Largest number of such requests of all users who may not operate the machine.
+const UNRESERVED_LARGE_REQUESTS_MAX: usize = 3;
 
 /// Longest time that such a request waits for a permit; then 503.
 const LARGE_WAIT_MAX: Duration = Duration::from_secs(30);
@@ -38,6 +43,8 @@ const HOST_UNREAD_BYTES_MAX: usize = 48 * 1024 * 1024;
 #[derive(Debug)]
 pub(crate) struct LargeRequests {
     all: Arc<Semaphore>,
+    /// Of users who may not operate the machine.
+    unreserved: Arc<Semaphore>,
     of_user: Mutex<HashMap<String, Weak<Semaphore>>>,
 }
 
@@ -46,26 +53,34 @@ pub(crate) struct LargeRequests {
 pub(crate) struct LargePermit {
     _of_all: OwnedSemaphorePermit,
     _of_user: Option<OwnedSemaphorePermit>,
+    _unreserved: Option<OwnedSemaphorePermit>,
 }
 
 impl LargeRequests {
     pub(crate) fn new() -> Self {
         Self {
             all: Arc::new(Semaphore::new(LARGE_REQUESTS_MAX)),
+            unreserved: Arc::new(Semaphore::new(UNRESERVED_LARGE_REQUESTS_MAX)),
             of_user: Mutex::default(),
         }
     }
 
     /// Waits for a permit. Without a user there is no limit for one user.
-    pub(crate) async fn acquire(&self, user: Option<&str>) -> Result<LargePermit, Problem> {
+    pub(crate) async fn acquire(&self, user: &User) -> Result<LargePermit, Problem> {
         let acquiring = async {
-            let of_user = match user.map(|user| self.user_permits(user)) {
+            let of_user = match user.name().map(|name| self.user_permits(name)) {
                 Some(own) => Some(own.acquire_owned().await.ok()?),
                 None => None,
+            };
+            let unreserved = if user.has(Right::Operate) {
+                None
+            } else {
+                Some(Arc::clone(&self.unreserved).acquire_owned().await.ok()?)
             };
             Some(LargePermit {
                 _of_all: Arc::clone(&self.all).acquire_owned().await.ok()?,
                 _of_user: of_user,
+                _unreserved: unreserved,
             })
         };
         timeout(LARGE_WAIT_MAX, acquiring)
@@ -194,6 +209,8 @@ async fn guard_body<T: Send + 'static>(response: Response, until_read: T) -> Res
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Role;
+    use crate::access::Token;
 
     const BYTES: usize = 16 * 1024 * 1024;
 
@@ -244,20 +261,27 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn one_user_leaves_permits_of_large_requests_to_others() {
         let requests = LargeRequests::new();
+        let [viewer, other] = ["viewer", "other"].map(|name| Token::user_for_test(name, Role::View));
+        let admin = Token::user_for_test("admin", Role::Admin);
         let mut permits = Vec::new();
         for _ in 0..USER_LARGE_REQUESTS_MAX {
-            permits.push(requests.acquire(Some("viewer")).await.unwrap());
+            permits.push(requests.acquire(&viewer).await.unwrap());
         }
-        assert!(requests.acquire(Some("viewer")).await.is_err());
-        permits.push(requests.acquire(Some("admin")).await.unwrap());
-        permits.push(requests.acquire(None).await.unwrap());
-        assert!(requests.acquire(Some("admin")).await.is_err(), "all are taken");
+        assert!(requests.acquire(&viewer).await.is_err());
+        // viewers leave the last permit to users who may operate
+        let of_other = requests.acquire(&other).await.unwrap();
+        assert!(requests.acquire(&other).await.is_err());
+        drop(of_other);
+        permits.push(requests.acquire(&admin).await.unwrap());
+        permits.push(requests.acquire(&admin).await.unwrap());
+        assert!(requests.acquire(&User::Anyone).await.is_err(), "all are taken");
+        assert!(requests.acquire(&admin).await.is_err(), "all are taken");
         // a response with a whole program holds its permit until it is written
         let mut response = vec![b'x'; BYTES].into_response();
         response.extensions_mut().insert(Arc::new(permits.remove(0)));
         let unread = UnreadAnswers::default().count(Some(host(1)), response).await;
-        assert!(requests.acquire(Some("viewer")).await.is_err());
+        assert!(requests.acquire(&viewer).await.is_err());
         drop(unread);
-        assert!(requests.acquire(Some("viewer")).await.is_ok());
+        assert!(requests.acquire(&viewer).await.is_ok());
     }
 }

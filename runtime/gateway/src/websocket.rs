@@ -35,12 +35,13 @@ use tokio::time::{Instant, MissedTickBehavior};
 
 use crate::access::http::WEBSOCKET_PROTOCOL;
 use crate::access::topics::may_subscribe;
-use crate::access::{AuthenticatedUser, CloseReason, User};
+use crate::access::{Account, AuthenticatedUser, CloseReason, User};
+use crate::account_slots::AccountLimits;
 use crate::machine::{Caller, Machine};
 use crate::position::Positions;
 use crate::problem::Problem;
 use crate::server::Peer;
-use crate::server_state::{ServerState, WEBSOCKETS_MAX};
+use crate::server_state::{ServerState, WEBSOCKET_LIMITS};
 use crate::socket_limits::{self, ControlFrames, TOO_MANY_CONTROL_FRAMES};
 
 /// Largest number of patterns of one client; more are refused.
@@ -71,13 +72,12 @@ async fn upgrade(
             return Problem::new(refusal.status(), "no_websocket", refusal.body_text()).into_response();
         }
     };
-    let Ok(permit) = Arc::clone(&shared.websockets).try_acquire_owned() else {
-        return Problem::new(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "unavailable",
-            format!("the limit of {WEBSOCKETS_MAX} open WebSockets is reached; close one"),
-        )
-        .into_response();
+    let from = peer.map(|Extension(peer)| peer.address);
+    let account = Account::new(&shown.user, from);
+    let Some(permit) = shared.websockets.acquire(&shown.user, account) else {
+        let AccountLimits { all, of_user, .. } = WEBSOCKET_LIMITS;
+        let text = format!("the limit of {all} open WebSockets ({of_user} of one user) is reached; close one");
+        return Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text).into_response();
     };
     let tasks = shared.tasks.clone();
     socket_limits::limit(upgrade, PAYLOAD_MAX)
@@ -85,13 +85,9 @@ async fn upgrade(
         .on_upgrade(move |socket| {
             tasks.track_future(async move {
                 shared.metrics.websockets.inc();
-                WebSocketClient::new(
-                    &shared,
-                    shown.user.clone(),
-                    peer.map(|Extension(peer)| peer.address),
-                )
-                .run(socket, &shown)
-                .await;
+                WebSocketClient::new(&shared, shown.user.clone(), from)
+                    .run(socket, &shown)
+                    .await;
                 shared.metrics.websockets.dec();
                 drop(permit);
             })

@@ -126,8 +126,15 @@ impl Access {
 
     /// Returns true if a request comes from a user.
     pub(crate) fn is_from_user(&self, headers: &HeaderMap, certificate: Option<&Fingerprint>) -> bool {
-        let is_of_user = |users: &Users| users.identify(token(headers), certificate).is_some();
-        self.users.as_ref().is_none_or(is_of_user)
+        self.identify(headers, certificate).is_some()
+    }
+
+    /// Returns the user of a request, without counting it.
+    pub(crate) fn identify(&self, headers: &HeaderMap, certificate: Option<&Fingerprint>) -> Option<User> {
+        match &self.users {
+            Some(users) => Some(users.identify(token(headers), certificate)?.user),
+            None => Some(User::Anyone),
+        }
     }
 
     /// Returns the user of a request. Hold, stop and abort, which are urgent, have a rate of their own:

@@ -3,6 +3,7 @@
 
 use std::borrow::Cow;
 use std::future::poll_fn;
+use std::net::IpAddr;
 use std::pin::pin;
 use std::sync::Arc;
 use std::task::Poll;
@@ -29,6 +30,7 @@ use tokio::time::timeout;
 
 use super::{body, json_response, nothing_at, params, problem_of, query};
 use crate::access::{Account, User};
+use crate::account_slots::NamedSlot;
 use crate::contract::routes::API;
 use crate::machine::{AuthorizedRequest, Caller};
 use crate::problem::Problem;
@@ -61,7 +63,7 @@ pub(super) async fn serve(
         body::check_text(&head.headers)?;
     }
     let permit = if row.is_large {
-        Some(shared.large_requests.acquire(user.name()).await?)
+        Some(shared.large_requests.acquire(&user).await?)
     } else {
         None
     };
@@ -99,7 +101,9 @@ pub(super) async fn serve(
             let account = Account::new(&user, caller.from);
             execute_urgent_request(&shared, authorized, (account, kind), &form).await?
         }
-        (Request::Command { .. }, None) => execute_request(&shared, authorized, &form).await?,
+        (Request::Command { .. }, None) => {
+            execute_request(&shared, &user, caller.from, authorized, &form).await?
+        }
         (Request::Handler(..), _) => form.encode(register(&shared, authorized).await?)?,
         _ => form.encode(shared.ask(authorized).await?)?,
     };
@@ -239,19 +243,29 @@ async fn of_alarm(shared: &ServerState, id: &str, uri: &Uri) -> Result<Coordinat
 
 async fn execute_request(
     shared: &Arc<ServerState>,
+    user: &User,
+    from: Option<IpAddr>,
     authorized: AuthorizedRequest,
     form: &AnswerForm,
 ) -> Result<Reply, Problem> {
-    let Ok(place) = Arc::clone(&shared.open_commands).try_acquire_owned() else {
-        return Err(Problem::new(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "unavailable",
-            "too many commands are unanswered; send the command again",
-        ));
-    };
     let (command_id, wait) = match authorized.request() {
         Request::Command { meta, wait, .. } => (meta.command_id.clone(), *wait),
         _ => (String::new(), false),
+    };
+    let account = Account::new(user, from);
+    let place = match shared
+        .open_commands
+        .acquire_named(user, account, command_id.clone())
+    {
+        NamedSlot::New(place) => place,
+        NamedSlot::Held => return answer_again(shared, authorized, form, wait.then_some(command_id)).await,
+        NamedSlot::Full => {
+            return Err(Problem::new(
+                StatusCode::SERVICE_UNAVAILABLE,
+                "unavailable",
+                "too many commands are unanswered; send the command again",
+            ));
+        }
     };
     // in a separate task, so that a client that disconnects does not cancel it
     let asking = {
@@ -264,6 +278,21 @@ async fn execute_request(
     };
     let asking = spawn_request(shared, asking);
     answered(asking, form, wait.then_some(command_id)).await
+}
+
+/// Answers the repetition of a command that is not answered yet. It executes nothing and ends with its connection, so it
+/// needs no slot of its own.
+async fn answer_again(
+    shared: &ServerState,
+    authorized: AuthorizedRequest,
+    form: &AnswerForm,
+    waiting: Option<String>,
+) -> Result<Reply, Problem> {
+    match (timeout(WAIT_MAX, shared.ask(authorized)).await, waiting) {
+        (Ok(answer), _) => Ok(form.encode(answer?)?),
+        (Err(_), Some(command_id)) => Ok(Reply::Accepted(command_id, None)),
+        (Err(_), None) => Err(unexpected()),
+    }
 }
 
 /// Executes a hold, stop or abort, or ends a jog. It waits only for an earlier one of the same account, kind and coordinate system.

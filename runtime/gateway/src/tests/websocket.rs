@@ -229,7 +229,7 @@ async fn a_foreign_origin_gets_no_websocket_and_too_many_get_503() {
         other => panic!("{other:?}"),
     }
     let mut open = Vec::new();
-    for _ in 0..crate::server_state::WEBSOCKETS_MAX {
+    for _ in 0..crate::server_state::WEBSOCKET_LIMITS.all {
         open.push(connect(&gateway).await);
     }
     match within(Box::pin(connect_async(&url))).await {
