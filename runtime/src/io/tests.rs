@@ -314,6 +314,34 @@ fn m_code_of_lost_handler_waits_for_grace_then_unhandled_alarm() {
     });
 }
 
+#[test]
+fn m_code_that_a_new_presence_no_longer_serves_has_no_handler() {
+    for instance in ["a", "b"] {
+        with_plant(async move |scene, _| {
+            let port = Arc::clone(scene.plc().port());
+            send_presence(&port, presence("a", true)).await;
+            watch_levels(&port).await;
+            run(scene, "M77\nM30\n").await;
+            scene.plc().sleep(Duration::from_secs(1)).await;
+            assert_eq!(state(scene).await.execution, Execution::Wait);
+            send_presence(&port, presence("a", true)).await;
+            scene.plc().sleep(Duration::from_secs(1)).await;
+            assert_eq!(state(scene).await.execution, Execution::Wait);
+            let next = HandlerPresence {
+                handles: Vec::new(),
+                ..presence(instance, true)
+            };
+            send_presence(&port, next).await;
+            scene.plc().sleep(Duration::from_millis(100)).await;
+            let stopped = state(scene).await;
+            assert_eq!(stopped.execution, Execution::Stopped, "instance {instance}");
+            let alarms = scene.plc().port().ask(typed::AlarmHistory).await.unwrap();
+            let last = alarms.last().map(|alarm| alarm.number);
+            assert_eq!(last, Some(M_CODE_UNHANDLED.number));
+        });
+    }
+}
+
 /// Claims the pending output as `cell`.
 async fn claim(scene: &Scene, instance: &str) {
     let pending = scene.cs(1).pending().await.unwrap();

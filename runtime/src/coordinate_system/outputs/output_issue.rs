@@ -210,7 +210,8 @@ impl CoordinateSystem {
         }
     }
 
-    /// After the loss of a handler, lets its unclaimed outputs wait until the handler returns.
+    /// After a change of the handlers, lets unclaimed outputs wait until their handler returns. If no handler of an
+    /// output returns, such as after a take-over by an instance that does not serve it, handles it without a handler.
     pub(crate) fn await_handler(&mut self) {
         let (shared, cs) = (&self.context.shared, self.context.number);
         let open = self.outputs.ledger.open().iter();
@@ -218,9 +219,18 @@ impl CoordinateSystem {
         let unclaimed = open.filter(|open| {
             open.state() == OutputState::Output && !open.is_lost() && !shared.is_handled(cs, open.notice.m)
         });
-        let away =
-            unclaimed.filter_map(|open| Some((open.notice.seq, shared.handler_back_s(cs, open.notice.m)?)));
-        self.outputs.away = away.collect();
+        let (mut away, mut unhandled) = (Vec::new(), Vec::new());
+        for open in unclaimed {
+            match shared.handler_back_s(cs, open.notice.m) {
+                Some(until_s) => away.push((open.notice.seq, until_s)),
+                None if self.outputs.has_stock_work(open.notice.seq) => {}
+                None => unhandled.push(open.notice.clone()),
+            }
+        }
+        self.outputs.away = away;
+        for notice in unhandled {
+            self.without_handler(&notice);
+        }
     }
 
     /// Ends the wait for handlers that have not returned within their time limit, and handles their outputs without

@@ -112,6 +112,11 @@ impl Outputs {
         self.stock.extract_if(.., |work| is_done(work)).collect()
     }
 
+    /// Returns true if the stock sequence program works on an output.
+    pub fn has_stock_work(&self, seq: u64) -> bool {
+        self.stock.iter().any(|work| work.seq == seq)
+    }
+
     /// Removes waits for handlers that did not return within their time limit. Returns `seq` and M number of the
     /// outputs that are still unclaimed.
     pub fn take_overdue(&mut self, now_s: f64) -> Vec<(u64, u16)> {

@@ -97,6 +97,7 @@ impl CoordinateSystem {
         self.inputs.start_lock.mark_handler_online(handler_id);
         let now = self.context.now();
         self.outputs.ledger.handler_online(now, handler_id, presence);
+        self.await_handler();
     }
 
     /// Processes the loss of a handler instance. Its outputs, interlocks and start locks wait for its return. After an
