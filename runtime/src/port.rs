@@ -3,6 +3,7 @@
 
 mod access;
 mod audit;
+mod background;
 mod commands;
 mod data;
 mod handlers;
@@ -311,7 +312,7 @@ impl RuntimePort {
             MachineRequest::LineState(cs, from) => {
                 self.mailbox(cs)?;
                 let search = self.previews.line_state(cs, from);
-                let told = self.on_disk(move |_| Ok(search())).await?;
+                let told = self.search(search).await?;
                 told.map(Answer::LineState)
             }
             MachineRequest::ManualPath(cs, text) => {

@@ -51,8 +51,8 @@ impl RuntimePort {
         }
         let filter = LineFilter::new(&filter, self.shared.clock.wall());
         let mut filter = filter.map_err(|text| Refusal::new(RefusalCode::Invalid, text))?;
-        let read = move |_: &SharedState| Ok(newest_of(&folder, &mut filter, from, count));
-        self.on_disk(read).await.map(Answer::Journal)
+        let read = move || newest_of(&folder, &mut filter, from, count);
+        self.search(read).await.map(Answer::Journal)
     }
 
     /// Changes tools or work offsets. The new values are on disk before they take effect, and take effect before the

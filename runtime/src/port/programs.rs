@@ -1,7 +1,6 @@
 //! Requests for programs. The text of a program that is running cannot be changed.
 
 use std::sync::Arc;
-use std::thread::Builder;
 
 use plc_protocol::types::CoordinateSystemNumber;
 use plc_protocol::types::planned::ManualText;
@@ -14,10 +13,9 @@ use tandem_model::limits::{M_CODE_MAX, MDI_BYTES_MAX, PROGRAM_BYTES_MAX};
 use tandem_store::disk::DataFolderPart;
 use tandem_store::journal::Event;
 use tandem_store::program_store::{ChangeResult, Edit, EditKind, StoredProgram, called_by, signing};
-use tandem_store::threads::lower_priority;
-use tokio::sync::{Semaphore, oneshot};
 
 use super::RuntimePort;
+use super::background::CHECKS;
 use crate::shared::SharedState;
 
 // Stages and interface do not depend on each other, so each states the limit; this compares the values.
@@ -155,7 +153,7 @@ impl RuntimePort {
         let checked = if self.shared.clock.is_simulated() {
             check()
         } else {
-            in_background(check).await?
+            CHECKS.execute(check).await?
         };
         Ok(Answer::Check(checked))
     }
@@ -203,40 +201,9 @@ impl RuntimePort {
                 ..Refusal::new(RefusalCode::ProgramHasErrors, text)
             });
         }
-        let code = self.on_disk(move |_| Ok(program.intermediate_code())).await?;
+        let code = self.search(move || program.intermediate_code()).await?;
         Ok(Answer::ProgramText(code))
     }
-}
-
-/// Maximum number of texts that this process checks at the same time without storing them; further texts wait. Reason:
-/// a check takes about ten times the memory of its text and a whole core. Every client with read access may request a
-/// check.
-const CHECKS_MAX: usize = 1;
-
-static CHECKS: Semaphore = Semaphore::const_new(CHECKS_MAX);
-
-/// Does work on a thread of low priority. Only the client that requested this work waits for it.
-///
-/// # Errors
-/// Returns an error if the operating system provides no thread, or if the work panics.
-async fn in_background<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Refusal> {
-    let unavailable = || {
-        Refusal::new(
-            RefusalCode::Unavailable,
-            "the check could not be executed; send the request again",
-        )
-    };
-    let permit = CHECKS.acquire().await.map_err(|_| unavailable())?;
-    let (sender, done) = oneshot::channel();
-    let thread = Builder::new().name("check".into()).spawn(move || {
-        lower_priority();
-        let done = work();
-        drop(permit);
-        // fails only if the client no longer waits
-        let _ = sender.send(done);
-    });
-    thread.map_err(|_| unavailable())?;
-    done.await.map_err(|_| unavailable())
 }
 
 /// Records in the health of the program folder whether a write succeeded.

@@ -1,0 +1,106 @@
+//! Work that every client with read access may request, such as the check of a text. It runs at low priority, and its
+//! number is limited, so that readers take a limited share of the processor.
+
+use std::thread::Builder;
+
+use plc_protocol::types::request::{Refusal, RefusalCode};
+use tandem_store::threads::lower_priority;
+use tokio::sync::{Semaphore, oneshot};
+
+use super::RuntimePort;
+
+/// Maximum number of texts that this process checks at the same time without storing them; further texts wait. Reason:
+/// a check takes about ten times the memory of its text and a whole core.
+const CHECKS_MAX: usize = 1;
+
+/// Maximum number of searches at the same time: of filtered journal lines, of the state at a line, and intermediate
+/// codes; further ones wait. Reason: each takes a whole core.
+const SEARCHES_MAX: usize = 2;
+
+pub(super) static CHECKS: BackgroundWork = BackgroundWork::new("check", CHECKS_MAX);
+static SEARCHES: BackgroundWork = BackgroundWork::new("search", SEARCHES_MAX);
+
+/// Threads of low priority for one kind of work.
+pub(super) struct BackgroundWork {
+    name: &'static str,
+    permits: Semaphore,
+}
+
+impl BackgroundWork {
+    const fn new(name: &'static str, most: usize) -> Self {
+        Self {
+            name,
+            permits: Semaphore::const_new(most),
+        }
+    }
+
+    /// Does work on a thread of low priority. Only the client that requested this work waits for it.
+    ///
+    /// # Errors
+    /// Returns an error if the operating system provides no thread, or if the work panics.
+    pub async fn execute<T: Send + 'static>(
+        &'static self,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, Refusal> {
+        let unavailable = || {
+            let text = format!("the {} could not be executed; send the request again", self.name);
+            Refusal::new(RefusalCode::Unavailable, text)
+        };
+        let permit = self.permits.acquire().await.map_err(|_| unavailable())?;
+        let (sender, done) = oneshot::channel();
+        let thread = Builder::new().name(self.name.into()).spawn(move || {
+            lower_priority();
+            let done = work();
+            drop(permit);
+            // fails only if the client no longer waits
+            let _ = sender.send(done);
+        });
+        thread.map_err(|_| unavailable())?;
+        done.await.map_err(|_| unavailable())
+    }
+}
+
+impl RuntimePort {
+    /// Does work that only reads, in the background; in simulated time, which has only one thread, does it at once.
+    ///
+    /// # Errors
+    /// Returns an error if the operating system provides no thread, or if the work panics.
+    pub(super) async fn search<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, Refusal> {
+        if self.shared.clock.is_simulated() {
+            Ok(work())
+        } else {
+            SEARCHES.execute(work).await
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+    use std::time::Duration;
+
+    use futures_util::future::join_all;
+
+    use super::*;
+
+    #[tokio::test]
+    async fn searches_of_readers_are_limited_and_each_is_done() {
+        static RUNNING: AtomicUsize = AtomicUsize::new(0);
+        static MOST: AtomicUsize = AtomicUsize::new(0);
+        let searches = (0..8).map(|n| {
+            SEARCHES.execute(move || {
+                let running = RUNNING.fetch_add(1, Ordering::SeqCst) + 1;
+                MOST.fetch_max(running, Ordering::SeqCst);
+                std::thread::sleep(Duration::from_millis(20));
+                RUNNING.fetch_sub(1, Ordering::SeqCst);
+                n
+            })
+        });
+        let done: Result<Vec<_>, _> = join_all(searches).await.into_iter().collect();
+        assert_eq!(done.unwrap(), [0, 1, 2, 3, 4, 5, 6, 7]);
+        assert!(MOST.load(Ordering::SeqCst) <= SEARCHES_MAX);
+    }
+}
