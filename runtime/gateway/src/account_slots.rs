@@ -181,7 +181,10 @@ mod tests {
             panic!("it is free");
         };
         assert!(matches!(named(&anna), NamedSlot::Held));
-        assert!(matches!(named(&bert), NamedSlot::New(_)), "the same name of another user");
+        assert!(
+            matches!(named(&bert), NamedSlot::New(_)),
+            "the same name of another user"
+        );
         drop(first);
         let again = named(&anna);
         assert!(matches!(again, NamedSlot::New(_)));

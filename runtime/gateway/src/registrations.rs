@@ -151,9 +151,7 @@ mod tests {
         let test = async {
             registrations.add_registration("cell", &presence(900)).unwrap();
             tokio::time::sleep(Duration::from_millis(800)).await;
-            let refused = registrations
-                .add_registration("cell", &presence(60_000))
-                .unwrap();
+            let refused = registrations.add_registration("cell", &presence(60_000)).unwrap();
             registrations.undo("cell", Some(&instance), &refused);
             let new = registrations.add_registration("new", &presence(50)).unwrap();
             registrations.undo("new", Some(&instance), &new);

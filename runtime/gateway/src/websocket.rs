@@ -76,7 +76,8 @@ async fn upgrade(
     let account = Account::new(&shown.user, from);
     let Some(permit) = shared.websockets.acquire(&shown.user, account) else {
         let AccountLimits { all, of_user, .. } = WEBSOCKET_LIMITS;
-        let text = format!("the limit of {all} open WebSockets ({of_user} of one user) is reached; close one");
+        let text =
+            format!("the limit of {all} open WebSockets ({of_user} of one user) is reached; close one");
         return Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text).into_response();
     };
     let tasks = shared.tasks.clone();

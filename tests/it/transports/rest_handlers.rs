@@ -149,7 +149,10 @@ async fn h19_unnamed_rest_request_never_acts_for_a_handler_over_mqtt() {
         }
         let path = "/api/v1/cs/1/inputs/interlock";
         let refused = request(&served.http, "PUT", path, "application/json", &door.to_string()).await;
-        let text = refused.expect(409).json()["detail"].as_str().unwrap_or_default().to_owned();
+        let text = refused.expect(409).json()["detail"]
+            .as_str()
+            .unwrap_or_default()
+            .to_owned();
         assert!(text.contains("in use by a program without instance"), "{text}");
         assert!(!text.contains('~'), "{text}");
     }

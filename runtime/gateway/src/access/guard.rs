@@ -30,12 +30,7 @@ pub(crate) async fn guard(
     let path = path.as_ref().map(MatchedPath::as_str);
     let certificate = certificate_of(request.extensions());
     let from = request.extensions().get::<Peer>().map(|peer| peer.address);
-    let mut response = match admit(
-        &shared.access,
-        path,
-        &request,
-        (certificate, from),
-    ) {
+    let mut response = match admit(&shared.access, path, &request, (certificate, from)) {
         Ok(shown) => {
             if is_activity(request.method(), path) {
                 shown.be_active();
@@ -84,10 +79,7 @@ pub(crate) async fn guard_reading(
 ) -> Response {
     let certificate = certificate_of(request.extensions());
     let from = request.extensions().get::<Peer>().map(|peer| peer.address);
-    match shared
-        .access
-        .user(request.headers(), (certificate, from), false)
-    {
+    match shared.access.user(request.headers(), (certificate, from), false) {
         Ok(shown) if shown.user.has(Right::Read) => next.run(request).await,
         Ok(_) => forbidden("this user may not read".to_owned()).into_response(),
         Err(problem) => problem.into_response(),
@@ -123,14 +115,18 @@ fn admit(
     }
     let is_urgent = path.is_some_and(|path| is_urgent(method, path));
     if is_urgent && access.allows_stop_without_login() && !access.is_from_user(headers, certificate) {
-        return access.authorize_anonymous_stop(from, request.uri().path()).map_err(refuse);
+        return access
+            .authorize_anonymous_stop(from, request.uri().path())
+            .map_err(refuse);
     }
-    let shown = access.user(headers, (certificate, from), is_urgent).map_err(|problem| {
-        let response = problem.into_response();
-        // a wrong token; a client without a token has not tried one
-        let is_wrong = response.status() == StatusCode::UNAUTHORIZED && token(headers).is_some();
-        Rejection::new(response, is_wrong.then_some((AccessKind::LoginRefused, None)))
-    })?;
+    let shown = access
+        .user(headers, (certificate, from), is_urgent)
+        .map_err(|problem| {
+            let response = problem.into_response();
+            // a wrong token; a client without a token has not tried one
+            let is_wrong = response.status() == StatusCode::UNAUTHORIZED && token(headers).is_some();
+            Rejection::new(response, is_wrong.then_some((AccessKind::LoginRefused, None)))
+        })?;
     let user = &shown.user;
     match found {
         RouteMatch::Route(right) if right.is_none_or(|right| user.has(right)) => Ok(shown),

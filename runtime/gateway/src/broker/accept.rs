@@ -446,7 +446,10 @@ impl AuthProvider for ConnectionGuard {
             if shown.user.name().is_some() {
                 self.line.set_publish_max(USER_PUBLISH_BYTES_MAX);
             }
-            let session = self.guard.sessions.unreleased(&connect.client_id, connect.clean_start);
+            let session = self
+                .guard
+                .sessions
+                .unreleased(&connect.client_id, connect.clean_start);
             self.line.resume(session);
         }
         *self.authenticated.lock() = shown;

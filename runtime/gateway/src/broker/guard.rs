@@ -238,7 +238,8 @@ impl Guard {
             .unwrap_or_default();
         match decode(path, payload, false) {
             Inbound::Ask { request, .. } => {
-                let is_loss = |presence: &HandlerPresence| !presence.online && presence.returns_within_ms.is_none();
+                let is_loss =
+                    |presence: &HandlerPresence| !presence.online && presence.returns_within_ms.is_none();
                 !matches!(request.request(), Request::Handler(_, presence) if is_loss(presence))
             }
             _ => true,

@@ -109,7 +109,9 @@ impl Sessions {
             account,
             // the client is treated as absent until it is connected
             absent_since: Some(Instant::now()),
-            unreleased: unreleased.map(|known| known.unreleased.clone()).unwrap_or_default(),
+            unreleased: unreleased
+                .map(|known| known.unreleased.clone())
+                .unwrap_or_default(),
         };
         remembered.insert(client_id.to_owned(), session);
         Ok(())

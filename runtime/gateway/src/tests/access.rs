@@ -256,7 +256,11 @@ async fn no_press_of_a_stop_without_login_is_refused() {
     for cs in [9, 200] {
         while request(cs, "stop").is_some() {}
     }
-    assert_eq!(request(0, "stop"), None, "numbers that do not exist share one rate");
+    assert_eq!(
+        request(0, "stop"),
+        None,
+        "numbers that do not exist share one rate"
+    );
 }
 
 #[tokio::test(start_paused = true)]
@@ -267,7 +271,10 @@ async fn a_user_who_asks_too_often_is_told_so_and_others_go_on() {
         let mut headers = axum::http::HeaderMap::new();
         let value = format!("Bearer {}", users.token(name));
         headers.insert(header::AUTHORIZATION, value.parse().unwrap());
-        shared.access.user(&headers, (None, None), false).map(|shown| shown.user)
+        shared
+            .access
+            .user(&headers, (None, None), false)
+            .map(|shown| shown.user)
     };
     for _ in 0..1000 {
         assert!(asked("view").is_ok());

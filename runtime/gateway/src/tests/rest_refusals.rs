@@ -203,7 +203,13 @@ async fn programs_that_wait_for_others_are_told_that_there_is_no_place() {
     let shared = shared(StubPort::new());
     let mut permits = Vec::new();
     for _ in 0..4 {
-        permits.push(shared.large_requests.acquire(&crate::access::User::Anyone).await.unwrap());
+        permits.push(
+            shared
+                .large_requests
+                .acquire(&crate::access::User::Anyone)
+                .await
+                .unwrap(),
+        );
     }
     let request = axum::http::Request::put("/api/v1/programs/1")
         .header("host", "127.0.0.1:8080")

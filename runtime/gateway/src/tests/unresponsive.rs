@@ -205,7 +205,16 @@ async fn message_with_large_properties_is_refused_and_its_client_stays() {
         publisher
             .send(
                 0x32,
-                &[&[0, 5], b"plant", &[0, 7], &length, &name, &size.to_be_bytes(), &value, b"x"],
+                &[
+                    &[0, 5],
+                    b"plant",
+                    &[0, 7],
+                    &length,
+                    &name,
+                    &size.to_be_bytes(),
+                    &value,
+                    b"x",
+                ],
             )
             .await;
         assert_eq!(publisher.answer().await, answer, "{size}");
