@@ -15,6 +15,19 @@ use tandem_store::order_key::OrderKey;
 use super::RuntimePort;
 use crate::command_memory::{CommandContent, CommandLookup, memory_is_full};
 
+/// Knowledge about a received command from the command memory.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "the value lives only while one command is looked up"
+)]
+enum KnownCommand {
+    New,
+    /// The command is repeated and has no reply yet.
+    Pending,
+    /// The command is repeated; its stored reply.
+    Replied(CommandReply),
+}
+
 impl RuntimePort {
     pub(super) async fn command(
         &self,
@@ -27,26 +40,30 @@ impl RuntimePort {
         let asked = CommandContent::command(cs, &command, &meta.client_id);
         meta.memory = asked.key(user, &meta.command_id);
         meta.not_after = meta.not_after.filter(|_| !command.brings_to_rest());
-        if let Some(reply) = self.replied_before(&command, &meta, cs, asked)?
+        let known = self.replied_before(&command, &meta, cs, asked)?;
+        if let KnownCommand::Replied(reply) = &known
             && !(wait && reply.status == CommandStatus::Accepted)
         {
-            return Ok(Answer::Command(reply));
+            return Ok(Answer::Command(reply.clone()));
         }
         let reject = |refusal| self.shared.reject(Some(cs), &meta, refusal);
         let mailbox = self.mailbox(cs).map_err(reject)?;
-        self.check_age(&meta).map_err(reject)?;
-        if let Command::AlarmAcknowledge { id } = command
-            && !self.shared.acknowledge_alarm(id, &meta.client_id)
-        {
-            let text = format!("no alarm {id} is active");
-            return Err(reject(Refusal::new(RefusalCode::NotFound, text)));
+        // The repetition of a command that is pending never replaces the reply to it, and has no second effect here.
+        if matches!(known, KnownCommand::New) {
+            self.check_age(&meta).map_err(reject)?;
+            if let Command::AlarmAcknowledge { id } = command
+                && !self.shared.acknowledge_alarm(id, &meta.client_id)
+            {
+                let text = format!("no alarm {id} is active");
+                return Err(reject(Refusal::new(RefusalCode::NotFound, text)));
+            }
         }
         let urgent = command.is_urgent();
         let request = CoordinateSystemRequest::Command { command, meta, wait };
         mailbox.ask(request, urgent).await
     }
 
-    /// Returns the reply to a repeated command; `None` if the command is new. Only the begin of a jog is stored. Its
+    /// Returns the reply to a repeated command. Only the begin of a jog is stored. Its
     /// refreshes and its end are not stored, because they would fill the memory and their repetition has no effect. The
     /// order of a run is known as long as the run is stored.
     fn replied_before(
@@ -55,26 +72,21 @@ impl RuntimePort {
         meta: &CommandMeta,
         cs: CoordinateSystemNumber,
         asked: CommandContent,
-    ) -> Result<Option<CommandReply>, Refusal> {
-        if let Command::Run(order) = command {
-            check_command(&meta.client_id, &meta.command_id)?;
-            if self.shared.look_up(&meta.memory, &asked) == CommandLookup::New
-                && let Some(ordered) = self.ordered_before(cs, *order, meta)?
-            {
-                return Ok(Some(ordered));
-            }
+    ) -> Result<KnownCommand, Refusal> {
+        check_command(&meta.client_id, &meta.command_id)?;
+        if let Command::Run(order) = command
+            && self.shared.look_up(&meta.memory, &asked) == CommandLookup::New
+            && let Some(ordered) = self.ordered_before(cs, *order, meta)?
+        {
+            return Ok(KnownCommand::Replied(ordered));
         }
         match command {
-            Command::JogEnd { .. } => {
-                check_command(&meta.client_id, &meta.command_id)?;
-                Ok(None)
-            }
+            Command::JogEnd { .. } => Ok(KnownCommand::New),
             Command::Jog { .. } => {
-                check_command(&meta.client_id, &meta.command_id)?;
                 let recalled = self.shared.look_up(&meta.memory, &asked);
                 self.reply_again(recalled, meta, Some(cs))
             }
-            _ => self.replied_again(meta, Some(cs), asked),
+            _ => self.reply_again(self.shared.recall(&meta.memory, asked), meta, Some(cs)),
         }
     }
 
@@ -98,7 +110,7 @@ impl RuntimePort {
         };
         if !is_same {
             let words = format!("the order of run {run_id}");
-            return self.reply_again(CommandLookup::OtherCommand(words), meta, Some(cs));
+            return Err(self.refuse_reuse(&words, meta, Some(cs)));
         }
         let text = format!("this order already started run {run_id}; GET /runs/{run_id} shows its progress");
         let reply = self
@@ -109,7 +121,8 @@ impl RuntimePort {
             hash,
             ..reply
         };
-        self.reply_again(CommandLookup::Again(Some(reply)), meta, Some(cs))
+        self.publish_reply(meta, &reply);
+        Ok(Some(reply))
     }
 
     pub(super) async fn lease(
@@ -144,7 +157,10 @@ impl RuntimePort {
         asked: CommandContent,
     ) -> Result<Option<CommandReply>, Refusal> {
         check_command(&meta.client_id, &meta.command_id)?;
-        self.reply_again(self.shared.recall(&meta.memory, asked), meta, cs)
+        match self.reply_again(self.shared.recall(&meta.memory, asked), meta, cs)? {
+            KnownCommand::Replied(reply) => Ok(Some(reply)),
+            KnownCommand::New | KnownCommand::Pending => Ok(None),
+        }
     }
 
     fn reply_again(
@@ -152,24 +168,37 @@ impl RuntimePort {
         recalled: CommandLookup,
         meta: &CommandMeta,
         cs: Option<CoordinateSystemNumber>,
-    ) -> Result<Option<CommandReply>, Refusal> {
-        let refused = |refusal| (self.shared.rejection(cs, meta, &refusal), Err(refusal));
-        let (reply, answer) = match recalled {
-            CommandLookup::New | CommandLookup::Again(None) => return Ok(None),
-            CommandLookup::Again(Some(reply)) => (reply.clone(), Ok(Some(reply))),
-            CommandLookup::OtherCommand(words) => {
-                let text = format!(
-                    "command_id \"{:.64}\" belongs to another command: {words}; use a new command_id for \
-                     each command",
-                    meta.command_id
-                );
-                refused(Refusal::new(RefusalCode::CommandIdReused, text))
+    ) -> Result<KnownCommand, Refusal> {
+        match recalled {
+            CommandLookup::New => Ok(KnownCommand::New),
+            CommandLookup::Again(None) => Ok(KnownCommand::Pending),
+            CommandLookup::Again(Some(reply)) => {
+                self.publish_reply(meta, &reply);
+                Ok(KnownCommand::Replied(reply))
             }
-            CommandLookup::Full => refused(memory_is_full()),
-        };
+            CommandLookup::OtherCommand(words) => Err(self.refuse_reuse(&words, meta, cs)),
+            CommandLookup::Full => {
+                let refusal = memory_is_full();
+                self.publish_reply(meta, &self.shared.rejection(cs, meta, &refusal));
+                Err(refusal)
+            }
+        }
+    }
+
+    fn refuse_reuse(&self, words: &str, meta: &CommandMeta, cs: Option<CoordinateSystemNumber>) -> Refusal {
+        let text = format!(
+            "command_id \"{:.64}\" belongs to another command: {words}; use a new command_id for each command",
+            meta.command_id
+        );
+        let refusal = Refusal::new(RefusalCode::CommandIdReused, text);
+        self.publish_reply(meta, &self.shared.rejection(cs, meta, &refusal));
+        refusal
+    }
+
+    /// Publishes a reply and leaves the stored one unchanged.
+    fn publish_reply(&self, meta: &CommandMeta, reply: &CommandReply) {
         let topic = Topic::Reply(meta.client_id.clone());
-        self.shared.publish(topic, Payload::Reply(reply));
-        answer
+        self.shared.publish(topic, Payload::Reply(reply.clone()));
     }
 
     pub(super) fn check_age(&self, meta: &CommandMeta) -> Result<(), Refusal> {

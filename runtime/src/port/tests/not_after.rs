@@ -234,3 +234,64 @@ fn repeated_command_gets_its_stored_reply_after_its_age_limit() {
         assert!(matches!(again, Ok(Answer::Command(_))), "{again:?}");
     });
 }
+
+#[test]
+fn repetition_that_waits_for_an_accepted_command_does_not_expire() {
+    with_machine(async move |port| {
+        let not_after = from_now(&port, 300).await;
+        let text = "G01 X100 F1000".to_owned();
+        let mdi = Command::Mdi {
+            text,
+            is_macro: false,
+        };
+        let move_x = |wait| typed::Command {
+            wait,
+            ..command(mdi.clone(), "mdi", "hmi")
+        };
+        let first = port
+            .request_not_after(&not_after, None, move_x(false).into())
+            .await;
+        assert!(
+            matches!(&first, Ok(Answer::Command(reply)) if reply.status == CommandStatus::Accepted),
+            "{first:?}"
+        );
+        std::thread::sleep(Duration::from_millis(301));
+        let done = port
+            .request_not_after(&not_after, None, move_x(true).into())
+            .await;
+        assert!(
+            matches!(&done, Ok(Answer::Command(reply)) if reply.status == CommandStatus::Done),
+            "{done:?}"
+        );
+        let known = port.ask(typed::CommandStatus("mdi".into())).await;
+        assert_eq!(status(&known), Some(CommandStatus::Done));
+    });
+}
+
+#[test]
+fn repetition_of_a_command_that_waits_for_its_turn_does_not_expire() {
+    with_machine(async move |port| {
+        // the load waits for a handler that never answers
+        let silent = HandlerPresence {
+            online: true,
+            handles: vec![HandledCode { cs: 1, m: 60 }],
+            validates: true,
+            ..HandlerPresence::default()
+        };
+        port.ask(typed::Handler("silent".into(), silent)).await.unwrap();
+        let text = "M60 VA1\nG04 X1000\nM30\n".to_owned();
+        port.ask(typed::WriteProgram(60, text)).await.unwrap();
+        let load = || command(Command::Load { program: 60 }, "1", "hmi");
+        let not_after = passed(&port).await;
+        let repeated = async {
+            port.sleep(Duration::from_millis(500)).await;
+            port.request_not_after(&not_after, None, load().into()).await
+        };
+        let (first, second) = futures_util::join!(port.ask(load()), repeated);
+        assert_eq!(status(&first), Some(CommandStatus::Done), "{first:?}");
+        assert!(
+            matches!(&second, Ok(Answer::Command(reply)) if reply.status == CommandStatus::Done),
+            "{second:?}"
+        );
+    });
+}
