@@ -348,12 +348,18 @@ fn contain(system: &mut CoordinateSystem, before: FaultCondition, aborts: bool, 
     FaultCondition::GivenUp
 }
 
-/// Discards the coordinate system and its pending requests when dropped.
+/// Discards the coordinate system and its pending requests when dropped. If the task has failed, the coordinate system
+/// still exists: its motion stops on its path, and its outputs are cancelled.
 struct MailboxCloser<'a>(&'a Mailbox);
 
 impl Drop for MailboxCloser<'_> {
     fn drop(&mut self) {
-        self.0.work.lock().system = None;
+        let system = self.0.work.lock().system.take();
+        if let Some(mut system) = system {
+            // a step that panics must not prevent the next one
+            let _ = catch_unwind(AssertUnwindSafe(|| system.brake_at_once(false)));
+            let _ = catch_unwind(AssertUnwindSafe(|| system.shut_down()));
+        }
         self.0.close();
     }
 }

@@ -324,3 +324,30 @@ fn p11_levels_that_were_set_still_count_after_a_panic() {
         .unwrap_err();
     assert_eq!(refused.code, RefusalCode::StartLocked, "{}", refused.text);
 }
+
+#[test]
+fn p11_failed_task_stops_the_motion_on_its_path_and_cancels_outputs() {
+    let (mut machine, faults) = machine();
+    move_x(&mut machine, "M90 G01 X200 Y100 F6000");
+    assert!(machine.speed() > 5.0, "it moves");
+    drop(faults);
+    // the task fails outside the work that `work` contains
+    let mailbox = Arc::clone(&machine.mailbox);
+    let failed = catch_unwind(AssertUnwindSafe(move || {
+        let _ended = MailboxCloser(&mailbox);
+        panic!("an injected fault");
+    }));
+    assert!(failed.is_err());
+    let stood = machine.servo.channel(0).setpoint();
+    machine.run(BRAKING_CYCLES);
+    assert!(machine.speed().abs() < 1e-9, "it rests");
+    let rests = machine.servo.channel(0).setpoint();
+    let [x, y] = [0, 1].map(|axis| rests.0[axis] - stood.0[axis]);
+    assert!(x > 0.1 && x < 45.0, "{x}");
+    assert!((y - x / 2.0).abs() < 1e-6, "on the path: {x} {y}");
+    let pending = machine.mailbox.shared.hub.read(&Topic::cs(1, CsTopic::Pending));
+    match &pending.unwrap().payload {
+        Payload::Pending(pending) => assert!(pending.outputs.is_empty(), "{pending:?}"),
+        other => panic!("{other:?}"),
+    }
+}
