@@ -6,6 +6,7 @@ use plc_api::{Alarm, CoordinateSystem, Execution, SequenceProgram};
 use plc_protocol::lock_input::LockRules;
 use plc_protocol::server::ServerNotice;
 use plc_protocol::types::lock::OnLoss;
+use plc_protocol::types::state::Reason;
 use tandem_runtime::{Config, Machine, Runtime};
 use tandem_testing::{Bench, Scene};
 
@@ -237,6 +238,43 @@ async fn resume_and_check_end(scene: &Scene, cause: StopCause, motion: StoppedMo
         _ => 0.0,
     };
     assert!((x - end).abs() < 1e-9, "{cell}: {x}");
+}
+
+/// An operator's hold that waits for the end of a thread must not delay a cause that acts in the thread.
+#[test]
+fn p10_cause_that_acts_in_a_thread_overtakes_a_hold_that_waits() {
+    let motion = StoppedMotion::Thread;
+    let act = |cause: &StopCause| cause.reaction(motion) == StopReaction::HoldsInPhase;
+    for cause in StopCause::ALL.into_iter().filter(act) {
+        let bench = Bench::on_machine(machine())
+            .serve(SequenceProgram::new().handler_id("door"))
+            .subprogram(50, program(motion));
+        let played = bench.play(async move |owned: Scene, runtime| {
+            let (scene, system) = (&owned, owned.cs(1));
+            system.set_interlock_source("door", false, "").await.unwrap();
+            begin(scene, motion, 0).await;
+            raise(scene, runtime, StopCause::Hold).await;
+            scene.plc().sleep(ms(50)).await;
+            assert_eq!(
+                system.state().await.unwrap().execution,
+                Execution::Active,
+                "it waits"
+            );
+            raise(scene, runtime, cause).await;
+            until_rest(scene, 30.0).await;
+            let state = system.state().await.unwrap();
+            let z = at(&system, "Z").await;
+            assert!(z < -5.0, "{cause:?}: Z{z} {state:?}");
+            let expected = match cause {
+                StopCause::ServoLate => Some(Reason::ServoLate),
+                StopCause::ClientLost => Some(Reason::ClientLost),
+                _ => Some(Reason::Interlock),
+            };
+            assert_eq!(state.reason, expected, "{cause:?}");
+            resume_and_check_end(scene, cause, motion, &format!("{cause:?}")).await;
+        });
+        played.unwrap_or_else(|error| panic!("{cause:?}: {error}"));
+    }
 }
 
 macro_rules! cells {

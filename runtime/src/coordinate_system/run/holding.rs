@@ -30,9 +30,11 @@ impl CoordinateSystem {
     }
 
     /// Holds the run on behalf of the runtime and writes a journal line. A jog is ended instead; its client has to
-    /// start a new jog.
+    /// start a new jog. If an earlier hold still waits for the end of a thread, a cause that acts in the thread stops the
+    /// motion at once.
     pub(crate) fn hold_for(&mut self, cause: Cause, reason: Reason) {
-        if !self.state.is_running() {
+        let is_sooner = cause.acts_in_thread() && self.state.hold_may_wait();
+        if !self.state.is_running() && !is_sooner {
             return;
         }
         let seq = self.state.awaited().map(|awaited| awaited.seq);

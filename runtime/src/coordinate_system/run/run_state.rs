@@ -284,6 +284,12 @@ impl<R, E> RunState<R, E> {
         matches!(self, RunState::Run(Hold::Off, ..))
     }
 
+    /// Returns true while a hold may wait for the end of a thread (tapping). A hold that acts in the thread then stops
+    /// the motion at once.
+    pub fn hold_may_wait(&self) -> bool {
+        matches!(self, Self::Run(Hold::Begun(cause), ..) if !cause.acts_in_thread())
+    }
+
     /// Returns true while a hold is active that stops the motion even in a thread (tapping).
     pub fn holds_in_thread(&self) -> bool {
         let Self::Run(Hold::Begun(cause) | Hold::AtRest(cause), ..) = self else {
