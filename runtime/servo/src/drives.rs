@@ -8,7 +8,7 @@ use crate::bus::Command;
 use crate::channel::Channel;
 use crate::control::Fault;
 use crate::jerk_slew::History;
-use crate::power::Power;
+use crate::power::{Power, concerns_drives_without_power};
 
 impl Channel {
     /// Returns true if the drives of the axes follow. If false, the drives are being enabled, or a fault
@@ -58,7 +58,11 @@ impl Channel {
     /// Returns true if the motors report the expected state.
     pub(crate) fn is_as_commanded(&self) -> bool {
         match self.power {
-            Power::Off | Power::Tripped { .. } => true,
+            Power::Off => {
+                let trouble = self.motors.trouble(self.bus_lost);
+                !trouble.is_some_and(concerns_drives_without_power)
+            }
+            Power::Tripped { .. } => true,
             Power::Enabling { .. } => false,
             Power::On => self.motors.are_operational() && self.bus_lost.is_none(),
         }
@@ -67,8 +71,11 @@ impl Channel {
     /// Handles unexpected reports of the motors.
     pub(crate) fn watch_drives(&mut self) {
         let trouble = self.motors.trouble(self.bus_lost);
+        let is_off = self.power == Power::Off;
         match self.power.watch(trouble, self.period_s) {
             Ok(follow) => self.reported |= follow,
+            // without power no motor moves; braking would enable the drives
+            Err(fault) if is_off => self.fail(fault),
             Err(fault) => self.trip(fault),
         }
     }

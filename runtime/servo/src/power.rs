@@ -9,6 +9,8 @@
 //!        ^---------------------+--------------------------------------------+
 //!                 not in time, a drive has a fault, the bus is lost
 //! ```
+//!
+//! In `Off`, a drive fault or a lost bus also leads to `Tripped`, so that it is reported once before the first motion.
 
 use crate::control::Fault;
 
@@ -86,7 +88,14 @@ impl Power {
     /// the drives have begun to follow, and an error if they must lose power.
     pub(crate) fn watch(&mut self, trouble: Option<Fault>, period_s: f64) -> Result<bool, Fault> {
         let (is_late, clears) = match self {
-            Power::Off | Power::Tripped { .. } => return Ok(false),
+            Power::Tripped { .. } => return Ok(false),
+            Power::Off => {
+                let fault = trouble.filter(|fault| concerns_drives_without_power(*fault));
+                return fault.map_or(Ok(false), |fault| {
+                    *self = Power::Tripped { resets: false };
+                    Err(fault)
+                });
+            }
             Power::On => (true, false),
             Power::Enabling { cycles, clears } => {
                 *cycles += 1;
@@ -104,4 +113,9 @@ impl Power {
             }
         }
     }
+}
+
+/// Returns true for a fault that is reported even if the drives were never enabled.
+pub(crate) fn concerns_drives_without_power(fault: Fault) -> bool {
+    matches!(fault, Fault::BusLost { .. } | Fault::DriveFault { .. })
 }

@@ -177,6 +177,29 @@ fn a_motor_that_is_not_homed_gets_no_power() {
 }
 
 #[test]
+fn p11_fault_before_the_first_motion_is_reported_once_without_power() {
+    let faulty = |switches: &DriveSwitches| switches.fault.store(0x7305, Relaxed);
+    let lost = |switches: &DriveSwitches| switches.lose.store(u32::MAX, Relaxed);
+    for (break_it, alarm) in [(faulty as fn(&DriveSwitches), 205), (lost, 206)] {
+        let (mut rig, switches) = rig();
+        rig.cycles(10);
+        break_it(&switches);
+        let events = rig.cycles(100);
+        let [Event::Fault(fault)] = events[..] else {
+            panic!("{events:?}")
+        };
+        assert_eq!(fault.alarm().entry.number, alarm);
+        assert!(!switches.enabled.load(Relaxed));
+        assert!(rig.cycles(1000).is_empty(), "it is reported once");
+        let again = next_motion_after_stop(&mut rig);
+        assert!(matches!(again[..], [Event::Fault(_)]), "{again:?}");
+        rig.cycles(10);
+        assert!(!switches.enabled.load(Relaxed), "no power until a reset");
+        assert_eq!(rig.position(), AxisVector::ZERO);
+    }
+}
+
+#[test]
 fn a_motor_that_is_homed_at_rest_is_told_in_that_cycle() {
     let at_start = Feedback {
         is_enabled: false,
