@@ -480,17 +480,16 @@ impl SharedState {
         of_config.chain(of_handlers).collect()
     }
 
-    /// Returns the declarations of one M code in the configuration and by online handlers.
+    /// Returns the declarations of one M code in the configuration, by online handlers, and by absent handlers that may
+    /// still return.
     pub fn declared_of(&self, cs: CoordinateSystemNumber, m: u16) -> Vec<SourcedDeclaration> {
         let settings = self.machine.m_codes.get(&m);
         let of_config = settings.and_then(|settings| settings.declared.clone());
         let mut declared: Vec<SourcedDeclaration> =
             of_config.map(SourcedDeclaration::in_config).into_iter().collect();
-        let handlers = self.handlers();
-        for (id, handler) in handlers.iter().filter(|(_, handler)| handler.online) {
-            let of_handler = handler.declaration(cs, m).cloned();
-            declared.extend(of_handler.map(|declaration| SourcedDeclaration::by_handler(id, declaration)));
-        }
+        let of_handlers = self.handlers.lock().declarations(cs, m, self.deadline_now_s());
+        let by_handler = |(id, declaration): (String, _)| SourcedDeclaration::by_handler(&id, declaration);
+        declared.extend(of_handlers.into_iter().map(by_handler));
         declared
     }
 
@@ -522,7 +521,18 @@ impl SharedState {
 
     /// Returns the time in s since the start until which the offline handler of this M code is expected to return.
     pub fn handler_back_s(&self, cs: CoordinateSystemNumber, m: u16) -> Option<f64> {
-        self.handlers.lock().back_s(cs, m, self.clock.now_s())
+        self.handlers.lock().back_s(cs, m, self.deadline_now_s())
+    }
+
+    /// Returns the current time for a comparison with a deadline. The surplus exceeds the rounding of a sleep until the
+    /// deadline.
+    fn deadline_now_s(&self) -> f64 {
+        self.clock.now_s() + 1e-9
+    }
+
+    /// Returns the earliest time in s since the start at which an absent handler is no longer expected to return.
+    pub fn next_absence_end_s(&self) -> Option<f64> {
+        self.handlers.lock().next_absence_end_s(self.deadline_now_s())
     }
 
     /// Records the time in s from the issue of an M code to its reset. The newest value has a weight of one quarter.

@@ -16,6 +16,7 @@ use crate::types::CoordinateSystemNumber;
 use crate::types::alarm_text::AlarmText;
 use crate::types::handler::{Departure, is_own_instance};
 use crate::types::ids::check_client_id;
+use crate::types::m_code::MCodeDeclaration;
 use crate::types::output::{HandledCode, HandlerPresence};
 use crate::types::refusal::{Refusal, RefusalCode};
 
@@ -98,8 +99,9 @@ pub enum Reach {
 /// Absence of a handler that has left.
 #[derive(Debug, Clone)]
 struct Absence {
-    /// M codes that the handler serves when it returns.
-    handles: Vec<HandledCode>,
+    /// Last presence of the handler while it was online: the M codes that it serves when it returns, and their
+    /// declarations.
+    online: HandlerPresence,
     departure: Departure,
 }
 
@@ -296,9 +298,8 @@ impl HandlerRegistry {
                 until_s: now_s + self.grace_s,
             },
         };
-        let handles = known.map(|entry| entry.presence.handles.clone());
         Some(Absence {
-            handles: handles.unwrap_or_default(),
+            online: known.map(|entry| entry.presence.clone()).unwrap_or_default(),
             departure,
         })
     }
@@ -307,9 +308,40 @@ impl HandlerRegistry {
     /// start of the runtime; `None` if no absent handler of this M code may return.
     pub fn back_s(&self, cs: CoordinateSystemNumber, m: u16, now_s: f64) -> Option<f64> {
         let absent = self.handlers.values().filter_map(|entry| entry.absence.as_ref());
-        let serve = absent.filter(|absence| absence.handles.contains(&HandledCode { cs, m }));
+        let serve = absent.filter(|absence| absence.online.handles.contains(&HandledCode { cs, m }));
         let ends = serve.filter_map(|absence| absence.departure.until_s());
         ends.filter(|until_s| *until_s > now_s).reduce(f64::max)
+    }
+
+    /// Returns the earliest time after `now_s` at which an absent handler is no longer expected to return,
+    /// seconds since the start of the runtime; `None` if no handler is expected to return.
+    pub fn next_absence_end_s(&self, now_s: f64) -> Option<f64> {
+        let absent = self.handlers.values().filter_map(|entry| entry.absence.as_ref());
+        let ends = absent.filter_map(|absence| absence.departure.until_s());
+        ends.filter(|until_s| *until_s > now_s).reduce(f64::min)
+    }
+
+    /// Returns the declarations of an M code, with the ids of their handlers: handlers that are online, and absent
+    /// handlers that may still return.
+    pub fn declarations(
+        &self,
+        cs: CoordinateSystemNumber,
+        m: u16,
+        now_s: f64,
+    ) -> Vec<(String, MCodeDeclaration)> {
+        let serving = self.handlers.iter().filter_map(|(id, entry)| {
+            let presence = match &entry.absence {
+                None => &entry.presence,
+                Some(absence) if absence.departure.until_s().is_some_and(|until_s| until_s > now_s) => {
+                    &absence.online
+                }
+                Some(_) => return None,
+            };
+            Some((id, presence))
+        });
+        serving
+            .filter_map(|(id, presence)| Some((id.clone(), presence.declaration(cs, m)?.clone())))
+            .collect()
     }
 
     /// Returns true if an online handler serves this M code.

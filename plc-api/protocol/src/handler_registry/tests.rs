@@ -92,6 +92,37 @@ fn codes_of_a_returning_handler_are_awaited_until_return_or_deadline() {
 }
 
 #[test]
+fn p14_declarations_of_an_absent_handler_apply_while_it_may_return() {
+    let declared = MCodeDeclaration {
+        m: 100,
+        name: Some("clamp".to_owned()),
+        ..MCodeDeclaration::default()
+    };
+    let mut handlers = HandlerRegistry::with_grace(2.0);
+    let online = HandlerPresence {
+        m_codes: vec![declared.clone()],
+        ..presence(true, Some("a"))
+    };
+    handlers.set("cell", &online, UNIX_EPOCH, 0.0).unwrap();
+    let of_cell = [("cell".to_owned(), declared)];
+    assert_eq!(handlers.declarations(1, 100, 0.0), of_cell);
+    assert_eq!(handlers.next_absence_end_s(0.0), None);
+    let will = HandlerPresence::offline(Some("a".to_owned()));
+    for now_s in [5.0, 6.0] {
+        handlers.set("cell", &will, UNIX_EPOCH, now_s).unwrap();
+        assert_eq!(
+            handlers.declarations(1, 100, 6.9),
+            of_cell,
+            "a second will changes nothing"
+        );
+    }
+    assert_eq!(handlers.next_absence_end_s(6.9), Some(7.0));
+    assert_eq!(handlers.declarations(1, 100, 7.0), []);
+    assert_eq!(handlers.declarations(2, 100, 6.9), []);
+    assert_eq!(handlers.next_absence_end_s(7.0), None);
+}
+
+#[test]
 fn a_second_instance_is_refused_in_words_and_the_first_may_come_again() {
     let mut handlers = HandlerRegistry::default();
     set(&mut handlers, "cell", &presence(true, Some("a"))).unwrap();
