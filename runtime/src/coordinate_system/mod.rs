@@ -218,6 +218,7 @@ impl CoordinateSystem {
             .chain(self.inputs.clients.until_s())
             .chain(self.inputs.interlock.next_deadline_s())
             .chain(self.inputs.start_lock.next_deadline_s())
+            .chain(self.start_conditions_due_s())
             .min_by(f64::total_cmp)
     }
 

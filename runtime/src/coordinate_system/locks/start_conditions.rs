@@ -19,6 +19,8 @@ use crate::coordinate_system::publish::view::Prediction;
 #[derive(Debug, Default)]
 pub(crate) struct PublishedStart {
     inputs: Option<StartInputs>,
+    /// Time in s since the start at which the next absent handler is no longer expected to return.
+    absence_ends_s: Option<f64>,
     conditions: Option<StartConditions>,
     /// Program number that was checked last, number of program changes in the store then, and reason for a refusal.
     checked: Option<(u16, u64, Option<String>)>,
@@ -31,6 +33,10 @@ struct StartInputs {
     locks: [Option<String>; 2],
     fence: Option<u64>,
     prediction: Option<Arc<Prediction>>,
+    /// Number of program changes in the store.
+    changes: u64,
+    /// Open question about stored files.
+    stored_data: Option<String>,
 }
 
 impl StartInputs {
@@ -43,7 +49,12 @@ impl StartInputs {
             (Some(one), Some(other)) => Arc::ptr_eq(one, other),
             (one, other) => one.is_none() && other.is_none(),
         };
-        is_same_state && is_same_prediction && self.locks == other.locks && self.fence == other.fence
+        let others = |inputs: &Self| (inputs.fence, inputs.changes);
+        is_same_state
+            && is_same_prediction
+            && others(self) == others(other)
+            && self.locks == other.locks
+            && self.stored_data == other.stored_data
     }
 }
 
@@ -54,20 +65,33 @@ impl CoordinateSystem {
         self.published.start.checked = None;
     }
 
+    /// Returns the time in s since the start at which the start conditions change because an absent handler has not
+    /// returned.
+    pub(crate) fn start_conditions_due_s(&self) -> Option<f64> {
+        self.published.start.absence_ends_s
+    }
+
     /// Publishes the conditions that prevent a start, if they have changed.
     pub(crate) fn publish_start_conditions(&mut self) {
+        let now_s = self.context.now_s() + 1e-9;
+        if (self.published.start.absence_ends_s).is_some_and(|ends_s| ends_s <= now_s) {
+            self.forget_start_conditions();
+        }
         let lock = |lock: &LockInput| lock.is_on().then(|| lock.text());
         let inputs = StartInputs {
             state: self.published.state.clone(),
             locks: [lock(&self.inputs.interlock), lock(&self.inputs.start_lock)],
             fence: self.lease.held().map(|lease| lease.fence),
             prediction: self.context.view.prediction(),
+            changes: self.context.shared.store.changes(),
+            stored_data: self.context.shared.stored_data.lock().text(),
         };
         let last = self.published.start.inputs.as_ref();
         if last.is_some_and(|last| last.is_same(&inputs)) {
             return;
         }
         self.published.start.inputs = Some(inputs);
+        self.published.start.absence_ends_s = self.context.shared.next_absence_end_s();
         let conditions = StartConditions {
             obstacles: self.obstacles(),
         };

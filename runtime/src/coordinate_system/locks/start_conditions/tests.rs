@@ -104,3 +104,44 @@ fn an_m_code_whose_handler_comes_is_no_obstacle_any_more() {
     });
     play.unwrap();
 }
+
+#[test]
+fn changed_called_program_changes_the_conditions_at_once() {
+    let bench = Bench::new()
+        .subprogram(50, "G90 G01 X10 F600\nM98 P1001\nM30\n")
+        .subprogram(1001, "M99\n");
+    let play = bench.play(async |scene, _| {
+        scene.cs(1).load(50).await.unwrap();
+        assert_eq!(kinds(&scene).await, []);
+        for (text, found) in [
+            ("G01 X\nM99\n", vec![StartObstacleKind::Program]),
+            ("M77\nM99\n", vec![StartObstacleKind::MCode]),
+            ("M99\n", vec![]),
+        ] {
+            let stored = typed::WriteProgram(1001, text.to_owned());
+            scene.plc().port().ask(stored).await.unwrap();
+            scene.plc().sleep(Duration::from_millis(10)).await;
+            assert_eq!(kinds(&scene).await, found, "{text}");
+        }
+    });
+    play.unwrap();
+}
+
+#[test]
+fn conditions_change_when_an_absent_handler_is_no_longer_expected() {
+    let bench = Bench::new().subprogram(50, "M77\nM30\n").serve(
+        SequenceProgram::new()
+            .handler_id("cell")
+            .on(77, |_: AuxOutput, _: Plc| async { Ok::<(), Alarm>(()) }),
+    );
+    let play = bench.play(async |scene, _| {
+        scene.cs(1).load(50).await.unwrap();
+        assert_eq!(kinds(&scene).await, []);
+        scene.kill_handlers();
+        scene.plc().sleep(Duration::from_millis(1900)).await;
+        assert_eq!(kinds(&scene).await, [], "within grace_ms");
+        scene.plc().sleep(Duration::from_millis(200)).await;
+        assert_eq!(kinds(&scene).await, [StartObstacleKind::MCode]);
+    });
+    play.unwrap();
+}
