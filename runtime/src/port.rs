@@ -284,16 +284,21 @@ impl RuntimePort {
                 values,
                 meta,
             } => self.write_variables(area, from, &values, meta, sender),
-            MachineRequest::WriteIo(point, set) => self.write_io(point, set).await,
+            MachineRequest::WriteIo(point, set) => self.write_io(point, set, sender.not_after).await,
             MachineRequest::ForceIo(point, force) => {
                 self.shared.force_io(&point, force).map(|()| Answer::Done)
             }
             MachineRequest::Tools => Ok(Answer::Tools(self.shared.tables.tools())),
-            MachineRequest::WriteTools(change) => self.change(move |tables| tables.with_tools(&change)).await,
+            MachineRequest::WriteTools(change) => {
+                self.change(sender.not_after, move |tables| tables.with_tools(&change))
+                    .await
+            }
             MachineRequest::WorkOffsets(cs) => self.shared.tables.work_offsets(cs).map(Answer::WorkOffsets),
             MachineRequest::WriteWorkOffsets(cs, change) => {
-                self.change(move |tables| tables.with_work_offsets(cs, &change))
-                    .await
+                self.change(sender.not_after, move |tables| {
+                    tables.with_work_offsets(cs, &change)
+                })
+                .await
             }
             MachineRequest::LastRun(cs) => self.last_run(cs),
             MachineRequest::Journal { from, count, filter } => self.journal(from, count, filter).await,

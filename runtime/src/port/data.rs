@@ -56,16 +56,18 @@ impl RuntimePort {
     }
 
     /// Changes tools or work offsets. The new values are on disk before they take effect, and take effect before the
-    /// answer.
+    /// answer. If the request has become too old when they would take effect, the previous values are stored again.
     pub(super) async fn change(
         &self,
+        not_after: Option<NotAfter>,
         changed: impl FnOnce(&Tables) -> Result<Values, Refusal> + Send + 'static,
     ) -> Result<Answer, Refusal> {
         let writer = self.writer.clone();
         let keep_and_set = move |shared: &SharedState| {
-            let keep = |values| match &writer {
-                Some(writer) => writer.write(values).map_err(|text| unkept(&text)),
-                None => Ok(()),
+            let check = || shared.check_not_after(not_after.as_ref());
+            let keep = |values, before| match &writer {
+                Some(writer) => keep_unless_expired(values, before, |values| writer.write(values), check),
+                None => check(),
             };
             let changed = shared.tables.change(changed, keep);
             shared.publish_tables();
@@ -75,18 +77,26 @@ impl RuntimePort {
     }
 
     /// Writes an input or output of the plant. If its last value is kept, the value is on disk before it takes effect.
-    pub(super) async fn write_io(&self, point: IoPoint, set: IoSet) -> Result<Answer, Refusal> {
+    /// If the request has become too old when it would take effect, the previous value is stored again.
+    pub(super) async fn write_io(
+        &self,
+        point: IoPoint,
+        set: IoSet,
+        not_after: Option<NotAfter>,
+    ) -> Result<Answer, Refusal> {
         let writer = self.writer.as_ref();
         let Some(writer) = writer.filter(|_| self.shared.machine.io.keeps_last(&point)) else {
             return self.shared.write_io(&point, set).map(|()| Answer::Done);
         };
         let _one_after_the_other = self.io_turn.lock().await;
+        self.shared.check_not_after(not_after.as_ref())?;
         let before = self.shared.check_io(&point, &set)?;
         self.keep_output(writer, &point, set.value).await?;
-        let written = self.shared.write_io(&point, set);
+        let checked = self.shared.check_not_after(not_after.as_ref());
+        let written = checked.and_then(|()| self.shared.write_io(&point, set));
         if written.is_err() {
-            // the owner of the point has changed since the check, so the stored value has not taken effect: store the
-            // previous value again
+            // the owner of the point has changed since the check, or the disk was slow, so the stored value has not
+            // taken effect: store the previous value again
             self.keep_output(writer, &point, before).await?;
         }
         written.map(|()| Answer::Done)
@@ -177,9 +187,58 @@ impl RuntimePort {
     }
 }
 
+/// Writes values to disk. If the request has become too old during the write, writes the values of `before` instead.
+fn keep_unless_expired<V>(
+    values: V,
+    before: V,
+    write: impl Fn(V) -> Result<(), String>,
+    check: impl Fn() -> Result<(), Refusal>,
+) -> Result<(), Refusal> {
+    let write = |values| write(values).map_err(|text| unkept(&text));
+    check()?;
+    write(values)?;
+    match check() {
+        Ok(()) => Ok(()),
+        Err(refusal) => write(before).and(Err(refusal)),
+    }
+}
+
 fn unkept(text: &str) -> Refusal {
     Refusal::new(
         RefusalCode::Unavailable,
         format!("the value cannot be stored: {text}"),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::{Cell, RefCell};
+
+    use super::*;
+
+    #[test]
+    fn p4_request_that_expires_during_a_disk_write_is_undone() {
+        for (expires_after, written, is_kept) in [
+            (9, vec!["new"], true),
+            (1, vec!["new", "old"], false),
+            (0, vec![], false),
+        ] {
+            let (checks, disk) = (Cell::new(0), RefCell::new(Vec::new()));
+            let write = |values| {
+                disk.borrow_mut().push(values);
+                Ok(())
+            };
+            let check = || {
+                let is_expired = checks.replace(checks.get() + 1) >= expires_after;
+                if is_expired {
+                    return Err(Refusal::new(RefusalCode::Expired, "too old"));
+                }
+                Ok(())
+            };
+            let kept = keep_unless_expired("new", "old", write, check);
+            let code = kept.err().map(|refusal| refusal.code);
+            assert_eq!(code, (!is_kept).then_some(RefusalCode::Expired));
+            assert_eq!(*disk.borrow(), written);
+        }
+    }
 }

@@ -69,7 +69,7 @@ impl RuntimePort {
         let restored = restore(&held, image);
         let unknown = self.shared.tables.unknown_spindles();
         let values = held.read().clone();
-        self.change(move |tables| Ok(tables.with_lost_from(&values)))
+        self.change(None, move |tables| Ok(tables.with_lost_from(&values)))
             .await?;
         self.shared.tables.take_lost_variables(&held);
         for (cs, tool) in restored.tools_in_spindle {

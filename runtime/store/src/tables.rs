@@ -358,13 +358,18 @@ impl Tables {
     /// Returns tools and work offsets in their stored form, each with its configured value (see
     /// `persistence/restore.rs`).
     pub fn kept(&self, values: &Values) -> KeptValues {
+        self.kept_with(values, values)
+    }
+
+    /// Works as [`Tables::kept`], and also has an entry for each tool of `other`.
+    fn kept_with(&self, values: &Values, other: &Values) -> KeptValues {
         let mut kept = KeptValues::new();
         let data = |id: u16, tool: &Tool| {
             let (length, radius) = (tool.length, tool.radius);
             ToolData { id, radius, length }
         };
         let before = self.read();
-        let ids = [&before.tools, &values.tools, &self.configured.tools];
+        let ids = [&before.tools, &values.tools, &other.tools, &self.configured.tools];
         let ids: BTreeSet<u16> = ids.into_iter().flat_map(BTreeMap::keys).copied().collect();
         drop(before);
         for id in ids {
@@ -512,18 +517,19 @@ impl Tables {
     }
 
     /// Changes tools or work offsets between two blocks, one change at a time. Before a change takes effect, `keep`
-    /// writes it to disk.
+    /// writes it to disk; its second argument are the values that undo the change on disk.
     ///
     /// # Errors
     /// Returns the refusal of `changed` or `keep`. Then nothing has changed.
     pub fn change(
         &self,
         changed: impl FnOnce(&Self) -> Result<Values, Refusal>,
-        keep: impl FnOnce(KeptValues) -> Result<(), Refusal>,
+        keep: impl FnOnce(KeptValues, KeptValues) -> Result<(), Refusal>,
     ) -> Result<(), Refusal> {
         let _one_at_a_time = self.changing.lock();
         let values = changed(self)?;
-        keep(self.kept(&values))?;
+        let current = self.read().clone();
+        keep(self.kept(&values), self.kept_with(&current, &values))?;
         *self.write() = values;
         Ok(())
     }

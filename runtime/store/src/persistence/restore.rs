@@ -311,7 +311,7 @@ mod tests {
             remove: Vec::new(),
         };
         tables
-            .change(|tables| tables.with_tools(&change), |_| Ok(()))
+            .change(|tables| tables.with_tools(&change), |_, _| Ok(()))
             .unwrap();
         tables
             .write_variables(VariableArea::Global, 384, &[1.0; 127])

@@ -69,7 +69,7 @@ fn tools_are_changed_as_a_whole_or_not_at_all() {
     let change = |tools: Vec<ToolData>, remove: Vec<u16>| {
         tables.change(
             |tables| tables.with_tools(&ToolChange { tools, remove }),
-            |_| Ok(()),
+            |_, _| Ok(()),
         )
     };
     let before = tables.tools();
@@ -108,7 +108,7 @@ fn offsets_and_axes_that_are_not_named_stay() {
         let change = WorkOffsetTable {
             work_offsets: [(name.to_owned(), axes)].into(),
         };
-        tables.change(|tables| tables.with_work_offsets(cs, &change), |_| Ok(()))
+        tables.change(|tables| tables.with_work_offsets(cs, &change), |_, _| Ok(()))
     };
     let mut expected = tables.work_offsets(1).unwrap();
     let other = tables.work_offsets(2).unwrap();
@@ -132,4 +132,33 @@ fn offsets_and_axes_that_are_not_named_stay() {
         );
     }
     assert_eq!(tables.work_offsets(1).unwrap(), expected);
+}
+
+#[test]
+fn values_that_undo_a_change_on_disk_include_tools_that_it_adds() {
+    let tables = tables();
+    let (id, stored) = (77, tables.kept(&tables.read().clone()));
+    let added = ToolData {
+        id,
+        radius: 1.0,
+        length: 2.0,
+    };
+    let change = ToolChange {
+        tools: vec![added],
+        remove: Vec::new(),
+    };
+    let mut seen = None;
+    let refused = tables.change(
+        |tables| tables.with_tools(&change),
+        |after, before| {
+            seen = Some((after, before));
+            Err(Refusal::new(RefusalCode::Expired, "too old"))
+        },
+    );
+    assert_eq!(code(refused), RefusalCode::Expired);
+    let (after, before) = seen.unwrap();
+    assert!(after.keys().eq(before.keys()), "each written value is undone");
+    let known = before.iter().filter(|(key, _)| stored.contains_key(*key));
+    assert!(known.eq(stored.iter()));
+    assert!(tables.tools().tools.iter().all(|tool| tool.id != id));
 }
