@@ -18,14 +18,27 @@ use crate::coordinate_system::run::causes::Cause;
 /// Maximum number of clients that one coordinate system watches. Heartbeats of further clients are refused.
 pub(crate) const CLIENTS_MAX: usize = 64;
 
+/// Interval in s at which the clients are inspected while a client is watched.
+const LOOK_EVERY_S: f64 = 0.05;
+
+/// Delay in s of an inspection above which the runtime itself was late and could not receive heartbeats: the process was
+/// suspended, or the coordinate system did other work.
+const LATE_S: f64 = 0.05;
+
 /// Deadline for the next heartbeat of each watched client. Pure: the caller passes the time.
 #[derive(Debug, Default)]
-pub(crate) struct WatchedClients(BTreeMap<String, WatchedClient>);
+pub(crate) struct WatchedClients {
+    clients: BTreeMap<String, WatchedClient>,
+    /// Time of the last inspection.
+    looked_s: f64,
+}
 
 #[derive(Debug)]
 struct WatchedClient {
     beat: ClientHeartbeat,
     until_s: f64,
+    /// True if the deadline was restarted since the last heartbeat because the runtime was late.
+    is_excused: bool,
 }
 
 impl WatchedClients {
@@ -35,10 +48,10 @@ impl WatchedClients {
     /// Returns an error if the client is new and [`CLIENTS_MAX`] clients are already watched.
     fn receive_heartbeat(&mut self, id: String, beat: ClientHeartbeat, now_s: f64) -> Result<(), Refusal> {
         if beat.ttl_ms == 0 {
-            self.0.remove(&id);
+            self.clients.remove(&id);
             return Ok(());
         }
-        if self.0.len() >= CLIENTS_MAX && !self.0.contains_key(&id) {
+        if self.clients.len() >= CLIENTS_MAX && !self.clients.contains_key(&id) {
             let text = format!(
                 "client {id} is not watched, because {CLIENTS_MAX} clients already are; release one by a \
                  heartbeat with ttl_ms 0"
@@ -46,30 +59,49 @@ impl WatchedClients {
             return Err(Refusal::new(RefusalCode::Unavailable, text));
         }
         let until_s = now_s + beat.ttl_ms as f64 / 1000.0;
-        self.0.insert(id, WatchedClient { beat, until_s });
+        if self.clients.is_empty() {
+            self.looked_s = now_s;
+        }
+        let watched = WatchedClient {
+            beat,
+            until_s,
+            is_excused: false,
+        };
+        self.clients.insert(id, watched);
         Ok(())
     }
 
-    /// Returns the earliest deadline of all watched clients.
+    /// Returns the time of the next inspection: the earliest deadline of all watched clients, or sooner. Returns `None`
+    /// if no client is watched.
     pub fn until_s(&self) -> Option<f64> {
-        self.0
-            .values()
-            .map(|watched| watched.until_s)
-            .min_by(f64::total_cmp)
+        let deadlines = self.clients.values().map(|watched| watched.until_s);
+        let first = deadlines.min_by(f64::total_cmp)?;
+        Some(first.min(self.looked_s + LOOK_EVERY_S))
     }
 
-    /// Removes the clients whose deadline has passed, and returns them.
+    /// Inspects the deadlines. Removes the clients whose deadline has passed, and returns them. If this inspection is
+    /// late, first restarts the deadlines.
+    fn inspect(&mut self, now_s: f64) -> Vec<(String, ClientHeartbeat)> {
+        let since_s = now_s - std::mem::replace(&mut self.looked_s, now_s);
+        if since_s > LOOK_EVERY_S + LATE_S {
+            self.excuse(now_s);
+        }
+        self.lost(now_s)
+    }
+
     fn lost(&mut self, now_s: f64) -> Vec<(String, ClientHeartbeat)> {
         let lost = self
-            .0
+            .clients
             .extract_if(.., |_, watched| watched.until_s <= now_s + 1e-9);
         lost.map(|(id, watched)| (id, watched.beat)).collect()
     }
 
-    /// Restarts all deadlines. Called when the runtime itself was late and could not receive heartbeats.
+    /// Restarts all deadlines, each once until the next heartbeat. Called when the runtime itself was late and could not
+    /// receive heartbeats.
     pub fn excuse(&mut self, now_s: f64) {
-        for watched in self.0.values_mut() {
+        for watched in self.clients.values_mut().filter(|watched| !watched.is_excused) {
             watched.until_s = now_s + watched.beat.ttl_ms as f64 / 1000.0;
+            watched.is_excused = true;
         }
     }
 }
@@ -87,10 +119,10 @@ impl CoordinateSystem {
 
     /// Raises a warning and holds the run if the heartbeat of a client is overdue.
     pub(crate) fn look_at_clients(&mut self, now_s: f64) {
-        if self.inputs.clients.0.is_empty() {
+        if self.inputs.clients.clients.is_empty() {
             return;
         }
-        for (id, beat) in self.inputs.clients.lost(now_s) {
+        for (id, beat) in self.inputs.clients.inspect(now_s) {
             let text = format!("client {id} sent no heartbeat for {} ms", beat.ttl_ms);
             self.context.warn_standing(&CLIENT_LOST, beat.cs, &text);
             self.hold_for(Cause::ClientLost, Reason::ClientLost);
@@ -132,12 +164,60 @@ mod tests {
         clients.receive_heartbeat("a".into(), beat(500), 1.0).unwrap();
         clients.receive_heartbeat("b".into(), beat(200), 1.0).unwrap();
         clients.receive_heartbeat("b".into(), beat(0), 1.1).unwrap();
-        assert_eq!(clients.until_s(), Some(1.5));
+        assert_eq!(clients.until_s(), Some(1.0 + LOOK_EVERY_S));
         assert_eq!(clients.lost(1.499), []);
         clients.excuse(1.499);
         assert_eq!(clients.lost(1.998), []);
         assert_eq!(clients.lost(1.999), [("a".to_owned(), beat(500))]);
         assert_eq!(clients.until_s(), None);
+    }
+
+    #[test]
+    fn late_inspection_restarts_each_deadline_once_until_the_next_heartbeat() {
+        let mut clients = WatchedClients::default();
+        let lost = [("a".to_owned(), beat(500))];
+        clients.receive_heartbeat("a".into(), beat(500), 1.0).unwrap();
+        assert_eq!(clients.inspect(1.09), [], "on time");
+        assert_eq!(clients.inspect(9.0), [], "the runtime was late");
+        assert_eq!(clients.inspect(9.09), []);
+        clients.receive_heartbeat("a".into(), beat(500), 9.1).unwrap();
+        assert_eq!(clients.inspect(20.0), []);
+        assert_eq!(clients.inspect(20.4), []);
+        assert_eq!(clients.inspect(20.6), lost, "each heartbeat allows one delay");
+    }
+
+    #[test]
+    fn suspension_in_a_dwell_or_a_wait_does_not_lose_a_client() {
+        for text in ["G04 X60\nM30\n", "M77\nM30\n"] {
+            let bench = Bench::on_machine({
+                let mut machine = tandem_runtime::Config::demo().resolve().unwrap();
+                machine.unhandled = tandem_runtime::UnhandledReaction::Wait;
+                machine
+            });
+            let play = bench.subprogram(50, text).play(async move |scene, runtime| {
+                let (plc, system) = (scene.plc(), scene.cs(1));
+                start(plc, 1, 50).await;
+                send_heartbeat(plc, "panel", beat(300)).await.unwrap();
+                plc.sleep(ms(200)).await;
+                let before = system.state().await.unwrap();
+                runtime.simulation().unwrap().delay_servo(ms(1000));
+                plc.sleep(ms(100)).await;
+                for _ in 0..5 {
+                    send_heartbeat(plc, "panel", beat(300)).await.unwrap();
+                    plc.sleep(ms(200)).await;
+                }
+                let after = system.state().await.unwrap();
+                assert_eq!(
+                    (after.execution, after.reason),
+                    (before.execution, before.reason),
+                    "{text}"
+                );
+                plc.sleep(ms(400)).await;
+                let held = system.state().await.unwrap();
+                assert_eq!(held.reason, Some(Reason::ClientLost), "{text}");
+            });
+            play.unwrap();
+        }
     }
 
     #[test]
