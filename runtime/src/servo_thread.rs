@@ -17,7 +17,7 @@ use plc_protocol::server::{Durations, ServoTiming};
 use plc_protocol::supervisor::panic_text;
 use tandem_servo::{Cutoff, Servo};
 
-use stall_watch::{LOOK_EVERY, STALL_MAX, StallWatch, record_thread_folder};
+use stall_watch::{LOOK_EVERY, StallWatch, record_thread_folder};
 
 /// Maximum time for which a stop waits for the threads. Reason: a call of the bus may block the servo thread.
 const JOIN_MAX: Duration = Duration::from_secs(1);
@@ -313,13 +313,11 @@ impl<W: Fn(), F: Fn(&str)> Relay<W, F> {
     }
 
     fn look(&mut self) {
-        if self
-            .watch
-            .has_stalled(Instant::now(), self.statistics.running_cycle())
-        {
+        let running = self.statistics.running_cycle();
+        if let Some(after) = self.watch.find_stall(Instant::now(), running) {
             self.statistics.fail(&format!(
                 "a servo cycle has not ended for {} ms: the bus to the drives or a spindle does not return",
-                STALL_MAX.as_millis()
+                after.as_millis()
             ));
         }
         if self.has_events.swap(false, Ordering::AcqRel) {

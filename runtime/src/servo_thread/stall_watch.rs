@@ -1,7 +1,8 @@
 //! Detection of a servo cycle that does not end because a bus or a spindle does not return.
 //!
 //! If the whole process is late, this is a different fault (`SERVO_LATE`), which holds the motion. So a cycle is
-//! stalled only if the relay thread itself is on time and the servo thread does not merely lack a processor.
+//! stalled only if the relay thread itself is on time and the servo thread does not merely lack a processor. Under any
+//! load, a cycle is stalled if it has not ended after [`STARVED_MAX`] in which the relay thread could run.
 
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
@@ -12,6 +13,10 @@ pub(super) const LOOK_EVERY: Duration = Duration::from_millis(10);
 /// Time after which a running cycle is stalled. Reason: the alarm must be raised within 100 ms, and no working cycle
 /// takes 60 ms.
 pub(super) const STALL_MAX: Duration = Duration::from_millis(60);
+
+/// Time after which a running cycle is stalled even if the servo thread or the relay thread lacks a processor. An
+/// interval between two inspections contributes at most [`LOOK_LATE`], so that a suspension of the process does not count.
+pub(super) const STARVED_MAX: Duration = Duration::from_secs(1);
 
 /// Interval between two inspections above which the relay thread itself was late: the process was suspended, or the
 /// computer is overloaded. Then the watch starts again.
@@ -27,6 +32,8 @@ pub(super) struct StallWatch {
     place: Arc<OnceLock<String>>,
     looked: Option<Instant>,
     suspect: Option<Suspect>,
+    /// Cycle that was running at the last inspection, and the counted time since it was first found.
+    unfinished: Option<(u64, Duration)>,
 }
 
 /// Cycle that was already running at an earlier inspection.
@@ -44,13 +51,26 @@ impl StallWatch {
             place,
             looked: None,
             suspect: None,
+            unfinished: None,
         }
     }
 
-    /// Inspects the running cycle. Returns true if it has stalled.
-    pub(super) fn has_stalled(&mut self, now: Instant, running: Option<u64>) -> bool {
+    /// Inspects the running cycle. Returns the time after which it is stalled; `None` if it is not stalled.
+    pub(super) fn find_stall(&mut self, now: Instant, running: Option<u64>) -> Option<Duration> {
         let looked = self.looked.replace(now);
-        let is_late = looked.is_some_and(|looked| now.duration_since(looked) > LOOK_LATE);
+        let interval = looked.map_or(Duration::ZERO, |looked| now.duration_since(looked));
+        let before = self.unfinished.filter(|(cycle, _)| Some(*cycle) == running);
+        let unfinished = before.map_or(Duration::ZERO, |(_, time)| time + interval.min(LOOK_LATE));
+        self.unfinished = running.map(|cycle| (cycle, unfinished));
+        if unfinished >= STARVED_MAX {
+            return Some(STARVED_MAX);
+        }
+        self.has_stalled(now, interval > LOOK_LATE, running)
+            .then_some(STALL_MAX)
+    }
+
+    /// Returns true if the running cycle has stalled while both threads could run.
+    fn has_stalled(&mut self, now: Instant, is_late: bool, running: Option<u64>) -> bool {
         let Some(cycle) = running.filter(|_| !is_late) else {
             self.suspect = None;
             return false;
@@ -124,8 +144,11 @@ mod tests {
     fn stalls_at(looks: impl IntoIterator<Item = (u64, Option<u64>)>) -> Option<u64> {
         let (start, mut watch) = (Instant::now(), watch());
         let mut looks = looks.into_iter();
-        let found =
-            looks.find(|(at_ms, running)| watch.has_stalled(start + Duration::from_millis(*at_ms), *running));
+        let found = looks.find(|(at_ms, running)| {
+            watch
+                .find_stall(start + Duration::from_millis(*at_ms), *running)
+                .is_some()
+        });
         found.map(|(at_ms, _)| at_ms)
     }
 
@@ -148,10 +171,26 @@ mod tests {
             None,
             "between two cycles"
         );
-        let suspended = (0..1000).map(|n| (n * 31, Some(7)));
+        let suspended = (0..30).map(|n| (n * 8000, Some(7)));
         assert_eq!(stalls_at(suspended), None, "the relay itself is late each time");
         let stopped = [(0, Some(7)), (10, Some(7)), (8000, Some(7)), (8010, Some(8))];
         assert_eq!(stalls_at(stopped), None);
+    }
+
+    #[test]
+    fn cycle_that_never_ends_under_load_is_found_after_1_s() {
+        let late = (0..).map(|n| (n * 31, Some(7)));
+        let counted_ms = 34 * 31;
+        assert_eq!(stalls_at(late), Some(counted_ms), "34 intervals of at most 30 ms");
+        // without processor time the watch starts again each 60 ms
+        let mut watch = watch();
+        let start = Instant::now();
+        let mut found = (0..).map(|n| n * 10).filter_map(|at_ms| {
+            watch.suspect = None;
+            let stall = watch.find_stall(start + Duration::from_millis(at_ms), Some(7));
+            stall.map(|after| (at_ms, after))
+        });
+        assert_eq!(found.next(), Some((1000, STARVED_MAX)));
     }
 
     #[test]
