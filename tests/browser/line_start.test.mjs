@@ -68,6 +68,10 @@ test("what is in force at the line is seen before anything moves, and the run be
   await dialog().getByRole("row", { name: /^X 30\.000/ }).waitFor();
   assert.equal(await screen.workPosition("X"), 0, "nothing has moved");
   await dialog().getByRole("button", { name: "Start at line 6" }).click();
+  // as with Start
+  await dialog().getByText("No handler is online for M60: an alarm would end the run there.").waitFor();
+  assert.equal(await screen.workPosition("X"), 0, "nothing has moved");
+  await dialog().getByRole("button", { name: "Start anyway" }).click();
   await screen.sees("PROGRAM_COMPLETED");
   assert.equal(await screen.workPosition("Y"), 20);
   assert.equal(await screen.workPosition("X"), 32);

@@ -71,7 +71,7 @@ for (const [which, [change, words]] of Object.entries(OUTPUTS)) {
     await dialog.waitFor({ state: "detached" });
     assert.deepEqual(machine.requests, []);
     await page.getByRole("button", { name: "Confirm M62 by hand" }).click();
-    await dialog.getByRole("button", { name: "Confirm M62" }).click();
+    await dialog.getByRole("button", { name: "M62 is done" }).click();
     await until(() => machine.requests.map(({ path }) => path), ["/cs/1/m_codes/12/reset"], "what is sent");
   });
 }
@@ -206,4 +206,32 @@ for (const locale of ["en", "de", "ja"]) {
       }
     }
   });
+}
+
+/** Opens each dialog, next to the controls of the screen. */
+const DIALOGS = {
+  "an order of parts": async () => {
+    await page.locator(".panel-tab").nth(0).click();
+    await page.locator('.stored[data-number="1"] .stored-tools button').first().click();
+  },
+  "a start in spite of an alarm": async () => {
+    const at = { program: 1, line: 2 };
+    machine.say("cs/1/start_conditions", { obstacles: [{ kind: "m_code", text: "no handler", detail: "", refuses: false, m_codes: [62], at }] });
+    await page.locator(".command.start").click();
+  },
+  "a confirmation by hand": async () => {
+    waitForM62({});
+    await page.locator(".reset-output").click();
+  },
+};
+for (const locale of ["en", "de", "ja"]) {
+  for (const [which, openIt] of Object.entries(DIALOGS)) {
+    test(`no two controls share a label while a dialog asks about ${which} (${locale})`, async () => {
+      await open({ locale });
+      await openIt();
+      await page.getByRole("dialog").waitFor();
+      assert.deepEqual(twice(await labels()), [], "by name");
+      assert.deepEqual(twice(await words()), [], "by what is written on them");
+    });
+  }
 }

@@ -61,7 +61,7 @@ export class Screen {
   /** Confirms an M code by hand, and answers the confirmation question. */
   async confirmByHand(m) {
     await this.page.getByRole("button", { name: `Confirm M${m} by hand` }).click();
-    await this.page.getByRole("dialog").getByRole("button", { name: `Confirm M${m}` }).click();
+    await this.page.getByRole("dialog").getByRole("button", { name: `M${m} is done` }).click();
   }
 
   /** Waits for the state word of the coordinate system on the screen. */

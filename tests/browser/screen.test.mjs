@@ -168,7 +168,7 @@ test("reset of an output that a handler owns asks first; Escape keeps waiting", 
   assert.deepEqual(machine.requests, []);
 
   await reset.click();
-  await dialog.getByRole("button", { name: "Confirm M100" }).click();
+  await dialog.getByRole("button", { name: "M100 is done" }).click();
   assert.deepEqual(await requestsUntil(1), [
     { method: "POST", path: "/cs/1/m_codes/12/reset", body: { boot_id: "boot-1", handler_id: "hmi", result: "ok", force: true } },
   ]);

@@ -327,6 +327,7 @@ const texts = {
   "m_codes.confirm_m_by_hand": "M{m} von Hand bestätigen",
   "m_codes.confirm_unclaimed": "Kein Handler hat es übernommen; die Arbeit hat vielleicht nicht begonnen. Nach der Bestätigung läuft das Programm sofort weiter und Achsen können sich bewegen. Zuerst die Maschine prüfen.",
   "m_codes.in_work": "in Arbeit",
+  "m_codes.is_done": "M{m} ist fertig",
   "m_codes.keep_waiting": "Weiter warten",
   "m_codes.m_is_done_the_program": "M{m} ist erledigt: das Programm läuft weiter",
   "m_codes.no_handler": "noch kein Handler",
@@ -412,7 +413,7 @@ const texts = {
   "order.part_waits": "Teil {part} von {parts} wartet: {text}",
   "order.parts": "Teile",
   "order.run": "{program} ausführen",
-  "order.start": "Start",
+  "order.start": "Teile fertigen",
 
   "panels.panels": "Bereiche",
 
@@ -751,7 +752,7 @@ const texts = {
   "start.prediction": "Die Simulation endet mit einem Alarm: {text}",
   "start.prediction_at": "Die Simulation endet mit einem Alarm in Zeile {line}: {text}",
   "start.program": "Das Programm läuft nicht: {text}.",
-  "start.start": "Start",
+  "start.start": "Trotzdem starten",
   "start_line.all_axes_at_once": "alle Achsen gleichzeitig",
   "start_line.axes_go_machine": "Achsen fahren (Maschine)",
   "start_line.called_by": "Aufgerufen von",

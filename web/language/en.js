@@ -326,6 +326,7 @@ export default {
   "m_codes.confirm_m_by_hand": "Confirm M{m} by hand",
   "m_codes.confirm_unclaimed": "No handler has claimed this M code, so the work may not have begun. If you confirm, the program continues at once and axes can move. Check the machine first.",
   "m_codes.in_work": "in work",
+  "m_codes.is_done": "M{m} is done",
   "m_codes.keep_waiting": "Keep waiting",
   "m_codes.m_is_done_the_program": "M{m} is done: the program continues",
   "m_codes.no_handler": "no handler yet",
@@ -411,7 +412,7 @@ export default {
   "order.part_waits": "part {part} of {parts} waits: {text}",
   "order.parts": "Parts",
   "order.run": "Run {program}",
-  "order.start": "Start",
+  "order.start": "Run parts",
 
   "panels.panels": "Panels",
 
@@ -750,7 +751,7 @@ export default {
   "start.prediction": "The rehearsal ends in an alarm: {text}",
   "start.prediction_at": "The rehearsal ends in an alarm in line {line}: {text}",
   "start.program": "The program does not run: {text}.",
-  "start.start": "Start",
+  "start.start": "Start anyway",
   "start_line.all_axes_at_once": "all axes at once",
   "start_line.axes_go_machine": "Axes move to (machine)",
   "start_line.called_by": "Called by",

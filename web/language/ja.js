@@ -327,6 +327,7 @@ const texts = {
   "m_codes.confirm_m_by_hand": "M{m} を手動で完了にする",
   "m_codes.confirm_unclaimed": "どのハンドラーも着手していません。処理は始まっていないかもしれません。完了にすると、プログラムは直ちに先へ進み、軸が動くことがあります。先に機械を確認してください。",
   "m_codes.in_work": "処理中",
+  "m_codes.is_done": "M{m} は完了",
   "m_codes.keep_waiting": "待機を続ける",
   "m_codes.m_is_done_the_program": "M{m} は完了: プログラムが先へ進みます",
   "m_codes.no_handler": "ハンドラー未着手",
@@ -412,7 +413,7 @@ const texts = {
   "order.part_waits": "部品 {part}/{parts} は待機中: {text}",
   "order.parts": "部品数",
   "order.run": "{program} を運転",
-  "order.start": "起動",
+  "order.start": "部品を運転",
 
   "panels.panels": "パネル",
 
@@ -751,7 +752,7 @@ const texts = {
   "start.prediction": "シミュレーションはアラームで終わります: {text}",
   "start.prediction_at": "シミュレーションは {line} 行のアラームで終わります: {text}",
   "start.program": "プログラムは運転できません: {text}。",
-  "start.start": "起動",
+  "start.start": "それでも起動",
   "start_line.all_axes_at_once": "全軸同時",
   "start_line.axes_go_machine": "軸の移動 (機械)",
   "start_line.called_by": "呼び出し元",

@@ -5,6 +5,7 @@ import { programName } from "../text/format.js";
 import { t } from "../text/language.js";
 import { openDialog } from "../ui/dialog.js";
 import { button, h } from "../ui/dom.js";
+import { acceptsRisks } from "./start_risks.js";
 
 /** Most parts of one run. */
 const PARTS_MAX = 1_000_000;
@@ -28,7 +29,11 @@ export function orderParts(app, { number, title }) {
     const why = whyNot(app.model, "run");
     if (why) return app.toast(why, "error");
     dialog.close();
-    void app.attempt(() => app.api.order(cs, number, Number(field.value)));
+    void app.attempt(async () => {
+      const isLoaded = number === app.model.current?.state?.program;
+      if (isLoaded && !(await acceptsRisks(app))) return;
+      await app.api.order(cs, number, Number(field.value));
+    });
   });
   disableFor(start, whyNot(app.model, "run"));
   const dialog = openDialog("order", t("order.run", { program: name }), [form]);

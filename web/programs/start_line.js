@@ -7,6 +7,7 @@ import { listed, t } from "../text/language.js";
 import { lengthScale, scaleOf, unitOf } from "../text/units.js";
 import { openDialog } from "../ui/dialog.js";
 import { button, fill, h, setAttr } from "../ui/dom.js";
+import { acceptsRisks } from "./start_risks.js";
 
 /** @typedef {import("../machine/api.js").LineStart} LineStart */
 /** @typedef {import("../types.d.ts").LineState} LineState */
@@ -80,9 +81,12 @@ export function openLineStart(app, { line, program }) {
     void ask();
   });
 
+  const startAfterQuestion = async () => {
+    if (await acceptsRisks(app)) await app.api.command(cs, "start", from, seen);
+  };
   const children = [isThere ? h("p", { class: "muted" }, t("start_line.is_cut_short")) : null, found, h("div", { class: "row" }, which, h("label", { class: "choice" }, t("start_line.the_axes_go_there"), order)), h("div", { class: "row end wrap" }, there, leave, start)];
   const dialog = openDialog("line-start", program === main ? t("start_line.title", { line }) : t("start_line.title_of", { line, program: programName(program) }), children, (answer) => {
-    if (answer === "start") void app.attempt(() => app.api.command(cs, "start", from, seen));
+    if (answer === "start") void app.attempt(startAfterQuestion);
   });
   void ask();
 }

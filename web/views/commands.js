@@ -2,9 +2,9 @@
 // always has the same meaning.
 
 import { disableFor, startVerb, whyNot } from "../access/why_not.js";
-import { risksOfStart } from "../machine/start_conditions.js";
+import { acceptsRisks } from "../programs/start_risks.js";
 import { programName } from "../text/format.js";
-import { listed, sentences, t } from "../text/language.js";
+import { listed, t } from "../text/language.js";
 import { button, h } from "../ui/dom.js";
 import { icon } from "../ui/icons.js";
 
@@ -38,23 +38,12 @@ export const commands = {
   },
 };
 
-/** Asks before a start whose run would end in an alarm. @param {import("../main.js").App} app @param {string[]} risks */
-function startAnyway(app, risks) {
-  return app.confirm({
-    title: t("start.anyway", { program: programName(app.model.current?.state?.program) }),
-    text: sentences(...risks),
-    yes: t("start.start"),
-    no: t("start.do_not"),
-  });
-}
-
 /** @param {import("../main.js").App} app @param {import("../types.d.ts").Verb} verb */
 export async function press(app, verb) {
   const { model } = app;
   if (verb === "start" || verb === "resume") {
     const sent = verb === "start" ? startVerb(model) : verb;
-    const risks = sent === "start" ? risksOfStart(model.current) : [];
-    if (risks.length > 0 && !(await startAnyway(app, risks))) return;
+    if (sent === "start" && !(await acceptsRisks(app))) return;
     return app.go(sent);
   }
   const state = model.current?.state;

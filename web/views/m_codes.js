@@ -169,7 +169,7 @@ async function confirmByHand(app, output) {
   const sure = await app.confirm({
     title: t("m_codes.ask_to_confirm", { m: output.m }),
     text: `${workOf(app, output)} ${responsible(output)}`,
-    yes: t("m_codes.confirm_m", { m: output.m }),
+    yes: t("m_codes.is_done", { m: output.m }),
     no: t("m_codes.keep_waiting"),
   });
   if (sure) await app.attempt(() => app.api.resetOutput(selected, bootId ?? "", output.seq));
