@@ -583,3 +583,22 @@ fn convert_writes_the_program_tells_what_is_left_and_ends_with_1() {
     assert_eq!(ran.code, 2);
     assert!(ran.stderr.contains("would replace the program"), "{}", ran.stderr);
 }
+
+#[test]
+fn convert_reads_the_first_system_of_the_dialect_of_the_source() {
+    let machine = Machine::new("dialect = \"dgshape\"\n[coordinate_system.dgshape]\ncalculator = \"all\"\n");
+    machine.write("old.nc", "%\nG90\nG04X2\nM30\n%\n");
+    let ran = run(
+        machine.folder(),
+        &[
+            "convert",
+            "old.nc",
+            "--from",
+            "dgshape",
+            "--config",
+            "tandem.toml",
+        ],
+    );
+    assert_eq!((ran.code, ran.stderr.as_str()), (0, ""));
+    assert!(ran.stdout.contains("G04 X2\n"), "{}", ran.stdout);
+}

@@ -56,14 +56,16 @@ pub(super) fn run(arguments: &ConvertArguments) -> CommandResult {
         None => Settings::from(&NcOptions::default()),
         Some(path) => {
             let (_, machine) = read_config(Some(path))?;
+            let systems = &machine.coordinate_systems;
+            let of_source = || {
+                let dialect = source.dialect()?;
+                systems.iter().find(|system| system.dialect.name == dialect.name)
+            };
             let assigned = machine.system_of_program(&arguments.file);
-            let system = assigned.or(machine.coordinate_systems.first());
+            let system = assigned.or_else(of_source).or(systems.first());
             system.map_or_else(
                 || Settings::from(&NcOptions::default()),
-                |system| Settings {
-                    options: system.settings.nc,
-                    unit: system.settings.unit,
-                },
+                |system| Settings::from(&system.settings),
             )
         }
     };

@@ -30,16 +30,16 @@ fn every_setting_of_dgshape_is_converted_or_reported() {
         ..settings("")
     };
     machines.push(("units = \"inch\"", inch));
+    let mut slow = settings("");
+    slow.spindle.as_mut().unwrap().max_velocity = 700.0;
+    machines.push(("max_velocity = 700 of the spindle", slow));
     let of_nj = machine_settings(&MACHINE.replace("dialect = \"dgshape\"\n", ""));
     for (key, settings) in machines {
         let mut compared = 0;
         for _ in 0..60 {
             let body = blocks(&mut random);
             let text = format!("%\nO0001(a)\nG90\nG00X0Y0Z0.4\nG01X.3F6.\n{body}\nM05\nM30\n%\n");
-            let from = Settings {
-                options: settings.nc,
-                unit: settings.unit,
-            };
+            let from = Settings::from(&settings);
             let converted = convert(&text, Source::Dgshape, from);
             let Ok(wanted) = steps(&text, dgshape(), &settings) else {
                 continue;

@@ -16,7 +16,7 @@ mod tests;
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
-use tandem_model::settings::{Calculator, NcOptions, Unit};
+use tandem_model::settings::{Calculator, CoordinateSystemSettings, NcOptions, Unit};
 use tandem_model::{AxisVector, Diagnostic};
 use tandem_syntax::{Grammar, LineIndex, NcProgram, Token, TokenKind, parse, tokens};
 
@@ -42,6 +42,26 @@ pub struct Settings {
     pub options: NcOptions,
     /// Unit at the start of a program.
     pub unit: Unit,
+}
+
+impl From<&CoordinateSystemSettings> for Settings {
+    /// Creates the settings of a machine. As on that machine, its spindle motor limits the spindle speed, too.
+    fn from(settings: &CoordinateSystemSettings) -> Self {
+        let mut options = settings.nc;
+        if let Some(spindle) = &settings.spindle {
+            let configured = options.max_spindle_speed_r_min;
+            let motor = spindle.max_velocity;
+            options.max_spindle_speed_r_min = if configured > 0.0 {
+                configured.min(motor)
+            } else {
+                motor
+            };
+        }
+        Self {
+            options,
+            unit: settings.unit,
+        }
+    }
 }
 
 impl From<&NcOptions> for Settings {
@@ -80,13 +100,9 @@ pub struct UnconvertedLine {
 /// Converts a program to dialect nj. Every word of the source is in the converted text, or its line is in
 /// `left`.
 pub fn convert(source: &str, from: Source, settings: impl Into<Settings>) -> ConvertedProgram {
-    let Settings {
-        mut options,
-        mut unit,
-    } = settings.into();
+    let Settings { mut options, unit } = settings.into();
     if from == Source::Fanuc {
         options.calculator = Calculator::All;
-        unit = Unit::Millimetre;
     }
     let (grammar, read) = match from {
         Source::Dgshape => (Grammar::dgshape(), Cow::Borrowed(source)),
@@ -142,7 +158,10 @@ pub fn convert(source: &str, from: Source, settings: impl Into<Settings>) -> Con
     }
     writer.leave_settings();
     if !others.is_empty() {
-        writer.leave_further_programs(read.lines().count(), others.lines().count());
+        let first = u32::try_from(read.lines().count())
+            .unwrap_or(u32::MAX)
+            .saturating_add(1);
+        writer.leave_lines(first, others.lines().count(), SECOND_PROGRAM);
     }
     writer.finish()
 }
@@ -165,6 +184,12 @@ fn wrong_lines(source: &str, found: &[Diagnostic], from: Source) -> BTreeMap<u32
     // for a line with several errors, the first error is kept
     told.rev().collect()
 }
+
+/// Reason for the lines of a further program in the same text.
+const SECOND_PROGRAM: &str = "a second program begins here. Convert each program as a separate file. The lines of the second program follow as comments.";
+
+/// Reason for the lines after the mark that ends the program.
+const AFTER_PROGRAM: &str = "the program ends at the mark % before this text. Convert a further program as a separate file. The text follows as comments.";
 
 struct Writer<'a> {
     grammar: &'static Grammar,
@@ -208,11 +233,6 @@ impl Writer<'_> {
             (None, TokenKind::ProgramNumber) => self.program_number(code, line),
             (None, _) => self.block(number),
         };
-        if let Some(rest) = line.iter().find(|token| token.kind == TokenKind::Rest)
-            && !self.token_text(rest).trim().is_empty()
-        {
-            self.leave(number, "the text after the program is not converted");
-        }
         comments.extend(self.state.note.take());
         match written {
             Ok(mut blocks) => {
@@ -229,6 +249,32 @@ impl Writer<'_> {
                 let raw = self.raw(number).to_owned();
                 self.lines.push((number, format!("// not converted: {raw}")));
             }
+        }
+        if let Some(rest) = line.iter().find(|token| token.kind == TokenKind::Rest) {
+            self.leave_rest(number, rest);
+        }
+    }
+
+    /// Keeps the text after the program as comments, and reports the line at which it begins.
+    fn leave_rest(&mut self, number: u32, rest: &Token) {
+        let text = self.token_text(rest);
+        let words = text.trim();
+        if words.is_empty() {
+            return;
+        }
+        let before = text.len() - text.trim_start().len();
+        let ends_before = text[..before].matches('\n').count();
+        let first = number.saturating_add(u32::try_from(ends_before).unwrap_or(u32::MAX));
+        let lines = words.lines().count();
+        // the line of the mark may have been reported as a whole
+        let is_reported = self.left.last().is_some_and(|left| left.line == first);
+        let (first, lines) = if is_reported {
+            (first.saturating_add(1), lines - 1)
+        } else {
+            (first, lines)
+        };
+        if lines > 0 {
+            self.leave_lines(first, lines, AFTER_PROGRAM);
         }
     }
 
@@ -262,9 +308,8 @@ impl Writer<'_> {
         }
     }
 
-    /// Keeps the lines of further programs as comments, and reports the line at which they begin.
-    fn leave_further_programs(&mut self, lines_before: usize, lines: usize) {
-        let first = u32::try_from(lines_before).unwrap_or(u32::MAX).saturating_add(1);
+    /// Keeps lines as comments, and reports the first of them with this reason.
+    fn leave_lines(&mut self, first: u32, lines: usize, reason: &str) {
         for line in (first..).take(lines) {
             let raw = self.raw(line);
             if !matches!(raw, "" | "%") {
@@ -272,10 +317,7 @@ impl Writer<'_> {
                 self.lines.push((line, kept));
             }
         }
-        self.leave(
-            first,
-            "a second program begins here. Convert each program as a separate file. The lines of the second program follow as comments.",
-        );
+        self.leave(first, reason);
     }
 
     fn raw(&self, number: u32) -> &str {

@@ -43,20 +43,25 @@ fn semicolon(line: &str) -> Option<usize> {
     })
 }
 
-/// Returns the byte position of the line with the second program number, where a further program begins. Only
-/// a program number that is alone on its line counts.
+/// Returns the byte position of the line at which a further program begins: the line of a program number after
+/// another program number, or after blocks without one. Only a program number that is alone on its line counts.
 pub(super) fn second_program(text: &str, grammar: &'static Grammar, from: Source) -> Option<usize> {
     if from != Source::Fanuc {
         return None;
     }
     let tokens: Vec<Token> = tokens(text, grammar).collect();
     let lines = tokens.split(|token| token.kind == TokenKind::LineEnd);
-    let mut numbers = lines.filter_map(|line| {
-        let mut code = line.iter().filter(|token| token.kind != TokenKind::Comment);
+    let mut has_begun = false;
+    let second = lines.filter_map(|line| {
+        let mut code = line
+            .iter()
+            .filter(|token| !matches!(token.kind, TokenKind::Comment | TokenKind::Mark));
         let first = code.next()?;
-        (first.kind == TokenKind::ProgramNumber && code.next().is_none()).then_some(first.span.start as usize)
+        let is_number = first.kind == TokenKind::ProgramNumber && code.next().is_none();
+        let is_further = std::mem::replace(&mut has_begun, true) && is_number;
+        Some(is_further.then_some(first.span.start as usize))
     });
-    let second = numbers.nth(1)?;
+    let second = second.flatten().next()?;
     Some(text[..second].rfind('\n').map_or(0, |end| end + 1))
 }
 
@@ -71,9 +76,19 @@ fn has(program: &NcProgram, is_meant: impl Fn(u32) -> bool) -> bool {
     words.any(|word| word.address == Address::M && word.whole().is_some_and(&is_meant))
 }
 
-/// Returns true if the program has the end of a subprogram, and no end of a main program.
+/// Returns true if the last end in the program is that of a subprogram. An M02 or M30 before it is in a branch.
 pub(super) fn is_subprogram(program: &NcProgram) -> bool {
-    has(program, |m| m == RETURN) && !has(program, |m| MAIN_ENDS.contains(&m))
+    let codes = program
+        .all_words()
+        .iter()
+        .filter(|word| word.address == Address::M);
+    let ends = codes.filter_map(|word| {
+        MAIN_ENDS
+            .into_iter()
+            .chain([RETURN])
+            .find(|m| word.whole() == Some(*m))
+    });
+    ends.last() == Some(RETURN)
 }
 
 /// Returns true if an M code ends the program. Otherwise, these controls end the program at the end of its

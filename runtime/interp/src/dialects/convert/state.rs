@@ -4,7 +4,7 @@ use tandem_model::settings::{NcOptions, Unit};
 use tandem_syntax::{Address, Word};
 
 use crate::codes::WordSpec;
-use crate::numbers;
+use crate::{Dialect, dialects, numbers};
 
 /// Dialect of the source program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,6 +15,16 @@ pub enum Source {
     /// cycles, tool changes, subprogram calls by a number of four digits. Numbers have their written value,
     /// with or without a point.
     Fanuc,
+}
+
+impl Source {
+    /// Returns the dialect of machines that run such programs; `None` if no dialect does.
+    pub fn dialect(self) -> Option<&'static Dialect> {
+        match self {
+            Source::Dgshape => Some(dialects::dgshape()),
+            Source::Fanuc => None,
+        }
+    }
 }
 
 /// Modal state on which the conversion of later words depends.

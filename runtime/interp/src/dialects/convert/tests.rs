@@ -166,3 +166,60 @@ fn a_block_that_nj_refuses_is_reported_as_written() {
     assert_eq!(left, [(3, true)]);
     assert!(has_line(&converted, "F100 G02 X10 Y0 R1"), "{}", converted.text);
 }
+
+#[test]
+fn program_after_a_main_program_without_number_is_reported() {
+    let converted = of_fanuc("G00 X1\nM98 P2000\nM30\nO2000\nG91 G00 X5\nM99\n");
+    assert_eq!(lines_left(&converted), [4], "{converted:?}");
+    assert!(has_line(&converted, "M30"));
+    assert!(
+        has_line(&converted, "// not converted: G91 G00 X5"),
+        "{}",
+        converted.text
+    );
+    let comment = of_fanuc("%\n(a part)\nO1\nG00 X1\nM30\n%\n");
+    assert_eq!(comment.left, []);
+}
+
+#[test]
+fn text_after_the_end_mark_is_kept_and_reported_at_its_line() {
+    for (text, first) in [
+        ("%\nO1\nG00 X1\nM30\n%\n\nO2\nG91 G00 X5\nM99\n%\n", 7),
+        ("O1\nG00 X1\nM30\n%\nO2\nG91 G00 X5\n", 5),
+        ("%\nO1\nG00 X1\nM30\n% G91 G00 X5\n", 5),
+    ] {
+        let converted = of_fanuc(text);
+        assert_eq!(lines_left(&converted), [first], "{converted:?}");
+        assert!(converted.text.contains("G91 G00 X5"), "{}", converted.text);
+        assert!(!converted.text.lines().any(|line| line.starts_with("G91")));
+    }
+    let dgshape = convert(
+        "%\nG90G00X1.\nM30\n%\nG00X9.\n",
+        Source::Dgshape,
+        &NcOptions::default(),
+    );
+    assert_eq!(lines_left(&dgshape), [5], "{dgshape:?}");
+    assert!(has_line(&dgshape, "// not converted: G00X9."), "{}", dgshape.text);
+}
+
+#[test]
+fn unit_of_the_configuration_applies_to_programs_of_fanuc() {
+    let settings = Settings {
+        unit: Unit::Inch,
+        ..Settings::from(&NcOptions::default())
+    };
+    let text = convert("G00 X1\nM30\n", Source::Fanuc, settings).text;
+    assert!(
+        text.starts_with("G00 G17 G20 ") && text.contains("G00 X1\n"),
+        "{text}"
+    );
+    assert!(of_fanuc("G00 X1\nM30\n").text.starts_with("G00 G17 G21 "));
+}
+
+#[test]
+fn subprogram_with_main_end_in_a_branch_keeps_state_of_callers() {
+    let sub = of_fanuc("O2000\nG00 Z9\n/M30\nG91 G00 X5\nM99\n");
+    assert!(!sub.text.contains("G21"), "{}", sub.text);
+    let main = of_fanuc("O1\n/M99\nG00 X5\nM30\n");
+    assert!(main.text.contains("G21"), "{}", main.text);
+}
