@@ -46,14 +46,20 @@ const CALLED: &str = "no program has called it and set the modal state";
 const MAIN_ENDS: [u32; 2] = [2, 30];
 const RETURN: u32 = 99;
 
-/// Returns true if a program returns to a caller and never ends as a main program. Its modal state at the start depends
-/// on its callers.
+/// Returns true if the last end in the program returns to a caller; an M02 or M30 before it is in a branch. The modal
+/// state of such a program at its start depends on its callers.
 fn is_subprogram(program: &NcProgram) -> bool {
-    let has = |is_meant: &dyn Fn(u32) -> bool| {
-        let mut words = program.all_words().iter();
-        words.any(|word| word.address == Address::M && word.whole().is_some_and(is_meant))
-    };
-    has(&|m| m == RETURN) && !has(&|m| MAIN_ENDS.contains(&m))
+    let codes = program
+        .all_words()
+        .iter()
+        .filter(|word| word.address == Address::M);
+    let ends = codes.filter_map(|word| {
+        MAIN_ENDS
+            .into_iter()
+            .chain([RETURN])
+            .find(|m| word.whole() == Some(*m))
+    });
+    ends.last() == Some(RETURN)
 }
 
 /// Input of a trial.
@@ -263,8 +269,7 @@ impl Runs<'_> {
         let others = self.once(SECOND).alarms;
         for alarm in alarms {
             let is_certain = others.iter().any(|other| is_same(other, &alarm));
-            let assumed =
-                "the axes are at 0 at the start, no block skip input is on, and G31 reaches its target";
+            let assumed = "the axes are at start_at at the start, no block skip input is on, and G31 reaches its target";
             self.shown.stops.push(StoppingAlarm {
                 alarm,
                 assumed: (!is_certain).then(|| assumed.to_owned()),

@@ -256,6 +256,8 @@ fn a_subprogram_alone_has_no_error_that_depends_on_its_callers() {
         "G01 X5\nM99\n",
         "G02 X90 R3\nM99\n",
         "G41\nG01 X10\nX20\nM99\n",
+        "/M30\nG84 Z-5 R2\nG80\nM99\n",
+        "/M30\nG02 X90 R3\nM99\n",
     ] {
         let machine = Machine::new("");
         machine.write("1003.nc", text);
@@ -266,4 +268,29 @@ fn a_subprogram_alone_has_no_error_that_depends_on_its_callers() {
     machine.write("1003.nc", "G77\nM99\n");
     let ran = run(machine.folder(), &["check", "1003.nc", "--config", "tandem.toml"]);
     assert_eq!(ran.code, 1, "an error of its own text stays");
+}
+
+#[test]
+fn p25_check_begins_at_start_at_within_soft_limits() {
+    // X is at 100 at switch-on; its upper limit is 300, and Y has none
+    let machine = Machine::new(M_CODES);
+    let config = std::fs::read_to_string(machine.config()).unwrap().replace(
+        "soft_limits = [-100.0, 300.0]",
+        "soft_limits = [90.0, 300.0]\nstart_at = 100.0",
+    );
+    machine.write("tandem.toml", &config);
+    let check = |text: &str| {
+        machine.write("main.nc", text);
+        let checked = run(
+            machine.folder(),
+            &["check", "main.nc", "--config", "tandem.toml", "--format", "json"],
+        );
+        let found = checked.json()["files"][0]["diagnostics"].clone();
+        let codes = found.as_array().unwrap().iter().map(|one| one["code"].clone());
+        codes.collect::<Vec<_>>()
+    };
+    assert_eq!(check("G91 G00 X150\nM30\n"), Vec::<Value>::new());
+    assert_eq!(check("G91 G00 X250\nM30\n"), ["E0128"]);
+    // without a motion of X, no limit of X is exceeded
+    assert_eq!(check("G91 G01 Y5 F500\nM30\n"), Vec::<Value>::new());
 }

@@ -11,7 +11,7 @@ use tandem_model::alarm::{
 };
 use tandem_model::flow::{Action, Block, Compensation, Item, Output, Segment};
 use tandem_model::lost::LOST;
-use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
+use tandem_model::settings::{CoordinateSystemSettings, MotorSettings, Tool, WorkOffsets};
 use tandem_model::variables::{GLOBAL_VARIABLES, VariableArray, Variables};
 use tandem_model::{AXES_MAX, Alarm, Axis, AxisVector, MachinePosition, Origin};
 use tandem_motion::{ChainCheck, ExceededLimit};
@@ -36,7 +36,8 @@ const OF_COMPENSATION: [&AlarmEntry; 7] = [
 /// Assumed values for data that the program text does not contain.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TrialAssumptions {
-    pub start: f64,
+    /// Distance of each axis from its `start_at` at the start, mm or degrees.
+    pub start_offset: f64,
     pub tool: Tool,
     pub optional_skip: u32,
     /// Share of the programmed distance after which a G31 ends, 0 to 1.
@@ -47,7 +48,7 @@ pub(super) struct TrialAssumptions {
 
 /// The first assumptions: neutral values.
 pub(super) const FIRST: TrialAssumptions = TrialAssumptions {
-    start: 0.0,
+    start_offset: 0.0,
     tool: Tool {
         length: 0.0,
         radius: 0.0,
@@ -59,7 +60,7 @@ pub(super) const FIRST: TrialAssumptions = TrialAssumptions {
 
 /// The second assumptions, which differ from the first as much as possible.
 pub(super) const SECOND: TrialAssumptions = TrialAssumptions {
-    start: 1.375,
+    start_offset: 1.375,
     tool: Tool {
         length: 2.0,
         radius: 0.0,
@@ -105,11 +106,11 @@ impl<'a> TrialRun<'a> {
         }
         let mut interpreter = Interpreter::new(settings, trial.dialect);
         interpreter.start(Arc::clone(trial.program), 0);
-        let start = Axis::ALL
-            .into_iter()
-            .filter(|axis| settings.axes().contains(*axis));
         let mut at = AxisVector::ZERO;
-        start.for_each(|axis| at[axis] = assumed.start);
+        for (axis, motor) in Axis::ALL.into_iter().zip(&settings.motors) {
+            let motor = motor.as_ref();
+            at[axis] = motor.map_or(0.0, |motor| position_at_start(motor, assumed.start_offset));
+        }
         let mut path = PathStage::new(settings, MachinePosition(at));
         path.let_limits_pass();
         Self {
@@ -374,6 +375,17 @@ impl<'a> TrialRun<'a> {
             Tool::default()
         });
     }
+}
+
+/// Returns the position of a motor at the start: this distance from its `start_at`, within its soft limits.
+fn position_at_start(motor: &MotorSettings, offset: f64) -> f64 {
+    let limits = motor.soft_limits.filter(|[low, high]| low < high);
+    let Some([low, high]) = limits else {
+        return motor.start_at + offset;
+    };
+    let at = motor.start_at + offset;
+    let other = if at <= high { at } else { motor.start_at - offset };
+    other.max(low).min(high)
 }
 
 fn add_warning(warnings: &mut Vec<Warning>, entry: &'static DiagnosticEntry, origin: Origin, text: String) {
