@@ -71,13 +71,17 @@ impl CoordinateSystem {
              then restart the runtime",
             FAULT_LASTS.title
         );
-        let steps: [&mut dyn FnMut(&mut Self); 5] = [
+        let steps: [&mut dyn FnMut(&mut Self); 6] = [
             &mut |system| {
                 system.context.shared.raise(system.lasting_alarm(text.clone()));
             },
             &mut |system| {
                 let alarm = RaisedAlarm::OfThis(Box::new(system.lasting_alarm(text.clone())));
                 system.context.record(Event::Alarm(alarm));
+            },
+            &mut |system| {
+                let context = &system.context;
+                context.shared.store.end_run_of(context.number);
             },
             &mut |system| {
                 let end = RunEnd::CutShort {

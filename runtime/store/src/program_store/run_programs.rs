@@ -118,4 +118,9 @@ impl ProgramStore {
             kept.runs.remove(&cs);
         }
     }
+
+    /// Ends any run of a coordinate system that runs no program until the runtime is restarted.
+    pub fn end_run_of(&self, cs: CoordinateSystemNumber) {
+        self.run_programs.0.lock().runs.remove(&cs);
+    }
 }

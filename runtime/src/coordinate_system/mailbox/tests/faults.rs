@@ -5,7 +5,9 @@ use std::sync::atomic::{AtomicU32, Ordering::SeqCst};
 use plc_protocol::types::command::CommandStatus;
 use plc_protocol::types::lock::LockSet;
 use plc_protocol::types::state::{Reason, State};
+use plc_protocol::types::upload::ProgramCondition;
 use tandem_model::alarm::{FAULT_LASTS, RUNTIME_FAULT};
+use tandem_store::program_store::StoredProgram;
 
 use super::*;
 
@@ -350,4 +352,25 @@ fn p11_failed_task_stops_the_motion_on_its_path_and_cancels_outputs() {
         Payload::Pending(pending) => assert!(pending.outputs.is_empty(), "{pending:?}"),
         other => panic!("{other:?}"),
     }
+}
+
+#[test]
+fn p11_program_can_be_stored_after_a_second_panic_has_ended_its_run() {
+    let (mut machine, faults) = machine();
+    let shared = Arc::clone(&machine.mailbox.shared);
+    let write = |text: &str| {
+        let program = StoredProgram::new(50, text, shared.machine.text_rules());
+        let stored = shared.store.store(program, &ProgramCondition::default());
+        stored.unwrap().map(|_| ()).map_err(|refusal| refusal.code)
+    };
+    assert_eq!(write("G01 X200 F600\nM30\n"), Ok(()));
+    machine.ask(Command::Load { program: 50 }, "load", 50).unwrap();
+    machine.ask(Command::Start, "start", 50).unwrap();
+    machine.run(500);
+    assert_eq!(write("M30\n"), Err(RefusalCode::ProgramRuns));
+    faults.store(u32::MAX, SeqCst);
+    machine.ask(Command::Hold, "hold", 10).unwrap();
+    machine.run(BRAKING_CYCLES);
+    assert!(machine.active().contains(&FAULT_LASTS.number));
+    assert_eq!(write("M30\n"), Ok(()));
 }
