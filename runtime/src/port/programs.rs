@@ -6,6 +6,7 @@ use plc_protocol::types::CoordinateSystemNumber;
 use plc_protocol::types::planned::ManualText;
 use plc_protocol::types::program::{ProgramFolder, ProgramText};
 use plc_protocol::types::request::{Answer, Refusal, RefusalCode};
+use plc_protocol::types::state::RunKind;
 use plc_protocol::types::upload::{ProgramCondition, ProgramUpload};
 use tandem_config::ConfiguredSystem;
 use tandem_interp::meaning::Role;
@@ -122,12 +123,20 @@ impl RuntimePort {
             return Err(refusal);
         }
         for mailbox in &self.mailboxes {
-            let main = self.running(mailbox.number).and_then(|state| state.program);
-            if main.is_some_and(|main| called_by(&self.shared.store.all(), main).contains(&number)) {
-                let text = format!(
-                    "program {number} runs in coordinate system {}; stop it first",
-                    mailbox.number
-                );
+            let Some(state) = self.running(mailbox.number) else {
+                continue;
+            };
+            let is_called = |main| called_by(&self.shared.store.all(), main).contains(&number);
+            if state.program.is_some_and(is_called) {
+                let cs = mailbox.number;
+                let text = if matches!(state.run_kind, None | Some(RunKind::Program)) {
+                    format!("program {number} runs in coordinate system {cs}; stop it first")
+                } else {
+                    format!(
+                        "program {number} belongs to the loaded program of coordinate system {cs}, which moves by hand \
+                         now; wait for the end of this motion, or stop it"
+                    )
+                };
                 return Err(Refusal::new(RefusalCode::ProgramRuns, text));
             }
         }

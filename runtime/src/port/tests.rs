@@ -261,6 +261,26 @@ fn a_program_cannot_be_written_while_it_runs() {
     });
 }
 
+#[test]
+fn program_is_not_said_to_run_while_the_axes_move_by_hand() {
+    with_machine(async move |port| {
+        let text = "G01 X100 F600".to_owned();
+        let mdi = Command::Mdi {
+            text,
+            is_macro: false,
+        };
+        let moving = typed::Command {
+            wait: false,
+            ..command(mdi, "mdi", "hmi")
+        };
+        port.ask(moving).await.unwrap();
+        let write = port.ask(typed::WriteProgram(50, "M30\n".into())).await;
+        let refusal = write.unwrap_err();
+        assert_eq!(refusal.code, RefusalCode::ProgramRuns);
+        assert!(refusal.text.contains("moves by hand"), "{}", refusal.text);
+    });
+}
+
 /// Answers the next validation of M60 as handler `picky`, after `before` has been done.
 async fn answer_validation(
     port: &Arc<dyn Port>,
