@@ -354,8 +354,8 @@ impl Inner {
         Some(rehearsed::run(&content, &moment, &overrides, low_override))
     }
 
-    /// Returns true if the end of the wait is unknown: at M00 and M01, or if an M code waits for a person or
-    /// a lost handler. Also if the M code was never measured, or takes much longer than measured.
+    /// Returns true if the end of the wait is unknown: at M00 and M01, or if an M code waits for a person, a
+    /// lost handler, or a spindle that an override of 0 percent stops. Also if the M code was never measured, or takes much longer than measured.
     fn waits_without_end(&self, cs: CoordinateSystemNumber, state: &State, elapsed_s: f64) -> bool {
         if matches!(
             state.execution,
@@ -367,7 +367,7 @@ impl Inner {
             return false;
         };
         let known_s = planning::wait_of(&self.shared, configured, waiting.m);
-        state.reason == Some(Reason::HandlerLost)
+        matches!(state.reason, Some(Reason::HandlerLost | Reason::OverrideZero))
             || waiting.question.is_some()
             || known_s.is_none_or(|known_s| elapsed_s > known_s * OVERDUE_FACTOR + OVERDUE_S)
     }

@@ -322,6 +322,27 @@ fn an_override_of_0_is_the_reason_for_which_a_motion_stands() {
 }
 
 #[test]
+fn p3_spindle_override_of_0_is_the_reason_for_which_m03_waits() {
+    on_machine("", |rig| async move {
+        let set = async |spindle: f64| {
+            let change = OverrideChange {
+                spindle: Some(spindle),
+                ..OverrideChange::default()
+            };
+            rig.cs.set_overrides(change).await.unwrap();
+        };
+        set(0.0).await;
+        rig.start("S1000 M03\nG04 P2000\nM30\n").await;
+        rig.sleep(1.0).await;
+        assert_eq!(rig.state().await, (Execution::Wait, Some(Reason::OverrideZero)));
+        assert_eq!(left(&rig).await, None);
+        set(100.0).await;
+        assert_eq!(rig.state().await, (Execution::Wait, None));
+        rig.until(Execution::ProgramCompleted).await;
+    });
+}
+
+#[test]
 fn a_rehearsal_of_a_run_that_is_too_long_to_plan_has_its_identity() {
     on_machine("", |rig| async move {
         rig.start("G00 X10\nwhile (1 > 0) {\nG04 P60000\n}\nM30\n").await;

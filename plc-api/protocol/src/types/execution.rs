@@ -73,9 +73,10 @@ explained! {
         /// `FEED_HOLD`: the back trace has reached the end of its path.
         BackTraceEnd = "BACK_TRACE_END",
             "End the back trace; resume then moves forward again.";
-        /// ACTIVE: an override of 0 percent stops the motion.
+        /// ACTIVE: an override of 0 percent stops the motion. WAIT: it stops the spindle whose speed the
+        /// program awaits.
         OverrideZero = "OVERRIDE_ZERO",
-            "The override of the current motion is 0: the feed override at feedrate, the rapid override in a rapid motion. Raise this override, and the motion continues.";
+            "The override of the current motion is 0: the feed override at feedrate, the rapid override in a rapid motion, the spindle override in M03 and M04. Raise this override, and the run continues.";
         /// STOPPED: an alarm.
         Alarm = "ALARM",
             "Remove the cause of the alarm; then reset clears the alarm.";

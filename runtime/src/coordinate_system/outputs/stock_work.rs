@@ -87,8 +87,7 @@ impl CoordinateSystem {
             return;
         }
         let within = spindle.at_speed_percent / 100.0;
-        let (direction, programmed) = self.inputs.spindle;
-        let turns = matches!(direction, SpindleDirection::Cw | SpindleDirection::Ccw) && programmed > 0.0;
+        let turns = self.is_to_turn();
         let rpm = self.commanded_rpm().min(spindle.max_velocity);
         let text = if turns && rpm == 0.0 {
             "the spindle override is 0 percent; raise it".to_owned()
@@ -106,6 +105,23 @@ impl CoordinateSystem {
         for seq in waiting {
             self.outputs.ledger.set_wait_text(seq, Some(&text));
         }
+    }
+
+    /// Returns true if a speed above 0 is programmed, before the override.
+    fn is_to_turn(&self) -> bool {
+        let (direction, programmed) = self.inputs.spindle;
+        matches!(direction, SpindleDirection::Cw | SpindleDirection::Ccw) && programmed > 0.0
+    }
+
+    /// Returns true if the program waits for the speed of the spindle, and the spindle override is 0 percent.
+    pub(crate) fn awaits_stopped_spindle(&self) -> bool {
+        let Some(awaited) = self.state.awaited() else {
+            return false;
+        };
+        let is_awaited = |work: &StockWork| {
+            work.seq == awaited.seq && matches!(work.awaits, Some(SpindleGoal::Speed { .. }))
+        };
+        self.outputs.stock.iter().any(is_awaited) && self.is_to_turn() && self.commanded_rpm() == 0.0
     }
 
     /// Returns the commanded speed with the override applied, in r/min.

@@ -82,9 +82,12 @@ impl CoordinateSystem {
     }
 
     /// Returns the state word and its reason; `OVERRIDE_ZERO` if an override of 0 percent stops a motion that is not
-    /// held.
+    /// held, or the spindle whose speed the program awaits.
     fn published_word(&self) -> (Execution, Option<Reason>) {
         let word = self.state.state_word();
+        if word == (Execution::Wait, None) && self.awaits_stopped_spindle() {
+            return (Execution::Wait, Some(Reason::OverrideZero));
+        }
         let overrides = &self.inputs.overrides;
         let percent = match self.servo.started {
             Some(TimeBase::Feed) => overrides.feed,
