@@ -169,10 +169,10 @@ impl RuntimePort {
             work(&self.shared)
         } else {
             let shared = Arc::clone(&self.shared);
-            tokio::task::spawn_blocking(move || work(&shared))
-                .await
-                .map_err(io::Error::other)
-                .flatten()
+            let supervisor = &self.shared.supervisor;
+            let done = supervisor.catch_blocking("request that waits for the disk", move || work(&shared));
+            let fault = || io::Error::other("an internal fault occurred; the request may have had an effect");
+            done.await.unwrap_or_else(|| Err(fault()))
         };
         done.map_err(|error| {
             let code = match error.kind() {

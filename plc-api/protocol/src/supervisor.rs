@@ -268,6 +268,29 @@ impl Supervisor {
         }
     }
 
+    /// Does work that may block its thread, in a thread for such work. A panic ends only this work, and the
+    /// result is `None`; also if the tokio runtime ends.
+    pub async fn catch_blocking<T: Send + 'static>(
+        &self,
+        task: &'static str,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Option<T> {
+        let supervisor = self.clone();
+        let work = move || {
+            supervisor.fault_point(task);
+            work()
+        };
+        match tokio::task::spawn_blocking(work).await {
+            Ok(result) => Some(result),
+            Err(error) => {
+                if let Ok(panicked) = error.try_into_panic() {
+                    self.report_panic(task, Consequence::Contained, panicked.as_ref());
+                }
+                None
+            }
+        }
+    }
+
     /// Supervises a task without which the machine can be neither operated nor observed: after a panic the
     /// runtime shuts down.
     pub fn essential<F: Future<Output = ()>>(

@@ -20,6 +20,7 @@ use mqtt5::broker::config::StorageConfig;
 use mqtt5::broker::router::MessageRouter;
 use mqtt5::broker::storage::QueueLimits;
 use mqtt5::broker::{BrokerConfig, DynamicStorage, MemoryBackend};
+use plc_protocol::supervisor::Supervisor;
 use tokio::sync::{broadcast, mpsc};
 use tokio_util::task::{AbortOnDropHandle, TaskTracker};
 
@@ -96,6 +97,7 @@ pub(crate) struct Broker {
 #[derive(Clone)]
 pub(crate) struct Exchange {
     guard: Arc<Guard>,
+    pub(crate) supervisor: Supervisor,
     pub(crate) router: Arc<MessageRouter>,
 }
 
@@ -155,6 +157,7 @@ impl Broker {
         let router = Arc::new(router);
         let exchange = Exchange {
             guard: Arc::clone(&guard),
+            supervisor: supervisor.clone(),
             router: Arc::clone(&router),
         };
         let (stop, _) = broadcast::channel(1);

@@ -138,7 +138,7 @@ impl LiveTls {
     ) -> Result<Self, String> {
         let seen = files.stamps();
         let (sender, receiver) = watch::channel(Arc::new(files.config(tokens.clone())?));
-        let looking = look_again(files, tokens, seen, sender);
+        let looking = look_again(files, tokens, seen, sender, supervisor.clone());
         tokio::spawn(supervisor.essential("reader of the certificate", looking));
         Ok(Self(receiver))
     }
@@ -198,6 +198,7 @@ async fn look_again(
     tokens: Option<LiveTokens>,
     mut seen: [Option<Stamp>; 2],
     sender: watch::Sender<Arc<ServerConfig>>,
+    supervisor: Supervisor,
 ) {
     let files = Arc::new(files);
     let mut look = every(LOOK_INTERVAL);
@@ -211,7 +212,8 @@ async fn look_again(
             let stamps = these.stamps();
             (stamps != seen).then(|| (stamps, these.config(tokens)))
         };
-        let Ok(Some((stamps, config))) = tokio::task::spawn_blocking(read).await else {
+        let read = supervisor.catch_blocking("read of the certificate", read);
+        let Some(Some((stamps, config))) = read.await else {
             continue;
         };
         seen = stamps;

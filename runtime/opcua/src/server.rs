@@ -77,7 +77,7 @@ pub async fn serve(options: Options) -> anyhow::Result<()> {
     let (server, handle) = build(&options, port, &name, view.clone(), access)?;
     let manager = manager(&handle).context("the node manager is missing")?;
     let (happened, waiting) = mpsc::channel(events::WAITING_MAX);
-    let tells = tokio::spawn(events::send_events(
+    let mut tells = tokio::spawn(events::send_events(
         waiting,
         plc.clone(),
         Arc::clone(handle.subscriptions()),
@@ -99,13 +99,18 @@ pub async fn serve(options: Options) -> anyhow::Result<()> {
         () = end_signal() => return Ok(()),
     }
     print_line(&format!("OPC UA of {name}: opc.tcp://{}:{port}/", options.host()));
-    let follows = tokio::spawn(feed.follow());
+    let mut follows = tokio::spawn(feed.follow());
     let end = handle.token().clone();
     tokio::spawn(async move {
         end_signal().await;
         end.cancel();
     });
-    let served = server.run_with(listener).await.map_err(|error| anyhow!(error));
+    // without one of these tasks, clients would see stale values
+    let served = tokio::select! {
+        served = server.run_with(listener) => served.map_err(|error| anyhow!(error)),
+        ended = &mut follows => Err(anyhow!("the values of the machine are no longer read: {ended:?}")),
+        ended = &mut tells => Err(anyhow!("the events of the machine are no longer sent: {ended:?}")),
+    };
     follows.abort();
     tells.abort();
     served

@@ -1,8 +1,10 @@
 //! Work that every client with read access may request, such as the check of a text. It runs at low priority, and its
 //! number is limited, so that readers take a limited share of the processor.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::thread::Builder;
 
+use plc_protocol::supervisor::{Consequence, Supervisor};
 use plc_protocol::types::request::{Refusal, RefusalCode};
 use tandem_store::threads::lower_priority;
 use tokio::sync::{Semaphore, oneshot};
@@ -17,19 +19,22 @@ const CHECKS_MAX: usize = 1;
 /// codes; further ones wait. Reason: each takes a whole core.
 const SEARCHES_MAX: usize = 2;
 
-pub(super) static CHECKS: BackgroundWork = BackgroundWork::new("check", CHECKS_MAX);
-static SEARCHES: BackgroundWork = BackgroundWork::new("search", SEARCHES_MAX);
+pub(super) static CHECKS: BackgroundWork = BackgroundWork::new("check", "check of a text", CHECKS_MAX);
+static SEARCHES: BackgroundWork = BackgroundWork::new("search", "search of a reader", SEARCHES_MAX);
 
 /// Threads of low priority for one kind of work.
 pub(super) struct BackgroundWork {
     name: &'static str,
+    /// Name of the task in reports of faults.
+    task: &'static str,
     permits: Semaphore,
 }
 
 impl BackgroundWork {
-    const fn new(name: &'static str, most: usize) -> Self {
+    const fn new(name: &'static str, task: &'static str, most: usize) -> Self {
         Self {
             name,
+            task,
             permits: Semaphore::const_new(most),
         }
     }
@@ -40,6 +45,7 @@ impl BackgroundWork {
     /// Returns an error if the operating system provides no thread, or if the work panics.
     pub async fn execute<T: Send + 'static>(
         &'static self,
+        supervisor: &Supervisor,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> Result<T, Refusal> {
         let unavailable = || {
@@ -48,12 +54,19 @@ impl BackgroundWork {
         };
         let permit = self.permits.acquire().await.map_err(|_| unavailable())?;
         let (sender, done) = oneshot::channel();
+        let supervisor = supervisor.clone();
         let thread = Builder::new().name(self.name.into()).spawn(move || {
             lower_priority();
-            let done = work();
+            let done = catch_unwind(AssertUnwindSafe(work));
             drop(permit);
-            // fails only if the client no longer waits
-            let _ = sender.send(done);
+            match done {
+                // fails only if the client no longer waits
+                Ok(done) => _ = sender.send(done),
+                // the client receives the refusal
+                Err(panicked) => {
+                    supervisor.report_panic(self.task, Consequence::Contained, panicked.as_ref());
+                }
+            }
         });
         thread.map_err(|_| unavailable())?;
         done.await.map_err(|_| unavailable())
@@ -72,7 +85,7 @@ impl RuntimePort {
         if self.shared.clock.is_simulated() {
             Ok(work())
         } else {
-            SEARCHES.execute(work).await
+            SEARCHES.execute(&self.shared.supervisor, work).await
         }
     }
 }
@@ -90,8 +103,9 @@ mod tests {
     async fn searches_of_readers_are_limited_and_each_is_done() {
         static RUNNING: AtomicUsize = AtomicUsize::new(0);
         static MOST: AtomicUsize = AtomicUsize::new(0);
+        let supervisor = Supervisor::default();
         let searches = (0..8).map(|n| {
-            SEARCHES.execute(move || {
+            SEARCHES.execute(&supervisor, move || {
                 let running = RUNNING.fetch_add(1, Ordering::SeqCst) + 1;
                 MOST.fetch_max(running, Ordering::SeqCst);
                 std::thread::sleep(Duration::from_millis(20));

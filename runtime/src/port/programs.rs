@@ -162,7 +162,7 @@ impl RuntimePort {
         let checked = if self.shared.clock.is_simulated() {
             check()
         } else {
-            CHECKS.execute(check).await?
+            CHECKS.execute(&self.shared.supervisor, check).await?
         };
         Ok(Answer::Check(checked))
     }

@@ -12,5 +12,6 @@ mod public_items;
 mod quick;
 mod roadmap;
 mod sizes;
+mod spawns;
 mod test_items;
 mod texts;

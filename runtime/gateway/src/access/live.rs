@@ -36,7 +36,7 @@ impl LiveTokens {
         let left = tokens.without_expired(clock()).map(Arc::new);
         let (sender, tokens) = watch::channel(left.unwrap_or(tokens));
         let again = Arc::new(Notify::new());
-        let looking = look_again(sender, Arc::clone(&again), clock);
+        let looking = look_again(sender, Arc::clone(&again), clock, supervisor.clone());
         tokio::spawn(supervisor.essential("reader of the token file", looking));
         Self { tokens, again }
     }
@@ -64,6 +64,7 @@ async fn look_again(
     sender: watch::Sender<Arc<Tokens>>,
     again: Arc<Notify>,
     clock: impl Fn() -> SystemTime + Send + Sync,
+    supervisor: Supervisor,
 ) {
     let Some((path, stamp)) = sender.borrow().file() else {
         return;
@@ -93,8 +94,9 @@ async fn look_again(
         }
         seen = stamp;
         let file = path.clone();
-        match tokio::task::spawn_blocking(move || Tokens::read(&file)).await {
-            Ok(Ok(tokens)) => {
+        let read = supervisor.catch_blocking("read of the token file", move || Tokens::read(&file));
+        match read.await {
+            Some(Ok(tokens)) => {
                 seen = tokens.file().map(|(_, stamp)| stamp);
                 let tokens = tokens.without_expired(clock()).unwrap_or(tokens);
                 if !tokens.same_users(&sender.borrow()) {
@@ -102,8 +104,8 @@ async fn look_again(
                     sender.send_replace(Arc::new(tokens));
                 }
             }
-            Ok(Err(error)) => warn!("{error}; the previous tokens stay valid"),
-            Err(_) => warn!(
+            Some(Err(error)) => warn!("{error}; the previous tokens stay valid"),
+            None => warn!(
                 "the token file {} was not read; the previous tokens stay valid",
                 path.display()
             ),

@@ -4,6 +4,7 @@
 //! attempts are limited for each user and host ([`LoginBudgets`]). Requests with a valid token are not affected.
 
 use std::net::IpAddr;
+use std::panic::resume_unwind;
 use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 
@@ -11,6 +12,7 @@ use parking_lot::Mutex;
 use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq;
 use tokio::sync::Semaphore;
+use tokio::task::JoinError;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tracing::warn;
@@ -161,7 +163,15 @@ impl Logins {
             let is_right = is_of(&pin, phc.as_deref().unwrap_or(&UNKNOWN_USER_HASH));
             (is_right, weakness(&pin))
         };
-        let (is_right, weakness) = tokio::task::spawn_blocking(check).await.unwrap_or_default();
+        let (is_right, weakness) = match tokio::task::spawn_blocking(check)
+            .await
+            .map_err(JoinError::try_into_panic)
+        {
+            Ok(checked) => checked,
+            // the supervisor of the connection reports the panic
+            Err(Ok(panicked)) => resume_unwind(panicked),
+            Err(Err(_)) => return Err(LoginRefusal::Busy),
+        };
         let user = known.filter(|_| is_right).ok_or(LoginRefusal::Wrong)?;
         self.budgets.succeed(&tried);
         if let Some(weakness) = weakness {

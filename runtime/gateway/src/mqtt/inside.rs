@@ -261,10 +261,15 @@ impl Drop for InsideWire {
         let (client_id, connection) = (Arc::clone(&self.client_id), self.connection);
         let mut publish = PublishPacket::new(will.topic, will.message, QoS::AtLeastOnce);
         publish.retain = will.retain;
-        executor.spawn(async move {
+        let ending = async move {
             router.release_client(&client_id, connection, false).await;
             router.route_message(&publish, Some(&client_id)).await;
-        });
+        };
+        executor.spawn(
+            self.exchange
+                .supervisor
+                .contained("last will of the link", ending),
+        );
     }
 }
 
