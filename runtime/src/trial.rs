@@ -49,17 +49,12 @@ const RETURN: u32 = 99;
 /// Returns true if the last end in the program returns to a caller; an M02 or M30 before it is in a branch. The modal
 /// state of such a program at its start depends on its callers.
 fn is_subprogram(program: &NcProgram) -> bool {
-    let codes = program
-        .all_words()
-        .iter()
-        .filter(|word| word.address == Address::M);
-    let ends = codes.filter_map(|word| {
-        MAIN_ENDS
-            .into_iter()
-            .chain([RETURN])
-            .find(|m| word.whole() == Some(*m))
-    });
-    ends.last() == Some(RETURN)
+    let is_end = |word: &&Word| {
+        let is_known = |m: u32| m == RETURN || MAIN_ENDS.contains(&m);
+        word.address == Address::M && word.whole().is_some_and(is_known)
+    };
+    let last = program.all_words().iter().rfind(is_end);
+    last.is_some_and(|word| word.whole() == Some(RETURN))
 }
 
 /// Input of a trial.

@@ -381,6 +381,19 @@ mod tests {
     }
 
     #[tokio::test]
+    async fn panic_of_blocking_work_is_reported_and_ends_this_work_alone() {
+        let supervisor = Supervisor::default();
+        assert_eq!(supervisor.catch_blocking("disk", || 7).await, Some(7));
+        let failed: Option<()> = supervisor.catch_blocking("disk", || panic!("boom")).await;
+        assert_eq!(failed, None);
+        assert_eq!(
+            faults(&supervisor),
+            [("disk".to_owned(), 1, Consequence::Contained)]
+        );
+        assert!(supervisor.exit().now_or_never().is_none());
+    }
+
+    #[tokio::test]
     async fn an_essential_task_that_panics_ends_the_process_with_the_reason() {
         let supervisor = Supervisor::default();
         supervisor.essential("server", async { panic!("boom") }).await;

@@ -1,6 +1,6 @@
 //! Comments, program numbers and ends in programs of FANUC and similar controls.
 
-use tandem_syntax::{Address, Grammar, NcProgram, Token, TokenKind, tokens};
+use tandem_syntax::{Address, Grammar, NcProgram, Token, TokenKind, Word, tokens};
 
 use super::state::Source;
 
@@ -78,17 +78,12 @@ fn has(program: &NcProgram, is_meant: impl Fn(u32) -> bool) -> bool {
 
 /// Returns true if the last end in the program is that of a subprogram. An M02 or M30 before it is in a branch.
 pub(super) fn is_subprogram(program: &NcProgram) -> bool {
-    let codes = program
-        .all_words()
-        .iter()
-        .filter(|word| word.address == Address::M);
-    let ends = codes.filter_map(|word| {
-        MAIN_ENDS
-            .into_iter()
-            .chain([RETURN])
-            .find(|m| word.whole() == Some(*m))
-    });
-    ends.last() == Some(RETURN)
+    let is_end = |word: &&Word| {
+        let is_known = |m: u32| m == RETURN || MAIN_ENDS.contains(&m);
+        word.address == Address::M && word.whole().is_some_and(is_known)
+    };
+    let last = program.all_words().iter().rfind(is_end);
+    last.is_some_and(|word| word.whole() == Some(RETURN))
 }
 
 /// Returns true if an M code ends the program. Otherwise, these controls end the program at the end of its
