@@ -92,7 +92,11 @@ impl Motors {
             by_place,
             with_motor,
             deceleration,
-            has_jerk: settings.motors.iter().flatten().any(|motor| motor.max_jerk.is_some()),
+            has_jerk: settings
+                .motors
+                .iter()
+                .flatten()
+                .any(|motor| motor.max_jerk.is_some()),
             jerk: settings.motors.each_ref().map(|motor| {
                 let jerk = motor.as_ref().and_then(|motor| motor.max_jerk);
                 jerk.map_or(f64::INFINITY, or_unlimited)
