@@ -205,7 +205,8 @@ impl LookAhead {
             self.braking.start_chain(block.segment, passage.is_backward);
         }
         let cap = self.cap(way.plan_s());
-        let pieces = if self.limits_jerk(&way) {
+        let (limits_jerk, plan_s) = (self.limits_jerk(&way), way.plan_s());
+        let pieces = if limits_jerk {
             0
         } else {
             grid::cut(&way, way.bounds(&self.motors, cap), &mut self.pieces)
@@ -224,11 +225,16 @@ impl LookAhead {
             pieces,
             cap,
         });
-        let new = self.blocks.len() - self.seen;
+        let is_due = if limits_jerk {
+            self.jerk
+                .is_due(plan_s, self.blocks.len() - self.seen, self.seen, &self.motors)
+        } else {
+            self.blocks.len() - self.seen >= self.seen.max(BLOCKS_MIN)
+        };
         if is_last {
             self.plan(Some(if rests { SQUARE_MAX } else { 0.0 }), record, out);
             self.clear();
-        } else if new >= self.seen.max(BLOCKS_MIN) || self.is_full() {
+        } else if is_due || self.is_full() {
             self.plan(None, record, out);
         }
     }

@@ -28,7 +28,10 @@ const PARTS: u32 = 8;
 const STRAIGHT_PARTS: u32 = 2;
 
 /// Largest number of cells of the blocks that are planned at a time, except for the grading between them.
-const CELLS_MAX: f64 = 4000.0;
+const CELLS_MAX: f64 = 1000.0;
+
+/// Largest number of cells in the time after which a stop no longer affects the motion.
+const HORIZON_CELLS: f64 = 200.0;
 
 /// Part of the limits that the plan uses, apart from the reserves; the rest covers the deviations between the points of a
 /// cell.
@@ -291,7 +294,7 @@ pub(super) fn cell_time(motors: &Motors) -> f64 {
         .fold(f64::INFINITY, |least, (inverse, inverse_jerk)| {
             least.min(inverse_jerk / inverse)
         });
-    let at_least = PERIODS_MIN * motors.period_s;
+    let at_least = (PERIODS_MIN * motors.period_s).max(motors.horizon_s() / HORIZON_CELLS);
     if shortest_s.is_finite() {
         (CELL_TIME * shortest_s).max(at_least)
     } else {

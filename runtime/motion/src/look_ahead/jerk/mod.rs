@@ -30,6 +30,12 @@ use super::limits::Motors;
 use super::step::RateStep;
 use super::way::{SmoothedWay, Way};
 
+/// Number of new blocks for a plan.
+const BLOCKS_MIN: usize = 48;
+
+/// Number of new cells for a plan, whatever the number of blocks.
+const CELLS_MIN: f64 = 400.0;
+
 /// Number of cells that are passed in the time of one cell.
 const CELLS_PER_TIME: f64 = 1.4;
 
@@ -50,6 +56,8 @@ const BETWEEN_MAX: f64 = 1.0025;
 pub(super) struct JerkPlan {
     /// Distance along the chain up to which blocks have been added.
     length: f64,
+    /// Plan time of the blocks that have been read since the last plan, s.
+    new_s: f64,
     begins: Begins,
     /// The final motion that no block has received yet.
     finals: VecDeque<CellLaw>,
@@ -77,6 +85,13 @@ impl JerkPlan {
         }
     }
 
+    /// Returns true if enough blocks have been read for a plan, so that a plan takes a short time. The last of the `new`
+    /// blocks has this plan time; `seen` blocks are in the window.
+    pub(super) fn is_due(&mut self, plan_s: f64, new: usize, seen: usize, motors: &Motors) -> bool {
+        self.new_s += plan_s;
+        new >= seen.max(BLOCKS_MIN) || self.new_s >= CELLS_MIN * cells::cell_time(motors)
+    }
+
     /// Adds blocks to the end of the path, and plans the motion to a stop at its end. Returns the range of each block.
     pub(super) fn extend<'a>(
         &mut self,
@@ -84,6 +99,7 @@ impl JerkPlan {
         is_end: bool,
         motors: &Motors,
     ) -> Vec<Range> {
+        self.new_s = 0.0;
         let mut pieces = Vec::new();
         let ranges = blocks
             .map(|held| {
