@@ -65,7 +65,7 @@ pub(super) struct JerkPlan {
     window: VecDeque<CellLaw>,
 }
 
-/// How the motion of a chain begins.
+/// How the motion of a window begins that has no final motion yet.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) enum Begins {
     #[default]
@@ -114,18 +114,18 @@ impl JerkPlan {
 
     fn plan(&mut self, pieces: &[PathPiece], is_end: bool, motors: &Motors) {
         let Some(last) = self.window.back() else {
-            let begins = std::mem::take(&mut self.begins);
-            self.window = plan_anew(pieces, begins, is_end, motors);
+            self.window = plan_anew(pieces, self.begins, is_end, motors);
             return;
         };
         let cells = cells::cut(pieces, false, last.cell.length, motors);
-        if let Some(window) = plan_on(&self.window, cells, is_end, motors) {
+        if let Some(window) = plan_on(&self.window, self.begins, cells, is_end, motors) {
             self.window = window;
             return;
         }
         // No motion through the end of the window was found: the machine stops there.
         self.finals.append(&mut self.window);
-        self.window = plan_anew(pieces, Begins::AtRest, is_end, motors);
+        self.begins = Begins::AtRest;
+        self.window = plan_anew(pieces, self.begins, is_end, motors);
     }
 
     /// Makes the motion final, except in the last cells of the window, which a stop at its end may affect. All of it is
@@ -133,7 +133,7 @@ impl JerkPlan {
     pub(super) fn finish(&mut self, is_end: bool, motors: &Motors) -> f64 {
         let finals = if is_end { 0 } else { tail(motors) };
         let count = self.window.len().saturating_sub(finals);
-        self.finals.extend(self.window.drain(..count));
+        self.finish_cells(count);
         if is_end {
             return f64::INFINITY;
         }
@@ -142,9 +142,15 @@ impl JerkPlan {
 
     /// Makes the first half of the motion final, although a stop at the end of the window may affect it.
     pub(super) fn finish_half(&mut self) -> f64 {
-        let count = self.window.len() / 2;
-        self.finals.extend(self.window.drain(..count));
+        self.finish_cells(self.window.len() / 2);
         self.finals.back().map_or(f64::NEG_INFINITY, CellLaw::end)
+    }
+
+    fn finish_cells(&mut self, count: usize) {
+        if count > 0 {
+            self.begins = Begins::AtRest;
+        }
+        self.finals.extend(self.window.drain(..count));
     }
 
     /// Returns the number of cells whose motion may still change.
@@ -214,6 +220,7 @@ fn plan_anew(pieces: &[PathPiece], begins: Begins, is_end: bool, motors: &Motors
 /// Plans a window again, with more cells at its end. Returns `None` if no motion within the limits is found.
 fn plan_on(
     window: &VecDeque<CellLaw>,
+    begins: Begins,
     new: Vec<Cell>,
     is_end: bool,
     motors: &Motors,
@@ -224,14 +231,15 @@ fn plan_on(
     let stop = RestLaw::at_end(&last, is_end);
     set_limits(&mut cells, is_end, motors);
     let mut guess = Solution::default();
-    let (start, begins) = match window.front()?.kind {
+    let (start, first) = match window.front()?.kind {
         Kind::FromRest { .. } => {
             let cell = cells.remove(0);
             (Start::Rest(RestLaw::new(&cell)), Some(cell))
         }
+        _ if begins == Begins::Moving => (Start::Open, None),
         _ => (Start::Moving, None),
     };
-    let skipped = usize::from(begins.is_some());
+    let skipped = usize::from(first.is_some());
     // The motion as planned, up to the cell that ends at rest. In this cell the acceleration ends, and the motion creeps on.
     for law in window.iter().skip(skipped) {
         let [square, acceleration] = law.state(0.0);
@@ -251,7 +259,7 @@ fn plan_on(
     run.creep(&mut guess, creep);
     let guess = run.towards_estimate(guess, window.len() - skipped, cells::cell_time(motors));
     let motion = solve_and_check(start, &mut cells, stop, &guess)?;
-    Some(laws(begins, cells, last, &stop, &motion))
+    Some(laws(first, cells, last, &stop, &motion))
 }
 
 /// Returns the fastest motion. Where its jerk exceeds a limit between the points of a cell, the limits of the cell are
