@@ -39,6 +39,15 @@ test("the screen asks for a token until it has a right one, and then connects", 
   assert.deepEqual(errors.filter((error) => !error.includes("401")), []);
 });
 
+test("the screen asks for a token also while the machine refuses too many requests", async () => {
+  const { page, close } = await openPage(browser);
+  const problem = { type: "about:blank", title: "too many", status: 429, code: "too_many_requests", detail: "send it again" };
+  await page.route("**/api/v1/machine", (route) => route.fulfill({ status: 429, contentType: "application/problem+json", body: JSON.stringify(problem) }));
+  await page.goto(runtime.url);
+  await page.getByRole("textbox", { name: "Token" }).waitFor();
+  await close();
+});
+
 test("a person logs in with a name and a PIN, and is told when the PIN is another", async () => {
   const { page, errors, close } = await openPage(browser);
   await page.goto(runtime.url);

@@ -23,7 +23,8 @@ use tokio::time::Instant;
 use tracing::warn;
 
 use super::message;
-use crate::access::rules;
+use crate::access::{Account, User, rules};
+use crate::account_slots::{AccountLimits, AccountSlot, AccountSlots};
 use crate::arrivals::Arrivals;
 use crate::broker::Sessions;
 use crate::machine::{AuthorizedRequest, Caller, Machine};
@@ -31,8 +32,13 @@ use crate::metrics::Metrics;
 use crate::presence_ages::PresenceAges;
 use crate::publisher::Publisher;
 
-/// Largest number of unanswered requests; further ones are rejected, except hold, stop and abort.
-const UNANSWERED_MAX: usize = 256;
+/// Limits of unanswered requests; further ones are rejected, except hold, stop and abort. Reason: one process may serve
+/// 8 coordinate systems.
+const UNANSWERED_LIMITS: AccountLimits = AccountLimits {
+    all: 256,
+    of_user: 128,
+    unreserved: 128,
+};
 
 /// Largest number of unanswered urgent requests through an external broker. A further one waits: it is never rejected
 /// because of other requests.
@@ -45,7 +51,7 @@ type ReplyTarget = (CoordinateSystemNumber, String, String);
 pub(super) struct Dispatch {
     machine: Machine,
     metrics: Arc<Metrics>,
-    unanswered: Arc<Semaphore>,
+    unanswered: AccountSlots,
     urgent: Arc<Semaphore>,
     results: mpsc::Sender<Message>,
     /// Clients of the embedded broker.
@@ -56,6 +62,12 @@ pub(super) struct Dispatch {
     /// users.
     requires_named: bool,
     ages: PresenceAges,
+}
+
+/// Slot of an unanswered request.
+enum RequestPermit {
+    Urgent { _permit: OwnedSemaphorePermit },
+    Other { _slot: AccountSlot },
 }
 
 /// How a message arrived.
@@ -77,11 +89,11 @@ impl Dispatch {
         arrivals: Arc<Arrivals>,
         requires_named: bool,
     ) -> (Self, mpsc::Receiver<Message>) {
-        let (results, received) = mpsc::channel(UNANSWERED_MAX);
+        let (results, received) = mpsc::channel(UNANSWERED_LIMITS.all);
         let dispatch = Self {
             machine,
             metrics,
-            unanswered: Arc::new(Semaphore::new(UNANSWERED_MAX)),
+            unanswered: AccountSlots::new(UNANSWERED_LIMITS),
             urgent: Arc::new(Semaphore::new(URGENT_MAX)),
             results,
             clients,
@@ -160,7 +172,7 @@ impl Dispatch {
                 None => self.refuse(to_tell, refusal).await,
             };
         }
-        let Some(place) = self.acquire_permit(urgent).await else {
+        let Some(place) = self.acquire_permit(urgent, &publisher).await else {
             let text = "too many requests are unanswered; send the request again";
             let refusal = Refusal::new(RefusalCode::Unavailable, text);
             return self.refuse(to_tell, refusal).await;
@@ -214,12 +226,19 @@ impl Dispatch {
     }
 
     /// Takes the slot of an unanswered request. An urgent one waits for its slot, and always gets one.
-    async fn acquire_permit(&self, urgent: bool) -> Option<OwnedSemaphorePermit> {
+    async fn acquire_permit(&self, urgent: bool, publisher: &Publisher) -> Option<RequestPermit> {
         if urgent {
-            Arc::clone(&self.urgent).acquire_owned().await.ok()
-        } else {
-            Arc::clone(&self.unanswered).try_acquire_owned().ok()
+            let permit = Arc::clone(&self.urgent).acquire_owned().await.ok()?;
+            return Some(RequestPermit::Urgent { _permit: permit });
         }
+        let slot = match publisher {
+            Publisher::User { user, from, .. } => self.unanswered.acquire(user, Account::new(user, *from)),
+            Publisher::Unknown { name, .. } => {
+                let account = Account::named(Some(name), None);
+                self.unanswered.acquire(&User::Unidentified, account)
+            }
+        };
+        Some(RequestPermit::Other { _slot: slot? })
     }
 
     /// Rejects a request that its topic or its order of arrival forbids.

@@ -50,6 +50,33 @@ async fn urgent_requests_of_each_quality_pass_messages_that_nobody_takes() {
 }
 
 #[tokio::test]
+async fn unanswered_requests_of_a_viewer_leave_slots_to_an_operator() {
+    let port = StubPort::new();
+    let users = TestUsers::new();
+    let gateway = start_with(&port, users.settings.clone()).await;
+    let options = mqtt_options(&gateway, "flood", "view", users.token("view"));
+    let mut flood = TestClient::with_options(options, &["reply/view"]).await;
+    port.silent.store(true, Ordering::Relaxed);
+    for n in 0..MORE_THAN_UNANSWERED {
+        let id = n.to_string();
+        let get = json!({"command_id": id, "client_id": "view", "kind": "P", "from": 0, "count": 1});
+        flood.publish("cs/1/variable/get", false, &get).await;
+    }
+    // the last one is rejected, so all slots of the viewer are taken
+    let last = (MORE_THAN_UNANSWERED - 1).to_string();
+    let (_, refused) = flood
+        .next("reply/view", |reply| reply["command_id"] == last)
+        .await;
+    assert_eq!(refused["code"], "unavailable");
+    let options = mqtt_options(&gateway, "panel", "operate", users.token("operate"));
+    let panel = TestClient::with_options(options, &[]).await;
+    let start = json!({"command_id": "start", "client_id": "panel"});
+    panel.publish("cs/1/command/start", false, &start).await;
+    port.asked_for(|request| is_command(request, "start")).await;
+    gateway.shutdown().await;
+}
+
+#[tokio::test]
 async fn each_stop_is_answered_once_and_also_the_one_that_is_refused() {
     let port = StubPort::new();
     let users = TestUsers::new();
