@@ -72,7 +72,7 @@ impl AccountSlots {
 
     /// Takes a slot. Returns `None` if none is free for this account.
     pub(crate) fn acquire(&self, user: &User, account: Account) -> Option<AccountSlot> {
-        self.take(&mut self.table.lock(), user, account, None)
+        self.take_slot(&mut self.table.lock(), user, account, None)
     }
 
     /// Takes a slot of this name, unless the account already holds it.
@@ -81,13 +81,13 @@ impl AccountSlots {
         if table.named.contains(&(account.clone(), name.clone())) {
             return NamedSlot::Held;
         }
-        match self.take(&mut table, user, account, Some(name)) {
+        match self.take_slot(&mut table, user, account, Some(name)) {
             Some(slot) => NamedSlot::New(slot),
             None => NamedSlot::Full,
         }
     }
 
-    fn take(
+    fn take_slot(
         &self,
         table: &mut AccountTable,
         user: &User,

@@ -6,6 +6,7 @@
 
 mod accept;
 mod guard;
+mod guarded_stream;
 mod packet_monitor;
 mod retained;
 mod sessions;
@@ -212,12 +213,6 @@ impl Broker {
         Arc::clone(&self.exchange.guard.arrivals)
     }
 
-    /// Returns the sessions and messages that the library keeps.
-    #[cfg(test)]
-    pub(crate) fn storage(&self) -> Arc<DynamicStorage> {
-        Arc::clone(&self.entrance.0.storage)
-    }
-
     /// Returns the exchange for the runtime's own connection.
     pub(crate) fn exchange(&self) -> Exchange {
         self.exchange.clone()
@@ -258,5 +253,17 @@ fn config(address: SocketAddr) -> BrokerConfig {
         storage_config: storage,
         sys_topics_enabled: false,
         ..BrokerConfig::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    impl Broker {
+        /// Returns the sessions and messages that the library keeps.
+        pub(crate) fn storage(&self) -> Arc<DynamicStorage> {
+            Arc::clone(&self.entrance.0.storage)
+        }
     }
 }

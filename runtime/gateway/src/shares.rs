@@ -41,7 +41,7 @@ struct OnlineHandler {
     is_accepted: bool,
 }
 
-/// What a request takes of a share, until the machine has answered.
+/// Part of a share that a request takes, until the machine has answered.
 #[derive(Debug, Clone)]
 pub(crate) enum TakenShare {
     Watch(String),
@@ -49,7 +49,7 @@ pub(crate) enum TakenShare {
 }
 
 impl TakenShare {
-    /// Returns what a request takes of the share of its user.
+    /// Returns the part of a user's share that a request takes.
     pub(crate) fn of_request(request: &Request) -> Option<Self> {
         match request {
             Request::Heartbeat(id, beat) if beat.ttl_ms > 0 => Some(Self::Watch(id.clone())),
@@ -139,7 +139,7 @@ impl Shares {
         Ok(())
     }
 
-    /// Records the answer of the machine. What it has refused is returned to the share, unless it was accepted earlier.
+    /// Records the answer of the machine. A refused part is returned to the share, unless it was accepted earlier.
     pub(crate) fn settle(&self, taken: &TakenShare, is_accepted: bool) {
         match taken {
             TakenShare::Watch(id) => {

@@ -83,7 +83,7 @@ const SUPERVISED_ELSEWHERE: [(&str, &str); 11] = [
         "the task of the time left is restarted in `Previews::tell_time_left`",
     ),
     (
-        "runtime/src/port/programs.rs",
+        "runtime/src/port/background.rs",
         "the request that waits for the check is answered",
     ),
     (

@@ -1,11 +1,9 @@
 //! Accepts clients: each connection takes a slot, and has its own event handler and access check.
 
 use std::future::ready as now;
-use std::io;
 use std::net::SocketAddr;
-use std::pin::{Pin, pin};
+use std::pin::pin;
 use std::sync::Arc;
-use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
 use mqtt5::QoS;
@@ -17,7 +15,7 @@ use mqtt5::broker::events::{
 use mqtt5::broker::router::MessageRouter;
 use mqtt5::broker::storage::{DynamicStorage, StorageBackend};
 use mqtt5::broker::sys_topics::BrokerStats;
-use mqtt5::broker::transport::{BrokerTransport, WebSocketTransport};
+use mqtt5::broker::transport::BrokerTransport;
 use mqtt5::broker::{AuthProvider, BrokerConfig, ResourceLimits, ResourceMonitor};
 use mqtt5::packet::connect::ConnectPacket;
 use mqtt5::packet::publish::PublishPacket;
@@ -25,22 +23,21 @@ use mqtt5::types::ReasonCode;
 use parking_lot::Mutex;
 use plc_protocol::supervisor::Supervisor;
 use plc_protocol::wire::row::ParsedRequest;
-use tokio::io::{AsyncBufRead as _, AsyncRead, AsyncWrite, BufReader, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{broadcast, oneshot};
 use tokio::time::Instant;
 use tokio_util::either::Either;
-use tokio_util::sync::WaitForCancellationFutureOwned;
 use tokio_util::task::TaskTracker;
 use tracing::warn;
 
 use super::guard::{Answer, Guard, PublishDecision, clearing};
+use super::guarded_stream::{ClientTransport, GuardedStream};
 use super::packet_monitor::{ExactlyOnce, HEAD_BYTES_MAX, PacketMonitor, USER_PUBLISH_BYTES_MAX};
 use super::socket::SocketBytes;
 use crate::access::{AuthenticatedUser, CloseReason};
 use crate::arrivals::{ARRIVAL, EXECUTED};
 use crate::connection_slots::{ACCEPT_RETRY, ConnectionSlot, ConnectionSlots, SlotLimits};
-use crate::tls::{AcceptedClient, ClientStream, Fingerprint, LiveTls};
+use crate::tls::{AcceptedClient, Fingerprint, LiveTls};
 use crate::urgent_slots::ExecuteUrgent;
 
 /// Connection slots. A client becomes known when it is authenticated, and is then never evicted. Reason for the total:
@@ -51,9 +48,6 @@ pub(crate) const SLOT_LIMITS: SlotLimits = SlotLimits {
     unauthenticated: 192,
     known: 256,
 };
-
-/// Largest size of the read buffer of a connection, bytes.
-const READ_MAX: usize = 4096;
 
 /// How often expired sessions and messages are removed.
 const CLEAN_INTERVAL: Duration = Duration::from_mins(1);
@@ -72,9 +66,6 @@ pub(super) struct BrokerServer {
     pub(super) counts: Counts,
     pub(super) supervisor: Supervisor,
 }
-
-/// A connection of a client: over TCP with TLS or without, or over a WebSocket.
-pub(super) type ClientTransport = Either<ClientStream, Box<SocketBytes>>;
 
 /// An accepted connection that is not authenticated yet.
 struct PendingConnection {
@@ -208,7 +199,12 @@ impl BrokerServer {
             event_handler: Some(Arc::<ConnectionGuard>::clone(&door)),
             ..self.config.clone()
         };
-        let stream = GuardedStream::new(visitor.transport, address, &door);
+        let stream = GuardedStream::new(
+            visitor.transport,
+            address,
+            Arc::clone(&door.refused),
+            line.clone(),
+        );
         let client = ClientHandler::new(
             BrokerTransport::WebSocket(Box::new(stream)),
             address,
@@ -472,147 +468,5 @@ impl AuthProvider for ConnectionGuard {
         filter: &'a str,
     ) -> Answer<'a, bool> {
         self.guard.authorize_subscribe(user, filter)
-    }
-}
-
-/// Byte stream of a connection. The library acknowledges a message that the guard has handled as a success, and asks
-/// for no reason: here the acknowledgement of a rejected message is replaced by one with its reason.
-struct GuardedStream {
-    inner: BufReader<ClientTransport>,
-    peer: SocketAddr,
-    /// Packet id of the message whose acknowledgement comes next and must become a rejection.
-    refused: Arc<Mutex<Option<u16>>>,
-    /// Unwritten rest of the acknowledgement, and the number of bytes of the library that it replaces.
-    answer: Vec<u8>,
-    replaced: usize,
-    /// Unwritten bytes of a packet that was partly written.
-    unwritten: usize,
-    line: Arc<PacketMonitor>,
-    ended: Pin<Box<WaitForCancellationFutureOwned>>,
-}
-
-impl GuardedStream {
-    fn new(stream: ClientTransport, peer: SocketAddr, door: &ConnectionGuard) -> Self {
-        Self {
-            inner: BufReader::with_capacity(READ_MAX, stream),
-            peer,
-            refused: Arc::clone(&door.refused),
-            answer: Vec::new(),
-            replaced: 0,
-            unwritten: 0,
-            ended: Box::pin(door.line.ended.clone().cancelled_owned()),
-            line: Arc::clone(&door.line),
-        }
-    }
-
-    /// Ends reading and, if there is a reason, sends it to the client. Reads happen only between two written packets; a
-    /// client that does not accept it at once does not get it.
-    fn finish_reading(&mut self, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        let packet = self.line.farewell();
-        let _ = Pin::new(&mut self.inner).poll_write(context, &packet);
-        Poll::Ready(Ok(()))
-    }
-
-    /// Returns the rejection that replaces a PUBACK or PUBREC. The library writes each packet at once.
-    fn refusal(&self, packet: &[u8]) -> Option<Vec<u8>> {
-        let id = (*self.refused.lock())?.to_be_bytes();
-        match *packet {
-            [kind @ (0x40 | 0x50), 2, high, low] if [high, low] == id => {
-                Some(vec![kind, 3, high, low, u8::from(ReasonCode::QuotaExceeded)])
-            }
-            _ => None,
-        }
-    }
-}
-
-impl WebSocketTransport for GuardedStream {
-    fn peer_addr(&self) -> mqtt5::Result<SocketAddr> {
-        Ok(self.peer)
-    }
-}
-
-/// Acknowledges received data at once instead of after 40 ms: a client that collects small packets (Nagle's algorithm,
-/// without `TCP_NODELAY`) sends nothing until then. The setting does not last.
-fn acknowledge_at_once(stream: &ClientTransport) {
-    #[cfg(target_os = "linux")]
-    {
-        let tcp = match stream {
-            Either::Left(Either::Left(tcp)) => tcp,
-            Either::Left(Either::Right(tls)) => tls.get_ref().0,
-            // the HTTP server does this
-            Either::Right(_) => return,
-        };
-        // on failure, a client is only slower
-        let _ = tcp.set_quickack(true);
-    }
-    #[cfg(not(target_os = "linux"))]
-    let _ = stream;
-}
-
-impl AsyncRead for GuardedStream {
-    fn poll_read(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        buffer: &mut ReadBuf<'_>,
-    ) -> Poll<io::Result<()>> {
-        if self.ended.as_mut().poll(context).is_ready() {
-            return self.finish_reading(context);
-        }
-        let Self { inner, line, .. } = &mut *self;
-        let is_new = inner.buffer().is_empty();
-        let _ = ready!(Pin::new(&mut *inner).poll_fill_buf(context))?;
-        if is_new {
-            acknowledge_at_once(inner.get_ref());
-        }
-        let bytes = inner.buffer();
-        let read = line.read(&bytes[..bytes.len().min(buffer.remaining())]);
-        if line.end_if_refused() {
-            return self.finish_reading(context);
-        }
-        buffer.put_slice(&bytes[..read]);
-        Pin::new(inner).consume(read);
-        Poll::Ready(Ok(()))
-    }
-}
-
-impl AsyncWrite for GuardedStream {
-    fn poll_write(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        bytes: &[u8],
-    ) -> Poll<io::Result<usize>> {
-        if self.ended.as_mut().poll(context).is_ready() {
-            return Poll::Ready(Err(io::ErrorKind::ConnectionAborted.into()));
-        }
-        if self.answer.is_empty() {
-            let Some(refusal) = self.refusal(bytes) else {
-                let written = Pin::new(&mut self.inner).poll_write(context, bytes);
-                if let Poll::Ready(Ok(count)) = written {
-                    if self.unwritten == 0 {
-                        self.line.write(bytes);
-                    }
-                    self.unwritten = bytes.len() - count;
-                }
-                self.line.set_stalled(written.is_pending());
-                return written;
-            };
-            *self.refused.lock() = None;
-            self.replaced = bytes.len();
-            self.answer = refusal;
-        }
-        while !self.answer.is_empty() {
-            let Self { inner, answer, .. } = &mut *self;
-            let written = ready!(Pin::new(inner).poll_write(context, answer))?;
-            answer.drain(..written);
-        }
-        Poll::Ready(Ok(self.replaced))
-    }
-
-    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.inner).poll_flush(context)
-    }
-
-    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.inner).poll_shutdown(context)
     }
 }

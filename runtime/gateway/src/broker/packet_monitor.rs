@@ -353,7 +353,7 @@ impl UnreleasedIds {
 #[derive(Debug, Default)]
 pub(super) struct MessagesInTransit {
     bytes: Arc<AtomicUsize>,
-    /// The same by the account of the publisher.
+    /// Bytes by the account of the publisher.
     by_account: Mutex<HashMap<Account, Arc<AtomicUsize>>>,
     lines: Mutex<Vec<Weak<PacketMonitor>>>,
 }

@@ -188,13 +188,7 @@ impl Dispatch {
             (Err(refusal), Some((id, instance))) => return Some(self.refuse_handler(id, instance, &refusal)),
             (Err(refusal), None) => return self.refuse(to_tell, refusal).await,
         };
-        // the machine refuses an invalid presence; the earlier one keeps its age
-        if let Request::Handler(id, presence) = authorized.request()
-            && presence.check().is_ok()
-        {
-            self.ages
-                .record_presence(id, presence, arrival.retain, Instant::now());
-        }
+        self.record_presence(authorized.request(), arrival.retain);
         let (machine, results) = (self.machine.clone(), self.results.clone());
         let output = output_of(authorized.request());
         // the port itself replies to a named sender, also to reject a request
@@ -223,6 +217,15 @@ impl Dispatch {
             self.arrivals.receive(cs, number);
         }
         None
+    }
+
+    /// Records the age of a presence. The machine refuses an invalid presence; the earlier one keeps its age.
+    fn record_presence(&mut self, request: &Request, retain: bool) {
+        if let Request::Handler(id, presence) = request
+            && presence.check().is_ok()
+        {
+            self.ages.record_presence(id, presence, retain, Instant::now());
+        }
     }
 
     /// Takes the slot of an unanswered request. An urgent one waits for its slot, and always gets one.
