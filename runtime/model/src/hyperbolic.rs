@@ -1,7 +1,7 @@
 //! Motion whose acceleration is linear in distance: `s'' = b + c s`.
 //!
-//! With the speed w at the start, the distance is `w sinh(k t)/k + b (cosh(k t) - 1)/k^2` for `c = k^2`, and the same with
-//! sine and cosine for `c = -k^2`.
+//! With the speed w at the start, the distance is `w sinh(k t)/k + b (cosh(k t) - 1)/k^2` for `c = k^2`. For `c = -k^2`,
+//! sine and cosine replace the hyperbolic functions.
 
 /// Largest `|c| t^2` for which the functions are power series.
 const SERIES_MAX: f64 = 1e-2;

@@ -10,12 +10,12 @@ use tandem_model::{AxisVector, MachinePosition, Origin};
 
 use crate::brake::Brake;
 use crate::control::{Control, Event};
-use crate::jerk_slew::History;
 use crate::motors::Motors;
 use crate::path_time::{PathTime, slope};
 use crate::power::Power;
 use crate::profile_queue::{ProfileConsumer, ProfileProducer, profile_queue};
 use crate::readings::{Reading, Readings};
+use crate::setpoint_history::History;
 use crate::skip::SkipRun;
 use crate::spindle::{Orientation, SpindleLink, SpindleState};
 use crate::splice::{SPLICES_MAX, Splice};

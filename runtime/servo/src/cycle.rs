@@ -6,15 +6,16 @@
 //! next profile gives its start point in the following cycle (M1c).
 
 use tandem_model::flow::TapLeg;
-use tandem_model::profile::{Law, PacedMotion, Profile, TimeBase};
+use tandem_model::profile::{Law, Profile, TimeBase};
 use tandem_model::{Axis, AxisVector, MachinePosition, Origin};
 
 use crate::bus::{Command, Feedback};
 use crate::channel::{Channel, Hold};
 use crate::control::{Control, Event, Fault};
-use crate::jerk_slew::History;
+use crate::jerk_slew::has_jerk_limit;
 use crate::motors::first_jump;
 use crate::rest::{self, PathToRest};
+use crate::setpoint_history::History;
 use crate::skip::SkipRun;
 use crate::spindle::ThreadStep;
 use crate::splice::APPROACH;
@@ -591,14 +592,5 @@ impl Channel {
         if self.events.slots() >= EVENTS_RESERVE {
             self.report_event(event);
         }
-    }
-}
-
-/// Returns true for a motion whose plan keeps the maximum jerks.
-fn has_jerk_limit(profile: &Profile) -> bool {
-    match &profile.law {
-        Law::Paced { block, .. } => matches!(block, PacedMotion::Smoothed(_)),
-        Law::Motors { .. } | Law::Skip { .. } => true,
-        Law::Ramped { .. } | Law::Tap { .. } | Law::Rest { .. } => false,
     }
 }

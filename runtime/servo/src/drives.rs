@@ -7,8 +7,8 @@ use crate::brake::Brake;
 use crate::bus::Command;
 use crate::channel::Channel;
 use crate::control::Fault;
-use crate::jerk_slew::History;
 use crate::power::{Power, concerns_drives_without_power};
+use crate::setpoint_history::History;
 
 impl Channel {
     /// Returns true if the drives of the axes follow. If false, the drives are being enabled, or a fault

@@ -4,13 +4,10 @@
 //! factor of the coming cycle, by the setpoints of the last three cycles. So the limits also hold where the plan itself
 //! accelerates, and where one plan replaces another.
 
-use tandem_model::profile::JERK_RESERVE;
+use tandem_model::profile::{JERK_RESERVE, Law, PacedMotion, Profile};
 use tandem_model::{AXES_MAX, AxisVector};
 
 use crate::channel::Channel;
-
-/// Number of cycles after a change of the factor in which the differences of the setpoints are checked.
-const AFTER_CHANGE: u32 = 4;
 
 /// Part of the jerk that the motion counts on for the end of a change.
 const LANDING: f64 = 0.5;
@@ -29,39 +26,6 @@ const APART: f64 = 1e-3;
 
 /// Change of the factor that is only rounding.
 const FACTOR_ROUNDING: f64 = 1e-9;
-
-/// Setpoints before the last one, the last first.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct History {
-    before: [AxisVector; 2],
-    /// Number of cycles in which the factor of the next cycle is limited.
-    checked: u32,
-}
-
-impl History {
-    /// Creates the history of a machine at rest.
-    pub(crate) fn at_rest(setpoint: AxisVector) -> Self {
-        Self {
-            before: [setpoint; 2],
-            checked: 0,
-        }
-    }
-
-    /// Adds the setpoint of the last cycle.
-    pub(crate) fn push(&mut self, setpoint: AxisVector) {
-        self.before = [setpoint, self.before[0]];
-    }
-
-    /// Replaces all setpoints.
-    pub(crate) fn replace(&mut self, before: [AxisVector; 2]) {
-        self.before = before;
-    }
-
-    /// Checks the next cycles, because another plan begins.
-    pub(crate) fn check(&mut self) {
-        self.checked = AFTER_CHANGE;
-    }
-}
 
 /// Range of the factor.
 #[derive(Debug, Clone, Copy)]
@@ -101,13 +65,13 @@ impl Channel {
         if target.total_cmp(&self.time.rate()).is_ne() {
             self.history.check();
         }
-        self.history.checked > 0
+        self.history.is_checked()
     }
 
     /// Returns the factor of the coming cycle: as near to the target as the motors allow, with a change of at most `slope`
     /// per second.
     pub(crate) fn factor_within_jerk(&mut self, target: f64, slope: f64) -> f64 {
-        self.history.checked = self.history.checked.saturating_sub(1);
+        self.history.pass_check();
         let rate = self.time.rate();
         let wanted = self.wanted_factor(target, slope);
         let mut other = wanted;
@@ -128,7 +92,7 @@ impl Channel {
     fn range(&mut self, other: f64, target: f64) -> Range {
         let (now, step_s, rate) = (self.setpoint, self.period_s, self.time.rate());
         let at = [rate, other].map(|factor| self.position_ahead(self.time.now_s() + factor * step_s));
-        let [one, two] = self.history.before;
+        let [one, two] = self.history.before();
         let mut range = Range {
             low: 0.0,
             high: 1.0_f64.max(rate).max(target),
@@ -217,5 +181,14 @@ impl Channel {
             }
         }
         end
+    }
+}
+
+/// Returns true for a motion whose plan keeps the maximum jerks.
+pub(crate) fn has_jerk_limit(profile: &Profile) -> bool {
+    match &profile.law {
+        Law::Paced { block, .. } => matches!(block, PacedMotion::Smoothed(_)),
+        Law::Motors { .. } | Law::Skip { .. } => true,
+        Law::Ramped { .. } | Law::Tap { .. } | Law::Rest { .. } => false,
     }
 }

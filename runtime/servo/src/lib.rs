@@ -27,6 +27,7 @@ mod profile_queue;
 mod readings;
 mod rest;
 mod servo;
+mod setpoint_history;
 mod simulated_bus;
 mod simulated_spindle;
 mod skip;

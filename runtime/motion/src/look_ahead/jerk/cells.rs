@@ -3,7 +3,6 @@
 use tandem_model::profile::JERK_RESERVE;
 use tandem_model::{Axis, AxisVector};
 
-use super::rest::RestLaw;
 use crate::look_ahead::limits::Motors;
 
 /// Time in which a cell is passed, as a share of the shortest time in which a motor reaches its maximum acceleration.
@@ -180,7 +179,7 @@ impl PathPiece {
             + 1
     }
 
-    /// Returns the largest square of the speed at which the curvature alone causes no more than the limits.
+    /// Returns the largest square of the speed at which the curvature alone stays within the limits.
     fn square_max(&self, motors: &Motors) -> f64 {
         [self.from, self.to]
             .into_iter()
@@ -248,7 +247,7 @@ impl Cell {
 }
 
 /// Divides a path into cells. `rests` states whether the path begins and ends at rest; the first and the last cell are
-/// then passed by [`RestLaw`]. Otherwise the first cell is about as long as `before`.
+/// then passed by a constant jerk. Otherwise the first cell is about as long as `before`.
 pub(super) fn cut(pieces: &[PathPiece], rests: bool, before: f64, motors: &Motors) -> Vec<Cell> {
     let [Some(begin), Some(end)] = [pieces.first(), pieces.last()] else {
         return Vec::new();
@@ -267,7 +266,7 @@ pub(super) fn cut(pieces: &[PathPiece], rests: bool, before: f64, motors: &Motor
         }
     }
     let rest = |piece: &PathPiece, at: f64| {
-        let cell = RestLaw::length(piece.derivatives_at(at)[0], cell_s, motors);
+        let cell = rest_length(piece.derivatives_at(at)[0], cell_s, motors);
         cell.min(REST_SHARE * length)
     };
     let first = if rests {
@@ -340,7 +339,7 @@ fn nodes(pieces: &[PathPiece], targets: &[Target], borders: &[f64], [first, last
             .min(borders[k] + GROWTH * (at - piece.from))
             .min(borders[k + 1] + GROWTH * (piece.to - at));
         let next = at + limit / (1.0 + GROWTH);
-        // The last two cells share what is left.
+        // The last two cells share the remaining distance.
         let left = stop - at;
         at = if next + 0.5 * (next - at) >= stop {
             stop
@@ -393,4 +392,16 @@ fn fill(pieces: &[PathPiece], nodes: &[f64], motors: &Motors) -> Vec<Cell> {
             cell
         })
         .collect()
+}
+
+/// Returns the length of a cell from rest or to rest that takes this time at the largest jerk.
+fn rest_length(first: AxisVector, time_s: f64, motors: &Motors) -> f64 {
+    let inverse = Axis::ALL.into_iter().fold(0.0_f64, |most, axis| {
+        most.max(first[axis].abs() * motors.inverse_jerks[axis.index()])
+    });
+    if inverse > 0.0 {
+        time_s.powi(3) / (6.0 * inverse)
+    } else {
+        f64::INFINITY
+    }
 }

@@ -80,7 +80,7 @@ impl Run<'_> {
         motion
     }
 
-    /// Completes a motion: after its last cell it goes on at an even speed, and slows down in the last cell of the run.
+    /// Completes a motion: after its last cell it continues at an even speed, and slows down in the last cell of the run.
     pub(super) fn creep(&self, motion: &mut Solution, square: f64) {
         let mut state = [square, 0.0];
         for k in motion.changes.len()..self.cells.len() {

@@ -33,7 +33,7 @@ pub(super) enum Kind {
 }
 
 impl CellLaw {
-    pub(super) fn end(&self) -> f64 {
+    pub(super) fn end_distance(&self) -> f64 {
         self.cell.from + self.cell.length
     }
 

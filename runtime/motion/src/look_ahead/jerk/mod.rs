@@ -137,13 +137,17 @@ impl JerkPlan {
         if is_end {
             return f64::INFINITY;
         }
-        self.finals.back().map_or(f64::NEG_INFINITY, CellLaw::end)
+        self.finals
+            .back()
+            .map_or(f64::NEG_INFINITY, CellLaw::end_distance)
     }
 
     /// Makes the first half of the motion final, although a stop at the end of the window may affect it.
     pub(super) fn finish_half(&mut self) -> f64 {
         self.finish_cells(self.window.len() / 2);
-        self.finals.back().map_or(f64::NEG_INFINITY, CellLaw::end)
+        self.finals
+            .back()
+            .map_or(f64::NEG_INFINITY, CellLaw::end_distance)
     }
 
     fn finish_cells(&mut self, count: usize) {
@@ -172,7 +176,7 @@ impl JerkPlan {
                 let at = steps
                     .last()
                     .map_or(begin, |last| from + (last.to_s - begins_s) * speed);
-                let end = law.end().min(piece_to);
+                let end = law.end_distance().min(piece_to);
                 if end > at {
                     let offsets = [at - law.cell.from, end - law.cell.from].map(|offset| offset.max(0.0));
                     let at_s = steps.last().map_or(begins_s, |last| last.to_s);
@@ -182,7 +186,7 @@ impl JerkPlan {
                     }
                     steps.push(step);
                 }
-                if law.end() > piece_to {
+                if law.end_distance() > piece_to {
                     break;
                 }
                 self.finals.pop_front();

@@ -4,10 +4,7 @@
 //! `h = j t^3/6`, `b = j t = 2/3 x/h` and `x = j^2 t^4/4`, so that `j = 2/9 x^(3/2)/h^2`. Within the cell the speed and
 //! the acceleration are smaller than at its end. To rest the same holds backward.
 
-use tandem_model::{Axis, AxisVector};
-
 use super::cells::Cell;
-use crate::look_ahead::limits::Motors;
 
 /// Factor of the largest square of the speed for a stop with 0.3 times the largest jerk.
 const SOFT: f64 = 0.44;
@@ -21,18 +18,6 @@ pub(super) struct RestLaw {
 }
 
 impl RestLaw {
-    /// Returns the length of a cell that takes this time at the largest jerk.
-    pub(super) fn length(first: AxisVector, time_s: f64, motors: &Motors) -> f64 {
-        let inverse = Axis::ALL.into_iter().fold(0.0_f64, |most, axis| {
-            most.max(first[axis].abs() * motors.inverse_jerks[axis.index()])
-        });
-        if inverse > 0.0 {
-            time_s.powi(3) / (6.0 * inverse)
-        } else {
-            f64::INFINITY
-        }
-    }
-
     /// Creates the law of the last cell of a window. If later blocks extend the window, it stops so softly that the motion can also go
     /// on within the limits: the acceleration then ends in this cell, with three times the jerk of the stop.
     pub(super) fn at_end(cell: &Cell, is_end: bool) -> Self {
