@@ -76,7 +76,8 @@ const TASKS_AT_A_BROKER: [(&str, Consequence, Trigger); 3] = [
 ];
 
 /// Tasks without a fault here, and the tests that inject their faults.
-const ELSEWHERE: [(&str, &str); 3] = [
+const ELSEWHERE: [(&str, &str); 4] = [
+    ("last will of the link", "contained: supervisor::tests"),
     ("reader of the token file", "essential: supervisor::tests"),
     ("reader of the certificate", "essential: supervisor::tests"),
     ("sequence program of the demo", "contained: supervisor::tests"),
