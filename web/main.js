@@ -99,7 +99,7 @@ const app = {
     return app.accepted((onAccepted) => app.commandAsSeen(verb, {}, onAccepted));
   },
   async load(cs, program) {
-    const { text = "", hash = null } = await api.load(cs, program);
+    const { text = "", hash = null } = await api.command(cs, "load", { program });
     const system = model.systems.get(cs);
     if (system) system.note = { hash, text };
     invalidate();

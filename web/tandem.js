@@ -3,14 +3,14 @@
 
 import { latenessMs } from "./tandem/lateness.js";
 import { Link } from "./tandem/link.js";
-import { answerLimitMs, asSentence, canMove, NOT_AFTER_MS, PERSON_TIMEOUT_MS, randomName, Refusal, request, TIMEOUT_MS } from "./tandem/requests.js";
+import { asSentence, canMove, NOT_AFTER_MS, PERSON_TIMEOUT_MS, randomName, Refusal, request, TIMEOUT_MS } from "./tandem/requests.js";
 import { t } from "./text/language.js";
 
 export { Refusal, TIMEOUT_MS };
 
 /** Names of commands after which something can move. @type {Record<string, string>} */
 const VERBS = {
-  load: t("requests.verb.load"), start: t("requests.verb.start"), resume: t("requests.verb.resume"), reset: t("requests.verb.reset"), mdi: t("requests.verb.mdi"),
+  start: t("requests.verb.start"), resume: t("requests.verb.resume"), reset: t("requests.verb.reset"), mdi: t("requests.verb.mdi"),
   jog: t("requests.verb.jog"), home: t("requests.verb.home"), back_trace: t("requests.verb.back_trace"), run: t("requests.verb.run"),
 };
 
@@ -156,7 +156,7 @@ export class Tandem {
     if (limit === null) return request(url, this.#token(), method, asked);
     const body = { .../** @type {object} */ (asked.body), not_after: limit };
     const verb = /\/runs$/.test(path) ? "run" : (/^\/cs\/\d+\/(\w+)$/.exec(path)?.[1] ?? "");
-    const limited = { timeoutMs: answerLimitMs(limit), unanswered: notReached(verb), ...asked, body };
+    const limited = { timeoutMs: PERSON_TIMEOUT_MS, unanswered: notReached(verb), ...asked, body };
     return request(url, this.#token(), method, limited).catch((error) => {
       if (error instanceof Refusal && error.problem.code === "expired") throw new Refusal(limited.unanswered, error.problem);
       throw error;

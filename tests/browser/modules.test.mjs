@@ -1,7 +1,6 @@
 // Modules of the HMI that need no browser.
 
 import assert from "node:assert/strict";
-import { readFile } from "node:fs/promises";
 import { test } from "node:test";
 
 import { look, sentence } from "../../web/machine/sentence.js";
@@ -9,7 +8,6 @@ import { POINTS_MAX, Trail } from "../../web/machine/trail.js";
 import { cells } from "../../web/path/runs.js";
 import { NcText } from "../../web/programs/nc_text.js";
 import { partsSaid } from "../../web/programs/order.js";
-import { canMove } from "../../web/tandem/requests.js";
 import { duration, position, programName, readNumber, whole } from "../../web/text/format.js";
 import { STATE } from "./scripted_machine.mjs";
 
@@ -186,21 +184,4 @@ test("a run tells how long it took, its parts, how it ended and for which M code
   assert.equal(partsSaid({ ...cut, end: null }), "part 4 of 10");
   assert.equal(partsSaid({ ...cut, end: null, waits_for: "the start lock is on: no blank" }), "part 4 of 10 waits: the start lock is on: no blank");
   assert.equal(partsSaid({ ...run, end: null }), "");
-});
-
-test("each request that accepts an age limit carries one, and no other request does", async () => {
-  const { paths, components } = JSON.parse(await readFile(new URL("../../runtime/gateway/api/openapi.json", import.meta.url), "utf8"));
-  const isLimited = (schema = {}) => {
-    if (schema.$ref) return isLimited(components.schemas[schema.$ref.split("/").at(-1)]);
-    return "not_after" in (schema.properties ?? {}) || ["allOf", "anyOf", "oneOf"].some((key) => (schema[key] ?? []).some(isLimited));
-  };
-  const wrong = [];
-  for (const [route, methods] of Object.entries(paths)) {
-    for (const [method, { requestBody }] of Object.entries(methods)) {
-      const path = route.replaceAll(/\{\w+\}/g, "1");
-      const limited = method !== "get" && isLimited(requestBody?.content?.["application/json"]?.schema);
-      if (canMove(method.toUpperCase(), path) !== limited) wrong.push(`${method} ${route}`);
-    }
-  }
-  assert.deepEqual(wrong, []);
 });

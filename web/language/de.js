@@ -643,7 +643,6 @@ const texts = {
   "requests.verb.back_trace": "Rückwärts",
   "requests.verb.home": "Referenzfahrt",
   "requests.verb.jog": "Die Handfahrt",
-  "requests.verb.load": "Das Laden",
   "requests.verb.mdi": "MDI",
   "requests.verb.request": "Die Anforderung",
   "requests.verb.reset": "Reset",

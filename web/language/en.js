@@ -642,7 +642,6 @@ export default {
   "requests.verb.back_trace": "Back trace",
   "requests.verb.home": "Homing",
   "requests.verb.jog": "The jog",
-  "requests.verb.load": "The load",
   "requests.verb.mdi": "MDI",
   "requests.verb.request": "The request",
   "requests.verb.reset": "Reset",

@@ -643,7 +643,6 @@ const texts = {
   "requests.verb.back_trace": "バックトレース",
   "requests.verb.home": "原点復帰",
   "requests.verb.jog": "ジョグ",
-  "requests.verb.load": "ロード",
   "requests.verb.mdi": "MDI",
   "requests.verb.request": "要求",
   "requests.verb.reset": "リセット",

@@ -2,8 +2,7 @@
 // text.
 
 import { Refusal, TIMEOUT_MS } from "../tandem.js";
-import { LOAD_NOT_AFTER_MS, randomName } from "../tandem/requests.js";
-import { t } from "../text/language.js";
+import { randomName } from "../tandem/requests.js";
 import { forgetFence, keepFence, ownFence, underLease } from "./fences.js";
 import { machine } from "./machine.js";
 
@@ -57,17 +56,9 @@ export const api = {
     return machine.command(cs, verb, args, { expect, fence: ownFence(cs), onAccepted });
   },
 
-  /**
-   * Loads a program.
-   * @param {number} cs @param {number} program
-   */
-  load(cs, program) {
-    return machine.command(cs, "load", { program }, { fence: ownFence(cs), notAfter: machine.notAfter(LOAD_NOT_AFTER_MS) ?? undefined });
-  },
-
-  /** Accepts or refuses stored files that do not fit together. The answer waits for the disk. @param {"accept" | "refuse"} decision */
+  /** Accepts or refuses stored files that do not fit together. @param {"accept" | "refuse"} decision */
   async answerStoredData(decision) {
-    await machine.request("POST", "/stored_data/answer", { body: { decision }, timeoutMs: TIMEOUT_MS, unanswered: t("requests.the_machine_did_not_answer") });
+    await request("POST", "/stored_data/answer", { decision });
   },
 
   /** Orders a run of one part or more. @param {number} cs @param {number} program @param {number} parts */
