@@ -152,11 +152,8 @@ impl Run<'_> {
     pub(super) fn time_s(&self, motion: &Solution) -> f64 {
         let between: f64 = (0..self.cells.len())
             .map(|k| {
-                let change = motion.changes[k];
-                {
-                    let speeds = [motion.states[k][0], motion.states[k + 1][0]].map(f64::sqrt);
-                    hyperbolic::duration(speeds, change, self.cells[k].length)
-                }
+                let speeds = [motion.states[k][0], motion.states[k + 1][0]].map(f64::sqrt);
+                hyperbolic::duration(speeds, motion.changes[k], self.cells[k].length)
             })
             .sum();
         let stop_s = self.stop.duration_s(motion.states[self.cells.len()][0]);
