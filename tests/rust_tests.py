@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """Runs all Rust tests of the workspace.
 
-  tests/rust_tests.py     builds the tests, runs their programs, and then the examples in documentation comments
+  tests/rust_tests.py           builds the tests, runs their programs, and then the examples in documentation comments
+  tests/rust_tests.py worlds    only the simulated worlds
+  tests/rust_tests.py others    all but the simulated worlds
 
 A test that fails is repeated alone. If it then passes, it is reported as flaky, which is a failure too.
-
-The simulated worlds only compute, in simulated time. They run at idle priority next to the other tests, most of which wait.
 """
 
 import json
@@ -36,8 +36,8 @@ class Program:
     def __str__(self):
         return f"tests of {self.package} ({self.target})"
 
-    def start(self, *arguments, **options):
-        """Starts tests of the program; its output is a pipe."""
+    def execute(self, *arguments):
+        """Executes tests of the program; returns the result with its output."""
         environment = {
             "RUST_TEST_THREADS": str(max(3, os.cpu_count() or 1)),
             "PROPTEST_RNG_SEED": "20",
@@ -49,7 +49,7 @@ class Program:
             # the program of a derive macro needs the libraries of the compiler
             "LD_LIBRARY_PATH": LIBRARIES,
         }
-        return subprocess.Popen(
+        return subprocess.run(
             [self.path, *arguments],
             cwd=self.folder,
             env=environment,
@@ -57,27 +57,22 @@ class Program:
             stderr=subprocess.STDOUT,
             encoding="utf-8",
             errors="replace",
-            **options,
+            check=False,
         )
 
     def run(self, *arguments):
-        """Runs tests of the program; returns the result with its output."""
+        """Runs tests of the program, and prints their time; returns the result with its output."""
         begin = time.monotonic()
-        return self.wait(self.start(*arguments), begin, *arguments)
-
-    def wait(self, started, begin, *arguments):
-        """Waits for the end of started tests; returns the result with its output."""
-        output, _ = started.communicate()
+        ended = self.execute(*arguments)
         seconds = time.monotonic() - begin
-        verdict = "passed" if started.returncode == 0 else "FAILED"
+        verdict = "passed" if ended.returncode == 0 else "FAILED"
         print(f"{' '.join([str(self), *arguments])}: {verdict} after {seconds:.0f} s", flush=True)
-        return subprocess.CompletedProcess(started.args, started.returncode, output)
+        return ended
 
     def is_of_whole_machines(self):
         return self.package == "tandem" and self.target == "it"
 
-    def only_computes(self):
-        """Returns whether this is the program of the simulated worlds, which never wait for real time."""
+    def is_of_worlds(self):
         return self.target == "worlds"
 
 
@@ -89,11 +84,6 @@ def test_programs():
         sys.exit(1)
     messages = [json.loads(line) for line in built.stdout.splitlines() if line.startswith("{")]
     return [Program(message) for message in messages if message.get("executable") and message["profile"]["test"]]
-
-
-def idle():
-    """Gives this process only the processor time that no other process uses."""
-    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
 def failures(program, ended):
@@ -118,18 +108,14 @@ def run_examples():
 
 
 def main():
-    if len(sys.argv) > 1:
+    wanted = sys.argv[1:]
+    if wanted not in ([], ["worlds"], ["others"]):
         sys.exit(__doc__)
-    programs = test_programs()
-    begin = time.monotonic()
-    computing = [(program, program.start(preexec_fn=idle)) for program in programs if program.only_computes()]
     found = []
-    for program in programs:
-        if not program.only_computes():
+    for program in test_programs():
+        if not wanted or program.is_of_worlds() == (wanted == ["worlds"]):
             found += failures(program, program.run())
-    for program, started in computing:
-        found += failures(program, program.wait(started, begin))
-    if not run_examples():
+    if wanted != ["worlds"] and not run_examples():
         found.append("an example in a documentation comment failed")
     print("\n".join(found))
     sys.exit(1 if found else 0)

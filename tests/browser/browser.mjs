@@ -40,7 +40,7 @@ export async function openPage(browser, { viewport = { width: 1280, height: 800 
   const origins = new Set();
   page.on("framenavigated", (frame) => origins.add(new URL(frame.url()).origin));
   page.on("console", (message) => {
-    if (message.type() === "error") errors.push(message.text());
+    if (message.type() === "error") errors.push(`${message.text()} ${message.location().url}`);
   });
   page.on("pageerror", (error) => errors.push(String(error)));
   const checked = await checkForms(page, (problem) => errors.push(problem));
