@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use plc_protocol::types::machine::{ActiveAlarms, AlarmRecord, AlarmSeverity};
 use plc_protocol::types::{CoordinateSystemNumber, Timestamp};
-use tandem_model::alarm::{ALARMS, After, AlarmEntry};
+use tandem_model::alarm::{ALARMS, After, AlarmEntry, FAULT_LASTS, RUNTIME_FAULT};
 
 /// Maximum number of alarms in the history. Further alarms drop the oldest.
 pub const ALARM_HISTORY_MAX: usize = 1000;
@@ -52,7 +52,8 @@ impl Alarms {
             self.history.pop_front();
         }
         let of_same = self.active.iter().filter(|active| active.cs == record.cs);
-        if is_active && (of_same.count() < ALARMS_ACTIVE_MAX || is_until_restart(&record)) {
+        let is_unlimited = is_until_restart(&record) || is_internal_fault(&record);
+        if is_active && (of_same.count() < ALARMS_ACTIVE_MAX || is_unlimited) {
             self.active.push(record.clone());
         }
         RaiseOutcome::New(record)
@@ -160,6 +161,12 @@ impl Alarms {
 fn is_until_restart(record: &AlarmRecord) -> bool {
     let mut entries = ALARMS.iter();
     entries.any(|entry| entry.number == record.number && entry.after == After::Restart)
+}
+
+/// Returns true for the alarm of an internal fault. The limit of active alarms does not apply to it: each of the two
+/// numbers is raised once before a reset, and the reset recovers the coordinate system only while it is active.
+fn is_internal_fault(record: &AlarmRecord) -> bool {
+    [RUNTIME_FAULT.number, FAULT_LASTS.number].contains(&record.number)
 }
 
 fn is_same_alarm(a: &AlarmRecord, b: &AlarmRecord) -> bool {

@@ -38,7 +38,7 @@ pub enum Consequence {
     Restarted,
     /// One coordinate system stops, until a reset.
     StopsCoordinateSystem,
-    /// One coordinate system stops, until the runtime is restarted.
+    /// One coordinate system stops, until a later reset succeeds or the runtime is restarted.
     CoordinateSystemNeedsRestart,
     /// All coordinate systems stop and the drives are off, until the runtime is restarted.
     StopsAll,
@@ -160,6 +160,17 @@ impl Supervisor {
                 exit.get_or_insert_with(|| report.message());
                 is_first
             });
+        }
+    }
+
+    /// Records that a reset has recovered a coordinate system after its task had failed, so that it needs no
+    /// restart of the runtime.
+    pub fn note_reset(&self, task: &str) {
+        let mut faults = self.0.faults.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(fault) = faults.get_mut(task)
+            && fault.consequence == Consequence::CoordinateSystemNeedsRestart
+        {
+            fault.consequence = Consequence::StopsCoordinateSystem;
         }
     }
 

@@ -313,9 +313,9 @@ alarms! {
     VALUE_LOST = 412, Reset, "A value that the program needs is damaged and is not used",
         "The store was damaged, and this value with it. The program now reads the value, and a guessed value could damage the machine.",
         "Check the machine and write the value again; alarm 406 lists all damaged values.";
-    FAULT_LASTS = 413, Restart, "An internal fault keeps the coordinate system stopped",
-        "A second internal fault occurred before a reset, or the recovery from the first fault failed.",
-        "Make the machine safe, restart the runtime, and send the log to the maintainers.";
+    FAULT_LASTS = 413, Reset, "An internal fault keeps the coordinate system stopped",
+        "A second internal fault occurred before a reset, or the recovery from a fault failed.",
+        "Make the machine safe, then reset, and send the log to the maintainers. If the alarm returns, restart the runtime.";
     SERVO_FAILED = 414, Restart, "The servo has failed and the drives are switched off",
         "The servo thread, the bus to the drives or a spindle has failed, or a servo cycle does not end; the alarm text names the fault.",
         "Make the machine safe, examine the drives and their bus, and restart the runtime.";

@@ -2,19 +2,21 @@
 //!
 //! The servo is stopped first, because no other part is reliable: motion stops on its path. Then the stages are
 //! replaced, outputs are cancelled, and an alarm stays active until a reset. A second fault before that reset, or a
-//! fault in the recovery, leaves the coordinate system stopped. Then hold, stop and abort still brake the motion, and
-//! all other requests are refused until the runtime is restarted.
+//! fault in the recovery, leaves the coordinate system stopped: it executes no turns. Hold, stop and abort still brake
+//! the motion, values from outside are still accepted, and a reset recovers again. All other requests are refused.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use plc_protocol::types::command::{Command, CommandStatus, Verb};
+use plc_protocol::types::machine::AlarmRecord;
 use plc_protocol::types::message::Payload;
 use plc_protocol::types::output::{CancelReason, Pending};
 use plc_protocol::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
 use plc_protocol::types::state::{Execution, Reason, State};
 use plc_protocol::types::topic::{CsTopic, Topic};
 use tandem_model::alarm::{FAULT_LASTS, RUNTIME_FAULT, SERVO_FAILED};
+use tandem_servo::Event as ServoEvent;
 use tandem_store::journal::{Event, RaisedAlarm, RunEnd};
 
 use super::CoordinateSystem;
@@ -33,13 +35,7 @@ impl CoordinateSystem {
     /// Rebuilds the coordinate system in the state after an alarm, so that a reset clears the fault. Commands, inputs,
     /// the control lease and the numbers of outputs are kept; levels that sequence programs set stay valid.
     pub(crate) fn recover(&mut self, why: &str) {
-        let configured = &self.context.configured;
-        let at = self.servo.commanded();
-        self.pipeline.renew(&configured.settings, configured.dialect, at);
-        self.replanning = Replanning::default();
-        let captured = self.published.captured;
-        self.published = PublishedValues::default();
-        self.published.captured = captured;
+        self.renew_stages();
         let origin = Some(self.context.view.executing()).filter(|at| self.state.has_run() && at.line > 0);
         let text = format!(
             "{}: {why}. Motion stopped on its path and outputs were cancelled; other coordinate systems continue. Check the \
@@ -57,23 +53,49 @@ impl CoordinateSystem {
         self.publish_all();
     }
 
-    /// Returns true if a reset has cleared the alarm of [`CoordinateSystem::recover`].
-    pub(crate) fn has_recovered(&self) -> bool {
-        let shared = &self.context.shared;
-        !shared.is_alarm_active(RUNTIME_FAULT.number, self.context.number)
+    fn renew_stages(&mut self) {
+        let configured = &self.context.configured;
+        let at = self.servo.commanded();
+        self.pipeline.renew(&configured.settings, configured.dialect, at);
+        self.replanning = Replanning::default();
+        let captured = self.published.captured;
+        self.published = PublishedValues::default();
+        self.published.captured = captured;
     }
 
-    /// Leaves the coordinate system stopped until the runtime is restarted. If a step fails, the next steps are still
-    /// executed.
+    /// Returns true if a reset has cleared the alarms of [`CoordinateSystem::recover`] and
+    /// [`CoordinateSystem::give_up`].
+    pub(crate) fn has_recovered(&self) -> bool {
+        let is_active = |number| {
+            let shared = &self.context.shared;
+            shared.is_alarm_active(number, self.context.number)
+        };
+        !is_active(RUNTIME_FAULT.number) && !is_active(FAULT_LASTS.number)
+    }
+
+    /// Rebuilds a coordinate system that stays stopped, so that a reset can be executed. The reset itself stops the
+    /// servo, clears the alarms and sets the state. Panics if the fault persists.
+    pub(crate) fn recover_for_reset(&mut self) {
+        self.state.give_up();
+        self.renew_stages();
+        self.outputs.cancel_all(self.context.now(), CancelReason::Alarm);
+        self.apply_effects();
+    }
+
+    /// Leaves the coordinate system stopped until [`CoordinateSystem::recover_for_reset`]. If a step fails, the next
+    /// steps are still executed.
     pub(crate) fn give_up(&mut self, why: &str) {
         let text = format!(
             "{}: {why}. Motion stopped and outputs were cancelled; hold, stop and abort still answer. Make the machine safe, \
-             then restart the runtime",
+             then reset; if this alarm returns, restart the runtime",
             FAULT_LASTS.title
         );
-        let steps: [&mut dyn FnMut(&mut Self); 6] = [
+        let steps: [&mut dyn FnMut(&mut Self); 9] = [
             &mut |system| {
-                system.context.shared.raise(system.lasting_alarm(text.clone()));
+                let (shared, number) = (&system.context.shared, system.context.number);
+                if !shared.is_alarm_active(FAULT_LASTS.number, number) {
+                    shared.raise(system.lasting_alarm(text.clone()));
+                }
             },
             &mut |system| {
                 let alarm = RaisedAlarm::OfThis(Box::new(system.lasting_alarm(text.clone())));
@@ -101,6 +123,22 @@ impl CoordinateSystem {
                 system.end_parts_by(EarlyEndCause::Alarm);
                 system.apply_effects();
             },
+            &mut |system| {
+                let refusal = system.refusal();
+                system.commands.refuse_waiting(&system.context, &refusal);
+            },
+            &mut |system| {
+                let refusal = system.refusal();
+                system.commands.refuse_validation(&system.context, refusal);
+            },
+            &mut |system| {
+                let failure = CommandFailure {
+                    code: "alarm",
+                    text: text.clone(),
+                    moved: BTreeMap::new(),
+                };
+                system.commands.answer(&system.context, &|_| true, Some(&failure));
+            },
             &mut Self::publish_given_up,
         ];
         for step in steps {
@@ -109,12 +147,12 @@ impl CoordinateSystem {
         }
     }
 
-    fn lasting_alarm(&self, text: String) -> plc_protocol::types::machine::AlarmRecord {
-        plc_protocol::types::machine::AlarmRecord {
+    fn lasting_alarm(&self, text: String) -> AlarmRecord {
+        AlarmRecord {
             number: FAULT_LASTS.number,
             text,
             cs: Some(self.context.number),
-            ..Default::default()
+            ..AlarmRecord::default()
         }
     }
 
@@ -139,9 +177,13 @@ impl CoordinateSystem {
             .publish(CsTopic::Pending, Payload::Pending(Pending::default()));
     }
 
-    /// Answers a request to a coordinate system that stays stopped. Hold, stop and abort brake the motion. Requests
-    /// that also go to other coordinate systems are accepted without an effect here, and all others are refused.
+    /// Answers a request to a coordinate system that stays stopped. Hold, stop and abort brake the motion, and values
+    /// from outside, such as an interlock and the loss of its handler, are accepted. Requests that also go to other
+    /// coordinate systems are accepted without an effect here, and all others are refused.
     pub(crate) fn answer_given_up(&mut self, envelope: Envelope) {
+        if envelope.sets_value() {
+            return self.handle(envelope);
+        }
         let answer = match &envelope.request {
             CoordinateSystemRequest::Command { command, meta, .. } if command.is_urgent() => {
                 self.brake_at_once(command.verb() == Verb::Abort);
@@ -153,12 +195,14 @@ impl CoordinateSystem {
                 command: Command::JogEnd { .. },
                 ..
             }
-            | CoordinateSystemRequest::Handler(..)
-            | CoordinateSystemRequest::HandlerLeft(..)
             | CoordinateSystemRequest::Republish
-            | CoordinateSystemRequest::Heartbeat(..)
-            | CoordinateSystemRequest::RaiseAlarm(_)
             | CoordinateSystemRequest::ValidateResult(..) => Ok(Answer::Done),
+            CoordinateSystemRequest::RaiseAlarm(raise) => raise.alarm().map(|alarm| {
+                if raise.cs.is_some() {
+                    self.raise_given_up(alarm.number, alarm.text);
+                }
+                Answer::Done
+            }),
             CoordinateSystemRequest::Command { meta, .. } => Err(self.context.reject(meta, self.refusal())),
             _ => Err(self.refusal()),
         };
@@ -168,7 +212,8 @@ impl CoordinateSystem {
 
     fn refusal(&self) -> Refusal {
         let text = format!(
-            "coordinate system {} stays stopped after an internal fault (alarm {}); restart the runtime",
+            "coordinate system {} stays stopped after an internal fault (alarm {}); make the machine safe, then reset it. If \
+             the alarm returns, restart the runtime",
             self.context.number, FAULT_LASTS.number
         );
         Refusal::new(RefusalCode::Unavailable, text)
@@ -201,10 +246,30 @@ impl CoordinateSystem {
         Err(Refusal::new(RefusalCode::Unavailable, text))
     }
 
-    /// Discards the servo's events, which a stopped coordinate system does not need, and sends delayed controls to the
-    /// servo. Returns true if some controls must still wait.
+    /// Processes the servo's events that a stopped coordinate system needs, which are drive faults and the answers to
+    /// new plans, and sends delayed controls to the servo. Returns true if some controls must still wait.
     pub(crate) fn follow_servo_given_up(&mut self) -> bool {
-        while self.servo.next_event().is_some() {}
+        while let Some(event) = self.servo.next_event() {
+            match event {
+                ServoEvent::Spliced { taken } => self.servo.on_spliced(taken),
+                ServoEvent::Fault(fault) => {
+                    let alarm = fault.alarm();
+                    self.raise_given_up(alarm.entry.number, alarm.text);
+                }
+                _ => {}
+            }
+        }
         self.servo.is_backlogged()
+    }
+
+    /// Raises an alarm without ending a run, because a coordinate system that stays stopped has none.
+    fn raise_given_up(&self, number: u16, text: String) {
+        let alarm = AlarmRecord {
+            number,
+            text,
+            cs: Some(self.context.number),
+            ..AlarmRecord::default()
+        };
+        self.context.shared.raise(alarm);
     }
 }

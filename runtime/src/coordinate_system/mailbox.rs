@@ -16,7 +16,7 @@ use plc_protocol::types::CoordinateSystemNumber;
 use plc_protocol::types::command::Verb;
 use plc_protocol::types::not_after::NotAfter;
 use plc_protocol::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
-use tandem_model::alarm::RUNTIME_FAULT;
+use tandem_model::alarm::{FAULT_LASTS, RUNTIME_FAULT};
 use tokio::sync::{Notify, Semaphore, TryAcquireError, oneshot};
 
 use super::run::preparation::TurnLimits;
@@ -52,6 +52,27 @@ impl Envelope {
     fn is_command(&self) -> bool {
         matches!(self.request, CoordinateSystemRequest::Command { .. })
     }
+
+    fn is_reset(&self) -> bool {
+        let CoordinateSystemRequest::Command { command, .. } = &self.request else {
+            return false;
+        };
+        command.verb() == Verb::Reset
+    }
+
+    /// Returns true for a value from outside that moves nothing and that must not be lost while the coordinate system
+    /// stays stopped.
+    pub fn sets_value(&self) -> bool {
+        matches!(
+            self.request,
+            CoordinateSystemRequest::Input(_)
+                | CoordinateSystemRequest::Handler(..)
+                | CoordinateSystemRequest::HandlerLeft(..)
+                | CoordinateSystemRequest::Heartbeat(..)
+                | CoordinateSystemRequest::SkipInput(..)
+                | CoordinateSystemRequest::Tool(_)
+        )
+    }
 }
 
 /// A coordinate system and its request queues.
@@ -83,8 +104,17 @@ enum FaultCondition {
     Sound,
     /// A fault has occurred, and no reset has cleared its alarm yet.
     Recovered,
-    /// A second fault has occurred: the coordinate system stays stopped until the runtime is restarted.
+    /// A second fault has occurred before the reset: the coordinate system executes no turns until a reset recovers it.
     GivenUp,
+    /// The recovery by a reset has failed. A further reset tries it again.
+    ResetFailed,
+}
+
+impl FaultCondition {
+    /// Returns true if the coordinate system executes no turns.
+    fn is_given_up(self) -> bool {
+        matches!(self, FaultCondition::GivenUp | FaultCondition::ResetFailed)
+    }
 }
 
 impl std::fmt::Debug for Mailbox {
@@ -182,9 +212,9 @@ impl Mailbox {
             "the runtime is stopping".to_owned()
         } else {
             format!(
-                "an internal fault occurred in coordinate system {} before it answered; alarm {} describes \
+                "an internal fault occurred in coordinate system {} before it answered; alarm {} or {} describes \
                  the remedy",
-                self.number, RUNTIME_FAULT.number
+                self.number, RUNTIME_FAULT.number, FAULT_LASTS.number
             )
         };
         Refusal::new(RefusalCode::Unavailable, text)
@@ -194,7 +224,7 @@ impl Mailbox {
     /// another thread works on the coordinate system, does nothing; a later call publishes the state.
     pub fn publish_spindle(&self) {
         if let Some(work) = self.work.try_lock()
-            && work.condition != FaultCondition::GivenUp
+            && !work.condition.is_given_up()
             && let Some(system) = &work.system
         {
             system.publish_spindle();
@@ -226,7 +256,11 @@ impl Mailbox {
 
     /// Executes a request and a turn in the caller's thread. Returns false if the task has to do the rest.
     fn work_for_task(&self, mut work: MutexGuard<'_, MailboxState>, share: TurnLimits) -> bool {
-        if self.queues.iter().any(Queue::begins_with_command) {
+        if self
+            .queues
+            .iter()
+            .any(|queue| queue.begins_with(Envelope::is_command))
+        {
             return false;
         }
         let left = self.work(&mut work, share);
@@ -269,12 +303,16 @@ impl Mailbox {
         let Some(system) = &mut work.system else {
             return RemainingWork::default();
         };
-        if work.condition == FaultCondition::GivenUp {
+        let is_given_up = work.condition.is_given_up();
+        if is_given_up && !self.reset_is_next(share) {
             return self.work_given_up(system, share);
         }
         let mut aborts = false;
         let worked = catch_unwind(AssertUnwindSafe(|| {
             self.shared.supervisor.fault_point(&self.task);
+            if is_given_up {
+                system.recover_for_reset();
+            }
             if let Some(envelope) = self.queues.iter().find_map(|queue| queue.take_request(share)) {
                 aborts = envelope.is_abort();
                 system.handle(envelope);
@@ -286,8 +324,15 @@ impl Mailbox {
         }));
         match worked {
             Ok(left) => {
-                if work.condition == FaultCondition::Recovered && system.has_recovered() {
-                    work.condition = FaultCondition::Sound;
+                if is_given_up {
+                    self.shared.supervisor.note_reset(&self.task);
+                }
+                if work.condition != FaultCondition::Sound {
+                    work.condition = if system.has_recovered() {
+                        FaultCondition::Sound
+                    } else {
+                        FaultCondition::Recovered
+                    };
                 }
                 RemainingWork {
                     busy: left.busy || !self.queues.iter().all(Queue::is_empty),
@@ -310,11 +355,17 @@ impl Mailbox {
         self.shared.supervisor.report(&FaultReport {
             task: self.task.clone(),
             consequence: match condition {
-                FaultCondition::GivenUp => Consequence::CoordinateSystemNeedsRestart,
-                FaultCondition::Sound | FaultCondition::Recovered => Consequence::StopsCoordinateSystem,
+                FaultCondition::ResetFailed => Consequence::CoordinateSystemNeedsRestart,
+                _ => Consequence::StopsCoordinateSystem,
             },
             text: why.to_owned(),
         });
+    }
+
+    /// Returns true if the next request to take is a reset.
+    fn reset_is_next(&self, share: TurnLimits) -> bool {
+        let [urgent, other] = &self.queues;
+        share.commands && urgent.is_empty() && other.begins_with(Envelope::is_reset)
     }
 
     /// Answers requests to a coordinate system that stays stopped after two faults.
@@ -338,14 +389,18 @@ impl Mailbox {
 }
 
 /// Recovers after a panic: brakes the motion, then rebuilds the coordinate system. If that fails or an earlier fault
-/// was not reset, gives it up.
+/// was not reset, leaves it stopped until a reset.
 fn contain(system: &mut CoordinateSystem, before: FaultCondition, aborts: bool, why: &str) -> FaultCondition {
     system.brake_at_once(aborts);
     if before == FaultCondition::Sound && catch_unwind(AssertUnwindSafe(|| system.recover(why))).is_ok() {
         return FaultCondition::Recovered;
     }
     system.give_up(why);
-    FaultCondition::GivenUp
+    if before.is_given_up() {
+        FaultCondition::ResetFailed
+    } else {
+        FaultCondition::GivenUp
+    }
 }
 
 /// Discards the coordinate system and its pending requests when dropped. If the task has failed, the coordinate system
@@ -416,8 +471,9 @@ impl Queue {
         Some(envelope)
     }
 
-    fn begins_with_command(&self) -> bool {
-        !self.is_empty() && self.envelopes.lock().front().is_some_and(Envelope::is_command)
+    /// Returns true if the first request fulfils the condition.
+    fn begins_with(&self, is_it: fn(&Envelope) -> bool) -> bool {
+        !self.is_empty() && self.envelopes.lock().front().is_some_and(is_it)
     }
 
     /// Returns true if no envelope is queued. Needs no lock, because each envelope takes its slot before it is queued.

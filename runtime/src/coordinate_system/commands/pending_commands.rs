@@ -217,6 +217,20 @@ impl Commands {
         Ok(())
     }
 
+    /// Refuses the commands that wait for their validation.
+    pub fn refuse_waiting(&mut self, context: &Context, refusal: &Refusal) {
+        while let Some(command) = self.deferred.pop_front() {
+            command.refuse(context, refusal.clone());
+        }
+    }
+
+    /// Refuses the command whose parameters handlers check.
+    pub fn refuse_validation(&mut self, context: &Context, refusal: Refusal) {
+        if let Some(validation) = self.validation.take() {
+            validation.command.refuse(context, refusal);
+        }
+    }
+
     /// Returns true if the effect of the command with this id is still pending.
     pub fn awaits(&self, command_id: &str) -> bool {
         let mut awaiting = self.awaiting.iter();

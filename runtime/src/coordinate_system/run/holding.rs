@@ -105,18 +105,19 @@ impl CoordinateSystem {
     /// Processes the loss of a handler instance. Its outputs, interlocks and start locks wait for its return. After an
     /// unannounced loss, locks with `on_loss = "on"` are set on at once.
     pub(crate) fn on_handler_left(&mut self, handler_id: &str, instance: Option<&str>, departure: Departure) {
-        let (now, grace_s) = (self.context.now(), self.context.shared.machine.handler_grace_s);
-        self.outputs
-            .on_handler_left(now, (handler_id, instance), departure, grace_s);
-        self.await_handler();
         let InputValues {
             interlock,
             start_lock,
             ..
         } = &mut self.inputs;
-        if interlock.mark_handler_offline(handler_id, departure)
-            | start_lock.mark_handler_offline(handler_id, departure)
-        {
+        // the locks come first: a fault in the outputs must not leave a lost source off
+        let locks = interlock.mark_handler_offline(handler_id, departure)
+            | start_lock.mark_handler_offline(handler_id, departure);
+        let (now, grace_s) = (self.context.now(), self.context.shared.machine.handler_grace_s);
+        self.outputs
+            .on_handler_left(now, (handler_id, instance), departure, grace_s);
+        self.await_handler();
+        if locks {
             self.follow_interlock();
             self.publish_inputs();
         }

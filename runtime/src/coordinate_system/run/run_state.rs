@@ -204,7 +204,7 @@ impl<R, E> RunState<R, E> {
         }
     }
 
-    /// Sets the state after a fault that lasts until the runtime is restarted. Returns true if a run was active.
+    /// Sets the state after a fault whose recovery waits for a reset. Returns true if a run was active.
     pub fn give_up(&mut self) -> bool {
         let had_run = self.has_run();
         *self = RunState::Idle((Execution::Stopped, Some(Reason::Alarm)));

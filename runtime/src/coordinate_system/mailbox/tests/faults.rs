@@ -209,8 +209,15 @@ fn p11_panic_in_motion_brakes_on_the_path_and_reset_recovers() {
     }
 }
 
-#[test]
-fn p11_second_panic_before_a_reset_keeps_it_stopped_and_stop_answers() {
+fn mdi(text: &str) -> Command {
+    Command::Mdi {
+        text: text.into(),
+        is_macro: false,
+    }
+}
+
+/// Raises a second fault before a reset, while X moves. The faults persist until the returned number is 0.
+fn given_up() -> (SteppedMachine, PendingPanics) {
     let (mut machine, faults) = machine();
     move_x(&mut machine, "G01 X200 F600");
     faults.store(u32::MAX, SeqCst);
@@ -226,27 +233,79 @@ fn p11_second_panic_before_a_reset_keeps_it_stopped_and_stop_answers() {
     assert!(machine.speed().abs() < 1e-9);
     assert_eq!(machine.word(), (Execution::Stopped, Some(Reason::Alarm)));
     assert!(machine.active().contains(&FAULT_LASTS.number));
-    for (verb, id) in [
-        (Command::Reset, "reset"),
-        (Command::Start, "start"),
-        (
-            Command::Mdi {
-                text: "G00 X0".into(),
-                is_macro: false,
-            },
-            "m",
-        ),
-    ] {
+    (machine, faults)
+}
+
+#[test]
+fn p11_second_panic_keeps_it_stopped_until_a_reset_and_stop_answers() {
+    let (mut machine, faults) = given_up();
+    for (verb, id) in [(Command::Start, "start"), (mdi("G00 X0"), "m")] {
         let refusal = machine.ask(verb, id, 10).unwrap_err();
         assert_eq!(refusal.code, RefusalCode::Unavailable, "{id}");
-        assert!(refusal.text.contains("restart the runtime"), "{}", refusal.text);
+        assert!(refusal.text.contains("then reset it"), "{}", refusal.text);
     }
     machine.run(1000);
     assert!(machine.active().contains(&FAULT_LASTS.number));
-    let faults = machine.mailbox.shared.supervisor.faults();
-    assert_eq!(faults.len(), 1);
-    assert_eq!(faults[0].task, "coordinate system 1");
-    assert!(faults[0].consequence.needs_restart());
+    let reported = machine.mailbox.shared.supervisor.faults();
+    assert_eq!(reported.len(), 1);
+    assert_eq!(reported[0].task, "coordinate system 1");
+    assert!(!reported[0].consequence.needs_restart());
+
+    faults.store(0, SeqCst);
+    let reset = machine.ask(Command::Reset, "reset", 50);
+    assert!(matches!(reset, Ok(Answer::Command(_))), "{reset:?}");
+    assert_eq!(machine.active(), [0; 0]);
+    let moved = machine.ask(mdi("G90 G00 X0 Y0"), "again", 9000);
+    assert!(matches!(moved, Ok(Answer::Command(reply)) if reply.status == CommandStatus::Done));
+    assert!(machine.x().abs() < 1e-9);
+}
+
+#[test]
+fn p11_reset_that_fails_keeps_the_alarm_and_a_later_reset_recovers() {
+    let (mut machine, faults) = given_up();
+    let refusal = machine.ask(Command::Reset, "reset", 50).unwrap_err();
+    assert_eq!(refusal.code, RefusalCode::Unavailable);
+    assert!(refusal.text.contains("413"), "{}", refusal.text);
+    assert!(machine.active().contains(&FAULT_LASTS.number));
+    let needs_restart = |machine: &SteppedMachine| {
+        let faults = machine.mailbox.shared.supervisor.faults();
+        faults[0].consequence.needs_restart()
+    };
+    assert!(needs_restart(&machine));
+    assert!(matches!(
+        machine.ask(Command::Stop, "s2", 10),
+        Ok(Answer::Command(_))
+    ));
+
+    faults.store(0, SeqCst);
+    machine.ask(Command::Reset, "r2", 50).unwrap();
+    assert_eq!(machine.active(), [0; 0]);
+    assert!(!needs_restart(&machine));
+    machine.ask(mdi("G90 G00 X0 Y0"), "again", 9000).unwrap();
+    assert!(machine.x().abs() < 1e-9);
+}
+
+#[test]
+fn p11_interlock_set_after_a_second_panic_holds_after_the_reset() {
+    let (mut machine, faults) = given_up();
+    faults.store(0, SeqCst);
+    let set = LockSet {
+        value: true,
+        text: "the door is open".into(),
+        source: Some("door".into()),
+        handler_id: None,
+        instance: None,
+        force: None,
+    };
+    let mailbox = Arc::clone(&machine.mailbox);
+    let interlock = CoordinateSystemRequest::Input(Input::Interlock(set));
+    assert_eq!(
+        mailbox.ask(interlock, false).now_or_never(),
+        Some(Ok(Answer::Done))
+    );
+    machine.ask(Command::Reset, "reset", 50).unwrap();
+    let refused = machine.ask(mdi("G00 X1"), "m", 50).unwrap_err();
+    assert_eq!(refused.code, RefusalCode::StartLocked, "{}", refused.text);
 }
 
 #[test]
