@@ -93,6 +93,13 @@ impl Channel {
             self.rests = false;
             self.watch_drives();
         }
+        if !self.rests {
+            self.check_skip_inputs();
+            self.check_in_position(time_s);
+            self.report_rest();
+        }
+        // also at rest, because its drive may fail, and before its first command
+        self.cycle_spindle();
         if self.rests {
             if self.motors.has_settled() {
                 self.readings.write_time(time_s);
@@ -100,12 +107,6 @@ impl Channel {
                 self.publish(time_s);
             }
             return false;
-        }
-        self.check_skip_inputs();
-        self.check_in_position(time_s);
-        self.report_rest();
-        if !self.spindle_rests() {
-            self.cycle_spindle();
         }
         self.publish(time_s);
         self.reported
@@ -147,7 +148,9 @@ impl Channel {
 
     /// Executes the cycle of the spindle, after the cycle of the motors.
     pub(crate) fn cycle_spindle(&mut self) {
-        match self.spindle.as_mut().map(|spindle| spindle.cycle(self.period_s)) {
+        let cycled = self.spindle.as_mut().map(|spindle| spindle.cycle(self.period_s));
+        self.rests &= !matches!(cycled, Some(Err(_)));
+        match cycled {
             Some(Ok(ends)) => {
                 if ends.orientation {
                     self.report_event(Event::Oriented);
@@ -156,6 +159,8 @@ impl Channel {
                     self.report_event(Event::SpindleReached { id });
                 }
             }
+            // braking would enable the drives of the axes; without power no motor moves
+            Some(Err(fault)) if !self.power.is_commanded() && self.braking.is_none() => self.fail(fault),
             Some(Err(fault)) => self.brake_for(fault),
             None => {}
         }

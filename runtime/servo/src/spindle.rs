@@ -21,7 +21,7 @@ pub struct SpindleState {
     /// True if the spindle neither turns nor is about to turn. The motion of a thread is not considered.
     pub rests: bool,
     /// True if, without a command, further cycles change only the angle, and at speed 0 nothing. Simulated
-    /// time may then skip cycles. Always false for a drive that may report a fault at any time.
+    /// time may then skip cycles; in real time each cycle is executed.
     pub is_steady: bool,
     /// True if the drive has power and follows commands.
     pub is_enabled: bool,
@@ -71,7 +71,8 @@ pub trait Spindle: fmt::Debug + Send {
     /// Executes a step of a thread.
     fn follow(&mut self, step: ThreadStep);
 
-    /// Ends a servo cycle after the exchange with the motors, and returns the report of the spindle.
+    /// Ends a servo cycle after the exchange with the motors, and returns the report of the spindle. In real
+    /// time the servo calls it in each cycle, also at rest and before the first command.
     fn cycle(&mut self) -> SpindleState;
 
     /// Returns the state between two cycles, including the effect of commands since the last cycle.

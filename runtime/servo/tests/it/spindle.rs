@@ -66,6 +66,7 @@ struct SpindleSwitches {
     fault_stays: AtomicBool,
     has_no_supply: AtomicBool,
     enabled: AtomicBool,
+    is_steady: AtomicBool,
 }
 
 /// A drive that follows each command at once while it has power.
@@ -128,6 +129,7 @@ impl Spindle for Drive {
                 Orientation::Open
             },
             rests: self.rpm == 0.0,
+            is_steady: self.switches.is_steady.load(Relaxed),
             is_enabled: self.has_power(),
             fault: self.switches.fault.load(Relaxed),
             ..SpindleState::default()
@@ -205,6 +207,54 @@ fn a_spindle_that_is_not_enabled_in_time_is_a_fault() {
     switches.has_no_supply.store(false, Relaxed);
     assert!(rig.cycles(100).is_empty());
     close(rig.reading().spindle_rpm, 0.0);
+}
+
+#[test]
+fn p11_fault_of_a_spindle_at_rest_is_reported_in_that_cycle() {
+    for (is_steady, was_commanded) in [(false, false), (true, false), (false, true), (true, true)] {
+        let (mut rig, switches) = rig_with_drive(&with_spindle());
+        switches.is_steady.store(is_steady, Relaxed);
+        if was_commanded {
+            rig.control(command(SpindleDirection::Cw, 500.0));
+            rig.cycles(20);
+            rig.control(command(SpindleDirection::Stop, 0.0));
+        }
+        rig.cycles(1000);
+        switches.fault.store(0x7305, Relaxed);
+        let events = rig.cycle();
+        assert!(
+            matches!(
+                events[..],
+                [Event::Fault(Fault::DriveFault {
+                    motor: 5,
+                    axis: None,
+                    code: 0x7305
+                })]
+            ),
+            "{is_steady} {was_commanded}: {events:?}"
+        );
+        assert!(!switches.enabled.load(Relaxed), "it has no power");
+        assert!(rig.cycles(1000).is_empty(), "it is reported once");
+        rig.control(Control::ResetDrives);
+        rig.control(Control::Stop { epoch: 1 });
+        assert!(rig.cycle().iter().any(is_stopped));
+        assert!(rig.cycles(20).is_empty());
+        assert!(switches.enabled.load(Relaxed), "the reset has cleared the fault");
+    }
+}
+
+#[test]
+fn p11_spindle_fault_before_the_first_motion_enables_no_axis() {
+    let (mut rig, switches) = rig_with_drive(&with_spindle());
+    rig.cycles(10);
+    switches.fault.store(1, Relaxed);
+    assert!(matches!(
+        rig.cycle()[..],
+        [Event::Fault(Fault::DriveFault { .. })]
+    ));
+    rig.push(rapid(1, 0.0, 100.0));
+    assert!(rig.cycles(100).is_empty());
+    close(rig.x(), 0.0);
 }
 
 #[test]
