@@ -46,6 +46,7 @@ pub(crate) use publish::view::{Prediction, View};
 use run::active_run::{ActiveRun, PastRuns};
 use run::causes::EarlyEndCause;
 pub(crate) use run::conditions::{Conditions, RunStart, state_of};
+pub(crate) use run::holding::SINGLE_BLOCK_REFUSED;
 pub(crate) use run::line_search;
 pub(crate) use run::pipeline::{Pipeline, callers};
 use run::preparation::TurnLimits;

@@ -10,6 +10,7 @@ use plc_protocol::types::request::Refusal;
 use plc_protocol::types::state::SpindleDirection;
 use tandem_config::{ConfiguredSystem, MCodeSettings, Stock, UnhandledReaction};
 use tandem_interp::Inputs;
+use tandem_model::alarm::COMPENSATION_REFUSED;
 use tandem_model::flow::{Item, Output};
 use tandem_model::profile::Law;
 use tandem_model::settings::Tool;
@@ -19,7 +20,7 @@ use tandem_store::program_store::mentions_variables;
 use super::plan::{Plan, PlanContent};
 use super::spindle::PlannedSpindle;
 use super::tracer::Tracer;
-use crate::coordinate_system::{Pipeline, line_search, rest_refused};
+use crate::coordinate_system::{Pipeline, SINGLE_BLOCK_REFUSED, line_search, rest_refused};
 use crate::sequence::stock;
 use crate::shared::SharedState;
 
@@ -64,6 +65,7 @@ pub(super) fn plan(shared: &SharedState, plan: &Plan, is_wanted: &dyn Fn() -> bo
         captured: conditions.captured,
         tool: conditions.tool,
         has_put_out: false,
+        in_block: false,
         spindle: settings.spindle.as_ref().map(PlannedSpindle::new),
     };
     let entered = conditions.from.map_or(Ok(()), |from| planning.enter(&from));
@@ -83,6 +85,8 @@ struct Planning<'a> {
     tool: Option<u16>,
     /// True if an M code was issued; its handler may have set values that the plan does not know.
     has_put_out: bool,
+    /// True while a block is planned that single block ends at rest.
+    in_block: bool,
     spindle: Option<PlannedSpindle>,
 }
 
@@ -123,7 +127,8 @@ impl Planning<'_> {
                     on_change();
                 }
             }
-            let item = self.next().and_then(|item| self.validate_item(item));
+            let item = self.end_single_block().and_then(|()| self.next());
+            let item = item.and_then(|item| self.validate_item(item));
             let done = match item {
                 Ok(Item::Block(_) | Item::Warning(..)) => Ok(()),
                 Ok(Item::Output(output)) => self.plan_output(&output),
@@ -149,6 +154,23 @@ impl Planning<'_> {
         PlanningEnd::TooLong
     }
 
+    /// In single block, ends the motion at rest after each block, as the run does.
+    fn end_single_block(&mut self) -> Result<(), Alarm> {
+        let is_end = self.in_block && self.pipeline.interpreter.is_between_blocks();
+        if !is_end || !self.plan.conditions.single_block {
+            return Ok(());
+        }
+        self.in_block = false;
+        self.pipeline.flush()?;
+        self.follow();
+        let begun = self.pipeline.interpreter.call_stack();
+        let origin = begun.filter(|at| at.line > 0).last();
+        match origin.filter(|_| self.pipeline.interpreter.modal().compensates()) {
+            Some(origin) => Err(Alarm::new(&COMPENSATION_REFUSED, SINGLE_BLOCK_REFUSED).at(origin)),
+            None => Ok(()),
+        }
+    }
+
     fn next(&mut self) -> Result<Item, Alarm> {
         let conditions = &self.plan.conditions;
         let tool = match self.tool {
@@ -167,6 +189,7 @@ impl Planning<'_> {
             position: self.pipeline.counts_from().map(|position| position.0),
         };
         let item = self.pipeline.next(&inputs);
+        self.in_block |= matches!(item, Ok(Item::Block(_) | Item::Stop(_)));
         if let Some(spindle) = &mut self.spindle {
             let rpm = self.pipeline.interpreter.modal().spindle_speed_r_min;
             spindle.follow(rpm, self.tracer.times().total);

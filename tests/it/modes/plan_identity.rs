@@ -46,8 +46,20 @@ async fn change(rig: &Rig, body: serde_json::Value) {
 }
 
 /// Each input of a plan.
-const INPUTS: [&str; 12] = [
-    "text", "called", "offset", "table", "tool", "skip", "stop", "dry run", "P", "Q", "position", "nothing",
+const INPUTS: [&str; 13] = [
+    "text",
+    "called",
+    "offset",
+    "table",
+    "tool",
+    "skip",
+    "stop",
+    "dry run",
+    "single block",
+    "P",
+    "Q",
+    "position",
+    "nothing",
 ];
 
 async fn set(rig: &Rig, input: &str) {
@@ -67,6 +79,7 @@ async fn set(rig: &Rig, input: &str) {
         "skip" => rig.cs.set_optional_skip(1, true).await.unwrap(),
         "stop" => rig.cs.set_optional_stop(true).await.unwrap(),
         "dry run" => rig.cs.set_dry_run(true).await.unwrap(),
+        "single block" => rig.cs.set_single_block(true).await.unwrap(),
         "P" => rig.plc.variables().set(10, 15.0).await.unwrap(),
         "Q" => rig.cs.variables().set(3, 6.0).await.unwrap(),
         "position" => rig.cs.mdi("G91 G01 X3 F6000").await.unwrap(),
@@ -100,6 +113,9 @@ fn plan_of_a_run_has_the_inputs_with_which_it_began() {
             assert_eq!(of_run.plan != before.plan, input != "nothing", "{input}");
             if input == "stop" {
                 rig.until(Execution::OptionalStop).await;
+                rig.cs.resume().await.unwrap();
+            }
+            while input == "single block" && rig.interrupted_or_completed().await {
                 rig.cs.resume().await.unwrap();
             }
             rig.until(Execution::ProgramCompleted).await;
@@ -227,6 +243,67 @@ fn what_moves_by_hand_has_no_plan_of_a_run() {
         assert_eq!(during.plan, before.plan);
         mdi.await.unwrap().unwrap();
         assert_ne!(rehearsal(&rig).await.plan, before.plan);
+    });
+}
+
+/// With blending of G64, single block changes corners and times, so it changes the plan.
+#[test]
+fn p1_plan_in_single_block_stops_at_each_corner_and_takes_its_time() {
+    on_machine("", |rig| async move {
+        // ramps of 200 ms at 100 mm/s: the chain cuts its corner
+        rig.load("ta200 td200 ts0\nG64 G501 G90 G01 X50 F6000\nY50\nX100\nM30\n")
+            .await;
+        let chain = rehearsal(&rig).await;
+        rig.cs.set_single_block(true).await.unwrap();
+        let planned = rehearsal(&rig).await;
+        assert_ne!(planned.plan, chain.plan);
+        // each of the two joints overlaps two ramps of 200 ms in the chain
+        let more_s = planned.cycle_time_s - chain.cycle_time_s;
+        assert!((more_s - 0.4).abs() < 0.02, "{more_s}");
+        let tag_of_path = async || {
+            let path = typed::PlannedPath(50, PathQuery::default());
+            rig.plc.port().ask(path).await.unwrap().tag
+        };
+        let tag = tag_of_path().await;
+        rig.trace();
+        rig.cs.start().await.unwrap();
+        let of_run = rehearsal(&rig).await;
+        assert_eq!(of_run.run_id, rig.cs.state().await.unwrap().run_id);
+        assert_eq!(of_run.plan, planned.plan);
+        while rig.interrupted_or_completed().await {
+            rig.cs.resume().await.unwrap();
+        }
+        let trace = rig.trace();
+        let corner = |[x, y, _]: &[f64; 3]| f64::hypot(x - 50.0, *y) < 1e-9;
+        assert!(trace.iter().any(corner), "the run stops at the corner");
+        let moving = trace.windows(2).filter(|pair| pair[0] != pair[1]).count();
+        let took_s = moving as f64 * 0.001;
+        assert!(
+            (planned.cycle_time_s - took_s).abs() < 0.06,
+            "{} {took_s}",
+            planned.cycle_time_s
+        );
+        rig.cs.set_single_block(false).await.unwrap();
+        assert_ne!(tag_of_path().await, tag);
+    });
+}
+
+#[test]
+fn p1_rehearsal_reports_that_single_block_refuses_compensation() {
+    let text = "G90 G01 F6000 G41 X20\nX40\nG40 X60\nM30\n";
+    on_machine(TOOLS, move |rig| async move {
+        rig.cs.select_tool(1).await.unwrap();
+        rig.load(text).await;
+        assert_eq!(rehearsal(&rig).await.outcome, RehearsalOutcome::Completed);
+        rig.cs.set_single_block(true).await.unwrap();
+        let planned = rehearsal(&rig).await;
+        assert_eq!(planned.outcome, RehearsalOutcome::Alarm);
+        assert!(planned.text.contains("single block"), "{}", planned.text);
+        rig.cs.start().await.unwrap();
+        while rig.interrupted_or_completed().await {
+            rig.cs.resume().await.unwrap();
+        }
+        assert_eq!(rig.state().await, (Execution::Stopped, Some(Reason::Alarm)));
     });
 }
 

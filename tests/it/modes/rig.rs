@@ -71,6 +71,15 @@ impl Rig {
         assert_eq!(state.reason, Some(reason));
     }
 
+    /// Waits until single block interrupts the run, or until the run has ended. Returns true if it is interrupted.
+    pub async fn interrupted_or_completed(&self) -> bool {
+        let rests = |state: &State| {
+            state.transition.is_none() && !matches!(state.execution, Execution::Active | Execution::Wait)
+        };
+        let state = self.cs.wait_for(rests).await.unwrap();
+        state.execution == Execution::Interrupted
+    }
+
     pub async fn state(&self) -> (Execution, Option<Reason>) {
         let state = self.cs.state().await.unwrap();
         (state.execution, state.reason)

@@ -21,6 +21,7 @@ use crate::shared::SharedState;
 
 /// A program with the programs that it may call, and all data that they read.
 #[derive(Debug)]
+#[expect(clippy::struct_excessive_bools, reason = "each is an input of its own")]
 pub(crate) struct Conditions {
     pub main: Arc<StoredProgram>,
     pub programs: BTreeMap<u16, Arc<NcProgram>>,
@@ -33,6 +34,8 @@ pub(crate) struct Conditions {
     pub optional_skip: u32,
     pub optional_stop: bool,
     pub dry_run: bool,
+    /// Single block ends each block at rest, without blending into the next one.
+    pub single_block: bool,
     pub captured: [f64; AXES_MAX],
     /// Copy of the variables, which later writes do not change.
     pub variables: Variables,
@@ -116,6 +119,7 @@ impl Conditions {
             optional_skip: optional_skip.fold(0, |bits, bit| bits | bit),
             optional_stop: state.optional_stop,
             dry_run: state.dry_run,
+            single_block: state.single_block,
             captured: captured(shared, configured),
             variables,
             reads_variables,
@@ -136,8 +140,8 @@ impl Conditions {
         for (number, program) in &self.texts {
             (number, program.checksum()).hash(&mut hasher);
         }
-        let switches = (self.optional_skip, self.optional_stop, self.dry_run);
-        (self.tool, switches).hash(&mut hasher);
+        let switches = (self.optional_stop, self.dry_run, self.single_block);
+        (self.tool, self.optional_skip, switches).hash(&mut hasher);
         self.from.hash(&mut hasher);
         for (id, tool) in &self.tools {
             (id, tool.length.to_bits(), tool.radius.to_bits()).hash(&mut hasher);

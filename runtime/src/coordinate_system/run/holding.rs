@@ -18,6 +18,10 @@ use super::causes::{Cause, EarlyEndCause, JogStop};
 use super::run_state::{Phase, RunEvent, Then};
 use crate::coordinate_system::{CoordinateSystem, InputValues};
 
+/// Reason for the alarm if single block would stop between blocks of cutter compensation.
+pub(crate) const SINGLE_BLOCK_REFUSED: &str =
+    "single block is on, and the motion cannot stop between blocks of cutter compensation";
+
 impl CoordinateSystem {
     /// Starts feed hold; a jog is ended instead. Returns true if the caller need not wait: no run is active, or the run
     /// is at rest.
@@ -249,8 +253,7 @@ impl CoordinateSystem {
             self.context.view.update(|place| place.executing = origin);
         }
         if self.pipeline.interpreter.modal().compensates() {
-            let text = "single block is on, and the motion cannot stop between blocks of cutter compensation";
-            return self.raise_entry(&COMPENSATION_REFUSED, text, origin);
+            return self.raise_entry(&COMPENSATION_REFUSED, SINGLE_BLOCK_REFUSED, origin);
         }
         self.drive(RunEvent::BlockEnded);
         let event = Event::Stop {
