@@ -104,6 +104,16 @@ pub(super) fn run(arguments: &ConvertArguments) -> CommandResult {
             left.line, left.text, left.reason
         ));
     }
+    for assumed in &converted.assumptions {
+        let lines = match assumed.lines {
+            1 => "1 line".to_owned(),
+            lines => format!("{lines} lines"),
+        };
+        complain(format!(
+            "{file}:{}: assumed for {lines}: {}",
+            assumed.line, assumed.text
+        ));
+    }
     Ok(if converted.left.is_empty() {
         EXIT_OK
     } else {

@@ -4,6 +4,7 @@
 //! In the result, each motion names its code, motions replace fixed cycles, and an M code has a block of its
 //! own. The result is checked as an nj program, and its faulty blocks are reported.
 
+mod assumptions;
 mod block;
 mod coordinates;
 mod cycles;
@@ -20,6 +21,8 @@ use tandem_model::settings::{Calculator, CoordinateSystemSettings, NcOptions, Un
 use tandem_model::{AxisVector, Diagnostic};
 use tandem_syntax::{Grammar, LineIndex, NcProgram, Token, TokenKind, parse, tokens};
 
+use self::assumptions::Assumptions;
+pub use self::assumptions::ConversionAssumption;
 use self::state::ConversionState;
 pub use self::state::Source;
 use crate::check::{CheckContext, check, check_source};
@@ -81,6 +84,8 @@ pub struct ConvertedProgram {
     pub text: String,
     /// Lines of the source that could not be converted, ascending.
     pub left: Vec<UnconvertedLine>,
+    /// Assumptions about the control of the source, ascending by line. Empty for source dgshape.
+    pub assumptions: Vec<ConversionAssumption>,
 }
 
 /// A line of the source that could not be converted, or whose blocks dialect nj rejects.
@@ -137,6 +142,7 @@ pub fn convert(source: &str, from: Source, settings: impl Into<Settings>) -> Con
         state,
         lines,
         left: Vec::new(),
+        assumptions: Assumptions::default(),
         at: 0,
     };
     let mut line = Vec::new();
@@ -203,6 +209,7 @@ struct Writer<'a> {
     /// Lines of the nj program, each with the line number of its source.
     lines: Vec<(u32, String)>,
     left: Vec<UnconvertedLine>,
+    assumptions: Assumptions,
     /// Index of the next block of the source program.
     at: usize,
 }
@@ -349,8 +356,12 @@ impl Writer<'_> {
         let block = block.ok_or("the line cannot be read")?;
         let before = self.state.clone();
         let written = self.state.block(self.program, block);
-        if written.is_err() {
-            self.state = before;
+        match &written {
+            Ok(blocks) if self.state.from == Source::Fanuc => {
+                (self.assumptions).add_line(number, self.program.words(block), blocks);
+            }
+            Ok(_) => {}
+            Err(_) => self.state = before,
         }
         written
     }
@@ -397,6 +408,7 @@ impl Writer<'_> {
         ConvertedProgram {
             text,
             left: self.left,
+            assumptions: self.assumptions.report(),
         }
     }
 }

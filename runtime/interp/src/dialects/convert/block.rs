@@ -6,7 +6,7 @@ use tandem_syntax::{Address, Block, Grammar, NcProgram, Word};
 use super::state::{ConversionState, CycleState, POSITIONS, Source, Words, shown};
 
 /// M codes that the controls of the source execute before the motion of the block.
-const BEFORE_MOTION: [u32; 6] = [3, 4, 6, 7, 8, 13];
+pub(super) const BEFORE_MOTION: [u32; 6] = [3, 4, 6, 7, 8, 13];
 
 /// M29: the spindle turns in step with Z in a tapping cycle.
 const RIGID_TAPPING: u32 = 29;

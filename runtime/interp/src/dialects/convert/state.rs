@@ -202,6 +202,12 @@ impl ConversionState {
     pub fn seconds(&self, word: &Word) -> Result<f64, String> {
         static TIME: WordSpec = WordSpec::new(Address::X, "a time", "s", 0.0, f64::MAX);
         let value = word.number().ok_or("it has a variable")?;
+        if self.from == Source::Fanuc && word.is_whole() && value != 0.0 {
+            return Err(format!(
+                "X{value} of a dwell has no decimal point: with calculator input it is {value} s, otherwise {} s. Write X with a decimal point for seconds, or P for milliseconds.",
+                shown(value / MS_PER_S)
+            ));
+        }
         Ok(numbers::convert_written_value(
             value,
             &TIME,

@@ -223,3 +223,63 @@ fn subprogram_with_main_end_in_a_branch_keeps_state_of_callers() {
     let main = of_fanuc("O1\n/M99\nG00 X5\nM30\n");
     assert!(main.text.contains("G21"), "{}", main.text);
 }
+
+/// FANUC, parameter DPI: without a decimal point, X1000 is 1000 s with calculator input, otherwise 1 s.
+#[test]
+fn p25_x_of_a_dwell_without_a_point_is_reported() {
+    let converted = of_fanuc("G04 X1000\nG04 X1.5\nG04 X2.\nG04 X0\nM30\n");
+    assert_eq!(lines_left(&converted), [1]);
+    let reason = &converted.left[0].reason;
+    assert!(reason.contains("1000 s, otherwise 1 s"), "{reason}");
+    for line in ["// not converted: G04 X1000", "G04 X1.5", "G04 X2"] {
+        assert!(has_line(&converted, line), "{}", converted.text);
+    }
+}
+
+/// The words that the assumption is about, and words of the same kind with only one meaning.
+#[test]
+fn p25_meaning_that_depends_on_the_control_is_reported_once() {
+    for (text, about, line, lines) in [
+        (
+            "G00 X1.\nG01 X-10 F100\nG02 Y5. R9\nG01 X0\n",
+            "decimal point are read in mm",
+            2,
+            2,
+        ),
+        ("G04 P500\nG04 P1.5\nG04 P0\n", "milliseconds", 1, 1),
+        ("M03 S500\nG00 X1. M08\nG01 X2. M09 F100\nM05\n", "M codes", 2, 2),
+        (
+            "G00 X1.\nG00 X1. Y2.\nG01 X3. Y3. F100\nG28 X0 Y0\n",
+            "rapid motion",
+            2,
+            2,
+        ),
+        (
+            "G00 Z9.\nG99 G81 X1. Y1. Z-1. R1. F100\nG80\n",
+            "rapid motion",
+            2,
+            1,
+        ),
+    ] {
+        let converted = of_fanuc(&format!("{text}M30\n"));
+        assert_eq!(converted.left, [], "{text}");
+        let [assumption] = &converted.assumptions[..] else {
+            panic!("{text}: {:?}", converted.assumptions)
+        };
+        assert!(assumption.text.contains(about), "{assumption:?}");
+        assert_eq!((assumption.line, assumption.lines), (line, lines), "{text}");
+    }
+}
+
+#[test]
+fn p25_words_with_one_meaning_need_no_assumption() {
+    let text = "G21 G90 G54\nT1 M06\nS500 M03\nG00 X1. Y0\nZ2.\nG01 X5. Y5. F200\nG52 X1. Y2.\nG51 X1. Y1. P2.\nG50\nX0 M00\nM30\n";
+    let converted = of_fanuc(&text.replace("X1. Y0\n", "X1.\n"));
+    assert_eq!((converted.left, converted.assumptions), (vec![], vec![]));
+    let dgshape = convert(
+        "%\nG90\nG00X1000Y1.\nM30\n%\n",
+        Source::Dgshape,
+        &NcOptions::default(),
+    );
+    assert_eq!(dgshape.assumptions, []);
+}
