@@ -1,21 +1,19 @@
 // A machine, for third-party pages and for the HMI itself: states as they change, commands with their answers. The page "Use the
 // HMI, or write one" of the book describes it. No other module is needed; `tandem/elements.js` has elements that show a machine.
 
+import { AgeLimits } from "./tandem/age_limits.js";
 import { latenessMs } from "./tandem/lateness.js";
 import { Link } from "./tandem/link.js";
-import { asSentence, canMove, NOT_AFTER_MS, PERSON_TIMEOUT_MS, randomName, Refusal, request, TIMEOUT_MS } from "./tandem/requests.js";
+import { ageLimitMs, answerLimitMs, asSentence, isLimited, NOT_AFTER_MS, PERSON_TIMEOUT_MS, randomName, Refusal, request, TIMEOUT_MS } from "./tandem/requests.js";
 import { t } from "./text/language.js";
 
 export { Refusal, TIMEOUT_MS };
 
-/** Names of commands after which something can move. @type {Record<string, string>} */
+/** Names of commands with an age limit. @type {Record<string, string>} */
 const VERBS = {
-  start: t("requests.verb.start"), resume: t("requests.verb.resume"), reset: t("requests.verb.reset"), mdi: t("requests.verb.mdi"),
+  load: t("requests.verb.load"), start: t("requests.verb.start"), resume: t("requests.verb.resume"), reset: t("requests.verb.reset"), mdi: t("requests.verb.mdi"),
   jog: t("requests.verb.jog"), home: t("requests.verb.home"), back_trace: t("requests.verb.back_trace"), run: t("requests.verb.run"),
 };
-
-/** Heartbeats that are kept, the newest last: those of 3 s, longer than a request of a person may take effect. */
-const HEARTBEATS_MAX = 30;
 
 /** Where the HMI keeps the token of its user, until the window is closed. */
 const TOKEN_KEY = "tandem-token";
@@ -37,12 +35,12 @@ const TOKEN_KEY = "tandem-token";
  * @property {Expected} [expect] state that the command requires
  * @property {number} [fence] number of the control lease under which it is sent
  * @property {string} [id] of the command: the machine answers a known id with the stored reply; without it, a new id
- * @property {import("./tandem/requests.js").NotAfter | null} [notAfter] the age limit of the command; without it, 1 s from now; null: no limit
+ * @property {import("./tandem/age_limits.js").NotAfter | null} [notAfter] the age limit of the command; without it, 1 s from now, for `load` 5 s; null: no limit
  * @property {() => void} [onAccepted] called when the machine has accepted it
  */
 
 /**
- * @typedef {import("./tandem/requests.js").Asked & {notAfter?: import("./tandem/requests.js").NotAfter | null}} AskedWithAge
+ * @typedef {import("./tandem/requests.js").Asked & {notAfter?: import("./tandem/age_limits.js").NotAfter | null}} AskedWithAge
  */
 
 /**
@@ -65,10 +63,7 @@ export class Tandem {
   #onLink = new Set();
   /** @type {Set<(text: string) => void>} */
   #onRefused = new Set();
-  /** The newest heartbeats of the machine, and when they arrived. @type {{boot_id: string, cycle: number, at: number}[]} */
-  #heartbeats = [];
-  /** True after `connect`. */
-  #isWanted = false;
+  #ages = new AgeLimits();
 
   /** @param {Options} [options] */
   constructor({ url = globalThis.location?.origin ?? "", token = storedToken, name = "page" } = {}) {
@@ -87,7 +82,6 @@ export class Tandem {
   /** Connects, and again whenever the connection is lost. */
   connect() {
     if (this.#url === "") throw new TypeError("new Tandem({ url }): write the address of the machine, such as http://mill-1:8080");
-    this.#isWanted = true;
     this.#link.subscribe("heartbeat");
     this.#link.open();
     return this;
@@ -135,41 +129,47 @@ export class Tandem {
 
   /**
    * Returns the age limit of a request that a person makes now, or has made by a press that the page handles late. Null while no
-   * heartbeat of the machine is known: then nothing may be sent. All requests of one press carry the limit of that press.
+   * heartbeat of the machine has arrived over the connection. All requests of one press carry the limit of that press.
    * @param {number} [withinMs] at most 60,000
-   * @returns {import("./tandem/requests.js").NotAfter | null}
+   * @returns {import("./tandem/age_limits.js").NotAfter | null}
    */
   notAfter(withinMs = NOT_AFTER_MS) {
-    const actedAt = performance.now() - latenessMs();
-    const newest = this.#heartbeats.findLast(({ at }) => at <= actedAt) ?? this.#heartbeats[0];
-    return newest ? { boot_id: newest.boot_id, heartbeat: newest.cycle, within_ms: withinMs } : null;
+    return this.#ages.received(latenessMs(), withinMs);
   }
 
   /**
-   * Sends a request, and returns the answer, or throws a `Refusal`. A request after which something can move carries an age limit
-   * of 1 s, or the given limit: an older request is rejected. `notAfter: null` sends it without a limit.
+   * Sends a request, and returns the answer, or throws a `Refusal`. A request after which something can move, or other values
+   * apply, carries an age limit of 1 s, or the given limit: an older request is rejected. `notAfter: null` sends it without a limit.
    * @param {string} method @param {string} path below `/api/v1`, such as `/tools` @param {AskedWithAge} [asked]
    */
   async request(method, path, { notAfter, ...asked } = {}) {
     const url = `${this.#url}/api/v1${path}`;
-    const limit = canMove(method, path) ? this.#limit(notAfter) : null;
+    const limit = isLimited(method, path) ? await this.#limit(path, notAfter) : null;
     if (limit === null) return request(url, this.#token(), method, asked);
     const body = { .../** @type {object} */ (asked.body), not_after: limit };
-    const verb = /\/runs$/.test(path) ? "run" : (/^\/cs\/\d+\/(\w+)$/.exec(path)?.[1] ?? "");
-    const limited = { timeoutMs: PERSON_TIMEOUT_MS, unanswered: notReached(verb), ...asked, body };
+    const limited = { timeoutMs: answerLimitMs(limit), unanswered: notReached(path), ...asked, body };
     return request(url, this.#token(), method, limited).catch((error) => {
       if (error instanceof Refusal && error.problem.code === "expired") throw new Refusal(limited.unanswered, error.problem);
       throw error;
     });
   }
 
-  /** Returns the given age limit, else one that begins now; null: no limit. @param {import("./tandem/requests.js").NotAfter | null | undefined} given */
-  #limit(given) {
-    // a page without a connection receives no heartbeat
-    if (given !== undefined || !this.#isWanted) return given ?? null;
-    const limit = this.notAfter();
-    if (limit === null) throw new Refusal(t("requests.not_connected"));
+  /**
+   * Returns the given age limit, else one that begins now; null: no limit.
+   * @param {string} path @param {import("./tandem/age_limits.js").NotAfter | null | undefined} given
+   */
+  async #limit(path, given) {
+    if (given !== undefined) return given;
+    const withinMs = ageLimitMs(path);
+    const limit = this.notAfter(withinMs) ?? (await this.#readLimit(path, withinMs));
+    if (limit === null) throw new Refusal(notReached(path));
     return limit;
+  }
+
+  /** Returns an age limit from a heartbeat that is read over HTTP; null if the limit has passed. @param {string} path @param {number} withinMs */
+  #readLimit(path, withinMs) {
+    const asked = { timeoutMs: withinMs, unanswered: notReached(path) };
+    return this.#ages.read(latenessMs(), withinMs, async () => (await request(`${this.#url}/api/v1/heartbeat`, this.#token(), "GET", asked)).json());
   }
 
   /** Returns the JSON of a route. @param {string} path below `/api/v1` @returns {Promise<any>} */
@@ -192,7 +192,7 @@ export class Tandem {
     const headers = { "Idempotency-Key": id, ...expected(expect) };
     if (fence !== undefined) headers["Lease-Fence"] = String(fence);
     const path = `/cs/${cs}/${verb}`;
-    const asked = { body: args, headers, notAfter: canMove("POST", path) ? this.#limit(notAfter) : null };
+    const asked = { body: args, headers, notAfter: isLimited("POST", path) ? await this.#limit(path, notAfter) : null };
     if (asked.notAfter !== null) {
       await this.#untilAccepted(path, asked, id);
       onAccepted();
@@ -222,10 +222,7 @@ export class Tandem {
 
   /** @param {string} topic @param {any} message */
   #receive(topic, message) {
-    if (topic === "heartbeat") {
-      this.#heartbeats.push({ ...message, at: performance.now() });
-      if (this.#heartbeats.length > HEARTBEATS_MAX) this.#heartbeats.shift();
-    }
+    if (topic === "heartbeat") this.#ages.receive(message);
     for (const [pattern, listeners] of this.#listeners) {
       if (matches(pattern, topic)) listeners.forEach((listener) => listener(message, topic));
     }
@@ -234,14 +231,16 @@ export class Tandem {
   /** @param {boolean} online @param {number | null} retryAt */
   #phase(online, retryAt) {
     if (online && this.online) return;
+    if (!online) this.#ages.clear();
     this.online = online;
     this.retryAt = retryAt;
     this.#onLink.forEach((listener) => listener(this));
   }
 }
 
-/** @param {string} verb */
-function notReached(verb) {
+/** Returns the text about a request that had no effect within its age limit. @param {string} path */
+function notReached(path) {
+  const verb = /\/runs$/.test(path) ? "run" : (/^\/cs\/\d+\/(\w+)/.exec(path)?.[1] ?? "");
   return t("requests.did_not_reach", { verb: VERBS[verb] ?? t("requests.verb.request") });
 }
 

@@ -44,7 +44,7 @@ beforeEach(async () => {
   screen = new Screen(page);
   await page.goto(runtime.url);
   await page.getByText("Connected", { exact: true }).waitFor();
-  const loaded = page.waitForResponse((answer) => answer.url().includes("/cs/1/load"));
+  const loaded = page.waitForResponse((answer) => answer.url().endsWith("/cs/1/load?wait=1"));
   await screen.load("O0006");
   assert.equal((await loaded).status(), 200);
   await page.locator(".line", { hasText: "M03 S900" }).waitFor();

@@ -1,6 +1,7 @@
 // Modules of the HMI that need no browser.
 
 import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
 import { test } from "node:test";
 
 import { look, sentence } from "../../web/machine/sentence.js";
@@ -8,6 +9,8 @@ import { POINTS_MAX, Trail } from "../../web/machine/trail.js";
 import { cells } from "../../web/path/runs.js";
 import { NcText } from "../../web/programs/nc_text.js";
 import { partsSaid } from "../../web/programs/order.js";
+import { AgeLimits } from "../../web/tandem/age_limits.js";
+import { isLimited } from "../../web/tandem/requests.js";
 import { duration, position, programName, readNumber, whole } from "../../web/text/format.js";
 import { STATE } from "./scripted_machine.mjs";
 
@@ -184,4 +187,44 @@ test("a run tells how long it took, its parts, how it ended and for which M code
   assert.equal(partsSaid({ ...cut, end: null }), "part 4 of 10");
   assert.equal(partsSaid({ ...cut, end: null, waits_for: "the start lock is on: no blank" }), "part 4 of 10 waits: the start lock is on: no blank");
   assert.equal(partsSaid({ ...run, end: null }), "");
+});
+
+test("a request carries an age limit exactly if the machine accepts one", async () => {
+  const { paths, components } = JSON.parse(await readFile(new URL("../../runtime/gateway/api/openapi.json", import.meta.url), "utf8"));
+  const accepts = (schema = {}) => {
+    if (schema.$ref) return accepts(components.schemas[schema.$ref.split("/").at(-1)]);
+    return "not_after" in (schema.properties ?? {}) || ["allOf", "anyOf", "oneOf"].some((key) => (schema[key] ?? []).some(accepts));
+  };
+  const wrong = [];
+  for (const [route, methods] of Object.entries(paths)) {
+    for (const [method, { requestBody }] of Object.entries(methods)) {
+      const path = route.replaceAll(/\{\w+\}/g, "1");
+      const limited = method !== "get" && accepts(requestBody?.content?.["application/json"]?.schema);
+      if (isLimited(method.toUpperCase(), path) !== limited) wrong.push(`${method} ${route}`);
+    }
+  }
+  assert.deepEqual(wrong, []);
+});
+
+test("an age limit names the newest heartbeat at the press, and loses the read", async () => {
+  let now = 10_000;
+  const ages = new AgeLimits(() => now);
+  assert.equal(ages.received(0, 1000), null, "without a heartbeat");
+  // a page without a connection: the heartbeat is newer than the press, at most by the time of the read
+  const read = (ms) => async () => {
+    now += ms;
+    return { boot_id: "b", cycle: 7 };
+  };
+  assert.deepEqual(await ages.read(0, 1000, read(40)), { boot_id: "b", heartbeat: 7, within_ms: 960 });
+  assert.deepEqual(await ages.read(300, 1000, read(40.5)), { boot_id: "b", heartbeat: 7, within_ms: 659 });
+  assert.equal(await ages.read(0, 1000, read(1000)), null, "the limit has passed while the heartbeat was read");
+  assert.equal(await ages.read(3000, 1000, read(1)), null, "the press was too old");
+  for (const cycle of [1, 2, 3]) {
+    ages.receive({ boot_id: "b", cycle });
+    now += 100;
+  }
+  assert.deepEqual(ages.received(0, 1000), { boot_id: "b", heartbeat: 3, within_ms: 1000 });
+  assert.equal(ages.received(150, 5000).heartbeat, 2, "that of a press 150 ms ago");
+  ages.clear();
+  assert.equal(ages.received(0, 1000), null, "after the connection was lost");
 });

@@ -118,6 +118,47 @@ test("the example page of a folder shows the machine by elements, commands it, a
   assert.deepEqual(errors.filter((error) => !/409|ERR_CONNECTION|WebSocket/.test(error)), []);
 });
 
+test("a page without a connection loads and sets with an age limit", async () => {
+  const { page, close } = await openPage(browser);
+  const bodies = [];
+  page.on("request", (request) => {
+    if (request.method() !== "GET") bodies.push([new URL(request.url()).pathname, request.postDataJSON()]);
+  });
+  await page.goto(`${runtime.url}/tandem.js`);
+  const used = await page.evaluate(async () => {
+    const { Tandem } = await import("/tandem.js");
+    const machine = new Tandem();
+    const { status } = await machine.command(1, "load", { program: 2 });
+    await machine.put("/cs/1/work_offsets", { work_offsets: { G55: { X: 1 } } });
+    await machine.put("/tools", { tools: [{ id: 7, length: 10, radius: 1 }] });
+    const refused = async (path, body) => (await machine.request("POST", path, { body }).catch((error) => error)).problem.code;
+    return { status, alarm: await refused("/alarms/999999/acknowledge", {}), stored: await refused("/stored_data/answer", { decision: "accept" }) };
+  });
+  assert.deepEqual(used, { status: "done", alarm: "not_found", stored: "not_allowed" });
+  const paths = bodies.map(([path]) => path.slice("/api/v1".length));
+  assert.deepEqual(paths, ["/cs/1/load", "/cs/1/load", "/cs/1/work_offsets", "/tools", "/alarms/999999/acknowledge", "/stored_data/answer"]);
+  for (const [path, { not_after }] of bodies) {
+    const atMost = path.endsWith("/load") ? 5000 : 1000;
+    assert.ok(not_after?.within_ms > 0 && not_after.within_ms <= atMost, `${path}: ${JSON.stringify(not_after)}`);
+  }
+  await close();
+});
+
+test("a page that cannot read a heartbeat in time sends nothing", async () => {
+  const { page, close } = await openPage(browser);
+  const sent = [];
+  page.on("request", (request) => request.method() !== "GET" && sent.push(request.url()));
+  await page.goto(`${runtime.url}/tandem.js`);
+  await page.route("**/api/v1/heartbeat", () => {});
+  const text = await page.evaluate(async () => {
+    const { Tandem } = await import("/tandem.js");
+    return new Tandem().put("/tools", { tools: [] }).catch((error) => error.message);
+  });
+  assert.match(text, /The request did not reach the machine/);
+  assert.deepEqual(sent, []);
+  await close();
+});
+
 test("buttons and cards of the configuration are a panel: they run, ask, switch and show, and say why not", async () => {
   await send("POST", "/cs/1/reset?wait=1", {});
   const { page, errors, close } = await openPage(browser);

@@ -637,12 +637,12 @@ const texts = {
   "rename.title": "{program} umbenennen",
 
   "requests.did_not_reach": "{verb} hat die Maschine nicht erreicht, oder ihre Antwort ging verloren. Es wirkt nicht mehr; prüfen Sie den Zustand.",
-  "requests.not_connected": "Die Maschine ist nicht verbunden: Nichts wurde gesendet.",
   "requests.refused_with_status": "abgelehnt mit Status {status}",
   "requests.the_machine_did_not_answer": "Die Maschine hat nicht geantwortet. Ob sie die Anfrage ausgeführt hat, ist nicht bekannt.",
   "requests.verb.back_trace": "Rückwärts",
   "requests.verb.home": "Referenzfahrt",
   "requests.verb.jog": "Die Handfahrt",
+  "requests.verb.load": "Das Laden",
   "requests.verb.mdi": "MDI",
   "requests.verb.request": "Die Anforderung",
   "requests.verb.reset": "Reset",

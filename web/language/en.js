@@ -636,12 +636,12 @@ export default {
   "rename.title": "Rename {program}",
 
   "requests.did_not_reach": "{verb} did not reach the machine, or its answer was lost. It will not take effect any more; look at the state.",
-  "requests.not_connected": "The machine is not connected: nothing was sent.",
   "requests.refused_with_status": "refused with status {status}",
   "requests.the_machine_did_not_answer": "The machine did not answer. It is unknown whether the request was executed.",
   "requests.verb.back_trace": "Back trace",
   "requests.verb.home": "Homing",
   "requests.verb.jog": "The jog",
+  "requests.verb.load": "The load",
   "requests.verb.mdi": "MDI",
   "requests.verb.request": "The request",
   "requests.verb.reset": "Reset",

@@ -637,12 +637,12 @@ const texts = {
   "rename.title": "{program} の番号を変更",
 
   "requests.did_not_reach": "{verb}は機械に届かなかったか、応答が失われました。今後実行されることはありません。状態を確認してください。",
-  "requests.not_connected": "機械に接続していません。何も送信されませんでした。",
   "requests.refused_with_status": "ステータス {status} で拒否されました",
   "requests.the_machine_did_not_answer": "機械から応答がありません。要求が実行されたかどうかは不明です。",
   "requests.verb.back_trace": "バックトレース",
   "requests.verb.home": "原点復帰",
   "requests.verb.jog": "ジョグ",
+  "requests.verb.load": "ロード",
   "requests.verb.mdi": "MDI",
   "requests.verb.request": "要求",
   "requests.verb.reset": "リセット",

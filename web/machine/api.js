@@ -3,6 +3,7 @@
 
 import { Refusal, TIMEOUT_MS } from "../tandem.js";
 import { randomName } from "../tandem/requests.js";
+import { t } from "../text/language.js";
 import { forgetFence, keepFence, ownFence, underLease } from "./fences.js";
 import { machine } from "./machine.js";
 
@@ -56,9 +57,9 @@ export const api = {
     return machine.command(cs, verb, args, { expect, fence: ownFence(cs), onAccepted });
   },
 
-  /** Accepts or refuses stored files that do not fit together. @param {"accept" | "refuse"} decision */
+  /** Accepts or refuses stored files that do not fit together. The answer waits for the disk. @param {"accept" | "refuse"} decision */
   async answerStoredData(decision) {
-    await request("POST", "/stored_data/answer", { decision });
+    await machine.request("POST", "/stored_data/answer", { body: { decision }, timeoutMs: TIMEOUT_MS, unanswered: t("requests.the_machine_did_not_answer") });
   },
 
   /** Orders a run of one part or more. @param {number} cs @param {number} program @param {number} parts */

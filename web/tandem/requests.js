@@ -7,23 +7,33 @@ export const TIMEOUT_MS = 15000;
 
 /** Time after the newest heartbeat within which a request of a person takes effect, ms; later, the machine rejects it. */
 export const NOT_AFTER_MS = 1000;
-/** Time limit of the answer to such a request, after which the request can no longer take effect. */
-export const PERSON_TIMEOUT_MS = 1500;
+/** Age limit of a load, ms. Reason: handlers may validate the parameters of the program for 2 s before the load takes effect. */
+const LOAD_NOT_AFTER_MS = 5000;
+/** Time for the answer after the age limit of a request, ms; by then the request can no longer take effect. */
+const ANSWER_MS = 500;
+/** Time limit of the answer to a request with the age limit `NOT_AFTER_MS`. */
+export const PERSON_TIMEOUT_MS = NOT_AFTER_MS + ANSWER_MS;
 
-/**
- * Limits the age of a request: the machine rejects it as `expired` when it would take effect later.
- * @typedef {{boot_id: string, heartbeat: number, within_ms: number}} NotAfter
- */
-
-/** Routes after which something can move. */
-const MOVING = new RegExp(
-  "^/(cs/\\d+/((start|resume|reset|mdi|jog|home|back_trace|runs)(\\?|$)|m_codes/\\d+/(reset|redeliver|answer)$|(inputs|overrides|spindle|tool)(/|$)|variables/)" +
-    "|io/|motors/|variables/)",
+/** Routes that accept an age limit: after their requests something can move, or other values apply. */
+const LIMITED = new RegExp(
+  "^/(cs/\\d+/((load|start|resume|reset|mdi|jog|home|back_trace|runs)(\\?|$)|m_codes/\\d+/(reset|redeliver|answer)$" +
+    "|(inputs|overrides|spindle|tool)(/|$)|variables/|work_offsets$)" +
+    "|alarms/\\d+/acknowledge$|stored_data/answer$|tools$|io/|motors/|variables/)",
 );
 
-/** Whether something can move after a request, so that it may carry an age limit. @param {string} method @param {string} path below `/api/v1` */
-export function canMove(method, path) {
-  return method !== "GET" && MOVING.test(path);
+/** Whether a request accepts an age limit. @param {string} method @param {string} path below `/api/v1` */
+export function isLimited(method, path) {
+  return method !== "GET" && LIMITED.test(path);
+}
+
+/** Age limit that a person's request has by default, ms. @param {string} path below `/api/v1` */
+export function ageLimitMs(path) {
+  return /^\/cs\/\d+\/load(\?|$)/.test(path) ? LOAD_NOT_AFTER_MS : NOT_AFTER_MS;
+}
+
+/** Time limit of the answer to a request with an age limit, ms. @param {import("./age_limits.js").NotAfter} notAfter */
+export function answerLimitMs({ within_ms }) {
+  return within_ms + ANSWER_MS;
 }
 
 /** A refusal of the machine, or a missing answer. */

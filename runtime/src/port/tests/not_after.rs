@@ -1,5 +1,6 @@
 //! Tests of the age limits of requests. Ages are in real time, even if the clock of the machine is simulated.
 
+use plc_protocol::types::data::{ToolChange, WorkOffsetTable};
 use plc_protocol::types::not_after::NotAfter;
 use plc_protocol::types::output::HandlerPresence;
 use plc_protocol::wire::mqtt::{Inbound, decode};
@@ -97,6 +98,7 @@ fn every_request_after_which_something_can_move_is_rejected_when_too_old() {
             "cs/1/m_code/100/answer",
             of_output(json!({"question_id": "q", "choice": "yes"})),
         ),
+        set("stored_data/answer", json!({"decision": "accept"})),
     ];
     with_machine(async move |port| {
         let not_after = passed(&port).await;
@@ -110,6 +112,39 @@ fn every_request_after_which_something_can_move_is_rejected_when_too_old() {
         }
         let after = port.read(&Topic::cs(1, CsTopic::State)).await.unwrap().rev;
         assert_eq!(before, after, "nothing has changed");
+    });
+}
+
+#[test]
+fn settings_and_acknowledgements_over_rest_are_rejected_when_too_old() {
+    let tools = ToolChange {
+        tools: Vec::new(),
+        remove: vec![1],
+    };
+    let offsets = WorkOffsetTable {
+        work_offsets: [("G54".to_owned(), [("X".to_owned(), 1.0)].into())].into(),
+    };
+    let acknowledged = typed::Command {
+        command: Command::AlarmAcknowledge { id: 1 },
+        ..start("acknowledged")
+    };
+    let requests = [
+        Request::WriteTools(tools),
+        Request::WriteWorkOffsets(1, offsets),
+        acknowledged.into(),
+    ];
+    with_machine(async move |port| {
+        let not_after = passed(&port).await;
+        let before = port.ask(typed::WorkOffsets(1)).await.unwrap();
+        for request in requests {
+            let answer = port.request_not_after(&not_after, None, request.clone()).await;
+            assert_eq!(answer.unwrap_err().code, RefusalCode::Expired, "{request:?}");
+        }
+        assert_eq!(
+            port.ask(typed::WorkOffsets(1)).await.unwrap(),
+            before,
+            "nothing has changed"
+        );
     });
 }
 
