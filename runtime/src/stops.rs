@@ -199,12 +199,17 @@ impl StopReaction {
         }
     }
 
-    /// Returns the maximum time in s until the motion rests, for this `hold_slew_ms`. It applies to motors whose own
-    /// limits require no longer time. Returns `None` if the reaction has no time limit.
-    pub fn limit_s(self, hold_slew_ms: f64) -> Option<f64> {
-        match self {
-            Self::HoldsAfterThread | Self::Continues => None,
-            _ => Some(hold_slew_ms / 1000.0),
+    /// Returns the maximum time in s until a motion of this kind rests. `hold_slew_ms` is that of the configuration, and
+    /// applies to motors whose own limits require no longer time. `braking_s` is the longest time of a motor: its speed
+    /// divided by its `max_acceleration`. Returns `None` if the reaction has no time limit.
+    pub fn limit_s(self, motion: StoppedMotion, hold_slew_ms: f64, braking_s: f64) -> Option<f64> {
+        match (self, motion) {
+            (Self::HoldsAfterThread | Self::Continues, _) => None,
+            (_, StoppedMotion::Dwell) => Some(0.0),
+            (Self::Brakes, _) => Some(braking_s),
+            (Self::Holds | Self::HoldsInPhase | Self::EndsJog | Self::Stops, _) => {
+                Some(hold_slew_ms / 1000.0)
+            }
         }
     }
 }
