@@ -146,26 +146,6 @@ impl Channel {
         spindle.follow(ThreadStep::Turn(revolutions));
     }
 
-    /// Executes the cycle of the spindle, after the cycle of the motors.
-    pub(crate) fn cycle_spindle(&mut self) {
-        let cycled = self.spindle.as_mut().map(|spindle| spindle.cycle(self.period_s));
-        self.rests &= !matches!(cycled, Some(Err(_)));
-        match cycled {
-            Some(Ok(ends)) => {
-                if ends.orientation {
-                    self.report_event(Event::Oriented);
-                }
-                if let Some(id) = ends.reached {
-                    self.report_event(Event::SpindleReached { id });
-                }
-            }
-            // braking would enable the drives of the axes; without power no motor moves
-            Some(Err(fault)) if !self.power.is_commanded() && self.braking.is_none() => self.fail(fault),
-            Some(Err(fault)) => self.brake_for(fault),
-            None => {}
-        }
-    }
-
     fn take_controls(&mut self) {
         for _ in 0..CONTROLS_PER_CYCLE {
             if self.events.slots() < EVENTS_RESERVE {

@@ -6,7 +6,7 @@ use tandem_model::AxisVector;
 use crate::brake::Brake;
 use crate::bus::Command;
 use crate::channel::Channel;
-use crate::control::Fault;
+use crate::control::{Event, Fault};
 use crate::power::{Power, concerns_drives_without_power};
 use crate::setpoint_history::History;
 
@@ -77,6 +77,26 @@ impl Channel {
             // without power no motor moves; braking would enable the drives
             Err(fault) if is_off => self.fail(fault),
             Err(fault) => self.trip(fault),
+        }
+    }
+
+    /// Executes the cycle of the spindle, after the cycle of the motors.
+    pub(crate) fn cycle_spindle(&mut self) {
+        let cycled = self.spindle.as_mut().map(|spindle| spindle.cycle(self.period_s));
+        self.rests &= !matches!(cycled, Some(Err(_)));
+        match cycled {
+            Some(Ok(ends)) => {
+                if ends.orientation {
+                    self.report_event(Event::Oriented);
+                }
+                if let Some(id) = ends.reached {
+                    self.report_event(Event::SpindleReached { id });
+                }
+            }
+            // braking would enable the drives of the axes; without power no motor moves
+            Some(Err(fault)) if !self.power.is_commanded() && self.braking.is_none() => self.fail(fault),
+            Some(Err(fault)) => self.brake_for(fault),
+            None => {}
         }
     }
 
