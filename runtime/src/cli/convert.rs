@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, ensure};
 use clap::{Args, ValueEnum};
-use tandem_interp::dialects::convert::{Settings, Source, convert};
+use tandem_interp::dialects::convert::{ConvertedProgram, Settings, Source, convert};
 use tandem_model::settings::NcOptions;
 use tandem_syntax::is_wide;
 
@@ -92,7 +92,16 @@ pub(super) fn run(arguments: &ConvertArguments) -> CommandResult {
                 .with_context(|| format!("cannot write {}", path.display()))?;
         }
     }
-    let file = shown(&arguments.file);
+    report(&shown(&arguments.file), &converted);
+    Ok(if converted.left.is_empty() {
+        EXIT_OK
+    } else {
+        EXIT_FOUND
+    })
+}
+
+/// Prints the lines that could not be converted, and the assumptions about the control of the source.
+fn report(file: &str, converted: &ConvertedProgram) {
     for left in &converted.left {
         let what = if left.is_written {
             "converted, with an error"
@@ -114,9 +123,4 @@ pub(super) fn run(arguments: &ConvertArguments) -> CommandResult {
             assumed.line, assumed.text
         ));
     }
-    Ok(if converted.left.is_empty() {
-        EXIT_OK
-    } else {
-        EXIT_FOUND
-    })
 }
