@@ -422,7 +422,12 @@ impl StateWriterWork {
         };
         self.generation.written = Some((now_s, last));
         if self.source.tables.lost().is_empty()
-            && let Err(error) = Generation::write(&self.folder, &self.kept, &self.time_of_day())
+            && let Err(error) = Generation::write(
+                &self.folder,
+                &self.kept,
+                &self.time_of_day(),
+                &self.source.generations,
+            )
         {
             tracing::warn!("the last good generation is not written: {error}");
         }

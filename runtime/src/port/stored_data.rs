@@ -7,7 +7,6 @@ use plc_protocol::types::stored_data::{StoredDataDecision, StoredDataFault};
 use tandem_store::journal::Event;
 use tandem_store::persistence::{Image, restore};
 use tandem_store::stored_data::OpenQuestion;
-use tandem_store::stored_data::inspection::held_values;
 use tandem_store::tables::Tables;
 
 use super::RuntimePort;
@@ -40,10 +39,10 @@ impl RuntimePort {
 
     /// Accepts the withheld data: stored values that replace lost values, programs, and folders.
     async fn take_held_back(&self, open: &OpenQuestion) -> Result<(), Refusal> {
-        let (folder, fault) = (open.folder().to_owned(), open.fault_of_store());
-        let read = move |_: &SharedState| {
+        let (values, fault) = (open.clone(), open.fault_of_store());
+        let read = move |shared: &SharedState| {
             let Some(fault) = fault else { return Ok(None) };
-            match held_values(&folder) {
+            match values.held_values(&shared.machine.name) {
                 // if the question itself was damaged, there may be no withheld values
                 Err(error)
                     if fault == StoredDataFault::NotVerified && error.kind() == io::ErrorKind::NotFound =>

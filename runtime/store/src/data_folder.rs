@@ -189,7 +189,7 @@ impl DataFolder {
         findings
             .damaged
             .extend(others.map(|finding| finding.text.clone()));
-        if let Some(text) = OpenQuestion::read(&self.path).text() {
+        if let Some(text) = OpenQuestion::read(&self.path, &self.machine.name).text() {
             findings.damaged.push(format!("a question is open: {text}"));
         }
         let places = FolderAssignmentsRead::read(&self.programs());
@@ -204,12 +204,10 @@ impl DataFolder {
         findings
             .damaged
             .extend(lost.into_values().map(|what| format!("{what}: lost")));
-        if let Err(error) = Generation::read(&self.path)
+        if let Err(error) = self.last_good()
             && error.kind() != io::ErrorKind::NotFound
         {
-            findings
-                .damaged
-                .push(format!("the last good generation: {error}"));
+            findings.damaged.push(error.to_string());
         }
         self.verify_programs(&mut findings);
         let journal = damage(&self.path.join(JOURNAL_FOLDER));
@@ -265,9 +263,14 @@ impl DataFolder {
         Generation::text(&self.inspected.image, &self.time_of_day())
     }
 
+    fn last_good(&self) -> io::Result<Generation> {
+        let read = Generation::read(&self.path, &self.inspection.generations);
+        read.map_err(|error| io::Error::new(error.kind(), format!("the last good generation: {error}")))
+    }
+
     /// Returns every lost value with its value in the last good generation, and the time of that generation.
     pub fn offers(&self) -> (Option<String>, Vec<Offer>) {
-        let generation = Generation::read(&self.path).ok();
+        let generation = self.last_good().ok();
         let lost = lost_in(&self.inspected.image).into_iter();
         let offers = lost.map(|(name, what)| Offer {
             what,
@@ -284,7 +287,7 @@ impl DataFolder {
     /// # Errors
     /// Returns an error if a disk operation fails, or if no good generation exists.
     pub fn repair(&mut self) -> io::Result<Vec<String>> {
-        let generation = Generation::read(&self.path)?;
+        let generation = self.last_good()?;
         let mut change = Image::default();
         for name in lost_in(&self.inspected.image).into_keys() {
             if let Some(page) = self.inspected.image.page(&name) {

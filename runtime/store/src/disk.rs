@@ -15,7 +15,7 @@ pub use files::{
     Identity, Lock, UNFINISHED, UnfinishedFile, in_use, make_folder, make_folder_in, open_regular,
     read_regular, sync_folder, tighten, write_whole, write_whole_by,
 };
-pub use generations::{Generations, PartGenerations, Seal, SealedFileKind, StoredPart};
+pub use generations::{Generations, PartGenerations, Seal, SealMismatch, SealedFileKind, StoredPart};
 pub use health::{DataFolderPart, Health};
 pub use line::{Unusable, number, read_sealed, seal, seal_in_place};
 pub use path::{Disk, DiskPath};

@@ -4,7 +4,7 @@
 //! (`disk/generations.rs`). If a start finds an older copy of a part, or a part of another machine, its content is
 //! withheld: it is treated as lost, and a person is asked. No program starts until the question is answered. The
 //! withheld data are stored separately: values in `state.unconfirmed.json`, programs in their own files, folders in the
-//! question.
+//! question. The question names the generation of the withheld values, so that a copy of other values is not accepted.
 
 pub mod inspection;
 
@@ -20,6 +20,7 @@ use serde_json::json;
 use crate::disk::{
     DiskPath, Generations, SealedFileKind, read_regular, read_sealed, seal, sync_folder, write_whole,
 };
+use crate::persistence::{Generation, Image};
 use crate::program_store::folder_assignments::FolderByProgram;
 
 /// Name of the file with the question while it is not answered.
@@ -38,6 +39,9 @@ struct KeptQuestion {
     /// Folders of programs that are withheld.
     #[serde(default)]
     folders: FolderByProgram,
+    /// Generation of the withheld values; `None` if none are withheld.
+    #[serde(default)]
+    values_generation: Option<u64>,
 }
 
 /// The question of a data folder, if it is not answered.
@@ -48,15 +52,19 @@ pub struct OpenQuestion {
 }
 
 impl OpenQuestion {
-    /// Reads the question of a data folder. A damaged file is also a question.
-    pub fn read(folder: &DiskPath) -> Self {
+    /// Reads the question of the data folder of the machine with this name. A damaged file, and a file of another
+    /// machine, is also a question.
+    pub fn read(folder: &DiskPath, machine: &str) -> Self {
         let kept = match read_regular(&folder.join(QUESTION_FILE), QUESTION_BYTES_MAX) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => None,
             Err(error) => Some(damaged_question(&error.to_string())),
             Ok(bytes) => {
                 let mut lines = bytes.split(|byte| *byte == b'\n');
                 let kept = lines.find_map(|line| {
-                    let (line, _) = read_sealed(SealedFileKind::Question, line).ok()?;
+                    let (line, seal) = read_sealed(SealedFileKind::Question, line).ok()?;
+                    if let Err((_, text)) = seal.check(machine, 0) {
+                        return Some(damaged_question(&text));
+                    }
                     KeptQuestion::deserialize(&line["kept"]).ok()
                 });
                 Some(kept.unwrap_or_else(|| damaged_question("it is damaged")))
@@ -111,6 +119,32 @@ impl OpenQuestion {
         )
     }
 
+    /// Returns the withheld values of the store of the machine with this name.
+    ///
+    /// # Errors
+    /// Returns an error if the values cannot be read, belong to another machine, or are not those of the question.
+    pub fn held_values(&self, machine: &str) -> io::Result<Image> {
+        let path = self.folder.join(HELD_FILE);
+        let known = self.kept.as_ref().and_then(|kept| kept.values_generation);
+        let read = Generation::read_sealed(&path, SealedFileKind::Withheld).and_then(|read| {
+            read.check_seal(machine, known.unwrap_or(0))?;
+            Ok(read)
+        });
+        let named = |error: io::Error| {
+            let text = format!(
+                "{}: {error}; refuse the files, or write this file again as it was",
+                path.display()
+            );
+            io::Error::new(error.kind(), text)
+        };
+        let Generation { mut image, lost, .. } = read.map_err(named)?;
+        // Values that were lost before stay lost.
+        for name in &lost {
+            image.lose(name);
+        }
+        Ok(image)
+    }
+
     /// Returns the withheld folders of programs.
     pub fn held_folders(&self) -> FolderByProgram {
         self.kept
@@ -147,5 +181,61 @@ fn damaged_question(how: &str) -> KeptQuestion {
             findings: vec![finding],
         }),
         folders: FolderByProgram::new(),
+        values_generation: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::disk::write_whole_by;
+
+    #[test]
+    fn withheld_values_of_another_machine_kind_or_age_are_not_accepted() {
+        let folder = tempfile::tempdir().unwrap();
+        let path: DiskPath = folder.path().into();
+        let (mill, lathe) = (Generations::new("mill"), Generations::new("lathe"));
+        let mut image = Image::default();
+        image.values.insert("tool/1".to_owned(), b"7".to_vec());
+        let write = |of: &Generations, kind, generation| {
+            let seal = of.seal(kind, generation);
+            write_whole_by(&path.join(HELD_FILE), |out| {
+                Generation::write_text(&image, &Timestamp::default(), Some(&seal), out)
+            })
+            .unwrap();
+        };
+        let kept = KeptQuestion {
+            question: damaged_question("it is damaged").question,
+            folders: FolderByProgram::new(),
+            values_generation: Some(7),
+        };
+        let asked = OpenQuestion {
+            folder: path.clone(),
+            kept: Some(kept),
+        };
+        asked.write(&mill).unwrap();
+        let open = OpenQuestion::read(&path, "mill");
+        write(&mill, SealedFileKind::Withheld, 7);
+        assert_eq!(open.held_values("mill").unwrap(), image);
+        for (of, kind, generation, how) in [
+            (
+                &mill,
+                SealedFileKind::Withheld,
+                6,
+                "an older copy, of generation 6",
+            ),
+            (&mill, SealedFileKind::LastGood, 7, "another kind, last_good"),
+            (&lathe, SealedFileKind::Withheld, 7, "belongs to machine lathe"),
+        ] {
+            write(of, kind, generation);
+            let error = open.held_values("mill").unwrap_err().to_string();
+            assert!(
+                error.contains(how) && error.contains("refuse the files"),
+                "{error}"
+            );
+        }
+        let foreign = OpenQuestion::read(&path, "lathe");
+        let text = foreign.text().unwrap();
+        assert!(text.contains("belongs to machine mill"), "{text}");
     }
 }

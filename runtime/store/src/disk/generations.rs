@@ -24,15 +24,18 @@ pub enum StoredPart {
     Folders,
     /// The anchor of the journal.
     Journal,
+    /// The last good generation of the stored values.
+    LastGood,
 }
 
 impl StoredPart {
     /// All parts, in the order of their names.
-    pub const ALL: [StoredPart; 4] = [
+    pub const ALL: [StoredPart; 5] = [
         StoredPart::Store,
         StoredPart::Programs,
         StoredPart::Folders,
         StoredPart::Journal,
+        StoredPart::LastGood,
     ];
 }
 
@@ -59,6 +62,10 @@ pub enum SealedFileKind {
     Ahead,
     /// The question about stored files.
     Question,
+    /// The last good generation of the stored values.
+    LastGood,
+    /// Values that are withheld until a person decides.
+    Withheld,
 }
 
 /// Seal of a line: its kind, machine and generation.
@@ -75,6 +82,15 @@ pub struct Seal {
     pub known: PartGenerations,
 }
 
+/// Reason why a sealed file does not belong to the other files of its folder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SealMismatch {
+    /// Another machine wrote the file.
+    OtherMachine,
+    /// The file is an older copy.
+    Older,
+}
+
 /// Name of the field that contains the seal of a line.
 pub(super) const SEAL: &str = "seal";
 
@@ -82,6 +98,29 @@ impl Seal {
     /// Adds this seal to a line.
     pub fn put(&self, line: &mut Value) {
         line[SEAL] = json!(self);
+    }
+
+    /// Checks that this machine wrote the file, and that the file is not older than the generation that other files
+    /// name.
+    ///
+    /// # Errors
+    /// Returns the mismatch and its description.
+    pub fn check(&self, machine: &str, known: u64) -> Result<(), (SealMismatch, String)> {
+        if self.machine != machine {
+            let text = format!(
+                "the file belongs to machine {}, but this is machine {machine}",
+                self.machine
+            );
+            return Err((SealMismatch::OtherMachine, text));
+        }
+        if self.generation < known {
+            let text = format!(
+                "the file is an older copy, of generation {}; other files name generation {known}",
+                self.generation
+            );
+            return Err((SealMismatch::Older, text));
+        }
+        Ok(())
     }
 }
 
@@ -122,7 +161,11 @@ impl Generations {
             SealedFileKind::ProgramSums => StoredPart::Programs,
             SealedFileKind::Folders => StoredPart::Folders,
             SealedFileKind::Anchor => StoredPart::Journal,
-            SealedFileKind::Journal | SealedFileKind::Ahead | SealedFileKind::Question => return,
+            SealedFileKind::LastGood => StoredPart::LastGood,
+            SealedFileKind::Journal
+            | SealedFileKind::Ahead
+            | SealedFileKind::Question
+            | SealedFileKind::Withheld => return,
         };
         self.learn(&[(part, seal.generation)].into());
     }

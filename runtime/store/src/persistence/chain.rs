@@ -76,6 +76,8 @@ pub(super) fn link(before: Hash, object: &str) -> (String, Hash) {
 #[derive(Debug, PartialEq)]
 pub(super) struct LinkedLine<'a> {
     pub value: Value,
+    /// Name of the machine that wrote the line.
+    pub machine: String,
     /// The hashed bytes of the line.
     pub open: &'a [u8],
     pub hash: Hash,
@@ -83,12 +85,17 @@ pub(super) struct LinkedLine<'a> {
 
 /// Parses a line, which is passed without its line end. Returns `None` if the line is damaged or has no hash.
 pub(super) fn parse_line(line: &[u8]) -> Option<LinkedLine<'_>> {
-    let (value, _) = read_sealed(SealedFileKind::Journal, line).ok()?;
+    let (value, Seal { machine, .. }) = read_sealed(SealedFileKind::Journal, line).ok()?;
     let (open, tail) = line.split_at_checked(line.len().checked_sub(SUM_BYTES + 9 + 64 + 1)?)?;
     let digits = tail.strip_prefix(HASH.0)?.get(..64)?;
     let is_closed = tail.get(9 + 64..)?.starts_with(HASH.1);
     let hash = Hash::parse(std::str::from_utf8(digits).ok()?)?;
-    is_closed.then_some(LinkedLine { value, open, hash })
+    is_closed.then_some(LinkedLine {
+        value,
+        machine,
+        open,
+        hash,
+    })
 }
 
 /// Content of a line that marks the beginning of a file or of the chain.

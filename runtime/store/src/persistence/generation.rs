@@ -1,10 +1,13 @@
 //! All stored values as one JSON document, which `store export` writes and `store import` reads. The last
 //! good generation next to the store has the same form: a person can restore lost values from it. The runtime
-//! never uses it automatically, because it is older than the store.
+//! never uses it automatically, because it is older than the store. Withheld values have the same form. A document
+//! of the data folder is sealed: it names its kind, its machine and its generation. An exported document is not
+//! sealed, because a person may import it into another machine.
 
 use std::borrow::Cow;
 use std::io::{self, Write};
 
+use plc_protocol::execution::wire_name;
 use plc_protocol::types::Timestamp;
 use plc_protocol::types::data::JsonNumber;
 use serde::Deserialize;
@@ -12,7 +15,9 @@ use serde_json::{Map, Value};
 use tandem_model::lost::is_lost;
 
 use super::image::{Image, PAGE_VARIABLES, Page, page_name};
-use crate::disk::{ChecksumHasher, DiskPath, checksum_hex, read_regular, write_whole_by};
+use crate::disk::{
+    ChecksumHasher, DiskPath, Generations, Seal, SealedFileKind, StoredPart, read_regular, write_whole_by,
+};
 
 /// Name of the last good generation in the data folder.
 pub const GENERATION_FILE: &str = "state.last-good.json";
@@ -29,7 +34,10 @@ struct GenerationDocument {
     written: Timestamp,
     /// Values by name; null for a lost value.
     values: Map<String, Value>,
-    /// Checksum of the values; a person who edits the document must remove this field.
+    /// Seal of a document of a data folder; an exported document has none.
+    #[serde(default)]
+    seal: Option<Seal>,
+    /// Checksum of the seal and the values; a person who edits the document must remove this field.
     #[serde(default)]
     sum: Option<String>,
 }
@@ -43,34 +51,56 @@ pub struct Generation {
     pub image: Image,
     /// Names of values that were lost when the document was written; they are not in the image.
     pub lost: Vec<String>,
+    /// Seal of the document; `None` for an exported document.
+    pub seal: Option<Seal>,
 }
 
 fn invalid(text: impl Into<String>) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, text.into())
 }
 
-fn checksum_values(values: &Map<String, Value>) -> String {
-    checksum_hex(serde_json::to_string(values).unwrap_or_default().as_bytes())
+fn text_of_seal(seal: Option<&Seal>) -> String {
+    seal.map(|seal| serde_json::to_string(seal).unwrap_or_default())
+        .unwrap_or_default()
+}
+
+fn checksum(seal: Option<&Seal>, values: &Map<String, Value>) -> String {
+    let mut sum = ChecksumHasher::default();
+    sum.add(text_of_seal(seal).as_bytes());
+    sum.add(serde_json::to_string(values).unwrap_or_default().as_bytes());
+    sum.finish()
 }
 
 impl Generation {
-    /// Writes the document of an image; `written` is the time of day. Values are converted and written one at a time, so the text of
-    /// thousands of runs is never in memory as a whole.
+    /// Writes the document of an image; `written` is the time of day, `seal` that of a document of a data folder.
+    /// Values are converted and written one at a time, so the text of thousands of runs is never in memory as a whole.
     ///
     /// # Errors
     /// Returns an error if the output cannot be written.
-    pub fn write_text(image: &Image, written: &Timestamp, out: &mut dyn Write) -> io::Result<()> {
+    pub fn write_text(
+        image: &Image,
+        written: &Timestamp,
+        seal: Option<&Seal>,
+        out: &mut dyn Write,
+    ) -> io::Result<()> {
         let pages = image.pages.keys();
         let pages = pages.map(|(area, place)| Cow::from(page_name(*area, *place)));
         let values = image.values.keys().map(|name| Cow::from(name.as_str()));
         let mut names: Vec<Cow<'_, str>> = pages.chain(values).collect();
         names.sort_unstable();
         let written = &written.0;
+        let seal = text_of_seal(seal);
+        let field = if seal.is_empty() {
+            String::new()
+        } else {
+            format!("\"seal\":{seal},")
+        };
         writeln!(
             out,
-            "{{\"tandem_store\":{FORM},\"written\":\"{written}\",\"values\":{{"
+            "{{\"tandem_store\":{FORM},\"written\":\"{written}\",{field}\"values\":{{"
         )?;
         let mut sum = ChecksumHasher::default();
+        sum.add(seal.as_bytes());
         sum.add(b"{");
         for (number, name) in names.iter().enumerate() {
             let payload = image.values.get(&**name).map_or(&[][..], Vec::as_slice);
@@ -86,11 +116,11 @@ impl Generation {
         writeln!(out, "\n}},\"sum\":\"{}\"}}", sum.finish())
     }
 
-    /// Returns the document of an image as text; `written` is the time of day.
+    /// Returns the document of an image for an export; `written` is the time of day.
     pub fn text(image: &Image, written: &Timestamp) -> String {
         let mut text = Vec::new();
         // writing into memory never fails
-        let _ = Self::write_text(image, written, &mut text);
+        let _ = Self::write_text(image, written, None, &mut text);
         String::from_utf8_lossy(&text).into_owned()
     }
 
@@ -98,27 +128,61 @@ impl Generation {
     ///
     /// # Errors
     /// Returns an error if the disk operation fails; the previous generation then remains.
-    pub fn write(folder: &DiskPath, image: &Image, written: &Timestamp) -> io::Result<()> {
+    pub fn write(
+        folder: &DiskPath,
+        image: &Image,
+        written: &Timestamp,
+        generations: &Generations,
+    ) -> io::Result<()> {
+        let generation = generations.next();
+        let seal = generations.seal(SealedFileKind::LastGood, generation);
         write_whole_by(&folder.join(GENERATION_FILE), |out| {
-            Self::write_text(image, written, out)
-        })
+            Self::write_text(image, written, Some(&seal), out)
+        })?;
+        generations.note_on_disk(StoredPart::LastGood, generation);
+        Ok(())
     }
 
     /// Reads the last good generation of a folder.
     ///
     /// # Errors
-    /// Returns an error if the generation does not exist or is damaged.
-    pub fn read(folder: &DiskPath) -> io::Result<Self> {
-        Self::read_from(&folder.join(GENERATION_FILE))
+    /// Returns an error if the generation does not exist, is damaged, or belongs to another machine, or if the other
+    /// files name a newer one.
+    pub fn read(folder: &DiskPath, generations: &Generations) -> io::Result<Self> {
+        let on_disk = generations.on_disk();
+        let known = on_disk.get(&StoredPart::LastGood).copied().unwrap_or(0);
+        let read = Self::read_sealed(&folder.join(GENERATION_FILE), SealedFileKind::LastGood)?;
+        read.check_seal(generations.machine(), known)?;
+        Ok(read)
     }
 
-    /// Reads a generation from a file.
+    /// Reads a generation of this kind from a file of a data folder. The caller compares its seal.
     ///
     /// # Errors
-    /// Returns an error if the file does not exist or is damaged.
-    pub fn read_from(path: &DiskPath) -> io::Result<Self> {
+    /// Returns an error if the file does not exist, is damaged or has no seal of this kind.
+    pub fn read_sealed(path: &DiskPath, kind: SealedFileKind) -> io::Result<Self> {
         let bytes = read_regular(path, BYTES_MAX)?;
-        Self::of_text(&String::from_utf8_lossy(&bytes), true)
+        let read = Self::of_text(&String::from_utf8_lossy(&bytes), true)?;
+        match &read.seal {
+            Some(seal) if seal.kind == kind => Ok(read),
+            Some(seal) => Err(invalid(format!(
+                "the file is of another kind, {}",
+                wire_name(&seal.kind)
+            ))),
+            None => Err(invalid("the file has no seal, so no runtime wrote it")),
+        }
+    }
+
+    /// Checks that this machine wrote the document, and that it is not older than the generation `known`.
+    ///
+    /// # Errors
+    /// Returns an error if the document belongs to another machine or is an older copy.
+    pub fn check_seal(&self, machine: &str, known: u64) -> io::Result<()> {
+        let checked = self
+            .seal
+            .as_ref()
+            .map_or(Ok(()), |seal| seal.check(machine, known));
+        checked.map_err(|(_, text)| invalid(text))
     }
 
     /// Reads a generation from a text. With `needs_sum`, a text without a checksum is treated as damaged.
@@ -136,7 +200,7 @@ impl Generation {
             return Err(invalid(text));
         }
         let is_whole = match &document.sum {
-            Some(noted) => *noted == checksum_values(&document.values),
+            Some(noted) => *noted == checksum(document.seal.as_ref(), &document.values),
             None => !needs_sum,
         };
         if !is_whole {
@@ -164,6 +228,7 @@ impl Generation {
             written: document.written,
             image,
             lost,
+            seal: document.seal,
         })
     }
 }
@@ -237,12 +302,49 @@ mod tests {
     #[test]
     fn last_generation_is_read_back_and_a_flipped_bit_rejects_it() {
         let folder = tempfile::tempdir().unwrap();
-        assert!(Generation::read(&folder.path().into()).is_err());
-        Generation::write(&folder.path().into(), &image(), &Timestamp::default()).unwrap();
-        assert_eq!(Generation::read(&folder.path().into()).unwrap().image, image());
-        let path = folder.path().join(GENERATION_FILE);
-        let text = std::fs::read_to_string(&path).unwrap();
-        std::fs::write(&path, text.replace("1.5", "1.7")).unwrap();
-        assert!(Generation::read(&folder.path().into()).is_err());
+        let (path, mill): (DiskPath, _) = (folder.path().into(), Generations::new("mill"));
+        assert!(Generation::read(&path, &mill).is_err());
+        Generation::write(&path, &image(), &Timestamp::default(), &mill).unwrap();
+        assert_eq!(Generation::read(&path, &mill).unwrap().image, image());
+        let path_of_file = folder.path().join(GENERATION_FILE);
+        let text = std::fs::read_to_string(&path_of_file).unwrap();
+        for (whole, changed) in [("1.5", "1.7"), ("\"mill\"", "\"mall\"")] {
+            std::fs::write(&path_of_file, text.replace(whole, changed)).unwrap();
+            let error = Generation::read(&path, &mill).unwrap_err().to_string();
+            assert!(error.contains("the checksum is wrong"), "{whole}: {error}");
+        }
+    }
+
+    #[test]
+    fn last_generation_of_another_kind_machine_or_age_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, mill): (DiskPath, _) = (folder.path().into(), Generations::new("mill"));
+        let write = |seal: Option<&Seal>| {
+            write_whole_by(&path.join(GENERATION_FILE), |out| {
+                Generation::write_text(&image(), &Timestamp::default(), seal, out)
+            })
+            .unwrap();
+            Generation::read(&path, &mill)
+                .map(drop)
+                .map_err(|error| error.to_string())
+        };
+        mill.learn(&[(StoredPart::LastGood, 9)].into());
+        assert_eq!(write(Some(&mill.seal(SealedFileKind::LastGood, 9))), Ok(()));
+        let lathe = Generations::new("lathe").seal(SealedFileKind::LastGood, 9);
+        for (seal, how) in [
+            (None, "no seal"),
+            (
+                Some(mill.seal(SealedFileKind::Withheld, 9)),
+                "another kind, withheld",
+            ),
+            (Some(lathe), "belongs to machine lathe"),
+            (
+                Some(mill.seal(SealedFileKind::LastGood, 8)),
+                "an older copy, of generation 8",
+            ),
+        ] {
+            let refused = write(seal.as_ref()).unwrap_err();
+            assert!(refused.contains(how), "{refused}");
+        }
     }
 }

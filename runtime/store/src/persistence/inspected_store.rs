@@ -83,8 +83,9 @@ pub fn inspect_expected_store(folder: &DiskPath, is_known: bool) -> InspectedSto
         || [STARTED_FILE, GENERATION_FILE]
             .iter()
             .any(|name| folder.join(name).exists().unwrap_or(false));
+    // These names only add lost values, so a last good generation of another machine or age makes no value trusted.
     let named = || {
-        Generation::read(folder)
+        Generation::read_sealed(&folder.join(GENERATION_FILE), SealedFileKind::LastGood)
             .map(|generation| generation.image.names())
             .unwrap_or_default()
     };
@@ -101,7 +102,10 @@ pub fn inspect_expected_store(folder: &DiskPath, is_known: bool) -> InspectedSto
         },
     };
     if matches!(inspected.condition, StoreCondition::Damaged(_)) && (!sums.is_there || sums.is_damaged) {
+        // values may have been stored since the last good generation
+        let is_all_lost = inspected.is_all_lost;
         inspected.lose(named());
+        inspected.is_all_lost = is_all_lost;
     }
     if inspected.condition == StoreCondition::Whole {
         // A kill after the store and before its checksums are written leaves one change without recorded

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use tokio::time::Instant;
 
 use super::ahead::{Ahead, OPEN, recover, recover_rests};
-use super::journal_folder::{COMMAND_LINE, FILE_BYTES_MAX, Files, Newest, Object, Own, newest};
+use super::journal_folder::{COMMAND_LINE, FILE_BYTES_MAX, Files, Newest, Object, Own, newest_own};
 use super::replay::REPLAYED_LINES_MAX;
 use crate::clock::Clock;
 use crate::disk::{DataFolderPart, DiskPath, Generations, Health, number, tighten};
@@ -63,13 +63,13 @@ fn open_journal(
     generations: Arc<Generations>,
     clock: &Clock,
 ) -> OpenedJournal {
-    let mut newest = newest(folder, 0, REPLAYED_LINES_MAX);
+    let mut newest = newest_own(folder, REPLAYED_LINES_MAX, generations.machine());
     let missing = newest.missing(recover(folder, generations.machine()));
     let objects: Vec<Object> = missing.iter().map(as_written).collect();
     newest.lines.extend(missing);
     newest.lines.sort_by_key(number);
     newest.rests = newest.hold(recover_rests(folder, generations.machine()));
-    let last = newest.lines.last().map_or(0, number);
+    let last = newest.lines.last().map_or(0, number).max(newest.highest);
     let own = Own {
         boot_id,
         started: Instant::now(),
@@ -285,6 +285,7 @@ mod tests {
 
     use super::*;
     use crate::journal::Event;
+    use crate::persistence::journal_folder::newest;
 
     fn content(folder: &Path) -> String {
         fs::read_to_string(folder.join("journal.jsonl")).unwrap_or_default()

@@ -52,6 +52,10 @@ pub struct Newest {
     pub lines: Vec<Value>,
     /// Number of damaged lines in each file; these lines are omitted.
     pub damaged: BTreeMap<PathBuf, u64>,
+    /// Number of lines of other machines in each file; a start of the runtime omits these lines.
+    pub foreign: BTreeMap<PathBuf, u64>,
+    /// Highest number of all lines read, also of lines of other machines.
+    pub highest: u64,
     /// Files that cannot be read, with the reason.
     pub unreadable: BTreeMap<PathBuf, String>,
     /// Reason why a new chain began at this start although a chain existed; `None` if lines cannot be
@@ -70,12 +74,20 @@ impl Newest {
             let path = path.display();
             format!("{path}: {lines} damaged lines are skipped; the machine does not need them")
         });
+        let foreign = self.foreign.iter();
+        let foreign = foreign.map(|(path, lines)| {
+            let path = path.display();
+            format!(
+                "{path}: {lines} lines belong to another machine, so this start does not use them; look for a copied \
+                 journal, or for a changed name of this machine"
+            )
+        });
         let unreadable = self.unreadable.iter();
         let unreadable =
             unreadable.map(|(path, why)| format!("{}: it cannot be read: {why}", path.display()));
         let anew = self.why_anew.iter();
         let anew = anew.map(|why| format!("a new chain of lines begins: {why}; run tandem journal verify"));
-        damaged.chain(unreadable).chain(anew)
+        damaged.chain(foreign).chain(unreadable).chain(anew)
     }
 
     /// Returns those of `lines` that are not among the lines read. Lines older than all lines read are left
@@ -117,6 +129,17 @@ impl Newest {
 /// Reads the newest `count` lines of a journal, after skipping the `from` newest. Unreadable lines are
 /// omitted.
 pub fn newest(folder: &DiskPath, from: usize, count: usize) -> Newest {
+    newest_where(folder, from, count, |_| true)
+}
+
+/// Reads the newest `count` lines that the machine with this name wrote. Lines of other machines are omitted and
+/// counted.
+pub fn newest_own(folder: &DiskPath, count: usize, machine: &str) -> Newest {
+    newest_where(folder, 0, count, |of_line| of_line == machine)
+}
+
+/// Reads the newest lines of the machines whose names `is_own` accepts.
+fn newest_where(folder: &DiskPath, from: usize, count: usize, is_own: impl Fn(&str) -> bool) -> Newest {
     let (mut newest, wanted) = (Newest::default(), from.saturating_add(count));
     for age in 0..FILES_MAX {
         if newest.lines.len() >= wanted {
@@ -140,8 +163,13 @@ pub fn newest(folder: &DiskPath, from: usize, count: usize) -> Newest {
             if newest.lines.len() >= wanted {
                 break;
             }
-            match parse_line(line) {
-                Some(line) => newest.lines.push(line.value),
+            let line = parse_line(line);
+            newest.highest = newest
+                .highest
+                .max(line.as_ref().map_or(0, |line| number(&line.value)));
+            match line {
+                Some(line) if is_own(&line.machine) => newest.lines.push(line.value),
+                Some(_) => *newest.foreign.entry(path.as_path().to_owned()).or_default() += 1,
                 None => *newest.damaged.entry(path.as_path().to_owned()).or_default() += 1,
             }
         }
@@ -382,12 +410,16 @@ mod tests {
     use super::*;
 
     fn open(folder: &Path, bytes_max: u64) -> Files {
+        open_as("", folder, bytes_max)
+    }
+
+    fn open_as(machine: &str, folder: &Path, bytes_max: u64) -> Files {
         let own = Own {
             boot_id: BootId("b1".to_owned()),
             started: Instant::now(),
             clock: Clock::real(),
             last: Arc::default(),
-            generations: Arc::default(),
+            generations: Arc::new(Generations::new(machine)),
         };
         Files::open(&folder.into(), bytes_max, own).unwrap()
     }
@@ -431,6 +463,28 @@ mod tests {
         assert!(holds(&lines, rest("b1", 2)), "of another coordinate system");
         lines.push(line(6, "b2", 1, "boot"));
         assert!(!holds(&lines, rest("b1", 2)), "another start came since");
+    }
+
+    #[test]
+    fn lines_of_another_machine_are_counted_and_not_replayed() {
+        let folder = tempfile::tempdir().unwrap();
+        for (machine, lines) in [("mill", [line(1), line(2)]), ("lathe", [line(3), line(4)])] {
+            open_as(machine, folder.path(), 10_000).append(&lines).unwrap();
+        }
+        let path = folder.path().into();
+        let own = newest_own(&path, 10, "mill");
+        assert_eq!(numbers(&own.lines), [1, 2]);
+        assert_eq!(own.highest, 4, "numbers of lines continue after all lines");
+        let warnings: Vec<_> = own.warnings().collect();
+        assert!(
+            warnings[0].contains("2 lines belong to another machine"),
+            "{warnings:?}"
+        );
+        assert_eq!(
+            numbers(&newest(&path, 0, 10).lines),
+            [1, 2, 3, 4],
+            "all lines can be read"
+        );
     }
 
     #[test]

@@ -167,7 +167,9 @@ impl Walk {
     }
 
     fn linked(&mut self, line: &LinkedLine<'_>) {
-        let LinkedLine { value, open, hash } = line;
+        let LinkedLine {
+            value, open, hash, ..
+        } = line;
         let hash = *hash;
         self.found.chained += 1;
         self.time(value);

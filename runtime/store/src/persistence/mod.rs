@@ -30,7 +30,7 @@ mod store;
 
 pub use chain::anchor_seal;
 pub use cut_short::{cut_short, cut_short_between_parts};
-pub use generation::Generation;
+pub use generation::{GENERATION_FILE, Generation};
 pub use image::{Image, LastRuns, PAGE_VARIABLES, page_name, pages};
 pub use inspected_store::{
     InspectedStore, STARTED_FILE, STORE_FILE, StoreCondition, inspect_expected_store, inspect_store,

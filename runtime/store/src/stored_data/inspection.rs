@@ -1,7 +1,6 @@
 //! Inspects a data folder at a start, before the start changes any file, and determines the parts to hold
 //! back.
 
-use std::io;
 use std::sync::Arc;
 
 use plc_protocol::types::Timestamp;
@@ -10,10 +9,14 @@ use plc_protocol::types::stored_data::{
 };
 
 use super::{HELD_FILE, OpenQuestion, QUESTION_FILE};
-use crate::disk::{Checksums, DiskPath, Generations, PartGenerations, Seal, StoredPart, write_whole_by};
+use crate::disk::{
+    Checksums, DiskPath, Generations, PartGenerations, Seal, SealMismatch, SealedFileKind, StoredPart,
+    write_whole_by,
+};
 use crate::persistence::journal_folder::JOURNAL_FOLDER;
 use crate::persistence::{
-    Generation, Image, InspectedStore, STORE_FILE, StoreCondition, anchor_seal, inspect_expected_store,
+    GENERATION_FILE, Generation, Image, InspectedStore, STORE_FILE, StoreCondition, anchor_seal,
+    inspect_expected_store,
 };
 use crate::program_store::folder::read_checksums as program_sums;
 use crate::program_store::folder_assignments::{FolderAssignmentsRead, FolderByProgram, PLACES_FILE};
@@ -142,7 +145,7 @@ impl Inspection {
     /// of an earlier pending question. A new question is written with the held-back data before any file of
     /// the folder is changed. If the disk operation fails, this start asks the question nevertheless.
     pub fn ask(&self, folder: &DiskPath, since: Timestamp, newest: Option<Timestamp>) -> OpenQuestion {
-        let before = OpenQuestion::read(folder);
+        let before = OpenQuestion::read(folder, self.generations.machine());
         if self.findings.is_empty() {
             return before;
         }
@@ -154,8 +157,11 @@ impl Inspection {
         findings.sort_by_key(|finding| finding.part);
         findings.dedup_by_key(|finding| finding.part);
         let held = self.held.as_ref().map_or(Ok(()), |held| {
+            let generation = self.generations.next();
+            kept.values_generation = Some(generation);
+            let seal = self.generations.seal(SealedFileKind::Withheld, generation);
             write_whole_by(&folder.join(HELD_FILE), |out| {
-                Generation::write_text(held, &since, out)
+                Generation::write_text(held, &since, Some(&seal), out)
             })
         });
         kept.question = Some(StoredDataQuestion {
@@ -172,22 +178,6 @@ impl Inspection {
         }
         open
     }
-}
-
-/// Returns the values of the store that are held back in a data folder.
-///
-/// # Errors
-/// Returns an error if the values cannot be read.
-pub fn held_values(folder: &DiskPath) -> io::Result<Image> {
-    let path = folder.join(HELD_FILE);
-    let read = Generation::read_from(&path);
-    let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
-    let Generation { mut image, lost, .. } = read.map_err(named)?;
-    // Values that were lost before stay lost.
-    for name in &lost {
-        image.lose(name);
-    }
-    Ok(image)
 }
 
 /// The machine, generations and folder with which each part is compared.
@@ -233,22 +223,13 @@ impl PartComparison<'_> {
     fn at(&self, part: StoredPart, seal: Option<&Seal>) -> Option<StoredDataFinding> {
         let seal = seal?;
         let (known, path) = (self.known.get(&part).copied().unwrap_or(0), self.path(part));
-        let (fault, text) = if seal.machine != self.machine {
-            let text = format!(
-                "{path}: the file belongs to machine {}, but this is machine {}",
-                seal.machine, self.machine
-            );
-            (StoredDataFault::OtherMachine, text)
-        } else if seal.generation < known {
-            let text = format!(
-                "{path}: the file is an older copy, of generation {}; other files name generation {known}",
-                seal.generation
-            );
-            (StoredDataFault::Older, text)
-        } else {
-            return None;
+        let (mismatch, text) = seal.check(self.machine, known).err()?;
+        let fault = match mismatch {
+            SealMismatch::OtherMachine => StoredDataFault::OtherMachine,
+            SealMismatch::Older => StoredDataFault::Older,
         };
         let part = part.public();
+        let text = format!("{path}: {text}");
         Some(StoredDataFinding { part, fault, text })
     }
 
@@ -258,6 +239,7 @@ impl PartComparison<'_> {
             StoredPart::Programs => "programs/sums".to_owned(),
             StoredPart::Folders => format!("programs/{PLACES_FILE}"),
             StoredPart::Journal => format!("{JOURNAL_FOLDER}/anchor"),
+            StoredPart::LastGood => GENERATION_FILE.to_owned(),
         };
         self.folder.join(name).display().to_string()
     }
@@ -266,7 +248,7 @@ impl PartComparison<'_> {
 impl StoredPart {
     fn public(self) -> StoredDataPart {
         match self {
-            StoredPart::Store => StoredDataPart::Store,
+            StoredPart::Store | StoredPart::LastGood => StoredDataPart::Store,
             StoredPart::Programs => StoredDataPart::Programs,
             StoredPart::Folders => StoredDataPart::Folders,
             StoredPart::Journal => StoredDataPart::Journal,
