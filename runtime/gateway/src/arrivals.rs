@@ -1,4 +1,4 @@
-//! The order in which the embedded broker received messages.
+//! The order in which messages arrived: at the embedded broker, or over the connection to an external one.
 //!
 //! Hold, stop and abort overtake messages that have not reached the runtime yet. A command to move that arrived before
 //! one of them must not take effect after it.
@@ -7,6 +7,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use plc_protocol::types::CoordinateSystemNumber;
+use plc_protocol::types::command::Verb;
+use plc_protocol::wire::message_sender::MessageSender;
+use plc_protocol::wire::row::number;
+use serde::Deserialize as _;
+use serde::de::IntoDeserializer as _;
+use serde::de::value::{Error as ValueError, StrDeserializer};
 use tokio::sync::Notify;
 
 /// User properties in which the embedded broker gives the number of a message in the order of arrival, and marks an
@@ -16,7 +22,7 @@ pub(crate) const EXECUTED: &str = "x-tandem-executed";
 
 /// Longest time that a hold, stop or abort waits for commands to move that arrived before it. Reason: the order of arrival is kept
 /// unless a flood delays the commands, and 20 ms are far below the 250 ms within which a stop is accepted.
-const ORDER_WAIT_MAX: Duration = Duration::from_millis(20);
+pub(crate) const ORDER_WAIT_MAX: Duration = Duration::from_millis(20);
 
 /// Arrival numbers of one coordinate system.
 #[derive(Debug, Default)]
@@ -83,9 +89,8 @@ impl Arrivals {
         let _ = tokio::time::timeout(ORDER_WAIT_MAX, received).await;
     }
 
-    /// Notes that a hold, stop or abort of a coordinate system overtakes everything that has arrived.
-    pub(crate) fn overtake(&self, cs: CoordinateSystemNumber) {
-        let number = self.next();
+    /// Notes that a hold, stop or abort of a coordinate system overtakes all messages that arrived before this number.
+    pub(crate) fn overtake(&self, cs: CoordinateSystemNumber, number: u64) {
         self.numbers(cs).halting.fetch_max(number, Ordering::SeqCst);
     }
 
@@ -99,6 +104,22 @@ impl Arrivals {
     }
 }
 
+/// Returns the coordinate system and the verb of a command's path.
+pub(crate) fn command_of(path: &str) -> Option<(CoordinateSystemNumber, Verb)> {
+    let mut levels = path.rsplit('/');
+    let verb: StrDeserializer<'_, ValueError> = levels.next()?.into_deserializer();
+    let verb = Verb::deserialize(verb).ok()?;
+    let is_command = levels.next()? == "command";
+    let cs = number(levels.next()?)?;
+    (is_command && levels.next()? == "cs").then_some((cs, verb))
+}
+
+/// Returns true for a path on which an urgent request may arrive; its payload decides.
+pub(crate) fn may_be_urgent(path: &str) -> bool {
+    let is_command = |(_, verb): (_, Verb)| verb.is_urgent() || verb == Verb::Jog;
+    MessageSender::split(path).1 == "alarm/raise" || command_of(path).is_some_and(is_command)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -108,7 +129,7 @@ mod tests {
         let arrivals = Arrivals::default();
         let before = arrivals.next();
         assert!(!arrivals.is_overtaken(1, before));
-        arrivals.overtake(1);
+        arrivals.overtake(1, arrivals.next());
         assert!(arrivals.is_overtaken(1, before));
         assert!(!arrivals.is_overtaken(2, before), "another coordinate system");
         assert!(!arrivals.is_overtaken(1, arrivals.next()), "it arrived later");
@@ -131,5 +152,21 @@ mod tests {
         };
         tokio::join!(arrivals.keep_order(1), receiving);
         assert_eq!(begun.elapsed(), ORDER_WAIT_MAX + Duration::from_millis(5));
+    }
+
+    #[test]
+    fn alarms_of_named_senders_may_be_urgent_as_others_are() {
+        for (path, expected) in [
+            ("alarm/raise", true),
+            ("handler/clamp/alarm/raise", true),
+            ("client/panel/alarm/raise", true),
+            ("client/panel/cs/1/command/stop", true),
+            ("handler/clamp/cs/1/command/abort", true),
+            ("client/panel/cs/1/command/start", false),
+            ("handler/clamp/presence", false),
+            ("alarm/active", false),
+        ] {
+            assert_eq!(may_be_urgent(path), expected, "{path}");
+        }
     }
 }

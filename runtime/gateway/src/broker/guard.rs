@@ -15,17 +15,11 @@ use mqtt5::packet::connect::ConnectPacket;
 use mqtt5::packet::publish::PublishPacket;
 use mqtt5::types::ReasonCode;
 use plc_protocol::server::{AccessKind, ServerNotice, ServerTransport};
-use plc_protocol::types::CoordinateSystemNumber;
-use plc_protocol::types::command::Verb;
 use plc_protocol::types::output::HandlerPresence;
 use plc_protocol::types::request::Request;
-use plc_protocol::wire::message_sender::MessageSender;
 use plc_protocol::wire::mqtt::{Inbound, decode};
 use plc_protocol::wire::right::Right;
-use plc_protocol::wire::row::{ParsedRequest, number};
-use serde::Deserialize as _;
-use serde::de::IntoDeserializer as _;
-use serde::de::value::{Error as ValueError, StrDeserializer};
+use plc_protocol::wire::row::ParsedRequest;
 use tokio::sync::mpsc;
 use tracing::warn;
 
@@ -35,7 +29,7 @@ use super::sessions::{AdmittedClient, Sessions};
 use super::{BrokerAccess, FILTER_BYTES_MAX, MQTT_5};
 use crate::access::topics::{may_publish, may_subscribe};
 use crate::access::{Account, AuthenticatedUser, Rates, User, Users};
-use crate::arrivals::Arrivals;
+use crate::arrivals::{Arrivals, command_of, may_be_urgent};
 use crate::broker_address::RefusedMessage;
 use crate::connection_slots::{ConnectionSlot, host_of};
 use crate::contract::topics::is_inbound;
@@ -343,22 +337,6 @@ impl Guard {
     }
 }
 
-/// Returns the coordinate system and the verb of a command's path.
-fn command_of(path: &str) -> Option<(CoordinateSystemNumber, Verb)> {
-    let mut levels = path.rsplit('/');
-    let verb: StrDeserializer<'_, ValueError> = levels.next()?.into_deserializer();
-    let verb = Verb::deserialize(verb).ok()?;
-    let is_command = levels.next()? == "command";
-    let cs = number(levels.next()?)?;
-    (is_command && levels.next()? == "cs").then_some((cs, verb))
-}
-
-/// Returns true for a path on which an urgent request may arrive; its payload decides.
-fn may_be_urgent(path: &str) -> bool {
-    let is_command = |(_, verb): (_, Verb)| verb.is_urgent() || verb == Verb::Jog;
-    MessageSender::split(path).1 == "alarm/raise" || command_of(path).is_some_and(is_command)
-}
-
 pub(super) type Answer<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 
 impl Guard {
@@ -477,26 +455,5 @@ impl BrokerEventHandler for Guard {
             }
         }
         Box::pin(ready(()))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn alarms_of_named_senders_may_be_urgent_as_others_are() {
-        for (path, expected) in [
-            ("alarm/raise", true),
-            ("handler/clamp/alarm/raise", true),
-            ("client/panel/alarm/raise", true),
-            ("client/panel/cs/1/command/stop", true),
-            ("handler/clamp/cs/1/command/abort", true),
-            ("client/panel/cs/1/command/start", false),
-            ("handler/clamp/presence", false),
-            ("alarm/active", false),
-        ] {
-            assert_eq!(may_be_urgent(path), expected, "{path}");
-        }
     }
 }

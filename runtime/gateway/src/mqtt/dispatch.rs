@@ -56,7 +56,7 @@ pub(super) struct Dispatch {
     results: mpsc::Sender<Message>,
     /// Clients of the embedded broker.
     clients: Option<Arc<Sessions>>,
-    /// The order in which the embedded broker received messages.
+    /// The order in which messages arrived.
     arrivals: Arc<Arrivals>,
     /// True for an external broker: topics name the senders of requests, so that its access rules can tie them to
     /// users.
@@ -74,7 +74,7 @@ enum RequestPermit {
 pub(super) struct Arrival {
     /// With the retain flag.
     pub(super) retain: bool,
-    /// Its number at the embedded broker.
+    /// Its number in the order of arrival.
     pub(super) number: Option<u64>,
     /// On a topic that names its sender.
     pub(super) is_named: bool,

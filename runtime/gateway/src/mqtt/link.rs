@@ -8,7 +8,6 @@ use std::time::Duration;
 
 use plc_protocol::hub::{Filter, Subscription};
 use plc_protocol::server::ServerNotice;
-use plc_protocol::transport::BROKER_SILENCE_MAX;
 use plc_protocol::types::Timestamp;
 use plc_protocol::types::handler::REFRESHES;
 use plc_protocol::types::machine::{BrokerInUse, Presence};
@@ -23,7 +22,9 @@ use tokio::time::{Instant, Interval};
 use tokio_util::sync::CancellationToken;
 use tracing::{info, warn};
 
+use super::arrival_queue::ArrivalQueue;
 use super::dispatch::{Arrival, Dispatch};
+use super::link_session::LinkSession;
 use super::outbox::{Outbox, Parcel, PublishOutcome, expiry_s};
 use super::urgent_replies::Reader;
 use super::wire::{self, BrokerStamp, Connect, ConnectionLoss, Event, Version, Wire};
@@ -72,34 +73,6 @@ pub(super) struct Link<C> {
     presences: u32,
     /// Task that marks pending outputs as redelivered.
     redelivering: Option<JoinHandle<()>>,
-}
-
-/// State of one connection.
-struct LinkSession<W> {
-    wire: W,
-    version: Version,
-    /// Bytes of a packet that the broker accepts; 0 before it has answered.
-    packet_max: usize,
-    /// When the oldest wait for a missing acknowledgement began.
-    silent_since: Option<Instant>,
-    warned_of_refusal: bool,
-}
-
-impl<W: Wire> LinkSession<W> {
-    /// Returns the next event, or an error if the broker is silent.
-    async fn next(&mut self) -> Result<Event, ConnectionLoss> {
-        let Some(since) = self.silent_since else {
-            return self.wire.next().await;
-        };
-        let next = tokio::time::timeout_at(since + BROKER_SILENCE_MAX, self.wire.next());
-        next.await.unwrap_or_else(|_| {
-            let wait_s = BROKER_SILENCE_MAX.as_secs();
-            Err(ConnectionLoss {
-                why: format!("the broker has acknowledged nothing for {wait_s} s"),
-                version_unknown: false,
-            })
-        })
-    }
 }
 
 /// Anything that wakes the task.
@@ -229,6 +202,7 @@ impl<C: Connect> Link<C> {
         let client_id = client_id(&self.parts.settings, &self.parts.machine_name);
         let mut session = LinkSession {
             wire: self.at.open(self.node, &client_id, Some(will), version),
+            arrived: self.arrival_queue(),
             version,
             packet_max: 0,
             silent_since: None,
@@ -252,6 +226,18 @@ impl<C: Connect> Link<C> {
                 other => self.on_wakeup(other).await,
             }
         }
+    }
+
+    /// Returns the queue of a new connection to an external broker.
+    fn arrival_queue(&self) -> Option<ArrivalQueue> {
+        let Parts {
+            clients,
+            root,
+            arrivals,
+            ..
+        } = &self.parts;
+        let is_external = clients.is_none();
+        is_external.then(|| ArrivalQueue::new(root, Arc::clone(arrivals)))
     }
 
     /// Returns the first wakeup that is ready. The sources take turns in coming first, so that none delays another.
@@ -471,6 +457,10 @@ impl<C: Connect> Link<C> {
             }
             Event::Published { publish, named } => {
                 self.on_publish(&publish, &named, session.version).await;
+                if session.arrived.is_some() {
+                    // lets the task that reads the connection run, so that the next urgent request arrives
+                    tokio::task::yield_now().await;
+                }
             }
             Event::Acknowledged { refused } => {
                 self.outbox.on_acknowledged();

@@ -1,12 +1,14 @@
 //! The MQTT task: publishes the messages of the port, and turns received messages into requests.
 //!
 //! [`link`] keeps the connection to the broker, [`wire`] is one connection over one version of MQTT, [`inside`] one to
-//! the embedded broker, [`outbox`] holds the messages to be published, and [`dispatch`] passes requests to the port.
+//! the embedded broker, [`arrival_queue`] orders messages of an external one, [`outbox`] holds the messages to be published, and [`dispatch`] passes requests to the port.
 //! The port never waits for any of them.
 
+mod arrival_queue;
 mod dispatch;
 mod inside;
 mod link;
+mod link_session;
 mod outbox;
 mod urgent_lane;
 mod urgent_replies;
@@ -73,7 +75,7 @@ pub(crate) struct Parts {
     pub(crate) position_interval: Duration,
     pub(crate) refused: mpsc::Receiver<RefusedMessage>,
     pub(crate) metrics: Arc<Metrics>,
-    /// The order in which the embedded broker received messages.
+    /// The order in which messages arrived.
     pub(crate) arrivals: Arc<Arrivals>,
     pub(crate) urgent_replies: Arc<UrgentReplies>,
 }

@@ -91,7 +91,7 @@ impl UrgentLane {
         };
         if kind.is_verb() {
             self.arrivals.keep_order(cs).await;
-            self.arrivals.overtake(cs);
+            self.arrivals.overtake(cs, self.arrivals.next());
         }
         if let Some((_, client_id, command_id)) = &sent_by {
             self.replies.await_replies(client_id, command_id);
