@@ -552,7 +552,8 @@ pub struct HttpConfig {
     /// File with the tokens of the users; needed for every address except loopback addresses.
     pub token_file: Option<PathBuf>,
     /// A login ends after this time without activity, in seconds, and after 12 h in any case; 0: only after 12 h. Using
-    /// the HMI is activity, and so is each request that changes data or commands the machine.
+    /// the HMI is activity, and so is each request that changes data or commands the machine, also over MQTT; renewals of
+    /// a lease or a heartbeat are none.
     pub login_idle_s: u32,
     /// Origins of other web pages that may use REST and WebSocket with a token, such as `https://hmi.example.com`;
     /// needs `token_file`.

@@ -5,12 +5,13 @@ use std::sync::Arc;
 
 use axum::body::HttpBody;
 use axum::extract::{MatchedPath, Request, State};
-use axum::http::{HeaderValue, Method, StatusCode, header};
+use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use plc_protocol::server::{AccessKind, ServerTransport};
 use plc_protocol::wire::right::Right;
 
+use super::activity::is_activity;
 use super::http::{Access, forbidden, token};
 use super::{AuthenticatedUser, User};
 use crate::contract::routes::{API, RouteMatch, find};
@@ -63,12 +64,6 @@ pub(crate) async fn guard(
     let no_store = HeaderValue::from_static("no-store");
     response.headers_mut().insert(header::CACHE_CONTROL, no_store);
     response
-}
-
-/// Returns true for a request that a person causes: any request that does more than read, and the query of
-/// the own login, which the HMI sends while a person uses it.
-fn is_activity(method: &Method, path: Option<&str>) -> bool {
-    !matches!(*method, Method::GET | Method::HEAD) || path.is_some_and(|path| path.ends_with("/login"))
 }
 
 /// Admits a request outside the table of routes, if it only reads and its user may do so.

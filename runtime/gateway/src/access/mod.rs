@@ -2,6 +2,7 @@
 //! with a role. Without a token file every client on the loopback is `admin`.
 
 mod account;
+pub(crate) mod activity;
 mod entries;
 pub(crate) mod guard;
 pub(crate) mod http;

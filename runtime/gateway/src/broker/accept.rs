@@ -379,6 +379,16 @@ impl ConnectionGuard {
         PublishAction::Handled
     }
 
+    /// Records the activity of a person who has logged in, if the message requests something of the machine.
+    fn record_activity(&self, event: &ClientPublishEvent) {
+        let authenticated = self.authenticated.lock();
+        if let Some(shown) = authenticated.as_ref().filter(|shown| shown.is_login())
+            && self.guard.is_activity(&event.topic)
+        {
+            shown.be_active();
+        }
+    }
+
     /// Rejects a message: a client of MQTT 5 gets a reason code in the acknowledgement.
     fn refuse(&self, event: &ClientPublishEvent) -> PublishAction {
         if self.guard.speaks_5(&event.client_id) {
@@ -391,6 +401,7 @@ impl ConnectionGuard {
 impl BrokerEventHandler for ConnectionGuard {
     fn on_client_publish(&self, event: ClientPublishEvent) -> Answer<'_, PublishAction> {
         Box::pin(async move {
+            self.record_activity(&event);
             if let Some((lane, request)) = self.guard.urgent(&event) {
                 return self.execute_urgent(event, lane, request).await;
             }
@@ -409,7 +420,7 @@ impl BrokerEventHandler for ConnectionGuard {
 
     fn on_client_connect(&self, event: ClientConnectEvent) -> Answer<'_, ()> {
         self.line.set_client_id(Arc::clone(&event.client_id));
-        if let (Some(let_in), Some(shown)) = (self.connected.lock().take(), self.authenticated.lock().take())
+        if let (Some(let_in), Some(shown)) = (self.connected.lock().take(), self.authenticated.lock().clone())
         {
             // the send fails only if the connection is ending, and then the name of its client is not needed
             let _ = let_in.send((Arc::clone(&event.client_id), shown));

@@ -27,6 +27,7 @@ use super::packet_monitor::MessagesInTransit;
 use super::retained::{Kind, RetainedMessages};
 use super::sessions::{AdmittedClient, Sessions};
 use super::{BrokerAccess, FILTER_BYTES_MAX, MQTT_5};
+use crate::access::activity::is_activity_over_mqtt;
 use crate::access::topics::{may_publish, may_subscribe};
 use crate::access::{Account, AuthenticatedUser, Rates, User, Users};
 use crate::arrivals::{Arrivals, command_of, may_be_urgent};
@@ -251,6 +252,13 @@ impl Guard {
             }
             Err(_) => (ReasonCode::ConnectionRateExceeded, String::new()),
         }
+    }
+
+    /// Returns true for a topic on which a person commands the machine or sets a value.
+    pub(super) fn is_activity(&self, topic: &str) -> bool {
+        topic
+            .strip_prefix(&self.access.root)
+            .is_some_and(is_activity_over_mqtt)
     }
 
     fn is_inbound(&self, topic: &str) -> bool {
