@@ -1,5 +1,8 @@
 //! Limits on PIN attempts for each user and host, so that a stranger on another host cannot block a person's login.
 //!
+//! A host is familiar to the users who have logged in from there. Their attempts are counted for each user, so that one
+//! user's attempts block no other one, and together in a total of the host.
+//!
 //! Known and unknown names are counted in the same way, by a keyed hash, so that no rejection reveals whether a user
 //! exists.
 
@@ -28,6 +31,11 @@ const USER_SECONDS: f64 = 3.0;
 const HOST_BURST: u32 = 10;
 const HOST_SECONDS: f64 = 15.0;
 
+/// Attempts of all users together from one host from which they have logged in. Reason: ten users at their full rate do
+/// not use it up, so a stranger at this host who guesses the PIN of one user blocks no other one.
+const FAMILIAR_HOST_BURST: u32 = 10 * PAIR_BURST;
+const FAMILIAR_HOST_SECONDS: f64 = PAIR_SECONDS / 10.0;
+
 /// Largest number of hosts remembered for one user; a further one replaces the one that was used longest ago.
 const HOSTS_PER_USER_MAX: usize = 16;
 
@@ -46,6 +54,7 @@ pub(super) struct LoginBudgets {
     of_pair: Rates<(NameHash, IpAddr)>,
     of_user: Rates<NameHash>,
     of_host: Rates<IpAddr>,
+    of_familiar_host: Rates<IpAddr>,
     /// Hosts from which each user has logged in, the latest last.
     familiar: Mutex<HashMap<NameHash, Vec<IpAddr>>>,
     waiting: Arc<Semaphore>,
@@ -60,6 +69,7 @@ impl Default for LoginBudgets {
             of_pair: Rates::new(PAIR_BURST, 1.0 / PAIR_SECONDS),
             of_user: Rates::new(USER_BURST, 1.0 / USER_SECONDS),
             of_host: Rates::new(HOST_BURST, 1.0 / HOST_SECONDS),
+            of_familiar_host: Rates::new(FAMILIAR_HOST_BURST, 1.0 / FAMILIAR_HOST_SECONDS),
             familiar: Mutex::default(),
             waiting: Arc::new(Semaphore::new(WAITING_MAX)),
             unfamiliar: Arc::new(Semaphore::new(WAITING_UNFAMILIAR_MAX)),
@@ -87,7 +97,9 @@ impl LoginBudgets {
         let name = self.key.hash_one(name);
         let is_familiar = (self.familiar.lock().get(&name)).is_some_and(|hosts| hosts.contains(&host));
         let mut rates = vec![self.of_pair.rate_for(&(name, host))];
-        if !is_familiar {
+        if is_familiar {
+            rates.push(self.of_familiar_host.rate_for(&host));
+        } else {
             rates.push(self.of_user.rate_for(&name));
             // programs on the same computer and persons share this host
             if !host.is_loopback() {
@@ -181,6 +193,31 @@ mod tests {
             assert!(budgets.count("anna", host(9)).is_ok());
         }
         assert!(budgets.count("anna", host(9)).is_err());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn familiar_users_of_a_host_have_a_total_that_one_cannot_use_up() {
+        let budgets = LoginBudgets::default();
+        let names: Vec<String> = (0..20).map(|n| format!("user-{n}")).collect();
+        for name in names.iter().map(String::as_str).chain(["anna"]) {
+            for of in [host(9), host(8)] {
+                let login = budgets.count(name, of).ok();
+                if let Some(login) = login {
+                    budgets.succeed(&login);
+                }
+            }
+            tokio::time::advance(Duration::from_mins(1)).await;
+        }
+        let guess = |name: &str| (0..1000).filter(|_| budgets.count(name, host(9)).is_ok()).count();
+        // a stranger at the same host who guesses the PIN of one person
+        assert_eq!(guess("user-0"), 10);
+        assert!(budgets.count("anna", host(9)).is_ok(), "another person logs in");
+        let guessed: usize = names[1..].iter().map(|name| guess(name)).sum();
+        assert_eq!(guessed, 89, "100 in total");
+        assert!(
+            budgets.count("anna", host(8)).is_ok(),
+            "from another familiar host"
+        );
     }
 
     #[tokio::test(start_paused = true)]
