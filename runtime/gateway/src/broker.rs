@@ -32,7 +32,7 @@ use crate::connection_slots::{ConnectionSlots, SlotLimits};
 use crate::error::GatewayError;
 use crate::machine::Machine;
 use crate::settings::{MQTT_LISTEN, MqttSettings, bind};
-use crate::tls::{Fingerprint, LiveTls};
+use crate::tls::{ClientCertificate, LiveTls};
 use crate::urgent_slots::ExecuteUrgent;
 pub(crate) use accept::SLOT_LIMITS;
 use accept::{BrokerServer, Counts};
@@ -124,7 +124,7 @@ impl WebSocketListener {
         &self,
         bytes: SocketBytes,
         address: SocketAddr,
-        certificate: Option<Fingerprint>,
+        certificate: Option<ClientCertificate>,
     ) {
         Arc::clone(&self.0)
             .serve_socket(bytes, address, certificate)

@@ -31,7 +31,7 @@ use tower::Layer;
 use crate::connection_slots::{ACCEPT_RETRY, ConnectionSlot, ConnectionSlots, PendingUse, SlotLimits};
 use crate::problem::Problem;
 use crate::server_state::ServerState;
-use crate::tls::{AcceptedClient, ClientStream, Fingerprint, LiveTls};
+use crate::tls::{AcceptedClient, ClientCertificate, ClientStream, LiveTls};
 
 /// Limits of connection slots.
 pub(crate) const SLOT_LIMITS: SlotLimits = SlotLimits {
@@ -72,11 +72,11 @@ const REFUSAL_MAX: Duration = Duration::from_secs(2);
 pub(crate) struct Peer {
     pub(crate) address: IpAddr,
     /// Certificate that the client has presented.
-    pub(crate) certificate: Option<Fingerprint>,
+    pub(crate) certificate: Option<ClientCertificate>,
 }
 
 /// Returns the certificate that the connection of a request has shown.
-pub(crate) fn certificate_of(extensions: &Extensions) -> Option<&Fingerprint> {
+pub(crate) fn certificate_of(extensions: &Extensions) -> Option<&ClientCertificate> {
     extensions.get::<Peer>()?.certificate.as_ref()
 }
 

@@ -43,8 +43,60 @@ pub struct ServerTls {
     pub key_file: PathBuf,
 }
 
-/// SHA-256 of a certificate in DER.
-pub(crate) type Fingerprint = [u8; 32];
+/// The certificate that a client has presented.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct ClientCertificate {
+    /// SHA-256 of its DER.
+    pub(crate) fingerprint: [u8; 32],
+    /// Its end; a connection that it has opened ends then, too.
+    pub(crate) valid_until: SystemTime,
+}
+
+impl ClientCertificate {
+    /// Reads a certificate in DER. A certificate without a readable validity has expired.
+    fn of_der(der: &[u8]) -> Self {
+        let validity = Validity::of_certificate(der);
+        Self {
+            fingerprint: Sha256::digest(der).into(),
+            valid_until: validity.map_or(SystemTime::UNIX_EPOCH, |validity| validity.not_after),
+        }
+    }
+}
+
+/// What was last announced about the end of the own certificate: each of these is announced once, so a coming end once a
+/// day.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum CertificateEnd {
+    /// The end is announced early: the days that are left.
+    InDays(u64),
+    Passed,
+}
+
+impl CertificateEnd {
+    /// Returns what is to be announced about an end; `None` if it is far away.
+    fn at(end: SystemTime, now: SystemTime) -> Option<Self> {
+        if end < now {
+            return Some(Self::Passed);
+        }
+        days_to_end(end, now).map(Self::InDays)
+    }
+
+    fn announce(self, file: &Path) {
+        let file = file.display();
+        match self {
+            Self::InDays(days) => warn!("the certificate {file} expires in {days} days; renew it"),
+            Self::Passed => {
+                warn!("the certificate {file} has expired, so clients refuse to connect; renew it");
+            }
+        }
+    }
+}
+
+/// A configuration of the listeners, with the validity of its certificate.
+struct ReadCertificate {
+    config: ServerConfig,
+    validity: Option<Validity>,
+}
 
 /// A connection of a client, with TLS or without.
 pub(crate) type ClientStream = Either<TcpStream, Box<TlsStream<TcpStream>>>;
@@ -59,7 +111,7 @@ impl ServerTls {
         self.config(None).map(drop)
     }
 
-    fn config(&self, tokens: Option<LiveTokens>) -> Result<ServerConfig, String> {
+    fn config(&self, tokens: Option<LiveTokens>) -> Result<ReadCertificate, String> {
         let chain = CertificateDer::pem_file_iter(&self.cert_file)
             .and_then(Iterator::collect::<Result<Vec<_>, _>>)
             .map_err(|error| format!("[tls] cert_file {}: {error}", self.cert_file.display()))?;
@@ -70,16 +122,6 @@ impl ServerTls {
             ));
         }
         let validity = chain.first().and_then(|own| Validity::of_certificate(own));
-        if let Some(Validity { not_after, .. }) = validity {
-            let file = self.cert_file.display();
-            match days_to_end(not_after, SystemTime::now()) {
-                Some(days) => warn!("the certificate {file} expires in {days} days; renew it"),
-                None if not_after < SystemTime::now() => {
-                    warn!("the certificate {file} has expired; renew it");
-                }
-                None => {}
-            }
-        }
         self.check_mode()?;
         let wrong_key =
             |error: &dyn std::fmt::Display| format!("[tls] key_file {}: {error}", self.key_file.display());
@@ -89,12 +131,13 @@ impl ServerTls {
             algorithms: provider.signature_verification_algorithms,
             tokens,
         });
-        ServerConfig::builder_with_provider(provider)
+        let config = ServerConfig::builder_with_provider(provider)
             .with_safe_default_protocol_versions()
             .map_err(|error| error.to_string())?
             .with_client_cert_verifier(verifier)
             .with_single_cert(chain, key)
-            .map_err(|error| wrong_key(&error))
+            .map_err(|error| wrong_key(&error))?;
+        Ok(ReadCertificate { config, validity })
     }
 
     fn check_mode(&self) -> Result<(), String> {
@@ -137,8 +180,17 @@ impl LiveTls {
         supervisor: &Supervisor,
     ) -> Result<Self, String> {
         let seen = files.stamps();
-        let (sender, receiver) = watch::channel(Arc::new(files.config(tokens.clone())?));
-        let looking = look_again(files, tokens, seen, sender, supervisor.clone());
+        let ReadCertificate { config, validity } = files.config(tokens.clone())?;
+        let (sender, receiver) = watch::channel(Arc::new(config));
+        let looking = CertificateReader {
+            files: Arc::new(files),
+            tokens,
+            seen,
+            validity,
+            announced: None,
+            sender,
+        };
+        let looking = looking.look_again(supervisor.clone());
         tokio::spawn(supervisor.essential("reader of the certificate", looking));
         Ok(Self(receiver))
     }
@@ -161,7 +213,7 @@ impl LiveTls {
             Ok(AcceptedClient {
                 certificate: shown
                     .and_then(<[_]>::first)
-                    .map(|shown| Sha256::digest(shown).into()),
+                    .map(|shown| ClientCertificate::of_der(shown)),
                 stream: Either::Right(Box::new(stream)),
             })
         };
@@ -175,7 +227,7 @@ pub(crate) struct AcceptedClient {
     /// Its connection: `Right` with TLS.
     pub(crate) stream: ClientStream,
     /// Certificate that the client has presented.
-    pub(crate) certificate: Option<Fingerprint>,
+    pub(crate) certificate: Option<ClientCertificate>,
 }
 
 impl AcceptedClient {
@@ -193,38 +245,59 @@ impl AcceptedClient {
     }
 }
 
-async fn look_again(
-    files: ServerTls,
+/// Reads the files of a certificate again when they change, and announces its end.
+struct CertificateReader {
+    files: Arc<ServerTls>,
     tokens: Option<LiveTokens>,
-    mut seen: [Option<Stamp>; 2],
+    seen: [Option<Stamp>; 2],
+    /// Validity of the certificate in use; `None` if it is unknown.
+    validity: Option<Validity>,
+    announced: Option<CertificateEnd>,
     sender: watch::Sender<Arc<ServerConfig>>,
-    supervisor: Supervisor,
-) {
-    let files = Arc::new(files);
-    let mut look = every(LOOK_INTERVAL);
-    loop {
-        tokio::select! {
-            () = sender.closed() => return,
-            _ = look.tick() => {}
-        }
-        let (these, tokens) = (Arc::clone(&files), tokens.clone());
-        let read = move || {
-            let stamps = these.stamps();
-            (stamps != seen).then(|| (stamps, these.config(tokens)))
-        };
-        let read = supervisor.catch_blocking("read of the certificate", read);
-        let Some(Some((stamps, config))) = read.await else {
-            continue;
-        };
-        seen = stamps;
-        match config {
-            Ok(config) => {
-                info!("the certificate {} was read again", files.cert_file.display());
-                sender.send_replace(Arc::new(config));
+}
+
+impl CertificateReader {
+    async fn look_again(mut self, supervisor: Supervisor) {
+        let mut look = every(LOOK_INTERVAL);
+        loop {
+            if let Some(end) = self.new_announcement(SystemTime::now()) {
+                end.announce(&self.files.cert_file);
             }
-            // certificate and key are two files: between the two writes they do not match
-            Err(error) => warn!("{error}; the previous certificate stays in use"),
+            tokio::select! {
+                () = self.sender.closed() => return,
+                _ = look.tick() => {}
+            }
+            let (these, tokens, seen) = (Arc::clone(&self.files), self.tokens.clone(), self.seen);
+            let read = move || {
+                let stamps = these.stamps();
+                (stamps != seen).then(|| (stamps, these.config(tokens)))
+            };
+            let read = supervisor.catch_blocking("read of the certificate", read);
+            let Some(Some((stamps, read))) = read.await else {
+                continue;
+            };
+            self.seen = stamps;
+            match read {
+                Ok(ReadCertificate { config, validity }) => {
+                    info!(
+                        "the certificate {} was read again",
+                        self.files.cert_file.display()
+                    );
+                    (self.validity, self.announced) = (validity, None);
+                    self.sender.send_replace(Arc::new(config));
+                }
+                // certificate and key are two files: between the two writes they do not match
+                Err(error) => warn!("{error}; the previous certificate stays in use"),
+            }
         }
+    }
+
+    /// Returns what must be announced about the end of the certificate and was not announced before.
+    fn new_announcement(&mut self, now: SystemTime) -> Option<CertificateEnd> {
+        let end = CertificateEnd::at(self.validity?.not_after, now);
+        let is_new = end != self.announced;
+        self.announced = end;
+        end.filter(|_| is_new)
     }
 }
 
@@ -400,6 +473,31 @@ mod tests {
             .unwrap();
         assert!(shows(&tls, renewed.cert.der()).await);
         assert!(!shows(&tls, &first).await);
+    }
+
+    #[test]
+    fn the_end_of_a_certificate_is_announced_each_day_and_when_it_passed() {
+        let files = CertificateFiles::new();
+        let begin = SystemTime::now();
+        let day = Duration::from_hours(24);
+        let mut reader = CertificateReader {
+            files: Arc::new(files.tls.clone()),
+            tokens: None,
+            seen: files.tls.stamps(),
+            validity: Some(Validity {
+                not_before: begin,
+                not_after: begin + 100 * day,
+            }),
+            announced: None,
+            sender: watch::channel(Arc::new(files.tls.config(None).unwrap().config)).0,
+        };
+        let mut announced = Vec::new();
+        for hour in 0..110 * 24 {
+            announced.extend(reader.new_announcement(begin + Duration::from_hours(hour)));
+        }
+        let days = (0..=30).rev().map(CertificateEnd::InDays);
+        let expected: Vec<_> = days.chain([CertificateEnd::Passed]).collect();
+        assert_eq!(announced, expected);
     }
 
     #[test]

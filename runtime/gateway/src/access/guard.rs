@@ -18,7 +18,7 @@ use crate::contract::routes::{API, RouteMatch, find};
 use crate::problem::Problem;
 use crate::server::{Peer, certificate_of, is_urgent};
 use crate::server_state::ServerState;
-use crate::tls::Fingerprint;
+use crate::tls::ClientCertificate;
 
 /// Admits requests only to routes of the table, and only from users with the right. Handlers find the [`User`] and its
 /// [`Shown`] credentials in the request's extensions. Responses must not be cached.
@@ -98,7 +98,7 @@ fn admit(
     access: &Access,
     path: Option<&str>,
     request: &Request,
-    (certificate, from): (Option<&Fingerprint>, Option<IpAddr>),
+    (certificate, from): (Option<&ClientCertificate>, Option<IpAddr>),
 ) -> Result<AuthenticatedUser, Box<Rejection>> {
     let (method, headers) = (request.method(), request.headers());
     let refuse = |problem: Problem| Rejection::new(problem.into_response(), None);

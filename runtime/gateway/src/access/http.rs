@@ -10,7 +10,7 @@ use plc_protocol::wire::row::number;
 
 use super::{Account, AuthenticatedUser, Rate, Rates, User, Users};
 use crate::problem::Problem;
-use crate::tls::Fingerprint;
+use crate::tls::ClientCertificate;
 
 /// Sub-protocol of our WebSocket.
 pub(crate) const WEBSOCKET_PROTOCOL: &str = "tandem.v1";
@@ -125,12 +125,16 @@ impl Access {
     }
 
     /// Returns true if a request comes from a user.
-    pub(crate) fn is_from_user(&self, headers: &HeaderMap, certificate: Option<&Fingerprint>) -> bool {
+    pub(crate) fn is_from_user(&self, headers: &HeaderMap, certificate: Option<&ClientCertificate>) -> bool {
         self.identify(headers, certificate).is_some()
     }
 
     /// Returns the user of a request, without counting it.
-    pub(crate) fn identify(&self, headers: &HeaderMap, certificate: Option<&Fingerprint>) -> Option<User> {
+    pub(crate) fn identify(
+        &self,
+        headers: &HeaderMap,
+        certificate: Option<&ClientCertificate>,
+    ) -> Option<User> {
         match &self.users {
             Some(users) => Some(users.identify(token(headers), certificate)?.user),
             None => Some(User::Anyone),
@@ -142,7 +146,7 @@ impl Access {
     pub(crate) fn user(
         &self,
         headers: &HeaderMap,
-        (certificate, from): (Option<&Fingerprint>, Option<IpAddr>),
+        (certificate, from): (Option<&ClientCertificate>, Option<IpAddr>),
         is_urgent: bool,
     ) -> Result<AuthenticatedUser, Problem> {
         let Some(users) = &self.users else {

@@ -46,9 +46,20 @@ pub(crate) struct AuthenticatedUser {
     pub(crate) user: User,
     /// `None` for a token or a certificate.
     pub(super) login: Option<LoginEnd>,
+    /// End of the certificate; `None` for a token or a login.
+    pub(super) until: Option<Instant>,
 }
 
 impl AuthenticatedUser {
+    /// Creates the user of a certificate, which expires at `until`.
+    pub(super) fn by_certificate(user: User, until: Option<Instant>) -> Self {
+        Self {
+            user,
+            login: None,
+            until,
+        }
+    }
+
     /// Returns true for a person that has logged in.
     pub(crate) fn is_login(&self) -> bool {
         self.login.is_some()
@@ -64,7 +75,11 @@ impl AuthenticatedUser {
 
 impl From<User> for AuthenticatedUser {
     fn from(user: User) -> Self {
-        Self { user, login: None }
+        Self {
+            user,
+            login: None,
+            until: None,
+        }
     }
 }
 
@@ -220,6 +235,7 @@ impl Logins {
         tokens.has(&user).then(|| AuthenticatedUser {
             user,
             login: Some(login.end.clone()),
+            until: None,
         })
     }
 

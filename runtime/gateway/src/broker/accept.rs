@@ -37,7 +37,7 @@ use super::socket::SocketBytes;
 use crate::access::{AuthenticatedUser, CloseReason};
 use crate::arrivals::{ARRIVAL, EXECUTED};
 use crate::connection_slots::{ACCEPT_RETRY, ConnectionSlot, ConnectionSlots, SlotLimits};
-use crate::tls::{AcceptedClient, Fingerprint, LiveTls};
+use crate::tls::{AcceptedClient, ClientCertificate, LiveTls};
 use crate::urgent_slots::ExecuteUrgent;
 
 /// Connection slots. A client becomes known when it is authenticated, and is then never evicted. Reason for the total:
@@ -71,7 +71,7 @@ pub(super) struct BrokerServer {
 struct PendingConnection {
     transport: ClientTransport,
     address: SocketAddr,
-    certificate: Option<Fingerprint>,
+    certificate: Option<ClientCertificate>,
     /// False if the client uses no TLS although the machine has a certificate. The broker rejects the connection
     /// with this reason.
     is_open: bool,
@@ -137,7 +137,7 @@ impl BrokerServer {
         self: Arc<Self>,
         bytes: SocketBytes,
         address: SocketAddr,
-        certificate: Option<Fingerprint>,
+        certificate: Option<ClientCertificate>,
     ) {
         let Some(place) = self.slots.acquire_slot(address.ip()) else {
             return;
@@ -228,7 +228,7 @@ impl BrokerServer {
         warn!("MQTT client {client_id:.64} is disconnected: {}", ended.text());
         self.guard.sessions.revoke(&client_id);
         let code = match ended {
-            CloseReason::Revoked => ReasonCode::NotAuthorized,
+            CloseReason::Revoked | CloseReason::Certificate => ReasonCode::NotAuthorized,
             CloseReason::Login => ReasonCode::MaximumConnectTime,
         };
         line.close_connection(self.guard.speaks_5(&client_id).then_some((code, ended.text())));
@@ -297,7 +297,7 @@ struct ConnectionGuard {
     /// False if the client uses no TLS although the machine has a certificate. The broker rejects the connection
     /// with this reason.
     is_open: bool,
-    certificate: Option<Fingerprint>,
+    certificate: Option<ClientCertificate>,
     guard: Arc<Guard>,
     slot: ConnectionSlot,
     refused: Arc<Mutex<Option<u16>>>,

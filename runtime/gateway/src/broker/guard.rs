@@ -35,7 +35,7 @@ use crate::broker_address::RefusedMessage;
 use crate::connection_slots::{ConnectionSlot, host_of};
 use crate::contract::topics::is_inbound;
 use crate::publisher::Publisher;
-use crate::tls::Fingerprint;
+use crate::tls::ClientCertificate;
 use crate::urgent_slots::ExecuteUrgent;
 
 /// Connection slots of known clients that are reserved for users who may stop a machine.
@@ -61,7 +61,7 @@ const WRONG_PER_SECOND: u32 = 10;
 fn identify_user(
     users: &Users,
     connect: &ConnectPacket,
-    certificate: Option<&Fingerprint>,
+    certificate: Option<&ClientCertificate>,
 ) -> Option<AuthenticatedUser> {
     let (name, password) = (connect.username.as_deref(), connect.password.as_deref());
     let shown = users.identify(password, certificate)?;
@@ -140,7 +140,7 @@ impl Guard {
     fn admit(
         &self,
         connect: &ConnectPacket,
-        certificate: Option<&Fingerprint>,
+        certificate: Option<&ClientCertificate>,
         from: SocketAddr,
         place: &ConnectionSlot,
     ) -> Result<(Option<String>, Option<AuthenticatedUser>), (ReasonCode, String)> {
@@ -400,7 +400,7 @@ impl Guard {
     pub(super) fn authenticate(
         &self,
         connect: &ConnectPacket,
-        certificate: Option<&Fingerprint>,
+        certificate: Option<&ClientCertificate>,
         address: SocketAddr,
         place: &ConnectionSlot,
     ) -> (AuthResult, Option<AuthenticatedUser>) {
