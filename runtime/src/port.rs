@@ -260,7 +260,7 @@ impl RuntimePort {
     fn execute_request(&self, request: Request, sender: Sender) -> BoxFuture<'_, Result<Answer, Refusal>> {
         match request.into() {
             Destination::CoordinateSystem(cs, request) => self.pass_on(cs, request, sender),
-            Destination::Program(request) => Box::pin(self.of_program(request)),
+            Destination::Program(request) => Box::pin(self.of_program(request, sender.user)),
             Destination::Machine(request) => Box::pin(self.of_machine(request, sender)),
         }
     }
@@ -301,7 +301,9 @@ impl RuntimePort {
                 .await
             }
             MachineRequest::LastRun(cs) => self.last_run(cs),
-            MachineRequest::Journal { from, count, filter } => self.journal(from, count, filter).await,
+            MachineRequest::Journal { from, count, filter } => {
+                self.journal(from, count, filter, &sender.user).await
+            }
             MachineRequest::Handler(id, presence) => self.handler(Reach::Subscribed, id, presence).await,
             MachineRequest::Heartbeat(id, beat) => self.heartbeat(id, beat).await,
             MachineRequest::Handlers => Ok(Answer::Handlers(self.shared.handlers())),
@@ -317,7 +319,7 @@ impl RuntimePort {
             MachineRequest::LineState(cs, from) => {
                 self.mailbox(cs)?;
                 let search = self.previews.line_state(cs, from);
-                let told = self.search(search).await?;
+                let told = self.search(&sender.user, search).await?;
                 told.map(Answer::LineState)
             }
             MachineRequest::ManualPath(cs, text) => {
@@ -385,7 +387,7 @@ impl RuntimePort {
         Ok(Answer::Explanation(Explanation { what, text, picture }))
     }
 
-    async fn of_program(&self, request: ProgramRequest) -> Result<Answer, Refusal> {
+    async fn of_program(&self, request: ProgramRequest, user: String) -> Result<Answer, Refusal> {
         match request {
             ProgramRequest::ReadProgram(number) => self.read_program(number),
             ProgramRequest::WriteProgram(number, text) => {
@@ -403,10 +405,10 @@ impl RuntimePort {
             ProgramRequest::RemoveProgram(number, condition) => self.remove_program(number, condition).await,
             ProgramRequest::CheckProgram(number) => self.check_program(number),
             ProgramRequest::CheckText(number, dialect, text) => {
-                self.check_text(number, dialect.as_deref(), text).await
+                self.check_text(number, dialect.as_deref(), text, &user).await
             }
             ProgramRequest::PutInFolder(number, folder) => self.put_in_folder(number, &folder).await,
-            ProgramRequest::IntermediateCode(number) => self.intermediate_code(number).await,
+            ProgramRequest::IntermediateCode(number) => self.intermediate_code(number, &user).await,
             ProgramRequest::PlannedPath(number, query) => {
                 let program = self.planned(number, query.cs)?;
                 self.previews.path(program, &query).await.map(Answer::Path)

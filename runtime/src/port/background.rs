@@ -1,13 +1,17 @@
 //! Work that every client with read access may request, such as the check of a text. It runs at low priority, and its
-//! number is limited, so that readers take a limited share of the processor.
+//! number is limited, in total and for each user, so that readers take a limited share of the processor and no reader
+//! delays another one by more than one piece of work.
 
+use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
 use std::thread::Builder;
 
+use parking_lot::Mutex;
 use plc_protocol::supervisor::{Consequence, Supervisor};
 use plc_protocol::types::request::{Refusal, RefusalCode};
 use tandem_store::threads::lower_priority;
-use tokio::sync::{Semaphore, oneshot};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
 use super::RuntimePort;
 
@@ -28,6 +32,8 @@ pub(super) struct BackgroundWork {
     /// Name of the task in reports of faults.
     task: &'static str,
     permits: Semaphore,
+    /// The turn of each user who works or waits: a user does one piece of work at a time.
+    turns: Mutex<BTreeMap<String, Arc<Semaphore>>>,
 }
 
 impl BackgroundWork {
@@ -36,29 +42,44 @@ impl BackgroundWork {
             name,
             task,
             permits: Semaphore::const_new(most),
+            turns: Mutex::new(BTreeMap::new()),
         }
     }
 
-    /// Does work on a thread of low priority. Only the client that requested this work waits for it.
+    /// Waits for the turn of a user.
+    async fn take_turn(&self, user: &str) -> Option<OwnedSemaphorePermit> {
+        let turn = {
+            let mut turns = self.turns.lock();
+            // whoever works or waits shares the turn
+            turns.retain(|_, turn| Arc::strong_count(turn) > 1);
+            let new = || Arc::new(Semaphore::new(1));
+            Arc::clone(turns.entry(user.to_owned()).or_insert_with(new))
+        };
+        turn.acquire_owned().await.ok()
+    }
+
+    /// Does work for a user on a thread of low priority. Only the client that requested this work waits for it.
     ///
     /// # Errors
     /// Returns an error if the operating system provides no thread, or if the work panics.
     pub async fn execute<T: Send + 'static>(
         &'static self,
         supervisor: &Supervisor,
+        user: &str,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> Result<T, Refusal> {
         let unavailable = || {
             let text = format!("the {} could not be executed; send the request again", self.name);
             Refusal::new(RefusalCode::Unavailable, text)
         };
+        let turn = self.take_turn(user).await;
         let permit = self.permits.acquire().await.map_err(|_| unavailable())?;
         let (sender, done) = oneshot::channel();
         let supervisor = supervisor.clone();
         let thread = Builder::new().name(self.name.into()).spawn(move || {
             lower_priority();
             let done = catch_unwind(AssertUnwindSafe(work));
-            drop(permit);
+            drop((permit, turn));
             match done {
                 // fails only if the client no longer waits
                 Ok(done) => _ = sender.send(done),
@@ -74,18 +95,19 @@ impl BackgroundWork {
 }
 
 impl RuntimePort {
-    /// Does work that only reads, in the background; in simulated time, which has only one thread, does it at once.
+    /// Does work for a user that only reads, in the background; in simulated time, which has only one thread, does it at once.
     ///
     /// # Errors
     /// Returns an error if the operating system provides no thread, or if the work panics.
     pub(super) async fn search<T: Send + 'static>(
         &self,
+        user: &str,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> Result<T, Refusal> {
         if self.shared.clock.is_simulated() {
             Ok(work())
         } else {
-            SEARCHES.execute(&self.shared.supervisor, work).await
+            SEARCHES.execute(&self.shared.supervisor, user, work).await
         }
     }
 }
@@ -104,8 +126,9 @@ mod tests {
         static RUNNING: AtomicUsize = AtomicUsize::new(0);
         static MOST: AtomicUsize = AtomicUsize::new(0);
         let supervisor = Supervisor::default();
-        let searches = (0..8).map(|n| {
-            SEARCHES.execute(&supervisor, move || {
+        let readers = ["a", "b", "c", "d", "e", "f", "g", "h"];
+        let searches = (0..readers.len()).map(|n| {
+            SEARCHES.execute(&supervisor, readers[n], move || {
                 let running = RUNNING.fetch_add(1, Ordering::SeqCst) + 1;
                 MOST.fetch_max(running, Ordering::SeqCst);
                 std::thread::sleep(Duration::from_millis(20));
@@ -116,5 +139,33 @@ mod tests {
         let done: Result<Vec<_>, _> = join_all(searches).await.into_iter().collect();
         assert_eq!(done.unwrap(), [0, 1, 2, 3, 4, 5, 6, 7]);
         assert!(MOST.load(Ordering::SeqCst) <= SEARCHES_MAX);
+    }
+
+    #[tokio::test]
+    async fn a_reader_with_many_searches_delays_another_by_one_at_most() {
+        static WORK: BackgroundWork = BackgroundWork::new("search", "search of a reader", 2);
+        let supervisor = Supervisor::default();
+        let (release, held) = std::sync::mpsc::channel::<()>();
+        let mut held = Some(held);
+        // the first search of a reader runs until it is released; the others wait for it
+        let mut greedy: Vec<_> = (0..8)
+            .map(|_| {
+                let held = held.take();
+                Box::pin(WORK.execute(&supervisor, "greedy", move || {
+                    if let Some(held) = held {
+                        _ = held.recv();
+                    }
+                }))
+            })
+            .collect();
+        for search in &mut greedy {
+            assert!(futures_util::poll!(search.as_mut()).is_pending());
+        }
+        let other = WORK.execute(&supervisor, "other", || 7).await;
+        assert_eq!(other.unwrap(), 7, "it waits for none of them");
+        drop(release);
+        assert!(join_all(greedy).await.iter().all(Result::is_ok));
+        WORK.execute(&supervisor, "last", || ()).await.unwrap();
+        assert_eq!(WORK.turns.lock().len(), 1, "no turn of an absent reader stays");
     }
 }

@@ -34,6 +34,7 @@ impl RuntimePort {
         from: u32,
         count: u32,
         filter: JournalFilter,
+        user: &str,
     ) -> Result<Answer, Refusal> {
         if !(1..=JOURNAL_LINES_MAX).contains(&count) {
             let text = format!("{count} lines of the journal: write 1 to {JOURNAL_LINES_MAX}");
@@ -52,7 +53,7 @@ impl RuntimePort {
         let filter = LineFilter::new(&filter, self.shared.clock.wall());
         let mut filter = filter.map_err(|text| Refusal::new(RefusalCode::Invalid, text))?;
         let read = move || newest_of(&folder, &mut filter, from, count);
-        self.search(read).await.map(Answer::Journal)
+        self.search(user, read).await.map(Answer::Journal)
     }
 
     /// Changes tools or work offsets. The new values are on disk before they take effect, and take effect before the

@@ -154,6 +154,7 @@ impl RuntimePort {
         number: u16,
         dialect: Option<&str>,
         text: String,
+        user: &str,
     ) -> Result<Answer, Refusal> {
         let rules = self.shared.store.rules_of(dialect);
         let rules = rules.map_err(|why| Refusal::new(RefusalCode::Invalid, why))?;
@@ -162,7 +163,7 @@ impl RuntimePort {
         let checked = if self.shared.clock.is_simulated() {
             check()
         } else {
-            CHECKS.execute(&self.shared.supervisor, check).await?
+            CHECKS.execute(&self.shared.supervisor, user, check).await?
         };
         Ok(Answer::Check(checked))
     }
@@ -201,7 +202,7 @@ impl RuntimePort {
         Ok(Arc::new(program))
     }
 
-    pub(super) async fn intermediate_code(&self, number: u16) -> Result<Answer, Refusal> {
+    pub(super) async fn intermediate_code(&self, number: u16, user: &str) -> Result<Answer, Refusal> {
         let program = self.stored(number)?;
         if program.has_errors() {
             let text = format!("program {number} has errors; correct them first");
@@ -210,7 +211,7 @@ impl RuntimePort {
                 ..Refusal::new(RefusalCode::ProgramHasErrors, text)
             });
         }
-        let code = self.search(move || program.intermediate_code()).await?;
+        let code = self.search(user, move || program.intermediate_code()).await?;
         Ok(Answer::ProgramText(code))
     }
 }
