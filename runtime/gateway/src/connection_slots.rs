@@ -248,6 +248,7 @@ pub(crate) const ACCEPT_RETRY: Duration = Duration::from_millis(100);
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::server::{RESERVED, SLOT_LIMITS};
 
     impl ConnectionSlots {
         /// Returns the numbers of open connections and of known ones.
@@ -295,6 +296,29 @@ mod tests {
         assert!(!of_attacker[0].mark_known(0));
         drop((of_attacker, other, third));
         assert_eq!(places.counts(), (1, 0));
+    }
+
+    #[tokio::test]
+    async fn the_last_32_known_slots_of_http_are_for_users_who_may_operate() {
+        let slots = ConnectionSlots::new(SLOT_LIMITS);
+        let mut busy = Vec::new();
+        // a connection with a pending request is not evicted
+        let mut take = |reserved| {
+            let slot = Arc::new(slots.acquire_slot(Ipv6Addr::LOCALHOST.into()).unwrap());
+            let is_known = slot.mark_known(reserved);
+            let pending = is_known.then(|| slot.protect_while_pending()).flatten();
+            busy.extend(pending);
+            is_known
+        };
+        let viewers = (0..300).take_while(|_| take(RESERVED)).count();
+        assert_eq!(viewers, 192);
+        let operators = (0..300).take_while(|_| take(0)).count();
+        assert_eq!(operators, 32);
+        assert_eq!(
+            SLOT_LIMITS.all - viewers - operators,
+            32,
+            "slots for hold, stop and abort"
+        );
     }
 
     #[tokio::test(start_paused = true)]

@@ -42,7 +42,7 @@ pub(crate) const SLOT_LIMITS: SlotLimits = SlotLimits {
 };
 
 /// Connection slots of known clients that are reserved for users who may operate the machine.
-const RESERVED: usize = 32;
+pub(crate) const RESERVED: usize = 32;
 
 /// A connection without traffic for this long is closed. Reason: longer than `?wait=1` waits, and than the interval of
 /// the pings of a WebSocket.

@@ -92,15 +92,13 @@ impl RuntimePort {
         let _one_after_the_other = self.io_turn.lock().await;
         self.shared.check_not_after(not_after.as_ref())?;
         let before = self.shared.check_io(&point, &set)?;
-        self.keep_output(writer, &point, set.value).await?;
-        let checked = self.shared.check_not_after(not_after.as_ref());
-        let written = checked.and_then(|()| self.shared.write_io(&point, set));
-        if written.is_err() {
-            // the owner of the point has changed since the check, or the disk was slow, so the stored value has not
-            // taken effect: store the previous value again
-            self.keep_output(writer, &point, before).await?;
-        }
-        written.map(|()| Answer::Done)
+        let (value, keep) = (set.value, |value| self.keep_output(writer, &point, value));
+        let write = || {
+            self.shared.check_not_after(not_after.as_ref())?;
+            self.shared.write_io(&point, set)
+        };
+        write_after_keeping(value, before, keep, write).await?;
+        Ok(Answer::Done)
     }
 
     async fn keep_output(
@@ -188,6 +186,22 @@ impl RuntimePort {
     }
 }
 
+/// Stores the new value of an output, and then writes the output. If the write is refused, because the owner of the
+/// point has changed or the request has become too old meanwhile, stores the value of `before` again.
+async fn write_after_keeping<V, Kept: Future<Output = Result<(), Refusal>>>(
+    value: V,
+    before: V,
+    keep: impl Fn(V) -> Kept,
+    write: impl FnOnce() -> Result<(), Refusal>,
+) -> Result<(), Refusal> {
+    keep(value).await?;
+    let written = write();
+    if written.is_err() {
+        keep(before).await?;
+    }
+    written
+}
+
 /// Writes values to disk. If the request has become too old during the write, writes the values of `before` instead.
 fn keep_unless_expired<V>(
     values: V,
@@ -214,8 +228,34 @@ fn unkept(text: &str) -> Refusal {
 #[cfg(test)]
 mod tests {
     use std::cell::{Cell, RefCell};
+    use std::future::ready;
 
     use super::*;
+
+    #[tokio::test]
+    async fn p4_output_whose_request_expires_during_the_disk_wait_is_undone() {
+        for (is_expired, stored) in [(false, vec!["on"]), (true, vec!["on", "off"])] {
+            let (disk, output) = (RefCell::new(Vec::new()), Cell::new("off"));
+            let age_passed = Cell::new(false);
+            let keep = |value| {
+                disk.borrow_mut().push(value);
+                age_passed.set(is_expired);
+                ready(Ok(()))
+            };
+            let write = || {
+                if age_passed.get() {
+                    return Err(Refusal::new(RefusalCode::Expired, "too old"));
+                }
+                output.set("on");
+                Ok(())
+            };
+            let written = write_after_keeping("on", "off", keep, write).await;
+            let code = written.err().map(|refusal| refusal.code);
+            assert_eq!(code, is_expired.then_some(RefusalCode::Expired));
+            assert_eq!(*disk.borrow(), stored);
+            assert_eq!(output.get(), if is_expired { "off" } else { "on" });
+        }
+    }
 
     #[test]
     fn p4_request_that_expires_during_a_disk_write_is_undone() {

@@ -9,6 +9,7 @@ use plc_protocol::types::request::{Input, typed};
 use plc_protocol::types::state::{LockSet, ProgramLocation};
 
 use super::*;
+mod absent_handler;
 mod memory;
 mod not_after;
 
