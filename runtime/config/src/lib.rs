@@ -178,8 +178,8 @@ pub struct MotorConfig {
     /// Highest acceleration (spindle: r/min per s).
     #[schemars(range(min = RATE_MIN, max = RATE_MAX), extend("x-unit" = "units/s^2"))]
     pub max_acceleration: f64,
-    /// Highest jerk of G00, G28, G30, G31 and, with G500 and `path_tolerance`, of feed motion. Without `path_tolerance`, it
-    /// limits lines and the corners between them; the jerk of other feed motion follows from the program's ta, td and ts.
+    /// Highest jerk of G00, G28, G30, G31 and, with G500, of feed motion. With G501, the jerk follows from the program's ta, td
+    /// and ts.
     #[schemars(range(min = RATE_MIN, max = RATE_MAX), extend("x-unit" = "units/s^3"))]
     pub max_jerk: Option<f64>,
     /// Speed of G00; default `max_velocity`.

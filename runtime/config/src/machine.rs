@@ -225,7 +225,7 @@ impl Machine {
             }
             if let Some(jerk) = motor.max_jerk {
                 notes.push(format!(
-                    "{place}: max_jerk = {jerk} bounds G00, G28, G30, G31 and, with G500, feed motion with path_tolerance; without path_tolerance, long lines and arcs and the ramps between them; elsewhere F has the jerk of ta, td and ts, or steps within max_acceleration"
+                    "{place}: max_jerk = {jerk} bounds G00, G28, G30, G31 and, with G500, feed motion; with G501, feed motion has the jerk of ta, td and ts"
                 ));
             }
             let velocity = ("max_velocity", motor.max_velocity);

@@ -387,10 +387,8 @@ pub struct MotorSettings {
     pub max_velocity: f64,
     /// Maximum acceleration, units per second squared (spindle: r/min per second).
     pub max_acceleration: f64,
-    /// Maximum jerk, units per second cubed. `None` disables the limit. It applies to G00, G28, G30 and G31
-    /// (M1e), and with G500 to lines, arcs and the ramps between them (M1d). The jerk of other feed motion
-    /// results from ta, td and ts. Where look-ahead changes the rate of such motion, the acceleration steps
-    /// within `max_acceleration`.
+    /// Maximum jerk, units per second cubed. `None` disables the limit. It applies to G00, G28, G30 and G31 (M1e), and to feed
+    /// motion with G500 (M1d). With G501, the jerk follows from `ta`, `td` and `ts`.
     pub max_jerk: Option<f64>,
     /// Speed of G00, units per second.
     pub rapid_velocity: f64,

@@ -9,6 +9,10 @@ use tandem_model::{Alarm, Axis};
 /// at any time. The reserve increases the motion time by a thousandth.
 pub(crate) const ACCELERATION_RESERVE: f64 = 2e-3;
 
+/// Part of the limits that a plan within the jerk uses, apart from the reserves; the rest covers deviations between the points
+/// at which it keeps them.
+pub(crate) const USED_WITHIN_JERK: f64 = 0.997;
+
 /// Returns a limit of the motor of an axis.
 ///
 /// # Errors

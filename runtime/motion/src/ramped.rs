@@ -2,11 +2,12 @@
 
 use tandem_model::alarm::{VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE, check_finite};
 use tandem_model::flow::{MultiBlock, Path, SegmentFeed};
+use tandem_model::profile::JERK_RESERVE;
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Alarm, Axis, bisect};
 
-use crate::limit::{self, ACCELERATION_RESERVE};
+use crate::limit::{self, ACCELERATION_RESERVE, USED_WITHIN_JERK};
 
 /// Number of halvings of the range of a peak speed, enough for the last significant bits.
 const HALVINGS: u32 = 60;
@@ -129,8 +130,8 @@ impl JerkLimits {
                     .min(limit::check_axis_limit(axis, "max_jerk", jerk)? / steepest);
             }
         }
-        soft.jerk *= 1.0 - ROUNDING;
-        soft.acceleration *= 1.0 - ACCELERATION_RESERVE - ROUNDING;
+        soft.jerk *= (1.0 - JERK_RESERVE - ROUNDING) * USED_WITHIN_JERK;
+        soft.acceleration *= (1.0 - ACCELERATION_RESERVE - ROUNDING) * USED_WITHIN_JERK;
         let is_line = matches!(path, Path::Line { .. });
         Ok(Some(soft).filter(|soft| is_line && soft.jerk.is_finite()))
     }

@@ -4,7 +4,7 @@
 //! factor of the coming cycle, by the setpoints of the last three cycles. So the limits also hold where the plan itself
 //! accelerates, and where one plan replaces another.
 
-use tandem_model::profile::{JERK_RESERVE, Law, PacedMotion, Profile};
+use tandem_model::profile::{JERK_RESERVE, Law, Profile};
 use tandem_model::{AXES_MAX, AxisVector};
 
 use crate::channel::Channel;
@@ -187,8 +187,7 @@ impl Channel {
 /// Returns true for a motion whose plan keeps the maximum jerks.
 pub(crate) fn has_jerk_limit(profile: &Profile) -> bool {
     match &profile.law {
-        Law::Paced { block, .. } => matches!(block, PacedMotion::Smoothed(_)),
-        Law::Motors { .. } | Law::Skip { .. } => true,
+        Law::Paced { .. } | Law::Motors { .. } | Law::Skip { .. } => true,
         Law::Ramped { .. } | Law::Tap { .. } | Law::Rest { .. } => false,
     }
 }

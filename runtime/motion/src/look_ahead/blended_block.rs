@@ -58,8 +58,8 @@ pub(super) struct PieceEnd {
     pub(super) t_s: f64,
     /// Motion along the block and along the next block.
     along: [PathDerivatives; 2],
-    velocity: AxisVector,
-    acceleration: AxisVector,
+    pub(super) velocity: AxisVector,
+    pub(super) acceleration: AxisVector,
 }
 
 /// Bounds of the derivatives of the distance along a block over a piece. They are with respect to plan time,

@@ -2,8 +2,8 @@
 
 use std::collections::VecDeque;
 
+use tandem_model::Axis;
 use tandem_model::flow::Path;
-use tandem_model::{AXES_MAX, Axis};
 
 use super::blended_block::{BlendedBlock, BlockPart, Phase, PieceEnd};
 use super::course::Course;
@@ -11,7 +11,6 @@ use super::limits::{self, Bounds, Spread};
 use super::piece::{Piece, Shape};
 use super::straight::Straight;
 use super::way::{SmoothedWay, Way};
-use super::{corner, curve};
 
 /// Largest change of the velocity on one piece of a ramp, relative to the slower end.
 const CHANGE_MAX: f64 = 0.25;
@@ -100,12 +99,6 @@ fn cut_blended(
     pieces: &mut VecDeque<Piece>,
 ) -> f64 {
     let mut at_s = way.begins_s();
-    let at_most = |square: f64| Bounds {
-        cap: bounds.cap.min(square),
-        ..bounds
-    };
-    let from_rest = at_most(corner::from_rest(block, bounds.motors));
-    let at_end = at_most(corner::at_end(block, bounds.motors));
     for phase in block.phases() {
         let least = match phase.part {
             BlockPart::Between => BETWEEN_MIN,
@@ -119,11 +112,6 @@ fn cut_blended(
             ..phase
         };
         at_s = phase.to_s;
-        let bounds = match phase.part {
-            BlockPart::Start => from_rest,
-            BlockPart::Between => bounds,
-            BlockPart::Stop => at_end,
-        };
         let mut cutter = Cutter::new(way, bounds, [phase.from_s, phase.to_s], pieces);
         let range_s = [phase.from_s, phase.to_s];
         match (phase.part, &block.block.path) {
@@ -132,18 +120,11 @@ fn cut_blended(
                 cutter.pieces.push_back(Piece::straight(straight, cap, range_s));
             }
             (BlockPart::Between, Path::Arc(arc)) => {
-                if let Some((straight, cap)) = curve::straightened(block, arc, bounds) {
-                    cutter.pieces.push_back(Piece::straight(straight, cap, range_s));
-                    continue;
-                }
                 let swept =
                     arc.sweep().abs() * block.block.speed * (phase.to_s - phase.from_s) / arc.length();
                 cutter.whole((swept / TURN_MAX).ceil().clamp(1.0, PIECES_MAX), false);
             }
-            // With a maximum jerk, a ramp is passed at a constant rate.
-            (BlockPart::Start | BlockPart::Stop, _)
-                if bounds.cap < 1.0 && block.is_slow(&phase) && !bounds.motors.has_jerk =>
-            {
+            (BlockPart::Start | BlockPart::Stop, _) if bounds.cap < 1.0 && block.is_slow(&phase) => {
                 cut_slow(block, way, bounds, &phase, pieces);
             }
             (BlockPart::Start | BlockPart::Stop, _) => cutter.whole(1.0, false),
@@ -188,18 +169,11 @@ pub(super) fn cut_finer(way: &Way<'_>, bounds: Bounds<'_>, piece: &Piece, pieces
 /// Returns the limits of the rate where each axis moves at one speed, and the largest square of the rate.
 /// `speed` returns the speed of an axis at the rate 1.
 fn straight_along(speed: impl Fn(Axis) -> f64, bounds: Bounds<'_>) -> (Straight, f64) {
-    let most = |inverse: &[f64; AXES_MAX]| {
-        Axis::ALL.into_iter().fold(0.0, |most: f64, axis| {
-            most.max(speed(axis) * inverse[axis.index()])
-        })
-    };
+    let most = Axis::ALL.into_iter().fold(0.0, |most: f64, axis| {
+        most.max(speed(axis) * bounds.motors.inverse[axis.index()])
+    });
     let straight = Straight {
-        change: (2.0 / most(&bounds.motors.inverse)).min(bounds.change),
-        jerk: if bounds.motors.has_jerk {
-            1.0 / most(&bounds.motors.inverse_jerks)
-        } else {
-            f64::INFINITY
-        },
+        change: (2.0 / most).min(bounds.change),
     };
     (straight, bounds.cap_at(speed))
 }

@@ -37,7 +37,6 @@ impl HeldBlock {
             bounds: way.bounds(motors, self.cap),
             planes,
             bent: BentPiece::default(),
-            is_even: [false; 2],
         }
     }
 }

@@ -32,6 +32,9 @@ const SLACK: f64 = 1e-9;
 const SLACK_OF_FACTORS: f64 = 32.0 * f64::EPSILON;
 const SLACK_MAX: f64 = 1e-6;
 
+/// Largest velocity of a motor for the time in which it comes to rest, relative to its largest speed so far.
+const FASTER_MAX: f64 = 25.0;
+
 /// A constraint `left x0 + right x1 <= 1`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct HalfPlane {
@@ -88,11 +91,11 @@ pub(super) struct Motors {
 }
 
 impl Motors {
-    /// Returns a time after which a stop no longer affects the fastest motion, s: three times the longest time in which
-    /// a motor comes to rest from its maximum velocity.
-    pub(super) fn horizon_s(&self) -> f64 {
+    /// Returns a time after which a stop no longer affects the fastest motion, s: three times the longest time in which a motor
+    /// comes to rest from its maximum velocity. A maximum velocity far above the speeds of the motion does not count.
+    pub(super) fn horizon_s(&self, speeds: &[f64; AXES_MAX]) -> f64 {
         let stop_s = |i: usize| {
-            let brake_s = self.velocities[i] * self.inverse[i];
+            let brake_s = self.velocities[i].min(FASTER_MAX * speeds[i]) * self.inverse[i];
             let jerk_s = if self.inverse[i] > 0.0 {
                 self.inverse_jerks[i] / self.inverse[i]
             } else {

@@ -19,22 +19,12 @@
 //! Maximum velocities hold because the rate is at most 1, or at most the value that the velocities of a block
 //! allow.
 //!
-//! On a smoothed path, [`jerk`] plans the motion if a motor has a `max_jerk`. On a programmed path `max_jerk` bounds the
-//! motion between the ramps of a line or an arc ([`straight`], [`curve`]) and the ramps
-//! themselves ([`corner`]). [`crate::ramped`] has already lengthened the ramps of a line from rest and to
-//! rest. If all blocks of a chain are long enough to change their speed within `max_jerk`, the whole chain
-//! respects `max_jerk`. At the ends of a shorter block the acceleration steps. Between the ramps of a line
-//! the limits of the rate do not depend on `max_jerk`, and neither do the preceding blocks.
-//!
-//! `max_jerk` does not bound short blocks. Their path is that of G501, where they have no jerk time left
-//! (M1b, `ts' = T' - ta'`). At each of their joints `q501''` steps by a vector that no rate except 0 removes
-//! from `q'' = q501'' w^2 + q501' w'`. The manual mentions only positions, velocities and accelerations.
+//! If a motor has a `max_jerk`, [`jerk`] plans the motion instead. [`crate::ramped`] has already lengthened the ramps of a line
+//! from rest and to rest, so that they keep it.
 
 mod blended_block;
 mod braking;
-mod corner;
 mod course;
-mod curve;
 mod grid;
 mod held_block;
 mod jerk;
@@ -54,7 +44,7 @@ use tandem_model::settings::CoordinateSystemSettings;
 pub(crate) use self::blended_block::Passage;
 use self::braking::Braking;
 use self::held_block::HeldBlock;
-use self::jerk::{Begins, JerkPlan};
+use self::jerk::{Begins, Ends, JerkPlan};
 use self::limits::{HalfPlane, Motors, SQUARE_MIN};
 use self::piece::Piece;
 use self::step::RateStep;
@@ -106,8 +96,6 @@ pub(crate) struct LookAhead {
     /// Square of the rate at the start of the first block. If `None`, only the limit of that block applies,
     /// because the path is at rest there.
     square: Option<f64>,
-    /// True if the rate is constant before the first block.
-    is_even: bool,
     braking: Braking,
     /// The motion along a smoothed path, if a motor has a maximum jerk.
     jerk: JerkPlan,
@@ -138,7 +126,6 @@ impl LookAhead {
             in_a_row: VecDeque::new(),
             seen: 0,
             square: None,
-            is_even: false,
             braking: Braking::default(),
             jerk: JerkPlan::default(),
             ranges: VecDeque::new(),
@@ -155,7 +142,6 @@ impl LookAhead {
         self.in_a_row.clear();
         self.seen = 0;
         self.square = None;
-        self.is_even = false;
         self.jerk = JerkPlan::default();
         self.ranges.clear();
     }
@@ -174,7 +160,6 @@ impl LookAhead {
     /// `segment`.
     pub(crate) fn begin_at_rest(&mut self, segment: u64, is_backward: bool) {
         self.square = Some(SQUARE_MIN);
-        self.is_even = false;
         self.braking.start_chain(segment, is_backward);
     }
 
@@ -201,11 +186,15 @@ impl LookAhead {
             if !way.has_ramps() && !moves {
                 self.square = Some(SQUARE_MIN);
             }
-            self.jerk = JerkPlan::new(if moves { Begins::Moving } else { Begins::AtRest });
+            self.jerk = JerkPlan::new(match (moves, way.has_ramps()) {
+                (true, _) => Begins::Moving,
+                (false, true) => Begins::OnRamp,
+                (false, false) => Begins::AtRest,
+            });
             self.braking.start_chain(block.segment, passage.is_backward);
         }
         let cap = self.cap(way.plan_s());
-        let (limits_jerk, plan_s) = (self.limits_jerk(&way), way.plan_s());
+        let (limits_jerk, plan_s) = (self.motors.has_jerk, way.plan_s());
         let pieces = if limits_jerk {
             0
         } else {
@@ -255,11 +244,6 @@ impl LookAhead {
         (whole_s / least_s).min(most).powi(2)
     }
 
-    /// Returns true if the jerk of the motors is limited along a block.
-    fn limits_jerk(&self, way: &Way<'_>) -> bool {
-        self.motors.has_jerk && !way.has_ramps()
-    }
-
     /// Returns true if look-ahead can hold no further blocks.
     fn is_full(&self) -> bool {
         self.blocks.len() >= BLOCKS_MAX || self.pieces.len() + self.jerk.cells() >= HELD_PIECES_MAX
@@ -268,10 +252,9 @@ impl LookAhead {
     /// Outputs the blocks that are final. `end` is the largest square of the rate at the end of the chain,
     /// `None` if more blocks follow.
     fn plan(&mut self, end: Option<f64>, record: &mut Record, out: &mut VecDeque<Profile>) {
-        let limits_jerk = (self.blocks.front())
-            .is_some_and(|held| self.limits_jerk(&Way::new(&held.block.motion, held.passage)));
+        let limits_jerk = self.motors.has_jerk;
         let mut finals = if limits_jerk {
-            self.plan_within_jerk(end.is_some())
+            self.plan_within_jerk(end)
         } else {
             self.pass_back(end)
         };
@@ -308,9 +291,15 @@ impl LookAhead {
     }
 
     /// Plans the motion within the maximum jerks. Returns the number of leading blocks that are final.
-    fn plan_within_jerk(&mut self, is_end: bool) -> usize {
+    fn plan_within_jerk(&mut self, end: Option<f64>) -> usize {
         let known = self.ranges.len();
-        let new = self.jerk.extend(self.blocks.range(known..), is_end, &self.motors);
+        let ends = match end {
+            None => Ends::Open,
+            Some(square) if square > 0.0 => Ends::OnRamp,
+            Some(_) => Ends::AtRest,
+        };
+        let is_end = end.is_some();
+        let new = self.jerk.extend(self.blocks.range(known..), ends, &self.motors);
         self.ranges.extend(new);
         let mut place = self.jerk.finish(is_end, &self.motors);
         if self.is_full() && !is_end {
@@ -395,18 +384,12 @@ impl LookAhead {
             left -= count;
             self.cut.clear();
             self.cut.extend(self.pieces.drain(..count));
-            let limit_at = |k: usize| match self.pieces.get(k) {
-                Some(piece) if k < left => piece.limit,
+            let limit = match self.pieces.front() {
+                Some(piece) if left > 0 => piece.limit,
                 Some(of_next) => of_next.limit * square_of_next,
                 None => end,
             };
-            if self.motors.has_jerk {
-                let goes_evenly = self.pieces.front().is_some_and(|next| next.is_even(limit_at(1)));
-                task.is_even = [self.is_even, goes_evenly];
-            }
-            let limit = limit_at(0);
             self.square = Some(task.pass_cut(&self.cut, before, limit, &mut self.steps));
-            self.is_even = self.steps.last().map_or(self.is_even, RateStep::is_even);
         }
         self.square = self.square.map(|square| square / square_of_next);
         paced::profiles(held, &self.steps, self.braking.free_to, out);

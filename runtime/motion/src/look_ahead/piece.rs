@@ -49,12 +49,6 @@ impl Piece {
         is_bent(self) && is_bent(other) && self.whole_to_s.to_bits() == other.whole_to_s.to_bits()
     }
 
-    /// Returns true if the rate is the largest possible from begin to end. `limit` is the limit of the next
-    /// piece.
-    pub(super) fn is_even(&self, limit: f64) -> bool {
-        self.room_at_cap().is_some() && self.limit >= self.cap && limit >= self.cap
-    }
-
     /// Returns the room that the motors leave at the largest rate, if none exceeds its limit at that rate.
     pub(super) fn room_at_cap(&self) -> Option<SlewRoom> {
         match self.shape {

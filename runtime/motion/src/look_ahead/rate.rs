@@ -39,8 +39,6 @@ pub(super) struct Limits<'a> {
     pub(super) bounds: Bounds<'a>,
     pub(super) planes: &'a mut Vec<HalfPlane>,
     pub(super) bent: BentPiece,
-    /// True if the rate is constant on the ramp before, and on the ramp after, a straight piece.
-    pub(super) is_even: [bool; 2],
 }
 
 /// Values of the bent piece whose half planes are in `planes`.
@@ -78,9 +76,7 @@ impl Limits<'_> {
     fn start_and_end(&mut self, piece: &Piece, end: f64) -> [f64; 2] {
         let end = end.min(piece.cap);
         match piece.shape {
-            Shape::Straight(Straight { change, .. }) => {
-                [(end + change * piece.length_s()).min(piece.cap), end]
-            }
+            Shape::Straight(Straight { change }) => [(end + change * piece.length_s()).min(piece.cap), end],
             Shape::Whole { .. } | Shape::Bent { planned: Some(_) } if end >= piece.cap => [piece.cap, end],
             Shape::Whole { .. } | Shape::Bent { .. } => {
                 self.better(piece, |limits| limits.bent_start(end)[0]);
@@ -221,7 +217,7 @@ impl Limits<'_> {
                     .min(before + straight.change * piece.length_s())
                     .max(SQUARE_MIN);
                 let span_s = [piece.from_s, piece.to_s];
-                straight.pass(span_s, piece.cap, [before, after], self.is_even, steps);
+                straight.pass(span_s, piece.cap, [before, after], steps);
                 after
             }
             Shape::Whole { .. } => {

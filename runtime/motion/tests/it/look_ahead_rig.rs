@@ -14,10 +14,6 @@ use tandem_motion::Planner;
 use crate::chain::Formula;
 use crate::rig::{PERIOD_S, motor, settings};
 
-mod jerk;
-
-pub use jerk::check_jerk;
-
 /// Geometry of a block, kept in addition to its path.
 #[derive(Debug, Clone, Copy)]
 pub enum Shape {
@@ -410,9 +406,10 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
                     return Err(format!("the rate is {rate} in segment {}", profile.segment));
                 }
                 // Samples lie inside the phase, so that rounding does not select the adjacent phase. Only a
-                // piece at the planned rate may contain several phases.
-                let joined =
+                // piece at the planned rate, or planned within the jerk, may contain several phases.
+                let is_even =
                     piece.rate_change.abs() < 1e-12 && piece.rate_jerk == 0.0 && piece.growth.is_none();
+                let joined = is_even || piece.rate_slope != 0.0;
                 let inwards = within - plan(t);
                 let inside = plan(t)
                     + if joined {
@@ -509,16 +506,7 @@ fn grid(chain: &Chain, n: u32) -> Vec<Step> {
             let (a, b) = (q2.0[axis] / 2.0, q1.0[axis] / (2.0 * h));
             *row = [(a - b) / chain.limit(axis), (a + b) / chain.limit(axis)];
         }
-        let stop =
-            chain.formula.centres[block + 1] - chain.formula.ramps[block + 1].iter().sum::<f64>() / 2.0;
-        let most = if middle > stop {
-            chain.rate_in_corner(block + 1)
-        } else if middle < chain.formula.ramps[0].iter().sum() {
-            chain.rate_in_corner(0)
-        } else {
-            1.0
-        };
-        let most = most.powi(2).min(1.0);
+        let most = 1.0;
         Step { h, most, rows }
     };
     times.windows(2).map(step).collect()

@@ -4,13 +4,12 @@
 
 mod chain;
 mod look_ahead;
-mod look_ahead_jerk;
-mod look_ahead_jerk_arcs;
 mod look_ahead_random;
 mod look_ahead_rig;
 mod look_ahead_shapes;
 mod look_ahead_text;
 mod planner;
+mod programmed_jerk;
 mod rig;
 mod smooth;
 mod smooth_jerk;

@@ -14,10 +14,10 @@ use crate::rig::{PERIOD_S, motor, settings, vector};
 use crate::smooth::{blended, check, contour, lines, machine, plan, setpoints, size, time_s};
 
 /// Largest third difference of the setpoints, in shares of a maximum jerk.
-const JERK_MAX: f64 = 1.001;
+pub const JERK_MAX: f64 = 1.001;
 
 /// Returns settings with three linear motors that have a maximum jerk, for a tolerance.
-fn soft_machine(tolerance: f64, [velocity, acceleration, jerk]: [f64; 3]) -> CoordinateSystemSettings {
+pub fn soft_machine(tolerance: f64, [velocity, acceleration, jerk]: [f64; 3]) -> CoordinateSystemSettings {
     let mut settings = machine(tolerance, velocity, acceleration);
     for motor in settings.motors.iter_mut().flatten() {
         motor.max_jerk = Some(jerk);
@@ -27,7 +27,7 @@ fn soft_machine(tolerance: f64, [velocity, acceleration, jerk]: [f64; 3]) -> Coo
 
 /// Returns the largest third difference of the setpoints of each axis, in shares of its maximum jerk. The machine rests
 /// before and after.
-fn jerk_of_setpoints(settings: &CoordinateSystemSettings, profiles: &[Profile]) -> f64 {
+pub fn jerk_of_setpoints(settings: &CoordinateSystemSettings, profiles: &[Profile]) -> f64 {
     let mut points = setpoints(profiles);
     let [first, last] = [points[0], points[points.len() - 1]];
     points.splice(0..0, [first; 3]);
@@ -77,7 +77,7 @@ fn m1d9_random_paths_keep_the_maximum_jerk() {
 }
 
 /// Returns the time of a motion over a distance from rest to rest, with a peak below both maxima.
-fn double_s(distance: f64, [velocity, acceleration, jerk]: [f64; 3]) -> f64 {
+pub fn double_s(distance: f64, [velocity, acceleration, jerk]: [f64; 3]) -> f64 {
     let ramp = |v: f64| {
         if v * jerk < acceleration * acceleration {
             2.0 * (v / jerk).sqrt()
@@ -120,7 +120,7 @@ fn m1d9_a_line_takes_the_time_of_seven_segments() {
 }
 
 /// Returns points of a curve, rounded to three decimals.
-fn curve(count: u32, at: impl Fn(f64) -> [f64; 3]) -> Vec<AxisVector> {
+pub fn curve(count: u32, at: impl Fn(f64) -> [f64; 3]) -> Vec<AxisVector> {
     let rounded = |value: f64| (value * 1000.0).round() / 1000.0;
     let mut points: Vec<AxisVector> = (0..=count)
         .map(|k| vector(&at(f64::from(k) / f64::from(count)).map(rounded)))
@@ -129,34 +129,38 @@ fn curve(count: u32, at: impl Fn(f64) -> [f64; 3]) -> Vec<AxisVector> {
     points
 }
 
-#[test]
-fn m1d9_shapes_of_cam_programs_keep_the_maximum_jerk() {
-    let relief = curve(1500, |u| {
+/// Returns the points of shapes of CAM programs, by their names; each shape has about this number of points.
+pub fn shapes(count: u32) -> [(&'static str, Vec<AxisVector>); 5] {
+    let relief = curve(count, |u| {
         let x = 20.0 * (1.0 - (1.0 - 2.0 * (5.0 * u).fract()).abs());
         let z = 0.6 * (0.9 * x).sin() * (7.0 * u).cos();
         [x, (5.0 * u).floor() * 0.3, z]
     });
-    let trochoid = curve(1500, |u| {
+    let trochoid = curve(count, |u| {
         let angle = 12.0 * TAU * u;
         [2.0 * angle.cos() + 24.0 * u, 2.0 * angle.sin(), 0.0]
     });
-    let spiral = curve(1500, |u| {
+    let spiral = curve(count, |u| {
         let angle = 6.0 * TAU * u;
         [12.0 * u * angle.cos(), 12.0 * u * angle.sin(), -u]
     });
-    let gear = curve(480, |u| {
+    let gear = curve(count / 3, |u| {
         let angle = TAU * u;
         let radius = 15.0 + 1.5 * (24.0 * angle).sin().clamp(-0.7, 0.7);
         [radius * angle.cos(), radius * angle.sin(), 0.0]
     });
-    let shapes = [
-        ("contour", contour(1500, 3)),
+    [
+        ("contour", contour(count, 3)),
         ("relief", relief),
         ("trochoid", trochoid),
         ("spiral", spiral),
         ("gear", gear),
-    ];
-    for (name, points) in shapes {
+    ]
+}
+
+#[test]
+fn m1d9_shapes_of_cam_programs_keep_the_maximum_jerk() {
+    for (name, points) in shapes(1500) {
         for tolerance in [0.002, 0.05] {
             let settings = soft_machine(tolerance, [500.0, 5000.0, 50_000.0]);
             let context = format!("{name} at {tolerance} mm");

@@ -19,6 +19,9 @@ const VELOCITY: f64 = 500.0;
 const ACCELERATION: f64 = 5000.0;
 const JERK: f64 = 50_000.0;
 
+/// Largest number of cycles of a motion after its last event.
+const CYCLES_MAX: u32 = 120_000;
+
 fn soft() -> CoordinateSystemSettings {
     let mut settings = settings();
     for motor in settings.motors.iter_mut().flatten() {
@@ -112,12 +115,17 @@ fn rapid(settings: &CoordinateSystemSettings, to: AxisVector) -> VecDeque<Profil
     out
 }
 
-fn contour(settings: &CoordinateSystemSettings) -> (Planner, VecDeque<Profile>) {
+/// Returns a closed contour of chords with these ramp times ta and ts, ms.
+fn contour(
+    settings: &CoordinateSystemSettings,
+    chords: u32,
+    [ramp_ms, ts_ms]: [f64; 2],
+) -> (Planner, VecDeque<Profile>) {
     let mut planner = Planner::new(settings);
     let mut out = VecDeque::new();
-    let points: Vec<AxisVector> = (0..=600)
+    let points: Vec<AxisVector> = (0..=chords)
         .map(|k| {
-            let angle = TAU * f64::from(k % 600) / 600.0;
+            let angle = TAU * f64::from(k % chords) / f64::from(chords);
             let radius = 30.0 * (1.0 + 0.3 * (5.0 * angle).cos());
             vector(&[radius * angle.cos() - 39.0, radius * angle.sin()])
         })
@@ -136,9 +144,9 @@ fn contour(settings: &CoordinateSystemSettings) -> (Planner, VecDeque<Profile>) 
                 feed: SegmentFeed {
                     feedrate_mm_min: 6000.0,
                     unit_mm: 1.0,
-                    ta_ms: 0.0,
-                    td_ms: 0.0,
-                    ts_ms: 0.0,
+                    ta_ms: ramp_ms,
+                    td_ms: ramp_ms,
+                    ts_ms,
                     keeps_path: false,
                 },
             },
@@ -177,7 +185,13 @@ fn run(
         rapid: 1.0,
     });
     machine.rig.control(Control::Resume);
-    machine.cycles(12_000);
+    for _ in 0..CYCLES_MAX / 1000 {
+        let before = machine.rig.position();
+        machine.cycles(1000);
+        if machine.rig.position() == before {
+            break;
+        }
+    }
     machine
 }
 
@@ -226,8 +240,28 @@ proptest! {
             motor.max_acceleration = acceleration;
             motor.max_jerk = Some(acceleration / rise_s);
         }
-        let machine = run(&settings, &contour(&settings).1, &events);
-        check(&machine, AxisVector::ZERO)?;
+        let profiles = contour(&settings, 600, [0.0; 2]).1;
+        check(&run(&settings, &profiles, &events), AxisVector::ZERO)?;
+    }
+
+    #[test]
+    fn m1i6_events_on_a_programmed_path_keep_the_maximum_jerk(
+        acceleration in 500.0..5000.0,
+        rise_s in 0.01..0.2,
+        slew_ms in prop_oneof![Just(0.0), 1.0..300.0],
+        ramps in prop_oneof![Just([20.0, 0.0]), Just([20.0, 10.0])],
+        events in events(),
+    ) {
+        let mut settings = soft();
+        settings.motion.path_tolerance_mm = 0.0;
+        settings.hold_slew_ms = slew_ms;
+        settings.override_slew_ms = slew_ms;
+        for motor in settings.motors.iter_mut().flatten() {
+            motor.max_acceleration = acceleration;
+            motor.max_jerk = Some(acceleration / rise_s);
+        }
+        let profiles = contour(&settings, 60, ramps).1;
+        check(&run(&settings, &profiles, &events), AxisVector::ZERO)?;
     }
 }
 
@@ -240,7 +274,7 @@ fn m1i6_a_new_plan_for_another_override_keeps_the_maximum_jerk() {
         (1234, [1.3, 0.8]),
         (2000, [2.0, 0.05]),
     ] {
-        let (planner, out) = contour(&settings);
+        let (planner, out) = contour(&settings, 600, [0.0; 2]);
         let mut machine = Machine::of(&settings, planner, out);
         let mut points = vec![machine.rig.position(); 3];
         let mut taken = 0;

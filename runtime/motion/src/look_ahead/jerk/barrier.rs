@@ -4,7 +4,7 @@
 //! cell, and the change of the acceleration per distance. At the offset d the square is `x + 2 b d + c d^2`, and the
 //! acceleration is `b + c d`.
 
-use super::cells::{Cell, Row};
+use super::cell::{Cell, Row};
 use super::rest::RestLaw;
 
 /// Points and weights at which the time of a cell is integrated (Gauss), as shares of its length.
@@ -14,7 +14,7 @@ const GAUSS: [[f64; 2]; 3] = [
     [0.887_298_334_620_741_7, 5.0 / 18.0],
 ];
 
-/// Number of parts into which a stretch of a cell is divided for a check of its jerk.
+/// Number of parts into which a stretch of a cell is divided for a check between its points.
 const SAMPLES: u32 = 8;
 
 /// Motion in a cell.
@@ -60,7 +60,7 @@ fn values(row: &Row, motion: CellMotion) -> [f64; 3] {
     let x = square_at(motion, row.at);
     let b = b + c * row.at;
     [
-        row.second * x + row.first * b,
+        row.second * x + row.first * b + row.by_change * c,
         row.jerk[0] * x + row.jerk[1] * b + row.jerk[2] * c,
         x,
     ]
@@ -72,7 +72,7 @@ fn forms(row: &Row) -> [[f64; 3]; 2] {
     let [j0, j1, j2] = row.jerk;
     let mut acceleration = square.map(|factor| row.second * factor);
     acceleration[1] += row.first;
-    acceleration[2] += row.first * row.at;
+    acceleration[2] += row.first * row.at + row.by_change;
     let mut jerk = square.map(|factor| j0 * factor);
     jerk[1] += j1;
     jerk[2] += j1 * row.at + j2;
@@ -98,17 +98,19 @@ pub(super) fn usage(cell: &Cell, motion: CellMotion) -> [f64; 2] {
         let [a, j, x] = values(row, motion);
         most = [most[0].max(a.abs()), most[1].max(j.abs() * x.sqrt())];
     }
-    most.map(|share| share / cell.limit)
+    [most[0] / cell.limit, most[1] / (cell.limit * cell.jerk_left)]
 }
 
-/// Returns the largest share of a jerk limit that the motion in a cell uses between the points of the cell.
-pub(super) fn jerk_between(cell: &Cell, motion: CellMotion) -> f64 {
+/// Returns the largest shares of an acceleration limit and of a jerk limit that the motion in a cell uses between the points
+/// of the cell.
+pub(super) fn usage_between(cell: &Cell, motion: CellMotion) -> [f64; 2] {
     let reaching = cell.rows.iter().filter(|row| row.reach > 0.0);
-    reaching.fold(0.0_f64, |most, row| {
+    reaching.fold([0.0_f64; 2], |most, row| {
         (1..SAMPLES).fold(most, |most, k| {
             let share = f64::from(k) / f64::from(SAMPLES);
-            let [_, j, x] = values(&row.shifted(share * row.reach), motion);
-            most.max(j.abs() * x.max(0.0).sqrt())
+            let [a, j, x] = values(&row.shifted(share * row.reach), motion);
+            let jerk = j.abs() * x.max(0.0).sqrt() / cell.jerk_left;
+            [most[0].max(a.abs()), most[1].max(jerk)]
         })
     })
 }
@@ -116,6 +118,7 @@ pub(super) fn jerk_between(cell: &Cell, motion: CellMotion) -> f64 {
 /// Returns the function of a cell at a motion, with the weight `time` of one second. Returns `None` outside of its domain.
 pub(super) fn value(cell: &Cell, motion: CellMotion, time: f64) -> Option<f64> {
     let limit = cell.limit;
+    let jerk_limit = limit * cell.jerk_left;
     let mut product = 1.0_f64;
     let mut sum = 0.0;
     let mut take = |slack: f64| {
@@ -146,7 +149,7 @@ pub(super) fn value(cell: &Cell, motion: CellMotion, time: f64) -> Option<f64> {
         }
         if row.limits_jerk() {
             let j = j * x.sqrt();
-            if !take(limit - j) || !take(limit + j) {
+            if !take(jerk_limit - j) || !take(jerk_limit + j) {
                 return None;
             }
         }
@@ -166,6 +169,7 @@ pub(super) fn value(cell: &Cell, motion: CellMotion, time: f64) -> Option<f64> {
 /// its tangent, which lies below it.
 pub(super) fn model(cell: &Cell, motion: CellMotion, time: f64) -> Model {
     let limit = cell.limit;
+    let jerk_limit = limit * cell.jerk_left;
     let mut model = Model::default();
     for [at, cap] in &cell.caps {
         let slack = 1.0 / (limit * cap - square_at(motion, *at));
@@ -180,10 +184,10 @@ pub(super) fn model(cell: &Cell, motion: CellMotion, time: f64) -> Model {
         let [low, high] = [1.0 / (limit + a), 1.0 / (limit - a)];
         model.add(high - low, high * high + low * low, by_acceleration);
         if row.limits_jerk() {
-            let root = limit / x.sqrt();
+            let root = jerk_limit / x.sqrt();
             let square = square_form(row.at);
             let tangent = -root / (2.0 * x);
-            // limit -+ j sqrt(x) = (root -+ j) sqrt(x)
+            // jerk_limit -+ j sqrt(x) = (root -+ j) sqrt(x)
             model.add(-1.0 / x, 1.0 / (x * x), square);
             for sign in [1.0, -1.0] {
                 let slack = 1.0 / (root - sign * j);

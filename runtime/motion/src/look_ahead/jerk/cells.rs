@@ -1,8 +1,12 @@
-//! Division of a smoothed path into cells, with the limits of the motors in each cell.
+//! Division of the path into cells, with the limits of the motors in each cell.
 
 use tandem_model::profile::JERK_RESERVE;
-use tandem_model::{Axis, AxisVector};
+use tandem_model::{AXES_MAX, Axis, AxisVector};
 
+use super::cell::{Cell, Row};
+use super::joint::{Joint, Step};
+use super::path::PathPiece;
+use crate::limit::USED_WITHIN_JERK;
 use crate::look_ahead::limits::Motors;
 
 /// Time in which a cell is passed, as a share of the shortest time in which a motor reaches its maximum acceleration.
@@ -26,58 +30,14 @@ const PARTS: u32 = 8;
 /// Number of parts of a cell between which the constraints of a straight path are points.
 const STRAIGHT_PARTS: u32 = 2;
 
+/// Speed at a joint below which the cells next to it are not shorter.
+const SLOWEST: f64 = 1e-3;
+
 /// Largest number of cells of the blocks that are planned at a time, except for the grading between them.
 const CELLS_MAX: f64 = 1000.0;
 
 /// Largest number of cells in the time after which a stop no longer affects the motion.
 const HORIZON_CELLS: f64 = 200.0;
-
-/// Part of the limits that the plan uses, apart from the reserves; the rest covers the deviations between the points of a
-/// cell.
-const USED: f64 = 0.997;
-
-/// A stretch of the path on which each axis is a polynomial of third degree in the distance along the chain.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct PathPiece {
-    pub(super) from: f64,
-    pub(super) to: f64,
-    /// First to third derivative of the position with respect to distance, at `from`.
-    pub(super) derivatives: [AxisVector; 3],
-    /// Square of the largest speed along the path.
-    pub(super) speed_square: f64,
-    /// Largest acceleration along the path; infinite if only the motors limit it.
-    pub(super) acceleration: f64,
-}
-
-/// The constraints of one motor at one point of a cell. In shares of the limits, with the square x of the speed, the
-/// acceleration b along the path and its change c per distance, the acceleration is `second x + first b`, and the jerk is
-/// `sqrt(x) (jerk[0] x + jerk[1] b + jerk[2] c)`.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Row {
-    /// Distance of the point from the start of the cell.
-    pub(super) at: f64,
-    /// Length after the point on which the third derivative is constant.
-    pub(super) reach: f64,
-    /// Change of `second` per distance.
-    pub(super) third: f64,
-    pub(super) second: f64,
-    pub(super) first: f64,
-    pub(super) jerk: [f64; 3],
-}
-
-/// A part of the path on which the acceleration along the path is linear in distance.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Cell {
-    pub(super) from: f64,
-    pub(super) length: f64,
-    pub(super) rows: Vec<Row>,
-    /// Points of the cell, with the largest square of the speed at each.
-    pub(super) caps: Vec<[f64; 2]>,
-    /// Largest square of the speed in the whole cell.
-    pub(super) cap: f64,
-    /// Part of the limits that the motion in the cell may use.
-    pub(super) limit: f64,
-}
 
 /// Length of the cells in a piece of the path.
 #[derive(Debug, Clone, Copy)]
@@ -97,34 +57,17 @@ impl Target {
 }
 
 impl PathPiece {
-    fn derivatives_at(&self, at: f64) -> [AxisVector; 3] {
-        let t = at - self.from;
-        let [first, second, third] = self.derivatives;
-        [
-            first.plus(second.scaled(t)).plus(third.scaled(t * t / 2.0)),
-            second.plus(third.scaled(t)),
-            third,
-        ]
-    }
-
-    /// Returns the largest square of the speed at a distance, by the velocities.
-    fn cap_at(&self, first: AxisVector, motors: &Motors) -> f64 {
-        let cap = self.speed_square;
-        Axis::ALL.into_iter().fold(cap, |cap, axis| {
-            let (slope, velocity) = (first[axis].abs(), motors.velocities[axis.index()]);
-            if slope > 0.0 && velocity > 0.0 {
-                cap.min((velocity / slope).powi(2))
-            } else {
-                cap
-            }
-        })
-    }
-
-    /// Adds the constraints at a distance within the piece to a cell, into which the piece reaches further by `reach`.
-    fn constrain(&self, at: f64, reach: f64, motors: &Motors, cell: &mut Cell) {
+    /// Adds the constraints at a distance within the piece to a cell. The distances to the points before and after it are
+    /// `before` and `reach`.
+    fn constrain(&self, at: f64, [before, reach]: [f64; 2], motors: &Motors, cell: &mut Cell) {
         let derivatives = self.derivatives_at(at);
         let offset = at - cell.from;
-        let cap = self.cap_at(derivatives[0], motors);
+        let [first, second, _] = derivatives;
+        // The velocities halfway to the neighbouring points, by the tangent, bound those between.
+        let cap = [-before / 2.0, 0.0, reach / 2.0]
+            .into_iter()
+            .map(|by| self.cap_at(first.plus(second.scaled(by)), motors))
+            .fold(f64::INFINITY, f64::min);
         cell.cap = cell.cap.min(cap);
         cell.caps.push([offset, cap]);
         for axis in Axis::ALL {
@@ -137,6 +80,7 @@ impl PathPiece {
                 third: 0.0,
                 second: 0.0,
                 first: 1.0 / self.acceleration,
+                by_change: 0.0,
                 jerk: [0.0; 3],
             });
         }
@@ -164,11 +108,6 @@ impl PathPiece {
         }
     }
 
-    fn is_straight(&self) -> bool {
-        let [_, second, third] = self.derivatives;
-        second == AxisVector::ZERO && third == AxisVector::ZERO
-    }
-
     /// Returns the number of parts of a stretch of the piece within a cell, between which the constraints are points.
     fn parts(&self, length: f64, cell: &Cell) -> u32 {
         let parts = if self.is_straight() { STRAIGHT_PARTS } else { PARTS };
@@ -177,6 +116,11 @@ impl PathPiece {
             .find(|k| length * f64::from(parts) > cell.length * f64::from(*k))
             .unwrap_or(0)
             + 1
+    }
+
+    /// Returns the joint at the start of the piece, if the second derivative steps there.
+    fn joint(&self, motors: &Motors) -> Option<Joint> {
+        Joint::new(&self.step, self.derivatives[0], self.speed_square, motors)
     }
 
     /// Returns the largest square of the speed at which the curvature alone stays within the limits.
@@ -204,7 +148,7 @@ fn row(
     motors: &Motors,
 ) -> Option<Row> {
     let [inverse, inverse_jerk] =
-        [&motors.inverse, &motors.inverse_jerks].map(|of_each| of_each[axis.index()] / USED);
+        [&motors.inverse, &motors.inverse_jerks].map(|of_each| of_each[axis.index()] / USED_WITHIN_JERK);
     let inverse_jerk = inverse_jerk / (1.0 - JERK_RESERVE);
     let [q1, q2, q3] = [first[axis], second[axis], third[axis]];
     let moves = q1 != 0.0 || q2 != 0.0 || q3 != 0.0;
@@ -214,46 +158,57 @@ fn row(
         third: q3 * inverse,
         second: q2 * inverse,
         first: q1 * inverse,
+        by_change: 0.0,
         jerk: [q3, 3.0 * q2, q1].map(|factor| factor * inverse_jerk),
     })
 }
 
-impl Row {
-    pub(super) fn limits_jerk(&self) -> bool {
-        self.jerk.iter().any(|factor| factor.abs() > 0.0)
-    }
+/// Times by which a path is divided.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Times {
+    /// Time in which a cell is passed, s.
+    pub(super) cell_s: f64,
+    /// Time after which a stop no longer affects the motion, s.
+    pub(super) horizon_s: f64,
+}
 
-    /// Returns the constraints at a distance after the point, within its reach.
-    pub(super) fn shifted(&self, by: f64) -> Self {
-        let [j0, j1, j2] = self.jerk;
-        Self {
-            at: self.at + by,
-            reach: self.reach - by,
-            second: self.second + self.third * by,
-            first: self.first + by * (self.second + self.third * by / 2.0),
-            jerk: [j0, j1 + 3.0 * j0 * by, j2 + by * (j1 / 3.0 + j0 * by / 2.0)],
-            ..*self
+/// How the motion along a part of the path begins.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Begin {
+    AtRest,
+    /// With the speed and acceleration that give the shortest time.
+    Open,
+    /// After a cell of this length.
+    After(f64),
+}
+
+/// How the motion along a part of the path ends.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum End {
+    /// At rest, but more of the path may follow.
+    Open,
+    AtRest,
+    /// On a ramp to rest: any speed along it ends the motion at rest. The second derivative steps by this vector.
+    OnRamp(Step),
+}
+
+impl End {
+    /// Removes the cell to rest, if the motion ends with it.
+    pub(super) fn last_cell(self, cells: &mut Vec<Cell>) -> Option<Cell> {
+        match self {
+            Self::Open | Self::AtRest => cells.pop(),
+            Self::OnRamp(_) => None,
         }
     }
 }
 
-impl Cell {
-    /// Tightens the jerk limits of the cell by a factor.
-    pub(super) fn tighten(&mut self, factor: f64) {
-        for row in &mut self.rows {
-            row.jerk = row.jerk.map(|value| value * factor);
-        }
-    }
-}
-
-/// Divides a path into cells. `rests` states whether the path begins and ends at rest; the first and the last cell are
-/// then passed by a constant jerk. Otherwise the first cell is about as long as `before`.
-pub(super) fn cut(pieces: &[PathPiece], rests: bool, before: f64, motors: &Motors) -> Vec<Cell> {
-    let [Some(begin), Some(end)] = [pieces.first(), pieces.last()] else {
+/// Divides a path into cells. A first cell from rest and a last cell to rest are passed by a constant jerk.
+pub(super) fn cut(pieces: &[PathPiece], begin: Begin, end: End, cell_s: f64, motors: &Motors) -> Vec<Cell> {
+    let [Some(first), Some(last)] = [pieces.first(), pieces.last()] else {
         return Vec::new();
     };
-    let length = end.to - begin.from;
-    let cell_s = cell_time(motors);
+    let length = last.to - first.from;
+    let mut joints: Vec<Option<Joint>> = pieces.iter().map(|piece| piece.joint(motors)).collect();
     let mut targets: Vec<Target> = (pieces.iter())
         .map(|piece| piece.target(cell_s, CELL_SHARE * length, motors))
         .collect();
@@ -269,44 +224,80 @@ pub(super) fn cut(pieces: &[PathPiece], rests: bool, before: f64, motors: &Motor
         let cell = rest_length(piece.derivatives_at(at)[0], cell_s, motors);
         cell.min(REST_SHARE * length)
     };
-    let first = if rests {
-        rest(begin, begin.from)
-    } else {
-        before.min(CELL_SHARE * length)
+    let before = match begin {
+        Begin::AtRest => {
+            joints[0] = None;
+            rest(first, first.from)
+        }
+        Begin::Open => f64::INFINITY,
+        Begin::After(before) => before.min(CELL_SHARE * length),
     };
-    let last = rest(end, end.to);
-    let borders = graded(pieces, &targets, [first, last]);
-    let nodes = nodes(
-        pieces,
-        &targets,
-        &borders,
-        [if rests { first } else { 0.0 }, last],
-    );
-    fill(pieces, &nodes, motors)
+    let first_joint = match begin {
+        Begin::Open => joints[0].take(),
+        _ => None,
+    };
+    let last_joint = match end {
+        End::Open | End::AtRest => None,
+        End::OnRamp(step) => Joint::new(&step, AxisVector::ZERO, last.speed_square, motors),
+    };
+    let square = |joint: &Option<Joint>| joint.as_ref().map_or(f64::INFINITY, |joint| joint.square_even);
+    let before = (before.min(cell_s * square(&first_joint).sqrt())).min(CELL_SHARE * length);
+    let after = match end {
+        End::Open | End::AtRest => rest(last, last.to),
+        End::OnRamp(_) => (cell_s * square(&last_joint).sqrt()).min(CELL_SHARE * length),
+    };
+    let borders = graded(pieces, &targets, &joints, [before, after], cell_s);
+    let rests = [matches!(begin, Begin::AtRest), !matches!(end, End::OnRamp(_))];
+    let ends =
+        [(rests[0], before), (rests[1], after)].map(|(rests, length)| if rests { length } else { 0.0 });
+    let nodes = nodes(pieces, &targets, &joints, &borders, ends);
+    let mut cells = fill(pieces, &joints, &nodes, motors);
+    if let (Some(joint), Some(cell)) = (&first_joint, cells.first_mut()) {
+        cell.caps.push([0.0, joint.square_even]);
+        joint.leave_room(cells.iter_mut(), first.from);
+    }
+    if let (Some(joint), Some(cell)) = (&last_joint, cells.last_mut()) {
+        cell.caps.push([cell.length, joint.square_even]);
+        joint.leave_room(cells.iter_mut().rev(), last.to);
+    }
+    cells
 }
 
-/// Returns the time in which a cell is passed, s.
-pub(super) fn cell_time(motors: &Motors) -> f64 {
-    let shortest_s = (motors.inverse.iter())
-        .zip(&motors.inverse_jerks)
-        .filter(|(inverse, inverse_jerk)| **inverse > 0.0 && **inverse_jerk > 0.0)
-        .fold(f64::INFINITY, |least, (inverse, inverse_jerk)| {
-            least.min(inverse_jerk / inverse)
-        });
-    let at_least = (PERIODS_MIN * motors.period_s).max(motors.horizon_s() / HORIZON_CELLS);
-    if shortest_s.is_finite() {
-        (CELL_TIME * shortest_s).max(at_least)
-    } else {
-        at_least
+impl Times {
+    /// Returns the times for motors that move at most at these speeds.
+    pub(super) fn new(speeds: &[f64; AXES_MAX], motors: &Motors) -> Self {
+        let horizon_s = motors.horizon_s(speeds);
+        let shortest_s = (motors.inverse.iter())
+            .zip(&motors.inverse_jerks)
+            .filter(|(inverse, inverse_jerk)| **inverse > 0.0 && **inverse_jerk > 0.0)
+            .fold(f64::INFINITY, |least, (inverse, inverse_jerk)| {
+                least.min(inverse_jerk / inverse)
+            });
+        let at_least = (PERIODS_MIN * motors.period_s).max(horizon_s / HORIZON_CELLS);
+        let cell_s = if shortest_s.is_finite() {
+            (CELL_TIME * shortest_s).max(at_least)
+        } else {
+            at_least
+        };
+        Self { cell_s, horizon_s }
     }
 }
 
 /// Returns the length of a cell at each border of the pieces, so that neighbouring cells differ little.
-fn graded(pieces: &[PathPiece], targets: &[Target], [first, last]: [f64; 2]) -> Vec<f64> {
+fn graded(
+    pieces: &[PathPiece],
+    targets: &[Target],
+    joints: &[Option<Joint>],
+    [first, last]: [f64; 2],
+    cell_s: f64,
+) -> Vec<f64> {
     let mut borders = vec![f64::INFINITY; pieces.len() + 1];
     let mut limit = first;
     for (k, (piece, target)) in pieces.iter().zip(targets).enumerate() {
-        borders[k] = limit.min(target.length);
+        let at_joint = joints[k].as_ref().map_or(f64::INFINITY, |joint| {
+            cell_s * joint.square_max.sqrt().max(SLOWEST)
+        });
+        borders[k] = limit.min(target.length).min(at_joint);
         limit = (borders[k] + GROWTH * (piece.to - piece.from)).min(target.length);
     }
     let mut limit = last.min(limit);
@@ -320,20 +311,31 @@ fn graded(pieces: &[PathPiece], targets: &[Target], [first, last]: [f64; 2]) -> 
     borders
 }
 
-/// Returns the borders of the cells.
-fn nodes(pieces: &[PathPiece], targets: &[Target], borders: &[f64], [first, last]: [f64; 2]) -> Vec<f64> {
+/// Returns the borders of the cells. Each joint is a border, except in a first and last cell of these lengths.
+fn nodes(
+    pieces: &[PathPiece],
+    targets: &[Target],
+    joints: &[Option<Joint>],
+    borders: &[f64],
+    [first, last]: [f64; 2],
+) -> Vec<f64> {
     let [from, to] = [pieces[0].from, pieces[pieces.len() - 1].to];
-    let stop = to - last;
+    let end = to - last;
     let mut nodes = vec![from];
     let mut at = from + first;
     if first > 0.0 {
         nodes.push(at);
     }
     let mut k = 0;
-    while at < stop {
+    let mut next_joint = 0;
+    while at < end {
         while k + 1 < pieces.len() && pieces[k].to <= at {
             k += 1;
         }
+        while next_joint < pieces.len() && (joints[next_joint].is_none() || pieces[next_joint].from <= at) {
+            next_joint += 1;
+        }
+        let stop = pieces.get(next_joint).map_or(end, |piece| piece.from.min(end));
         let piece = &pieces[k];
         let limit = (targets[k].at(at - piece.from, piece.to - at))
             .min(borders[k] + GROWTH * (at - piece.from))
@@ -350,48 +352,64 @@ fn nodes(pieces: &[PathPiece], targets: &[Target], borders: &[f64], [first, last
         };
         nodes.push(at);
     }
-    nodes.push(to);
+    if last > 0.0 {
+        nodes.push(to);
+    }
     nodes
 }
 
-fn fill(pieces: &[PathPiece], nodes: &[f64], motors: &Motors) -> Vec<Cell> {
+fn fill(pieces: &[PathPiece], joints: &[Option<Joint>], nodes: &[f64], motors: &Motors) -> Vec<Cell> {
+    let mut cells = Vec::with_capacity(nodes.len());
     let mut k = 0;
-    nodes
-        .windows(2)
-        .map(|range| {
-            let [from, to] = [range[0], range[1]];
-            let mut cell = Cell {
-                from,
-                length: to - from,
-                cap: f64::INFINITY,
-                limit: 1.0,
-                ..Cell::default()
-            };
-            while k > 0 && pieces[k].from > from {
-                k -= 1;
-            }
-            while k + 1 < pieces.len() && pieces[k].to <= from {
-                k += 1;
-            }
-            loop {
-                let piece = &pieces[k];
-                let [begin, end] = [piece.from.max(from), piece.to.min(to)];
-                if end > begin {
-                    let parts = piece.parts(end - begin, &cell);
-                    let part = (end - begin) / f64::from(parts);
-                    for k in 0..parts {
-                        piece.constrain(begin + f64::from(k) * part, part, motors, &mut cell);
-                    }
-                    piece.constrain(end, 0.0, motors, &mut cell);
+    for range in nodes.windows(2) {
+        let [from, to] = [range[0], range[1]];
+        let mut cell = Cell {
+            from,
+            length: to - from,
+            cap: f64::INFINITY,
+            limit: 1.0,
+            jerk_left: 1.0,
+            ..Cell::default()
+        };
+        while k > 0 && pieces[k].from > from {
+            k -= 1;
+        }
+        while k + 1 < pieces.len() && pieces[k].to <= from {
+            k += 1;
+        }
+        if let Some(joint) = joints[k].as_ref().filter(|_| pieces[k].from >= from) {
+            cells.push(joint.cell(from, pieces[k].cap_at(pieces[k].derivatives[0], motors)));
+        }
+        let mut at_joint = f64::INFINITY;
+        loop {
+            let piece = &pieces[k];
+            let [begin, end] = [piece.from.max(from), piece.to.min(to)];
+            if end > begin {
+                let parts = piece.parts(end - begin, &cell);
+                let part = (end - begin) / f64::from(parts);
+                for k in 0..parts {
+                    let before = if k == 0 { 0.0 } else { part };
+                    piece.constrain(begin + f64::from(k) * part, [before, part], motors, &mut cell);
                 }
-                if piece.to >= to || k + 1 == pieces.len() {
-                    break;
-                }
-                k += 1;
+                piece.constrain(end, [part, 0.0], motors, &mut cell);
             }
-            cell
-        })
-        .collect()
+            if piece.to >= to || k + 1 == pieces.len() {
+                break;
+            }
+            k += 1;
+            // A joint within a cell from rest or to rest
+            if let Some(joint) = joints[k].as_ref().filter(|_| pieces[k].from < to) {
+                at_joint = at_joint.min(joint.square_even);
+                cell.jerk_left = cell.jerk_left.min(1.0 - joint.share);
+            }
+        }
+        cell.cap = cell.cap.min(at_joint);
+        for [_, cap] in &mut cell.caps {
+            *cap = cap.min(at_joint);
+        }
+        cells.push(cell);
+    }
+    cells
 }
 
 /// Returns the length of a cell from rest or to rest that takes this time at the largest jerk.

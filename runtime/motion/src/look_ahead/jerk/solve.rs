@@ -8,7 +8,7 @@
 use tandem_model::hyperbolic;
 
 use super::barrier::{self, CellMotion, Model};
-use super::cells::Cell;
+use super::cell::Cell;
 use super::rest::RestLaw;
 
 /// Largest number of Newton steps.
@@ -22,6 +22,9 @@ const WEIGHT_FACTOR: f64 = 8.0;
 
 /// Newton decrement below which a minimum is near enough.
 const DECREMENT: f64 = 0.3;
+
+/// Number of Newton steps away from the limits.
+const CENTRE_STEPS: u32 = 6;
 
 /// Halvings of a step.
 const BACK_MAX: u32 = 40;
@@ -40,12 +43,13 @@ pub(super) enum Start {
     Open,
 }
 
-/// Cells between the start and the cell to rest.
+/// Cells between the start and the end of a motion.
 #[derive(Debug)]
 pub(super) struct Run<'a> {
     pub(super) start: Start,
     pub(super) cells: &'a [Cell],
-    pub(super) stop: RestLaw,
+    /// The cell to rest; `None` if the motion ends on a ramp to rest, at any speed along it.
+    pub(super) stop: Option<RestLaw>,
 }
 
 /// The motion of a run.
@@ -79,14 +83,38 @@ struct Ahead {
     second: [[f64; 2]; 2],
 }
 
-pub(super) fn step([x, b]: [f64; 2], change: f64, length: f64) -> [f64; 2] {
-    [x + length * (2.0 * b + change * length), b + change * length]
+/// Returns the state at the end of a cell.
+pub(super) fn step([x, b]: [f64; 2], change: f64, cell: &Cell) -> [f64; 2] {
+    let h = cell.length;
+    let [by_square, by_acceleration] = effect(cell);
+    [x + 2.0 * b * h + by_square * change, b + by_acceleration * change]
+}
+
+/// Returns the effect of the change on the state at the end of a cell.
+fn effect(cell: &Cell) -> [f64; 2] {
+    if cell.is_joint() {
+        [0.0, 1.0]
+    } else {
+        [cell.length * cell.length, cell.length]
+    }
 }
 
 impl Solution {
     pub(super) fn motion(&self, k: usize) -> CellMotion {
         let [x, b] = self.states[k];
         [x, b, self.changes[k]]
+    }
+
+    /// Returns the motion with all squares of the speed and accelerations multiplied by a factor.
+    pub(super) fn slowed(mut self, factor: f64) -> Self {
+        for [square, acceleration] in &mut self.states {
+            *square *= factor;
+            *acceleration *= factor;
+        }
+        for change in &mut self.changes {
+            *change *= factor;
+        }
+        self
     }
 
     pub(super) fn moved(&self, by: &Direction, share: f64) -> Self {
@@ -127,6 +155,20 @@ impl Run<'_> {
         Some(now)
     }
 
+    /// Returns a motion farther from the limits, whatever its time.
+    pub(super) fn centre(&self, first: Solution) -> Option<Solution> {
+        let mut now = first;
+        let mut value = self.value(&now, 0.0)?;
+        for _ in 0..CENTRE_STEPS {
+            let direction = self.direction(&now, 0.0);
+            let Some((next, next_value)) = self.search(&now, value, &direction, 0.0) else {
+                break;
+            };
+            (now, value) = (next, next_value);
+        }
+        Some(now)
+    }
+
     /// Returns the largest share of a limit that a motion uses.
     pub(super) fn usage(&self, motion: &Solution) -> f64 {
         let [square, cubed] = self.usage_by_power(motion);
@@ -141,7 +183,9 @@ impl Run<'_> {
             let usage = barrier::usage(cell, motion.motion(k));
             [most[0].max(usage[0]), most[1].max(usage[1])]
         });
-        square = square.max(motion.states[self.cells.len()][0] / self.stop.square_max);
+        if let Some(law) = &self.stop {
+            square = square.max(motion.states[self.cells.len()][0] / law.square_max);
+        }
         if let Start::Rest(law) = &self.start {
             square = square.max(motion.states[0][0] / law.square_max);
         }
@@ -151,12 +195,14 @@ impl Run<'_> {
     /// Returns the time of a motion, s.
     pub(super) fn time_s(&self, motion: &Solution) -> f64 {
         let between: f64 = (0..self.cells.len())
+            .filter(|k| !self.cells[*k].is_joint())
             .map(|k| {
                 let speeds = [motion.states[k][0], motion.states[k + 1][0]].map(f64::sqrt);
                 hyperbolic::duration(speeds, motion.changes[k], self.cells[k].length)
             })
             .sum();
-        let stop_s = self.stop.duration_s(motion.states[self.cells.len()][0]);
+        let end = motion.states[self.cells.len()][0];
+        let stop_s = self.stop.map_or(0.0, |law| law.duration_s(end));
         let start_s = match &self.start {
             Start::Rest(law) => law.duration_s(motion.states[0][0]),
             _ => 0.0,
@@ -165,7 +211,10 @@ impl Run<'_> {
     }
 
     fn value(&self, motion: &Solution, time: f64) -> Option<f64> {
-        let [mut sum, ..] = self.stop.barrier(motion.states[self.cells.len()][0], time)?;
+        let mut sum = match &self.stop {
+            Some(law) => law.barrier(motion.states[self.cells.len()][0], time)?[0],
+            None => 0.0,
+        };
         if let Start::Rest(law) = &self.start {
             sum += law.barrier(motion.states[0][0], time)?[0];
         }
@@ -219,7 +268,10 @@ impl Run<'_> {
         let models: Vec<Model> = (0..n)
             .map(|k| barrier::model(&self.cells[k], now.motion(k), time))
             .collect();
-        let by_stop = self.stop.barrier(now.states[n][0], time).unwrap_or_default();
+        let by_stop = match &self.stop {
+            Some(law) => law.barrier(now.states[n][0], time).unwrap_or_default(),
+            None => [0.0; 3],
+        };
         let by_start = match &self.start {
             Start::Rest(law) => law.barrier(now.states[0][0], time).unwrap_or_default(),
             _ => [0.0; 3],
@@ -232,22 +284,23 @@ impl Run<'_> {
     pub(super) fn minimum(&self, models: &[Model], [by_start, by_stop]: [[f64; 3]; 2]) -> Direction {
         let n = self.cells.len();
         let mut gains = vec![Gain::default(); n];
-        // At the end of the last cell the acceleration is a multiple of the square of the speed.
+        // Before a cell to rest the acceleration is a multiple of the square of the speed.
         let mut ahead = Ahead {
             gradient: [by_stop[1], 0.0],
             second: [[by_stop[2], 0.0], [0.0, 0.0]],
         };
         for k in (0..n).rev() {
-            let h = self.cells[k].length;
-            let gain = (k + 1 == n).then(|| {
-                let slope = self.stop.slope();
-                let divisor = h + slope * h * h;
+            let cell = &self.cells[k];
+            let gain = self.stop.filter(|_| k + 1 == n).map(|law| {
+                let (h, slope) = (cell.length, law.slope());
+                let [by_square, by_acceleration] = effect(cell);
+                let divisor = by_acceleration + slope * by_square;
                 Gain {
                     offset: 0.0,
                     gains: [-slope / divisor, -(1.0 + 2.0 * slope * h) / divisor],
                 }
             });
-            (gains[k], ahead) = recursion(&models[k], h, &ahead, gain);
+            (gains[k], ahead) = recursion(&models[k], cell, &ahead, gain);
         }
         let first = self.first_state(&ahead, by_start);
         let mut direction = Direction {
@@ -266,7 +319,7 @@ impl Run<'_> {
             direction.slope += gradient[0] * state[0] + gradient[1] * state[1] + gradient[2] * change;
             direction.states.push(state);
             direction.changes.push(change);
-            state = step(state, change, self.cells[k].length);
+            state = step(state, change, &self.cells[k]);
         }
         direction.slope += by_stop[1] * state[0];
         direction.states.push(state);
@@ -297,11 +350,12 @@ impl Run<'_> {
 
 /// Returns the best change of a cell as a function of its first state, and the function of that state. `gain` prescribes
 /// the change.
-fn recursion(model: &Model, h: f64, ahead: &Ahead, gain: Option<Gain>) -> (Gain, Ahead) {
+fn recursion(model: &Model, cell: &Cell, ahead: &Ahead, gain: Option<Gain>) -> (Gain, Ahead) {
     let [[p00, p01], [_, p11]] = ahead.second;
     let [g0, g1] = ahead.gradient;
-    // The next state is A state + B change, with A = [[1, 2h], [0, 1]] and B = [h^2, h].
-    let (b0, b1) = (h * h, h);
+    // The next state is A state + B change, with A = [[1, 2h], [0, 1]] and B = [h^2, h], or [0, 1] at a joint.
+    let h = cell.length;
+    let [b0, b1] = effect(cell);
     let pb = [p00 * b0 + p01 * b1, p01 * b0 + p11 * b1];
     // A'P A, A'P B, B'P B
     let a00 = p00;
