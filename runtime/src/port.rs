@@ -319,8 +319,7 @@ impl RuntimePort {
             MachineRequest::LineState(cs, from) => {
                 self.mailbox(cs)?;
                 let search = self.previews.line_state(cs, from);
-                let told = self.search(&sender.user, search).await?;
-                told.map(Answer::LineState)
+                self.search(&sender.user, search).await?.map(Answer::LineState)
             }
             MachineRequest::ManualPath(cs, text) => {
                 let query = PathQuery {

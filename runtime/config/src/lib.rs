@@ -178,8 +178,7 @@ pub struct MotorConfig {
     /// Highest acceleration (spindle: r/min per s).
     #[schemars(range(min = RATE_MIN, max = RATE_MAX), extend("x-unit" = "units/s^2"))]
     pub max_acceleration: f64,
-    /// Highest jerk of G00, G28, G30, G31 and, with G500, of feed motion. With G501, the jerk follows from the program's ta, td
-    /// and ts.
+    /// Highest jerk of G00, G28, G30, G31 and, with G500, of feed motion. With G501, it follows from ta, td and ts.
     #[schemars(range(min = RATE_MIN, max = RATE_MAX), extend("x-unit" = "units/s^3"))]
     pub max_jerk: Option<f64>,
     /// Speed of G00; default `max_velocity`.
@@ -552,8 +551,7 @@ pub struct HttpConfig {
     /// File with the tokens of the users; needed for every address except loopback addresses.
     pub token_file: Option<PathBuf>,
     /// A login ends after this time without activity, in seconds, and after 12 h in any case; 0: only after 12 h. Using
-    /// the HMI is activity, and so is each request that changes data or commands the machine, also over MQTT; renewals of
-    /// a lease or a heartbeat are none.
+    /// the HMI and each request that changes data or commands the machine are activity; renewals and heartbeats are none.
     pub login_idle_s: u32,
     /// Origins of other web pages that may use REST and WebSocket with a token, such as `https://hmi.example.com`;
     /// needs `token_file`.

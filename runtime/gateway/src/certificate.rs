@@ -2,6 +2,8 @@
 
 use std::time::{Duration, SystemTime};
 
+use sha2::{Digest, Sha256};
+
 /// Time before the end of a certificate or a token in which its end is announced. Reason: a person renews it within a month.
 pub(crate) const ANNOUNCED_BEFORE: Duration = Duration::from_hours(30 * 24);
 
@@ -35,6 +37,26 @@ impl Validity {
             not_before,
             not_after,
         })
+    }
+}
+
+/// The certificate that a client has presented.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct ClientCertificate {
+    /// SHA-256 of its DER.
+    pub(crate) fingerprint: [u8; 32],
+    /// Its end; a connection that it has opened ends then, too.
+    pub(crate) valid_until: SystemTime,
+}
+
+impl ClientCertificate {
+    /// Reads a certificate in DER. A certificate without a readable validity has expired.
+    pub(crate) fn of_der(der: &[u8]) -> Self {
+        let validity = Validity::of_certificate(der);
+        Self {
+            fingerprint: Sha256::digest(der).into(),
+            valid_until: validity.map_or(SystemTime::UNIX_EPOCH, |validity| validity.not_after),
+        }
     }
 }
 

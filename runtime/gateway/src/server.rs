@@ -28,10 +28,11 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tower::Layer;
 
+use crate::certificate::ClientCertificate;
 use crate::connection_slots::{ACCEPT_RETRY, ConnectionSlot, ConnectionSlots, PendingUse, SlotLimits};
 use crate::problem::Problem;
 use crate::server_state::ServerState;
-use crate::tls::{AcceptedClient, ClientCertificate, ClientStream, LiveTls};
+use crate::tls::{AcceptedClient, ClientStream, LiveTls};
 
 /// Limits of connection slots.
 pub(crate) const SLOT_LIMITS: SlotLimits = SlotLimits {

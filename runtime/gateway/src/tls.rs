@@ -22,7 +22,7 @@ use tokio_util::either::Either;
 use tracing::{info, warn};
 
 use crate::access::{LiveTokens, Stamp};
-use crate::certificate::{Validity, days_to_end};
+use crate::certificate::{ClientCertificate, Validity, days_to_end};
 use crate::position::every;
 
 /// How often the files are checked.
@@ -43,28 +43,7 @@ pub struct ServerTls {
     pub key_file: PathBuf,
 }
 
-/// The certificate that a client has presented.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct ClientCertificate {
-    /// SHA-256 of its DER.
-    pub(crate) fingerprint: [u8; 32],
-    /// Its end; a connection that it has opened ends then, too.
-    pub(crate) valid_until: SystemTime,
-}
-
-impl ClientCertificate {
-    /// Reads a certificate in DER. A certificate without a readable validity has expired.
-    fn of_der(der: &[u8]) -> Self {
-        let validity = Validity::of_certificate(der);
-        Self {
-            fingerprint: Sha256::digest(der).into(),
-            valid_until: validity.map_or(SystemTime::UNIX_EPOCH, |validity| validity.not_after),
-        }
-    }
-}
-
-/// What was last announced about the end of the own certificate: each of these is announced once, so a coming end once a
-/// day.
+/// Last announcement of the end of the own certificate. Each is made once, so a coming end is announced once a day.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum CertificateEnd {
     /// The end is announced early: the days that are left.
@@ -73,7 +52,7 @@ enum CertificateEnd {
 }
 
 impl CertificateEnd {
-    /// Returns what is to be announced about an end; `None` if it is far away.
+    /// Returns the announcement that is due for an end. Returns `None` if the end is far away.
     fn at(end: SystemTime, now: SystemTime) -> Option<Self> {
         if end < now {
             return Some(Self::Passed);

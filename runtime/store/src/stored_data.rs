@@ -132,7 +132,7 @@ impl OpenQuestion {
         });
         let named = |error: io::Error| {
             let text = format!(
-                "{}: {error}; refuse the files, or write this file again as it was",
+                "{}: {error}; refuse the files, or restore the original of this file",
                 path.display()
             );
             io::Error::new(error.kind(), text)

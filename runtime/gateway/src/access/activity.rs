@@ -1,7 +1,7 @@
-//! The requests that are activity of a person who has logged in. Pure: no I/O.
+//! The requests that are activity of a login. Pure: no I/O.
 //!
-//! A login without activity ends. A page or a program repeats some requests by itself, also while the person is absent:
-//! these are no activity.
+//! A login without activity ends. A page or a program repeats some requests while the person is absent: these are no
+//! activity.
 
 use axum::http::Method;
 

@@ -14,11 +14,11 @@ use plc_protocol::wire::right::Right;
 use super::activity::is_activity;
 use super::http::{Access, forbidden, token};
 use super::{AuthenticatedUser, User};
+use crate::certificate::ClientCertificate;
 use crate::contract::routes::{API, RouteMatch, find};
 use crate::problem::Problem;
 use crate::server::{Peer, certificate_of, is_urgent};
 use crate::server_state::ServerState;
-use crate::tls::ClientCertificate;
 
 /// Admits requests only to routes of the table, and only from users with the right. Handlers find the [`User`] and its
 /// [`Shown`] credentials in the request's extensions. Responses must not be cached.

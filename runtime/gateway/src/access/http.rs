@@ -9,8 +9,8 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use plc_protocol::wire::row::number;
 
 use super::{Account, AuthenticatedUser, Rate, Rates, User, Users};
+use crate::certificate::ClientCertificate;
 use crate::problem::Problem;
-use crate::tls::ClientCertificate;
 
 /// Sub-protocol of our WebSocket.
 pub(crate) const WEBSOCKET_PROTOCOL: &str = "tandem.v1";

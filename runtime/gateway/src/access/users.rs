@@ -7,7 +7,7 @@ use tokio::time::{Instant, sleep_until};
 
 use super::LiveTokens;
 use super::login::{AuthenticatedUser, LoginEnd, Logins};
-use crate::tls::ClientCertificate;
+use crate::certificate::ClientCertificate;
 
 /// Longest sleep until the end of a certificate. Reason: timers do not reach beyond two years.
 const SLEEP_MAX: Duration = Duration::from_hours(24);
@@ -95,7 +95,7 @@ impl Users {
     }
 }
 
-/// Waits until this time; `None`: forever.
+/// Waits until this time. With `None` it never returns.
 async fn wait_until(end: Option<Instant>) {
     let Some(end) = end else {
         return std::future::pending().await;

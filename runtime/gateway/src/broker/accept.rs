@@ -36,8 +36,9 @@ use super::packet_monitor::{ExactlyOnce, HEAD_BYTES_MAX, PacketMonitor, USER_PUB
 use super::socket::SocketBytes;
 use crate::access::{AuthenticatedUser, CloseReason};
 use crate::arrivals::{ARRIVAL, EXECUTED};
+use crate::certificate::ClientCertificate;
 use crate::connection_slots::{ACCEPT_RETRY, ConnectionSlot, ConnectionSlots, SlotLimits};
-use crate::tls::{AcceptedClient, ClientCertificate, LiveTls};
+use crate::tls::{AcceptedClient, LiveTls};
 use crate::urgent_slots::ExecuteUrgent;
 
 /// Connection slots. A client becomes known when it is authenticated, and is then never evicted. Reason for the total:
@@ -379,7 +380,7 @@ impl ConnectionGuard {
         PublishAction::Handled
     }
 
-    /// Records the activity of a person who has logged in, if the message requests something of the machine.
+    /// Records the activity of a login, if the message requests something of the machine.
     fn record_activity(&self, event: &ClientPublishEvent) {
         let authenticated = self.authenticated.lock();
         if let Some(shown) = authenticated.as_ref().filter(|shown| shown.is_login())

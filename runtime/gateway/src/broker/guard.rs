@@ -32,10 +32,10 @@ use crate::access::topics::{may_publish, may_subscribe};
 use crate::access::{Account, AuthenticatedUser, Rates, User, Users};
 use crate::arrivals::{Arrivals, command_of, may_be_urgent};
 use crate::broker_address::RefusedMessage;
+use crate::certificate::ClientCertificate;
 use crate::connection_slots::{ConnectionSlot, host_of};
 use crate::contract::topics::is_inbound;
 use crate::publisher::Publisher;
-use crate::tls::ClientCertificate;
 use crate::urgent_slots::ExecuteUrgent;
 
 /// Connection slots of known clients that are reserved for users who may stop a machine.

@@ -81,7 +81,7 @@ impl ArrivalQueue {
             if let Some(event) = self.read_ahead(wire) {
                 return Ok(event);
             }
-            if let Some(message) = self.take() {
+            if let Some(message) = self.take_next() {
                 self.bytes -= message.bytes();
                 let WaitingMessage { publish, named } = message;
                 return Ok(Event::Published { publish, named });
@@ -146,7 +146,7 @@ impl ArrivalQueue {
 
     /// Takes the next message: an urgent one if no message waits that arrived before it, or if it has waited long enough
     /// for these.
-    fn take(&mut self) -> Option<WaitingMessage> {
+    fn take_next(&mut self) -> Option<WaitingMessage> {
         let first = self.waiting.front().and_then(|message| message.named.arrival);
         let is_next = |urgent: &UrgentMessage| {
             first.is_none_or(|first| first > urgent.number) || Instant::now() >= urgent.due
