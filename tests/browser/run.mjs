@@ -6,7 +6,7 @@ import { readdirSync } from "node:fs";
 import { run } from "node:test";
 import { spec } from "node:test/reporters";
 
-const ALONE = ["by_hand.test.mjs", "numbers.test.mjs"];
+const ALONE = ["by_hand.test.mjs", "editor.test.mjs", "numbers.test.mjs"];
 const FOLDER = new URL(".", import.meta.url).pathname;
 
 function runs(names, concurrency) {
