@@ -7,9 +7,6 @@ use super::cell::{Cell, Row};
 use crate::limit::ACCELERATION_RESERVE;
 use crate::look_ahead::step::RateStep;
 
-/// Part of the room at a point of a cell that overrides may use; the rest covers deviations between the points.
-const ROOM: f64 = 0.85;
-
 /// Motion along one cell: its square of the speed, acceleration and change of the acceleration at a distance from the start
 /// follow from the kind.
 #[derive(Debug, Clone)]
@@ -115,7 +112,7 @@ impl CellLaw {
         let used = row.second * square + row.first * acceleration;
         let along = used * row.first.signum() * (1.0 - ACCELERATION_RESERVE);
         SlewRoom {
-            slope: ROOM / (row.first.abs() * square.sqrt()),
+            slope: 1.0 / (row.first.abs() * square.sqrt()),
             braking: (-along).max(0.0),
             driving: along.max(0.0),
         }
